@@ -10,7 +10,7 @@ were left when --out names a file that was begun before.
 import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -24,7 +24,7 @@ from saltus.depth_camera import load_camera
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.effect import Effect
 from saltus.effects.offsets_and_factors import ContactCompliance, CoulombFriction, SoftFeet, ViscousFriction
-from saltus.effects.profile import PARTS, SHIPPED, Profile, load_profile
+from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import ConfigError, nearest_hint
 from saltus.flags import shown
 from saltus.folders import ask_for_room
@@ -169,19 +169,12 @@ def run(heights: HeightsFactory, task: tuple[Path, str, Sequence[int]]) -> dict[
     row = ROWS[name]
     evaluation = Evaluation(
         course=row.course,
-        profile=_with(load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)), row.effects),
+        profile=load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)).having(*row.effects),
         friction=row.friction,
         push_ns=row.push_ns,
     )
     results = run_batch(evaluation, heights, partial(make_planner, "learned", model=model), seeds)
     return {seed: {"failure": r.failure, "time_s": r.outcome.time_s} for seed, r in results.items()}
-
-
-def _with(profile: Profile, effects: Sequence[Effect[Any]]) -> Profile:
-    for effect in effects:
-        part = PARTS[effect.site]
-        profile = replace(profile, **{part: (*getattr(profile, part), effect)})
-    return profile
 
 
 def _cells(models: Sequence[Sequence[dict[str, Any]]]) -> dict[str, Any]:

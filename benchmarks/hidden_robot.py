@@ -8,7 +8,7 @@ nobody has looked at hides a robot that nobody chose.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ from saltus.effects.offsets_and_factors import (
     TorqueGain,
     ViscousFriction,
 )
-from saltus.effects.profile import PARTS, SHIPPED, Profile, load_profile, profile_to_toml
+from saltus.effects.profile import SHIPPED, Profile, load_profile, profile_to_toml
 from saltus.errors import SaltusError
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.mounts import PITCH_ERROR, POSITION_ERROR_M
@@ -84,13 +84,8 @@ MENU = (
 def hidden_robot(seed: int) -> Profile:
     """The shipped profile with an effect of each kind."""
     rng = np.random.default_rng(seed)
-    profile = load_profile(SHIPPED, load_robot(DEFAULT_ROBOT))
-    for draws in MENU:
-        effect = draws[rng.integers(len(draws))].beyond(rng)
-        part = PARTS[effect.site]
-        others = tuple(known for known in getattr(profile, part) if known.name != effect.name)
-        profile = replace(profile, **{part: (*others, effect)})
-    return profile
+    effects = [draws[rng.integers(len(draws))].beyond(rng) for draws in MENU]
+    return load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)).having(*effects)
 
 
 @dataclass(frozen=True, kw_only=True)

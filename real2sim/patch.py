@@ -31,7 +31,7 @@ from saltus.config import read_file, read_toml
 from saltus.effects.battery_sag import BatterySag
 from saltus.effects.effect import Effect
 from saltus.effects.image_pixels import to_robot
-from saltus.effects.profile import IDEAL, PARTS, Profile
+from saltus.effects.profile import IDEAL, Profile
 from saltus.effects.registry import EFFECTS
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError, nearest_hint
@@ -173,9 +173,7 @@ def _with(profile: Profile, robot: Robot, found: FoundEffect, reach: Applicabili
     if found.name not in EFFECTS:
         raise ConfigError(f"unknown effect '{found.name}': {nearest_hint(found.name, EFFECTS)}")
     kind = EFFECTS[found.name]
-    part = PARTS[kind.site]
-    effects: tuple[Effect[Any], ...] = getattr(profile, part)
-    before = next((effect for effect in effects if effect.name == found.name), kind())
+    before = profile.effects.get(found.name, kind())
     after: Effect[Any]
     if isinstance(before, TorqueSaturation) and found.curve:
         joints = range(len(JOINTS)) if found.where == "all" else _joints(found)
@@ -188,8 +186,7 @@ def _with(profile: Profile, robot: Robot, found: FoundEffect, reach: Applicabili
     if reach.focal_px is not None:
         after = to_robot(after, reach.focal_px)
     after.fitted(robot)  # some values are checked only where the robot's torque limits are known
-    others = tuple(effect for effect in effects if effect.name != found.name)
-    return replace(profile, **{part: (*others, after)})
+    return profile.having(after)
 
 
 def _values(effect: Effect[Any], found: FoundEffect) -> dict[str, Any]:

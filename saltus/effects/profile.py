@@ -12,7 +12,7 @@ In TOML an effect is a table under its site's part, with its parameters as keys,
 import math
 import os
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +67,15 @@ class Profile:
                     raise ConfigError(f"'{effect.name}' is no effect of the part '{part}' of a profile")
                 if names.count(effect.name) > 1:
                     raise ConfigError(f"'{effect.name}' is given twice in the part '{part}' of a profile")
+
+    def having(self, *effects: Effect[Any]) -> "Profile":
+        """With these effects, each the last of its part, in the place of one of the same name."""
+        profile = self
+        for effect in effects:
+            part = PARTS[effect.site]
+            others = (known for known in getattr(profile, part) if known.name != effect.name)
+            profile = replace(profile, **{part: (*others, effect)})
+        return profile
 
     @property
     def effects(self) -> dict[str, Effect[Any]]:

@@ -3,7 +3,6 @@
 Its seed was named before any policy had met it. It is the same for all systems.
 """
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from saltus.effects.offsets_and_factors import (
     TorqueGain,
     ViscousFriction,
 )
-from saltus.effects.profile import PARTS, SHIPPED, Profile, load_profile
+from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.robots.loading import load_robot
 
 STAND_IN_SEED = 20261122
@@ -55,9 +54,4 @@ def stand_in(seed: int = STAND_IN_SEED) -> Profile:
         CameraPitch(offset=side[4] * drawn(0.05, 0.08)),  # it has seen 0.044 rad
         CameraHeight(offset=side[5] * drawn(0.022, 0.035)),  # and 0.02 m
     )
-    profile = load_profile(SHIPPED, load_robot(DEFAULT_ROBOT))
-    for effect in effects:
-        part = PARTS[effect.site]
-        others = tuple(known for known in getattr(profile, part) if known.name != effect.name)
-        profile = replace(profile, **{part: (*others, effect)})
-    return profile
+    return load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)).having(*effects)

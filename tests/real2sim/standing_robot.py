@@ -9,7 +9,7 @@ from samples import KINEMATICS, ROBOT
 
 from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Effect
-from saltus.effects.profile import PARTS, Profile
+from saltus.effects.profile import IDEAL
 from saltus.recordings.run_log import JointTable, RunLog, Table
 from saltus.robots.robot import JOINTS
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
@@ -74,11 +74,7 @@ def run_log(
     base: bool = True,
 ) -> RunLog:
     """Lets a robot with `effects` move; `noise` scales that of all sensors."""
-    parts: dict[str, tuple[Effect[Any], ...]] = {}
-    for effect in effects:
-        part = PARTS[effect.site]
-        parts[part] = (*parts.get(part, ()), effect)
-    profile = Profile(**parts)
+    profile = IDEAL.having(*effects)
     plant = Plant(
         ROBOT,
         flat.make(),

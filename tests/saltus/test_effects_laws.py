@@ -47,7 +47,7 @@ from saltus.effects.offsets_and_factors import (
     VelocityScale,
     ViscousFriction,
 )
-from saltus.effects.profile import PARTS, Profile, profile_from_toml, profile_to_toml
+from saltus.effects.profile import IDEAL, PARTS, profile_from_toml, profile_to_toml
 from saltus.effects.range_clip import RangeClip
 from saltus.effects.registry import EFFECTS
 from saltus.effects.sample_and_hold import SampleAndHold
@@ -286,8 +286,7 @@ def test_deterministic_by_seed(effect: Effect[Any]) -> None:
 
 @pytest.mark.parametrize("effect", EXAMPLES + NULLS, ids=name)
 def test_toml_round_trip(effect: Effect[Any]) -> None:
-    part = PARTS[effect.site]
-    profile = Profile(**{part: (effect,)})
+    profile = IDEAL.having(effect)
     assert profile_from_toml(profile_to_toml(profile)) == profile
 
 
