@@ -30,19 +30,22 @@ class Ended(KeyboardInterrupt):
 def ending_by_signals() -> Iterator[None]:
     """Raises `Ended` for the first of these signals inside the block; more of them do not disturb the cleaning up.
 
+    A block that catches it and goes on to its end raises it there.
+
     These and Ctrl-C wait for what `saltus.interrupts` says is to be done to its end, and for modules that are being
     imported: an interruption within the start of a compiled module comes out as an error of the import.
 
     A signal that whoever started this process has told it to ignore, as `nohup` does, stays ignored. Outside of the
     main thread, where Python allows no handlers, nothing changes.
     """
-    ended, waits = False, _Waits()
+    ended: Ended | None = None
+    waits = _Waits()
 
     def handle(number: int, frame: FrameType | None) -> None:
         nonlocal ended
-        if not ended:
-            ended = True
-            waits.interrupt(Ended(number), frame)
+        if ended is None:
+            ended = Ended(number)
+            waits.interrupt(ended, frame)
 
     def interrupt(_number: int, frame: FrameType | None) -> None:
         waits.interrupt(KeyboardInterrupt(), frame)
@@ -58,6 +61,8 @@ def ending_by_signals() -> Iterator[None]:
     try:
         yield
         waits.end()
+        if ended is not None:  # what the block ended by itself, as a collection that keeps its batches
+            raise ended
     finally:
         if signal.SIGALRM in before:
             signal.setitimer(signal.ITIMER_REAL, 0.0)

@@ -24,16 +24,21 @@ class Holding:
         except KeyboardInterrupt:
             time.sleep(0.3)
             (folder / "saved").touch()
-            raise
+            if sys.argv[2] == "raises":
+                raise
+        return 130
 
 module.parse = lambda *arguments, **names: Holding()
 sys.exit(module.main([]))
 """
 
 
+@pytest.mark.parametrize("then", ["raises", "returns"])
 @pytest.mark.parametrize("number", [signal.SIGINT, *ENDING])
-def test_what_a_command_holds_is_saved_also_where_the_signal_comes_twice(number: int, tmp_path: Path) -> None:
-    process = subprocess.Popen([sys.executable, "-c", SCRIPT, str(tmp_path)])
+def test_what_a_command_holds_is_saved_also_where_the_signal_comes_twice(
+    number: int, then: str, tmp_path: Path
+) -> None:
+    process = subprocess.Popen([sys.executable, "-c", SCRIPT, str(tmp_path), then])
     while not (tmp_path / "begun").exists():
         assert process.poll() is None
         time.sleep(0.02)
