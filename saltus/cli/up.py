@@ -7,7 +7,8 @@ from pathlib import Path
 from saltus.cli.output import follow, run_directory
 from saltus.cli.run_options import NetworkOptions, RunOptions
 from saltus.config import LONGEST_RUN_S, Pace
-from saltus.errors import RecordingError
+from saltus.errors import ConfigError, RecordingError
+from saltus.flags import Flag
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,20 +18,26 @@ class Up(RunOptions, NetworkOptions):
     For example:
       saltus up --terrain flat --planner scripted
       saltus up --speed 0.5 --profile mine --out runs/one
+      saltus up --standbys
       saltus up --listen 192.168.123.10:7447 --keys keys
     """
 
     pace: Pace = "realtime"
+    standbys: Flag = False
+    """Heightmap service and planner each have a second process that goes on where the first was killed, as the camera
+    always has; on two cores they take the others' time."""
 
     def run(self) -> int:
         """Runs until the end and says how it went; 0 then, 130 after Ctrl-C (the recording is closed either way)."""
         from saltus.runtime.run_folder import CLIENT_FILE
-        from saltus.runtime.stack import Stack
+        from saltus.runtime.stack import PROGRAMS, WITH_STANDBYS, Stack
 
+        if self.standbys and self.pace != "realtime":
+            raise ConfigError("--standbys are for --pace realtime: a lockstep run waits for whom it lacks")
         config = self.config(LONGEST_RUN_S)
         network = self.network(config.prefix)
         directory = run_directory("up", self.out)
-        stack = Stack(config, directory, network=network)
+        stack = Stack(config, directory, WITH_STANDBYS if self.standbys else PROGRAMS, network=network)
         try:
             with stack:
                 print(f"running, keys under {config.prefix}; join it with {directory / CLIENT_FILE}; Ctrl-C ends it")

@@ -124,6 +124,7 @@ BAD = {
     "up --seed x": "--seed x: it must be INT",
     "up --pace lockstep --speed 0.5": 'pace = "realtime"',
     "up --speed -1": "speed = -1",
+    "up --pace lockstep --standbys": "--pace realtime",
     "up --terrain moon": "stairs",
     "up --profile nosuch": "go1",
     "up --out file": "'file'",

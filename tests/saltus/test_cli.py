@@ -13,7 +13,10 @@ import pytest
 
 from saltus.cli.main import COMMANDS, command_of, main
 from saltus.cli.output import finite
+from saltus.cli.parsing import BAD_INPUT
+from saltus.config import RunConfig
 from saltus.errors import SaltusError
+from saltus.runtime.child import Program
 
 
 def help_of(command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> str:
@@ -95,3 +98,18 @@ def test_bash_completes_commands_flags_and_values(tmp_path: Path, capsys: pytest
 def test_a_shell_that_is_not_known_is_told_those_that_are(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--completion", "fish"]) == 2
     assert "bash" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("words", "spared"), [([], {"render"}), (["--standbys"], {"render", "heightmap", "policy"})])
+def test_up_starts_standbys_where_they_are_asked_for(
+    words: list[str], spared: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[str] = []
+
+    def stack(_: RunConfig, __: Path, programs: tuple[Program, ...], **___: object) -> None:
+        started.extend(program.name for program in programs if program.spare)
+        raise SaltusError("that is all")
+
+    monkeypatch.setattr("saltus.runtime.stack.Stack", stack)
+    assert main(["up", "--out", str(tmp_path / "run"), *words]) == BAD_INPUT
+    assert set(started) == spared
