@@ -41,6 +41,7 @@ BAD = {
     "no training": ("training_curve nowhere", "nowhere"),
     "no dataset": ("restart nowhere", "nowhere"),
     "no truths": ("left_out nowhere nowhere", "nowhere"),
+    "no policy to run": ("stand_in nowhere", "nowhere"),
     "no such row": ("hard_courses --rows stairs", "no row 'stairs'"),
     "no policy": ("hard_courses --models nowhere", "nowhere"),
     "no heightmap model": ("hard_courses --heightmap predicted --heightmap-model nowhere", "nowhere"),

@@ -1,0 +1,77 @@
+"""Which effects of the stand-in for the real robot are hard: each alone in the shipped profile, and all of them.
+
+On 14 stairs of 0.20 m, as the ablations of `saltus paper`; by default the shipped policy, else those that are named.
+
+    saltus bench stand_in
+    saltus bench stand_in -- benchmarks/paper/trainings/full-system/seed-0/policy.onnx --trials 24
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from benchmarks._command import Command
+from saltus.config import DEFAULT_ROBOT
+from saltus.effects.profile import SHIPPED, Profile, load_profile
+from saltus.paper.motion import STAIRS
+from saltus.paper.runs import Effort, Ran, Setting, ran
+from saltus.paper.stand_in import stand_in
+from saltus.policy.planner import make_planner
+from saltus.robots.loading import load_robot
+from saltus.terrain.curriculum import make_terrain
+
+NONE, ALL = "none", "all"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    policies: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    """ONNX files; by default the shipped policy."""
+    trials: int = 24
+    """Of each policy with each effect."""
+    seed: int = 140_000
+    """Of the first trial."""
+    time_limit_s: float = 20.0
+    """Of each trial."""
+
+    def measure(self) -> dict[str, Any]:
+        policies: dict[str, Path | None] = {str(path): path for path in self.policies} or {"shipped": None}
+        for policy in policies.values():  # what is wrong with one is said before anything runs
+            make_planner("learned", load_robot(DEFAULT_ROBOT), policy)
+        cases = profiles()
+        terrain = make_terrain(STAIRS)
+        settings = [
+            Setting(terrain=terrain, policy=policy, profile=profile)
+            for policy in policies.values()
+            for profile in cases.values()
+        ]
+        with tqdm(total=self.trials * len(settings), unit="trial", disable=None) as bar:
+            effort = Effort(
+                trials=self.trials, first_seed=self.seed, time_limit_s=self.time_limit_s, say=lambda n: bar.update(n)
+            )
+            results = iter(ran(settings, effort))
+        return {name: {case: summary(next(results)) for case in cases} for name in policies}
+
+
+def profiles() -> dict[str, Profile]:
+    """The shipped profile, with each of the stand-in's effects that it does not have, and with all."""
+    shipped, hard = load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)), stand_in()
+    known = shipped.effects
+    alone = {name: shipped.having(effect) for name, effect in hard.effects.items() if known.get(name) != effect}
+    return {NONE: shipped, **alone, ALL: hard}
+
+
+def summary(runs: list[Ran]) -> dict[str, Any]:
+    """Of the trials with one profile."""
+    failures = Counter(run.failure for run in runs if not run.outcome.success)
+    return {
+        "success": sum(run.outcome.success for run in runs),
+        "trials": len(runs),
+        "mean steps of 14": round(float(np.mean([run.edges_passed for run in runs])), 1),
+        "failures": dict(failures.most_common()),
+    }
