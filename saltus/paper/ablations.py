@@ -52,6 +52,12 @@ def trainings_folder(given: Path | None) -> Path:
         return TRAINED
 
 
+Figures = dict[str, Any]
+"""What a training came to: successes of how many trials, mean steps, first and last seed of the trials, the code."""
+Places = dict[str, Figures]
+"""By where it was measured."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class System:
     """What runs: trainings by their names, those of one seed together."""
@@ -131,21 +137,24 @@ def _training(files: tuple[Path, ...]) -> dict[str, Any]:
     return told
 
 
-def measure(name: str, effort: Effort, trained: Path) -> dict[str, Any]:
-    """What a system came to on 14 stairs, by place: in simulation, and on the stand-in for the real robot."""
+def measure(name: str, effort: Effort, trained: Path, known: Sequence[Places | None] = ()) -> dict[str, Any]:
+    """What a system came to on 14 stairs, by place: in simulation, and on the stand-in for the real robot.
+
+    Args:
+        name: Of `SYSTEMS`.
+        effort: How much is run.
+        trained: Folder of trainings.
+        known: What its trainings came to, in the order of `trainings_of`; those of which nothing is known are run.
+    """
     policy = SYSTEMS[name].policy
     feedback = policy not in ABLATIONS or ABLATIONS[policy].feedback
-    places = {SIMULATION: load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)), STAND_IN: stand_in()}
-    settings = [
-        (where, replace(_setting(files), feedback=feedback, profile=profile))
-        for where, profile in places.items()
-        for files in files_of(name, trained)
-    ]
-    results = ran([setting for _, setting in settings], effort)
-    return {
-        where: _figures([runs for (at, _), runs in zip(settings, results, strict=True) if at == where])
-        for where in places
-    }
+    profiles = {SIMULATION: load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)), STAND_IN: stand_in()}
+    files = files_of(name, trained)
+    known = known or [None] * len(files)
+    new = [replace(_setting(each), feedback=feedback) for each, there in zip(files, known, strict=True) if not there]
+    settings = [replace(setting, profile=profile) for setting in new for profile in profiles.values()]
+    results = iter(ran(settings, effort) if settings else ())
+    return together([there or {where: _figures(next(results)) for where in profiles} for there in known])
 
 
 def _setting(files: tuple[Path, ...]) -> Setting:
@@ -219,19 +228,49 @@ def _progress(path: Path) -> dict[str, Floats]:
     return dict(zip(lines[0].split(","), rows.T, strict=True))
 
 
-def _figures(seeds: Sequence[Sequence[Ran]]) -> dict[str, Any]:
-    """Of each seed's policy; the interval is that of the share of all their trials [%]. They say which code ran."""
-    success = [sum(run.outcome.success for run in runs) for runs in seeds]
-    low, high = success_interval(sum(success), sum(map(len, seeds)))
+def _figures(runs: Sequence[Ran]) -> Figures:
+    """Of one training in one place."""
     return {
-        "success": success,
-        "trials": len(seeds[0]),
-        "interval95_percent": [round(100.0 * low, 1), round(100.0 * high, 1)],
-        "steps": round(float(np.mean([run.edges_passed for runs in seeds for run in runs])), 2),
-        "steps_of_each_seed": [round(float(np.mean([run.edges_passed for run in runs])), 2) for runs in seeds],
-        "trial_seeds": [seeds[0][0].seed, seeds[0][-1].seed],
+        "success": sum(run.outcome.success for run in runs),
+        "trials": len(runs),
+        "steps": round(float(np.mean([run.edges_passed for run in runs])), 2),
+        "trial_seeds": [runs[0].seed, runs[-1].seed],
         "commit": commit(),
     }
+
+
+def together(trainings: Sequence[Places]) -> dict[str, Any]:
+    """What trainings came to that differ in their seed alone, by place; all ran the same trials.
+
+    The interval is that of the share of all their trials [%]. For each training it says which code ran.
+    """
+    return {where: _together([places[where] for places in trainings]) for where in trainings[0]}
+
+
+def _together(each: Sequence[Figures]) -> dict[str, Any]:
+    success, steps = [figures["success"] for figures in each], [figures["steps"] for figures in each]
+    trials = each[0]["trials"]
+    low, high = success_interval(sum(success), trials * len(each))
+    return {
+        "success": success,
+        "trials": trials,
+        "interval95_percent": [round(100.0 * low, 1), round(100.0 * high, 1)],
+        "steps": round(float(np.mean(steps)), 2),
+        "steps_of_each_seed": steps,
+        "trial_seeds": each[0]["trial_seeds"],
+        "commits": [figures["commit"] for figures in each],
+    }
+
+
+def apart(numbers: Mapping[str, Any]) -> list[Places]:
+    """The trainings that `together` has put together."""
+    places: list[Places] = [{} for _ in next(iter(numbers.values()))["success"]]
+    for where, all_ in numbers.items():
+        rows = zip(all_["success"], all_["steps_of_each_seed"], all_["commits"], strict=True)
+        for into, (success, steps, code) in zip(places, rows, strict=True):
+            into[where] = {"success": success, "trials": all_["trials"], "steps": steps,
+                           "trial_seeds": all_["trial_seeds"], "commit": code}  # fmt: skip
+    return places
 
 
 def _share(figures: Mapping[str, Any]) -> str:

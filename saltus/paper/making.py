@@ -13,6 +13,8 @@ from saltus.paper.ablations import (
     PUBLISHED,
     STAND_IN,
     TRANSFER,
+    Places,
+    apart,
     compare,
     files_of,
     measure,
@@ -65,8 +67,8 @@ def check_makeable(row: Row, folder: Path, trained: Path | None) -> None:
 def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *, again: bool = True) -> dict[str, Any]:
     """Makes FOLDER/NAME.png and .json of a row that `check_makeable` allows; returns what the latter holds.
 
-    What other systems came to that stand beside an ablation is taken from the folder or from what is published, if it
-    is of the same trainings; so is, unless it shall be measured `again`, what the ablation came to itself.
+    What trainings of other systems came to that stand beside an ablation is taken from the folder or from what is
+    published; so is, unless it shall be measured `again`, what its own came to. The others are measured.
     """
     trainings = trainings_folder(trained)
     if row.make:
@@ -76,8 +78,8 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *,
     else:
         came_to = {}
         for system in shown_in(row.name, trainings):
-            there = None if again and system == row.name else _measured(system, folder, trainings)
-            came_to[system] = there or measure(system, effort, trainings)
+            taken = [] if again and system == row.name else _measured(system, effort, folder, trainings)
+            came_to[system] = measure(system, effort, trainings, taken)
         if row.name == TRANSFER:
             came_to = {name: {STAND_IN: places[STAND_IN]} for name, places in came_to.items()}
         made = compare(came_to, trainings)
@@ -96,25 +98,33 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *,
     return result
 
 
-def _measured(system: str, folder: Path, trainings: Path) -> dict[str, Any] | None:
-    """What a system came to, by place, from results in the folder or published ones; None where there are none of it.
+def _measured(system: str, effort: Effort, folder: Path, trainings: Path) -> list[Places | None]:
+    """What each training of a system came to by results in the folder or published ones, with the same shipped models.
 
-    They are of the same trainings, with the same shipped models.
+    Where that is all of them, and they ran the same trials, these may be others than those of `effort`; else nothing is
+    taken of other trials, so that all of a system run the same.
     """
     try:
         folders = [folder, resource(PUBLISHED)]
     except SaltusError:
         folders = [folder]
     wanted, models = trainings_of(system, trainings), _models()
+    taken: list[Places | None] = [None] * len(wanted)
     for row in (row for row in ROWS if row.needs == ABLATION and row.name != TRANSFER):
         for path in (place / f"{row.name}.json" for place in folders):
             result = _read(path, row) if path.exists() else None
-            if result is None or result["models"] != models:
+            if result is None or result["models"] != models or system not in result["numbers"]:
                 continue
-            if result["configuration"].get("trainings", {}).get(system) == wanted and system in result["numbers"]:
-                places: dict[str, Any] = result["numbers"][system]
-                return places
-    return None
+            there = zip(result["configuration"]["trainings"][system], apart(result["numbers"][system]), strict=True)
+            for training, places in there:
+                if training in wanted:
+                    index = wanted.index(training)
+                    taken[index] = taken[index] or places
+    ran = [None if places is None else next(iter(places.values()))["trial_seeds"] for places in taken]
+    if None not in ran and all(trials == ran[0] for trials in ran):
+        return taken
+    usual = [effort.seeds[0], effort.seeds[-1]]
+    return [places if trials == usual else None for places, trials in zip(taken, ran, strict=True)]
 
 
 def made_before(row: Row, folder: Path) -> dict[str, Any] | None:

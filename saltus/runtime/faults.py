@@ -62,8 +62,8 @@ class FaultResult:
     running_s: float
     """How long the robot had been running when the process was killed."""
     told_ms: float
-    """From the last arrival of the dead process's product to the first message of its consumer that says so; infinite
-    where none does, as where another process goes on in time."""
+    """From the last arrival of the dead process's product to the first message of its consumer that says so, before the
+    product comes again; infinite where none does, as where another process goes on in time."""
     reported_ms: float
     """The same to the supervisor's event that the process died."""
     silence_ms: float
@@ -120,7 +120,8 @@ def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
     product = [arrival for arrival, _, _ in recording.messages(PRODUCT[process])]
     last_ns = max((arrival for arrival in product if arrival <= died_ns), default=0)
     later = [*(arrival for arrival in product if arrival >= last_ns), recording.of(RobotState)[-1].time_ns]
-    told = next((arrival for arrival in _complaints(recording, process) if arrival > last_ns), None)
+    again_ns = next((arrival for arrival in product if arrival > died_ns), later[-1])
+    told = next((arrival for arrival in _complaints(recording, process) if last_ns < arrival <= again_ns), None)
     return FaultResult(
         process=process,
         running_s=after_s,

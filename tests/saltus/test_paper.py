@@ -266,7 +266,8 @@ def test_an_ablation_is_measured_beside_the_full_system(
 
     def run_none(settings: Sequence[Setting], effort: Effort) -> list[list[Ran]]:
         asked.extend(settings)
-        return [[climbed, begun(climbed)] for _ in settings]
+        runs = [replace(run, seed=seed) for run, seed in zip((climbed, begun(climbed)), effort.seeds, strict=True)]
+        return [runs for _ in settings]
 
     monkeypatch.setattr(ablations, "ran", run_none)
     for name, seeds in ((FULL, 2), ("no-feedback", 1)):
@@ -284,8 +285,8 @@ def test_an_ablation_is_measured_beside_the_full_system(
                 "interval95_percent": [15.0, 85.0] if seeds == 2 else [9.5, 90.5],
                 "steps": 1.5,
                 "steps_of_each_seed": [1.5] * seeds,
-                "trial_seeds": [climbed.seed, climbed.seed],
-                "commit": commit(),
+                "trial_seeds": [FIRST_SEED, FIRST_SEED + 1],
+                "commits": [commit()] * seeds,
             }
     assert [setting.feedback for setting in asked] == [True] * 4 + [False] * 2
     assert sum(setting.profile == stand_in() for setting in asked) == 3
@@ -300,7 +301,11 @@ def test_an_ablation_is_measured_beside_the_full_system(
     asked.clear()
     put_policy(tmp_path, FULL, 2)
     make(row, Effort(trials=2), tmp_path / "out", tmp_path, again=False)
-    assert [setting.feedback for setting in asked] == [True] * 6, "of other trainings nothing is taken"
+    assert [setting.feedback for setting in asked] == [True] * 2, "one more training is run alone, in both places"
+    asked.clear()
+    put_policy(tmp_path, FULL, 3)
+    make(row, Effort(trials=2, first_seed=FIRST_SEED + 1), tmp_path / "out", tmp_path, again=False)
+    assert [setting.feedback for setting in asked] == [True] * 8, "of other trials nothing is taken"
 
 
 def put_policy(trained: Path, name: str, seed: int) -> None:
