@@ -295,6 +295,8 @@ def _checked(hint: Any, value: Any, path: str) -> Any:
             return float(value)
         except OverflowError:
             raise ConfigError(f"'{path}' is a number of {len(str(value))} digits") from None
+    if hint is float and isinstance(value, float) and math.isnan(value):
+        raise ConfigError(f"{path} = nan: it must be a number")
     if hint is Path and isinstance(value, str):
         return Path(value)
     if hint is Any:
