@@ -187,6 +187,7 @@ def _merged(place: Place, same: Sequence[Candidate]) -> Candidate:
         model_error=max(c.model_error for c in same),
         resolution=max(c.resolution for c in same),
         closable_share=min(c.closable_share for c in same),
+        least_closed=max(c.least_closed for c in same),
     )
 
 

@@ -173,8 +173,9 @@ def may_gain(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
 
 def explained_share(comparison: ModelComparison, model: Model) -> float:
     """Share of the gap that a model must close to count as an explanation."""
-    closable_share = min(c.closable_share for c in comparison.layout.candidates if c.effect in model)
-    return CLOSED_SHARE[len(model) - 1] * closable_share
+    candidates = [c for c in comparison.layout.candidates if c.effect in model]
+    share = CLOSED_SHARE[len(model) - 1] * min(c.closable_share for c in candidates)
+    return max(share, *(c.least_closed for c in candidates)) if len(model) == 1 else share
 
 
 def largest_rms(comparison: ModelComparison, fits: dict[Model, Fit], fit: Fit, effect: str) -> float:

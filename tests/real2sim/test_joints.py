@@ -59,10 +59,11 @@ def commands() -> tuple[Floats, list[dict[str, Any]]]:
 
 
 @cache
-def motion(*effects: Effect[Any], kp: float = KP, stretched: float = 0.0) -> RunLog:
+def motion(*effects: Effect[Any], kp: float = KP, stretched: float = 0.0, integral: float = 0.0) -> RunLog:
     """What a held robot does, without noise, with effects of drives and of what holds it.
 
-    Knees may be told to be `stretched` by so much [rad].
+    Knees may be told to be `stretched` by so much [rad]; drives may have an `integral` term [Nm/(rad s)], which belongs
+    to no effect.
     """
     q_des, segments = commands()
     q_des = q_des + np.tile((0.0, 0.0, stretched), 4)
@@ -72,9 +73,12 @@ def motion(*effects: Effect[Any], kp: float = KP, stretched: float = 0.0) -> Run
     zero, state = np.zeros(12), plant.state
     tau_ff = 0.8 * np.sin(2.0 * np.pi * 1.3 * (np.arange(len(q_des)) % 750) * DT)[:, None] * np.ones(12)
     q, dq, tau_est = np.empty((3, len(q_des), 12))
+    more = np.zeros(12)
     for k in range(len(q_des)):
         q[k], dq[k] = state.joint_position, state.joint_velocity
-        state = plant.step(JointCommand(position=q_des[k], velocity=zero, kp=zero + kp, kd=zero + KD, torque=tau_ff[k]))
+        more = more + integral * DT * (q_des[k] - q[k])
+        torque = tau_ff[k] + more
+        state = plant.step(JointCommand(position=q_des[k], velocity=zero, kp=zero + kp, kd=zero + KD, torque=torque))
         tau_est[k] = state.joint_torque
     meta = {
         "schema": "saltus-run/1",
@@ -382,6 +386,13 @@ def test_a_base_that_rolls_is_found() -> None:
 
 def test_a_base_is_not_accused_where_joints_are_missing() -> None:
     assert "not all joints" in JointProblem(of_one_leg(noisy(motion()))).untestable["base_roll"]
+
+
+def test_an_integral_term_is_no_spring() -> None:
+    """It pulls much as one does, and is in no library."""
+    findings = search(JointProblem(of_one_leg(noisy(motion(integral=4.0)))))
+    assert findings.verdict == "unexplained"
+    assert {found.name for found in findings.nearest} == {"joint_spring"}
 
 
 def test_effects_that_a_motion_cannot_tell_apart_come_as_a_set() -> None:
