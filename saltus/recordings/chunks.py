@@ -2,8 +2,10 @@
 
 import struct
 import zlib
+from collections.abc import Container, Iterator
 from dataclasses import replace
 from io import BytesIO
+from typing import NamedTuple
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -15,6 +17,35 @@ from saltus.errors import RecordingError
 
 RECORD_MAX = 32 * 2**20  # bytes; a chunk is 256 KiB and one message at most 4 MiB longer
 _HEAD = struct.Struct("<BQ")  # of a record: kind and length
+_MESSAGE = struct.Struct("<BQHIQQ")  # of a message, its payload follows: kind, length, and the fields of `Row`
+_BEFORE_PAYLOAD = _MESSAGE.size - _HEAD.size  # bytes that the length counts
+
+
+class Row(NamedTuple):
+    """A message as a chunk has it."""
+
+    channel: int
+    sequence: int
+    log_time: int
+    publish_time: int
+    payload: bytes
+
+
+def rows(chunk: Chunk, channels: Container[int]) -> Iterator[Row]:
+    """The messages of a sound chunk on some channels, in order.
+
+    Others are stepped over: to make an object of each record, as mcap's reader does, takes ten times as long, and a
+    report looks through a recording for a dozen topics.
+    """
+    data, start = _unpack(chunk), 0
+    while start < len(data):
+        kind, length = _HEAD.unpack_from(data, start)
+        if kind == Opcode.MESSAGE:
+            _, _, channel, *fields = _MESSAGE.unpack_from(data, start)
+            if channel in channels:
+                begin = start + _MESSAGE.size
+                yield Row(channel, *fields, data[begin : begin + length - _BEFORE_PAYLOAD])
+        start += _HEAD.size + length
 
 
 def sound_records(chunk: Chunk) -> list[McapRecord]:
@@ -22,6 +53,7 @@ def sound_records(chunk: Chunk) -> list[McapRecord]:
     data = _unpack(chunk)
     if len(data) != chunk.uncompressed_size:
         raise RecordingError(f"has {len(data)} bytes in place of {chunk.uncompressed_size}")
+    _check_lengths(data)
     return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
 
 
@@ -45,6 +77,18 @@ def torn_chunk(end_of_file: bytes) -> Chunk:
             break
         end = after
     return replace(chunk, compression="", data=data[:end], uncompressed_size=end, uncompressed_crc=0)
+
+
+def _check_lengths(data: bytes) -> None:
+    """Refuses records that do not lie end to end: mcap's reader believes the length of few, `rows` that of all."""
+    start = 0
+    while start < len(data):
+        kind, length = _HEAD.unpack_from(data, start)
+        start += _HEAD.size + length
+        if kind == Opcode.MESSAGE and length < _BEFORE_PAYLOAD:
+            raise RecordingError("has a message without its head")
+    if start != len(data):
+        raise RecordingError("ends inside of a record")
 
 
 def _unpack(chunk: Chunk) -> bytes:

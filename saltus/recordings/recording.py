@@ -17,14 +17,13 @@ from typing import BinaryIO, NamedTuple, TypeVar, cast
 import numpy as np
 from mcap.exceptions import EndOfFile
 from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Metadata, Schema
-from mcap.records import Message as Record
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader
 
 from saltus import config
 from saltus.config import DEFAULT_ROBOT, RunConfig
 from saltus.depth_camera import DepthCamera, load_camera
 from saltus.errors import ConfigError, MessageError, RecordingError
-from saltus.recordings.chunks import RECORD_MAX, sound_records, torn_chunk
+from saltus.recordings.chunks import RECORD_MAX, rows, sound_records, torn_chunk
 from saltus.recordings.recorder import LIBRARY, LOST, METADATA, METADATA_END
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
@@ -168,12 +167,12 @@ class Recording:
         if number not in self._unpacked:
             if len(self._unpacked) >= UNPACKED_CHUNKS:
                 del self._unpacked[next(iter(self._unpacked))]
+            known = {channel: _sender(self._channels[channel]) for channel in self._channels}
+            wanted = {channel: sender for channel, sender in known.items() if topic_of(sender[0]) is not None}
             self._unpacked[number] = [
-                Arrival(record.log_time, key, Envelope(record.sequence, record.publish_time, boot_id), record.data)
-                for record in breakup_chunk(chunk)
-                if isinstance(record, Record) and record.channel_id in self._channels
-                for key, boot_id in [_sender(self._channels[record.channel_id])]
-                if topic_of(key) is not None
+                Arrival(row.log_time, key, Envelope(row.sequence, row.publish_time, boot_id), row.payload)
+                for row in rows(chunk, wanted)
+                for key, boot_id in [wanted[row.channel]]
             ]
         return self._unpacked[number]
 
@@ -204,11 +203,9 @@ class Recording:
     def _records(self, topic: str) -> Iterator[tuple[int, Envelope, bytes, str]]:
         wanted = {number: _sender(channel) for number, channel in self._channels_of(topic).items()}
         for chunk in self._chunks:
-            for record in breakup_chunk(chunk):
-                if isinstance(record, Record) and record.channel_id in wanted:
-                    key, boot_id = wanted[record.channel_id]
-                    envelope = Envelope(record.sequence, record.publish_time, boot_id)
-                    yield record.log_time, envelope, record.data, key
+            for row in rows(chunk, wanted):
+                key, boot_id = wanted[row.channel]
+                yield row.log_time, Envelope(row.sequence, row.publish_time, boot_id), row.payload, key
 
 
 @dataclass(frozen=True, kw_only=True)
