@@ -41,10 +41,11 @@ def rows(chunk: Chunk, channels: Container[int]) -> Iterator[Row]:
     while start < len(data):
         kind, length = _HEAD.unpack_from(data, start)
         if kind == Opcode.MESSAGE:
-            _, _, channel, *fields = _MESSAGE.unpack_from(data, start)
+            _, _, channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, start)
             if channel in channels:
                 begin = start + _MESSAGE.size
-                yield Row(channel, *fields, data[begin : begin + length - _BEFORE_PAYLOAD])
+                payload = data[begin : begin + length - _BEFORE_PAYLOAD]
+                yield Row(channel, sequence, log_time, publish_time, payload)
         start += _HEAD.size + length
 
 
