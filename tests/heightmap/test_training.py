@@ -23,7 +23,7 @@ from saltus.heightmap.training import release as heightmap_release
 from saltus.heightmap.training import train as heightmap_train
 from saltus.heightmap.training.calibration import calibrate
 from saltus.heightmap.training.dataset import EpisodeStore, ImageNoise, run_window
-from saltus.heightmap.training.release import release
+from saltus.heightmap.training.release import Release, release
 from saltus.heightmap.training.train import Progress, load_checkpoint, train
 from saltus.heightmap.training.validate import SETTLED_TICKS
 from saltus.resources import resource
@@ -43,19 +43,34 @@ def begun(data: Path, tmp_path_factory: pytest.TempPathFactory, short_calibratio
 
 
 @pytest.fixture(scope="module")
-def trained(data: Path, tmp_path_factory: pytest.TempPathFactory, short_calibration: None) -> Path:
+def told() -> list[Progress]:
+    """What the whole training says of itself."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def trained(
+    data: Path, told: list[Progress], tmp_path_factory: pytest.TempPathFactory, short_calibration: None
+) -> Path:
     """Checkpoint of a whole training, small as it is."""
     path = tmp_path_factory.mktemp("trained") / "a.pt"
-    train(data, path, CONFIG)
+    train(data, path, CONFIG, told.append)
     return path
 
 
-def test_training_lowers_the_error_and_the_release_measures_it(data: Path, begun: Path, tmp_path: Path) -> None:
-    told: list[Progress] = []
-    train(data, tmp_path / "b.pt", CONFIG, told.append)
+@pytest.fixture(scope="module")
+def released(data: Path, begun: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Release, Path]:
+    """What the release of the training of one update measured, and its folder, which tests leave as it is."""
+    folder = tmp_path_factory.mktemp("released")
+    return release(begun, data, folder / "m.onnx"), folder
+
+
+def test_training_lowers_the_error_and_the_release_measures_it(
+    data: Path, released: tuple[Release, Path], trained: Path, told: list[Progress], tmp_path: Path
+) -> None:
     assert told[-1].update == CONFIG.updates
-    before = release(begun, data, tmp_path / "a.onnx")
-    after = release(tmp_path / "b.pt", data, tmp_path / "b.onnx")
+    before, _ = released
+    after = release(trained, data, tmp_path / "b.onnx")
     assert after.clean.mae_m < before.clean.mae_m
     assert after.parity < 1e-5
     assert after.model_id == HeightmapNetwork(ROBOT, tmp_path / "b.onnx").model_id
@@ -107,10 +122,15 @@ def test_the_command_measures_on_unseen_data_and_says_so(
 
 @pytest.mark.parametrize("step", ["warmup_frames", "parity", "accuracy"])
 def test_an_export_that_ends_early_leaves_the_model_that_was_there(
-    data: Path, begun: Path, trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+    data: Path,
+    released: tuple[Release, Path],
+    trained: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    step: str,
 ) -> None:
     folder = tmp_path / "models"
-    release(begun, data, folder / "m.onnx")
+    shutil.copytree(released[1], folder)
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
 
     def interrupted(*_: Any) -> float:
