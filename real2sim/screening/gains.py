@@ -117,39 +117,67 @@ class _Fit:
 def _fits(
     joints: JointTable, torque: Floats, gains: tuple[Floats, Floats], shares: tuple[Floats, Floats]
 ) -> list[_Fit]:
+    """One for each joint; arrays of shape (joints, rows), as regressions read them."""
     rows = np.linspace(0, len(torque) - 1, min(ROWS, len(torque))).astype(int)
-    dq = rates(joints)
+    row_s = joints.time_s[rows]
+    q, dq, torques = (np.ascontiguousarray(each[rows].T) for each in (joints.q, rates(joints), torque))
+    variances = np.var(torques, axis=1)
+    kp, kd = (each[:, None] for each in gains)
+    stiffness, damping = (_Commands(joints, share) for share in shares)
+    position = _Commands(joints, shares[0] * joints.commanded_q)
+    velocity = None if joints.dq_des is None else _Commands(joints, shares[1] * joints.dq_des)
+    feedforward = None
+    if joints.tau_ff is not None and np.ptp(joints.tau_ff) > 0:
+        feedforward = _Commands(joints, joints.tau_ff)
+    columns = np.ones((len(q), 4 + (0 if feedforward is None else len(FEEDFORWARD_DELAYS_S)), len(rows)))
     best: dict[int, _Regression] = {}
     for delay in DELAYS_S:
-        sent = _in_force(joints, joints.time_s[rows] - delay)
-        stiff, damped = (_mean_of(share, sent) for share in shares)
-        error = _mean_of(shares[0] * joints.commanded_q, sent) - stiff * joints.q[rows]
-        rate = -damped * dq[rows]
-        if joints.dq_des is not None:
-            rate += _mean_of(shares[1] * joints.dq_des, sent)
+        sent = _in_force(joints, row_s - delay)
+        error = position.mean(sent) - stiffness.mean(sent) * q
+        rate = -damping.mean(sent) * dq
+        if velocity is not None:
+            rate += velocity.mean(sent)
+        columns[:, 0], columns[:, 1] = error, rate
         # backlash shifts what the drive sees by half its width, to the side to which it pushes
-        columns = [error, rate, np.tanh((gains[0] * error + gains[1] * rate) / SIGN_TORQUE_NM), np.ones_like(error)]
-        if joints.tau_ff is not None and np.ptp(joints.tau_ff) > 0:
-            sent_s = joints.time_s[rows] - delay
-            columns += [_mean_of(joints.tau_ff, _in_force(joints, sent_s - late)) for late in FEEDFORWARD_DELAYS_S]
-        of_joints = np.ascontiguousarray(np.stack(columns).transpose(2, 0, 1))
-        for joint, matrix in enumerate(of_joints):
-            found = _Regression.of(matrix, torque[rows, joint])
-            if joint not in best or found.explained > best[joint].explained:
-                best[joint] = found
-    return [best[joint].fit(shares[0][rows, joint] > 0.0) for joint in range(torque.shape[1])]
+        columns[:, 2] = np.tanh((kp * error + kd * rate) / SIGN_TORQUE_NM)
+        if feedforward is not None:
+            for i, late in enumerate(FEEDFORWARD_DELAYS_S):
+                columns[:, 4 + i] = feedforward.of_age(row_s - delay - late, delay + late)
+        _keep_best(best, columns, torques, variances)
+    return [best[joint].fit(shares[0][rows, joint] > 0.0) for joint in range(len(torques))]
 
 
-def _in_force(joints: JointTable, when_s: Floats) -> list[Indices]:
+def _in_force(joints: JointTable, when_s: Floats) -> tuple[Indices, Indices]:
     """Rows of the commands in force at two instants in the step of a drive that begins at given times."""
-    rows = (np.searchsorted(joints.time_s, when_s + part, side="right") - 1 for part in STEP_PARTS_S)
-    return [np.clip(row, 0, len(joints.time_s) - 1) for row in rows]
+    first, second = (np.searchsorted(joints.time_s, when_s + part, side="right") - 1 for part in STEP_PARTS_S)
+    last = len(joints.time_s) - 1
+    return np.clip(first, 0, last), np.clip(second, 0, last)
 
 
-def _mean_of(commands: Floats, rows: list[Indices]) -> Floats:
-    """Mean of the commands over the step of a drive."""
-    first, second = rows
-    return (commands[first] + commands[second]) / 2
+class _Commands:
+    """Commands as drives have had them, from a table of shape (rows, joints)."""
+
+    def __init__(self, joints: JointTable, commands: Floats) -> None:
+        self._joints, self._commands = joints, np.ascontiguousarray(commands.T, dtype=np.float64)
+        self._is_constant = bool(np.all(commands == commands[0]))
+        self._known: dict[float, tuple[tuple[Indices, Indices], Floats]] = {}
+
+    def mean(self, rows: tuple[Indices, Indices]) -> Floats:
+        """Over the steps of the drives, shape (joints, rows), or (joints, 1) where all commands are alike."""
+        if self._is_constant:
+            return self._commands[:, :1]
+        first, second = (np.take(self._commands, each, axis=1) for each in rows)
+        first += second
+        first /= 2
+        return first
+
+    def of_age(self, when_s: Floats, age_s: float) -> Floats:
+        """The same over steps that begin at given times; two sums of delays that make one age are looked up once."""
+        rows, key = _in_force(self._joints, when_s), round(age_s, 6)
+        known = self._known.get(key)
+        if known is None or not all(np.array_equal(*both) for both in zip(known[0], rows, strict=True)):
+            known = self._known[key] = rows, self.mean(rows)
+        return known[1]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -166,16 +194,6 @@ class _Regression:
     """Variance of the rest."""
     variance: float
     """Of the torque."""
-
-    @classmethod
-    def of(cls, matrix: Floats, torque: Floats) -> "_Regression":
-        inverse = np.asarray(np.linalg.pinv(matrix @ matrix.T, rcond=SINGULAR, hermitian=True), dtype=np.float64)
-        solution = inverse @ (matrix @ torque)
-        rest = torque - solution @ matrix
-        left, variance = float(np.var(rest)), float(np.var(torque))
-        return cls(
-            matrix=matrix, torque=torque, inverse=inverse, solution=solution, rest=rest, left=left, variance=variance
-        )
 
     @property
     def explained(self) -> float:
@@ -197,6 +215,37 @@ class _Regression:
             rate_rad_s=float(np.std(matrix[1])),
             torque_nm=self.variance**0.5,
             feedforward_nm=float(np.std(matrix[4])) if len(matrix) > 4 else 0.0,
+        )
+
+
+def _keep_best(best: dict[int, _Regression], columns: Floats, torques: Floats, variances: Floats) -> None:
+    """Puts the regressions that explain more than what is there in its place.
+
+    All joints at once: most of the time of small matrices is that of a call.
+
+    Args:
+        best: By joint.
+        columns: Shape (joints, columns, rows).
+        torques: Shape (joints, rows).
+        variances: Of the torques, shape (joints,).
+    """
+    squares = columns @ columns.mT
+    inverse = np.asarray(np.linalg.pinv(squares, rcond=SINGULAR, hermitian=True), dtype=np.float64)
+    solution = (inverse @ (columns @ torques[..., None]))[..., 0]
+    rest = torques - (solution[:, None] @ columns)[:, 0]
+    left = np.var(rest, axis=1)
+    explained = 1 - left / np.maximum(variances, 1e-12)
+    for joint, torque in enumerate(torques):
+        if joint in best and not explained[joint] > best[joint].explained:
+            continue
+        best[joint] = _Regression(
+            matrix=columns[joint].copy(),
+            torque=torque,
+            inverse=inverse[joint],
+            solution=solution[joint],
+            rest=rest[joint],
+            left=float(left[joint]),
+            variance=float(variances[joint]),
         )
 
 
