@@ -2,13 +2,14 @@
 
 import itertools
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.config import DEFAULT_ROBOT
@@ -196,16 +197,25 @@ def _cut(joints: JointTable) -> tuple[Segment, ...]:
         start, end = float(joints.time_s[0]), float(joints.time_s[-1])
         count = max(1, round((end - start) / BLOCK_S))
         edges = list(itertools.pairwise(np.linspace(start, end, count + 1).tolist()))
-    stretches = [_motion(joints)[(joints.time_s >= start) & (joints.time_s < end)] for start, end in edges]
+    motion, between = _motion(joints), rows_between(joints.time_s)
+    stretches = [motion[between(start, end)] for start, end in edges]
     first_rows = np.array([rows[0] if len(rows) else np.full(rows.shape[1], np.nan) for rows in stretches])
     cut: list[Segment] = []
     for i, (start, end) in enumerate(edges):
         # Repeats differ by no more than this in any one value, by which thousands of motions are told apart at once.
         most = SAME_COMMAND * np.sqrt(stretches[i].size)
-        near = np.flatnonzero(np.max(np.abs(first_rows[:i] - first_rows[i]), axis=1) < most)
+        near = np.flatnonzero(np.abs(first_rows[:i, 0] - first_rows[i, 0]) < most)
+        near = near[np.all(np.abs(first_rows[near] - first_rows[i]) < most, axis=1)]
         same = next((int(j) for j in near if _is_repeat(stretches[i], stretches[j])), i)
         cut.append(Segment(name=f"part{i}", start_s=start, end_s=end, condition=f"part{same}"))
     return tuple(cut)
+
+
+def rows_between(time_s: Floats) -> Callable[[float, float], slice | NDArray[np.bool_]]:
+    """Finds rows from a time on and before another [s]; those of a clock that never steps back as slices, at once."""
+    if np.all(np.diff(time_s) >= 0.0):
+        return lambda start, end: slice(*np.searchsorted(time_s, (start, end)).tolist())
+    return lambda start, end: (time_s >= start) & (time_s < end)
 
 
 def _motions(joints: JointTable) -> list[tuple[float, float]]:

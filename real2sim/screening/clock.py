@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import segments_of
+from saltus.real2sim.problem.log import rows_between, segments_of
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import JOINT_SIGNALS, RunLog
 
@@ -109,9 +109,9 @@ def _lost(log: RunLog) -> Iterator[Fault]:
     """Missing rows within segments; between segments a logger may pause."""
     time_s = log.joints.time_s
     usual = float(np.median(np.diff(time_s)))
-    lost, longest = 0, 0.0
+    lost, longest, between = 0, 0.0, rows_between(time_s)
     for segment in segments_of(log):
-        steps = np.diff(time_s[(time_s >= segment.start_s) & (time_s <= segment.end_s)])
+        steps = np.diff(time_s[between(segment.start_s, np.nextafter(segment.end_s, np.inf))])
         gaps = steps[steps > LOST_ROW * usual]
         lost += int(np.sum(np.rint(gaps / usual) - 1))
         longest = max(longest, float(gaps.max(initial=0.0)))

@@ -1,6 +1,7 @@
 """Run logs of a made-up rig: twelve joints under PD control with gravity, body and camera; for tests of real2sim."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
@@ -48,9 +49,17 @@ def motion(seconds: float) -> tuple[Floats, Floats]:
 
 def joints_log(rig: Rig = Rig(), *, seconds: float = 12.0, seed: int = 0) -> RunLog:
     """A log of a robot whose base is held."""
-    rng = np.random.default_rng(seed)
+    return joints_logs((rig,), seconds=seconds, seed=seed)[0]
+
+
+def joints_logs(rigs: Sequence[Rig], *, seconds: float = 12.0, seed: int = 0) -> list[RunLog]:
+    """Logs of several robots, which are simulated together."""
     time_s, q_des = motion(seconds)
-    q, dq, torque = _simulate(rig, time_s, q_des)
+    return [_noisy(time_s, q_des, *rows, seed) for rows in zip(*_simulate(rigs, time_s, q_des), strict=True)]
+
+
+def _noisy(time_s: Floats, q_des: Floats, q: Floats, dq: Floats, torque: Floats, seed: int) -> RunLog:
+    rng = np.random.default_rng(seed)
     joints = JointTable(
         time_s=time_s,
         q=q + rng.normal(0, 1e-3, q.shape),
@@ -67,26 +76,28 @@ def joints_log(rig: Rig = Rig(), *, seconds: float = 12.0, seed: int = 0) -> Run
     return RunLog(meta=meta, joints=joints)
 
 
-def _simulate(rig: Rig, time_s: Floats, q_des: Floats) -> tuple[Floats, Floats, Floats]:
-    """Readings of q, rate and the torque that the drive believes; half a millisecond a step."""
-    whole, part = divmod(round(rig.delay_s / DT, 6), 1.0)
-    sent = np.maximum(np.arange(len(time_s)) - int(whole), 0)
-    late = (1.0 - part) * q_des[sent] + part * q_des[np.maximum(sent - 1, 0)]
+def _simulate(rigs: Sequence[Rig], time_s: Floats, q_des: Floats) -> tuple[Floats, Floats, Floats]:
+    """Readings of q, rate and the torque that the drives believe, (rigs, rows, 12); half a millisecond a step."""
+    delay_s, gain, viscous, coulomb, bias, play, kp, kd = np.array([astuple(rig) for rig in rigs]).T[..., None]
+    whole, part = np.divmod(np.round(delay_s / DT, 6), 1.0)
+    sent = np.maximum(np.arange(len(time_s)) - whole.astype(int), 0)
+    late = (1.0 - part)[..., None] * q_des[sent] + part[..., None] * q_des[np.maximum(sent - 1, 0)]
+    late = late.transpose(1, 0, 2).copy()
     steps = 4
-    q, dq = q_des[0].copy(), np.zeros(12)
-    rows = np.empty((3, len(time_s), 12))
-    side = np.zeros(12)
+    q, dq, side = np.tile(q_des[0], (len(rigs), 1)), np.zeros((len(rigs), 12)), np.zeros((len(rigs), 12))
+    rows = np.empty((3, len(time_s), *q.shape))
     for row in range(len(time_s)):
-        reading = q + rig.bias + rig.play * side
-        torque = rig.kp * (late[row] - reading) - rig.kd * dq
+        reading = q + bias + play * side
+        torque = kp * (late[row] - reading) - kd * dq
         rows[:, row] = reading, dq, torque
         side = np.clip(side + np.sign(torque) * 0.1, -0.5, 0.5)
         for _ in range(steps):
-            torque = rig.kp * (late[row] - q - rig.bias - rig.play * side) - rig.kd * dq
-            friction = rig.viscous * dq + rig.coulomb * np.tanh(dq / 0.05)
-            dq = dq + DT / steps / INERTIA * (rig.gain * torque - friction - WEIGHT * np.sin(q) - HIP_WEIGHT)
+            torque = kp * (late[row] - q - bias - play * side) - kd * dq
+            friction = viscous * dq + coulomb * np.tanh(dq / 0.05)
+            dq = dq + DT / steps / INERTIA * (gain * torque - friction - WEIGHT * np.sin(q) - HIP_WEIGHT)
             q = q + DT / steps * dq
-    return rows[0], rows[1], rows[2]
+    q, dq, torque = rows.transpose(0, 2, 1, 3)
+    return q, dq, torque
 
 
 def body_log(*, seconds: float = 8.0, seed: int = 0) -> RunLog:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rig_logs import Rig, body_log, joints_log
+from rig_logs import Rig, body_log, joints_logs
 
 from saltus.arrays import Floats
 from saltus.real2sim.screening.screen import screen
@@ -15,9 +15,28 @@ from saltus.recordings.run_log import JointTable, RunLog, Table
 Damage = Callable[[RunLog], RunLog]
 
 
+STRONG = (
+    Rig(delay_s=0.024),
+    Rig(gain=0.8),
+    Rig(gain=1.2),
+    Rig(viscous=0.4),
+    Rig(coulomb=0.8),
+    Rig(bias=0.1),
+    Rig(play=0.0175),
+    Rig(delay_s=0.016, gain=0.8, coulomb=0.8, bias=-0.1),
+)
+LATE = Rig(delay_s=0.011, viscous=0.4, kp=40.0, kd=1.5)
+
+
 @pytest.fixture(scope="module")
-def log() -> RunLog:
-    return joints_log()
+def logs() -> dict[Rig, RunLog]:
+    rigs = (Rig(), *STRONG, LATE)
+    return dict(zip(rigs, joints_logs(rigs), strict=True))
+
+
+@pytest.fixture(scope="module")
+def log(logs: dict[Rig, RunLog]) -> RunLog:
+    return logs[Rig()]
 
 
 @pytest.fixture(scope="module")
@@ -25,21 +44,9 @@ def body() -> RunLog:
     return body_log()
 
 
-@pytest.mark.parametrize(
-    "rig",
-    [
-        Rig(delay_s=0.024),
-        Rig(gain=0.8),
-        Rig(gain=1.2),
-        Rig(viscous=0.4),
-        Rig(coulomb=0.8),
-        Rig(bias=0.1),
-        Rig(play=0.0175),
-        Rig(delay_s=0.016, gain=0.8, coulomb=0.8, bias=-0.1),
-    ],
-)
-def test_strong_effects_are_no_damage(rig: Rig) -> None:
-    log = joints_log(rig)
+@pytest.mark.parametrize("rig", STRONG)
+def test_strong_effects_are_no_damage(logs: dict[Rig, RunLog], rig: Rig) -> None:
+    log = logs[rig]
     assert screen(log) == []
     coarse = replace(log.joints, q=np.round(log.joints.q / 1.5e-3) * 1.5e-3)
     assert screen(replace(log, joints=coarse)) == []
@@ -47,10 +54,9 @@ def test_strong_effects_are_no_damage(rig: Rig) -> None:
     assert screen(replace(log, joints=bare)) == []
 
 
-def test_a_command_that_arrives_within_a_step_is_not_taken_for_another_gain() -> None:
-    rig = Rig(delay_s=0.011, viscous=0.4, kp=40.0, kd=1.5)
-    log = joints_log(rig)
-    assert screen(replace(log, meta={**log.meta, "kp": rig.kp, "kd": rig.kd})) == []
+def test_a_command_that_arrives_within_a_step_is_not_taken_for_another_gain(logs: dict[Rig, RunLog]) -> None:
+    log = logs[LATE]
+    assert screen(replace(log, meta={**log.meta, "kp": LATE.kp, "kd": LATE.kd})) == []
 
 
 @pytest.mark.parametrize("row_s", [0.002, 0.02, 0.1])
