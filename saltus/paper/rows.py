@@ -188,7 +188,8 @@ ROWS: tuple[Row, ...] = (
         name="no-height-randomisation", where="Fig. 10, Sec. VIII-E", needs=ABLATION, trial=_TRAINED,
         shows="Trained on exact heights, the policy fails on predicted ones already in simulation.",
         numbers=_on_stairs("no-height-randomisation", "not all", "not all"),
-        differs="On the stand-in its one seed does better than the full system's two; why is not known.",
+        differs="One seed of two fails in simulation. On the stand-in both do better than the full system's three; "
+        "why is not known.",
     ),
     Row(
         name="no-feedback", where="Fig. 10, Sec. VIII-E", needs=ABLATION, trial=_TRAINED,
@@ -203,6 +204,7 @@ ROWS: tuple[Row, ...] = (
     Row(
         name="no-saturation", where="Sec. VII, VIII-E", needs=ABLATION, trial=_TRAINED,
         shows="Half of the paper's 'No SysID': motors without saturation in training.",
+        differs="The paper does not show this half alone.",
     ),
     Row(
         name="no-latency", where="Sec. VII, VIII-E", needs=ABLATION, trial=_SEEING,
