@@ -49,7 +49,8 @@ class Benchmark(Command):
         """The worst case of each process."""
         kept = [] if self.out is None or not self.out.is_file() else self.out.read_text().splitlines()
         key = [self.terrain, self.planner, self.standbys]
-        done = {(row["process"], row["seed"]): row for row in map(json.loads, kept) if row["course"] == key}
+        rows = [row for row in map(json.loads, kept) if row["course"] == key and "stale" in row]
+        done = {(row["process"], row["seed"]): row for row in rows}
         table = {}
         for process in PRODUCT:
             seeds = range(self.seed, self.seed + self.trials)
@@ -82,5 +83,6 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "reported_ms_max": max(row["reported_ms"] for row in rows),
         "back_s_max": max(row["back_s"] for row in rows),
         "silence_ms_max": max(row["silence_ms"] for row in rows),
+        "stale": sum(row["stale"] for row in rows),
         "ends": dict(Counter(row["end"] for row in rows)),
     }

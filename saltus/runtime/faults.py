@@ -4,7 +4,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 
 from saltus.clock import RunClock
 from saltus.config import RunConfig
+from saltus.constants import POLICY_DT
 from saltus.errors import StackError
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
@@ -33,6 +34,7 @@ from saltus.wire.messages import (
     PlanStatus,
     RobotState,
 )
+from saltus.wire.topics import CAMERA_LATENCY_S, TOPICS, depth_topic
 from saltus.wire.zenoh_bus import ZenohBus
 
 RUN_TIMEOUT_S = 20.0
@@ -44,6 +46,7 @@ STANDING_HEIGHT_M = 0.18
 """A base above this is on its feet: two thirds of the standing height."""
 UPRIGHT_COSINE = 0.87  # 30 degrees
 LANDED = (ControllerMode.STOPPED, ControllerMode.DAMP)
+FOLLOWING = (ControllerMode.RUN, ControllerMode.COAST)
 PRODUCT = {"render": "camera/depth", "heightmap": "heightmap/heightmap", "policy": "policy/plan"}
 """What stops coming when a process dies."""
 BLIND = (HeightmapStatus.INVALID, HeightmapStatus.WARMING)
@@ -70,6 +73,8 @@ class FaultResult:
     """The longest time without that product, from this arrival on; to the end where it does not come again."""
     end: End
     """How the robot is at the end of the recording."""
+    stale: int
+    """Messages of the whole run that stood on something older than may be used, see `stale_uses`."""
     back_s: float
     """From the death noticed to the process being ready again; infinite where it did not come back."""
 
@@ -129,8 +134,34 @@ def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
         reported_ms=1e-6 * (died_ns - last_ns),
         silence_ms=1e-6 * max(b - a for a, b in pairwise(later)),
         end=_end(recording),
+        stale=stale_uses(recording),
         back_s=1e-9 * (ready_ns - died_ns) if ready_ns is not None else float("inf"),
     )
+
+
+def stale_uses(recording: Recording) -> int:
+    """How many messages of a run stood on something older than may be used.
+
+    That are heightmaps that say to be good of an image, plans to go on of a good heightmap, and states in which the
+    controller follows a plan. Times are those of the robot's states that they answer, not of arrivals.
+    """
+    image = depth_topic(recording.camera.latency_s or CAMERA_LATENCY_S)
+    good = [heightmap for heightmap in recording.of(Heightmap) if heightmap.status not in BLIND]
+    plans = [plan.time_ns for plan in recording.of(MotionPlan) if plan.status == PlanStatus.GO]
+    followed = [state.time_ns for state in recording.of(RobotState) if state.mode in FOLLOWING]
+    heights, step_s = TOPICS["heightmap/heightmap"], POLICY_DT  # what is used now was made a step ago
+    return (
+        sum(heightmap.depth_age_s > image.invalid_age_s for heightmap in good)
+        + late_uses(plans, [heightmap.time_ns for heightmap in good], heights.invalid_age_s + step_s)
+        + late_uses(followed, plans, TOPICS["policy/plan"].invalid_age_s + step_s)
+    )
+
+
+def late_uses(uses_ns: Sequence[int], sources_ns: Sequence[int], limit_s: float) -> int:
+    """How many uses have no source within the limit before them; times ascend."""
+    uses, sources = np.asarray(uses_ns, np.int64), np.asarray([-(2**62), *sources_ns], np.int64)
+    newest = sources[np.searchsorted(sources, uses, side="right") - 1]
+    return int(np.sum(uses - newest > round(1e9 * limit_s)))
 
 
 def _end(recording: Recording) -> End:

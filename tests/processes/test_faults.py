@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from saltus.config import RunConfig, TerrainConfig
@@ -11,7 +12,7 @@ from saltus.controller.watchdog import WatchdogConfig
 from saltus.errors import StackError
 from saltus.heightmap.service.service import LOSS_MARGIN_S
 from saltus.recordings.recording import read_recording
-from saltus.runtime.faults import judge, kill_during_run
+from saltus.runtime.faults import judge, kill_during_run, late_uses
 from saltus.runtime.stack import WITH_STANDBYS
 from saltus.wire.topics import MAX_EXTRA_AGE_S
 
@@ -23,10 +24,12 @@ def test_a_spare_camera_takes_over_or_the_robot_stands(speed: float, tmp_path: P
     first, both, config = tmp_path / "first", tmp_path / "both", replace(CONFIG, speed=speed)
     result = judge(kill_during_run(config, first, "render", 0.7, watch_s=0.5), "render", 0.7)
     assert result.end == "goes on" or result.silence_ms > 1e3 * (MAX_EXTRA_AGE_S - LOSS_MARGIN_S - POLICY_DT)
+    assert result.stale == 0
     result = judge(kill_during_run(config, both, "render", 0.7, times=2), "render", 0.7)
     assert result.told_ms <= 110.0
     assert result.back_s <= 2.0
     assert result.end == "stands"
+    assert result.stale == 0
 
 
 @pytest.mark.parametrize("process", ["heightmap", "policy"])
@@ -36,6 +39,7 @@ def test_a_killed_process_is_noticed_and_the_robot_stands(process: str, speed: f
     assert result.told_ms <= 110.0
     assert result.back_s <= 2.0
     assert result.end == "stands"
+    assert result.stale == 0
 
 
 @pytest.mark.parametrize("process", ["heightmap", "policy"])
@@ -44,6 +48,16 @@ def test_the_robot_goes_on_if_a_standby_is_in_time(process: str, speed: float, t
     recording = kill_during_run(config, tmp_path, process, after_s, watch_s=0.5, programs=WITH_STANDBYS)
     result = judge(recording, process, after_s)
     assert result.end == "goes on" or result.silence_ms > 1e3 * (WatchdogConfig().lost_age_s - 2.0 * POLICY_DT)
+    assert result.stale == 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_uses_are_late_whose_newest_source_is_older_than_the_limit(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    uses, sources = (np.sort(rng.integers(0, 10**9, 200)) for _ in range(2))
+    late = [not any(0 <= use - source <= 5_000_000 for source in sources.tolist()) for use in uses.tolist()]
+    assert late_uses(uses.tolist(), sources.tolist(), 0.005) == sum(late) > 0
+    assert late_uses(uses.tolist(), [], 1.0) == 200
 
 
 def test_a_killed_controller_ends_the_run_and_leaves_a_recording(speed: float, tmp_path: Path) -> None:

@@ -51,7 +51,7 @@ def test_a_grid_reads_back_equal_and_has_a_name_of_its_own(grid: HeightGrid) -> 
     [
         ("x = []", "x of a height grid"),
         ("x = [0.1, 0.1]", "ascend"),
-        ("x = [0.0, nan]", "finite"),
+        ("x = [0.0, nan]", "must be a number"),
         ("x = [0.0]\ny = [0.2, 0.1]", "y of a height grid"),
         ("x = [0.0]\nz = [0.0]", "unknown key 'z'"),
         ("x = 1.0", "list"),

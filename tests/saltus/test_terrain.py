@@ -239,7 +239,7 @@ BOX = "[[boxes]]\nlow = [0, 0, 0]\nhigh = [1, 1, 1]"
         ("kind = 'x'\nfinish_x = 1.0\nboxes = [3]", "table"),
         (f"kind = 'x'\nfinish_x = inf\n{BOX}", "finite"),
         (f"kind = 'x'\nfinish_x = 1.0\n{BOX}\nroll = 1.0", "unknown key"),
-        (f"kind = 'x'\nfinish_x = 1.0\n{BOX}\npitch = nan", "finite"),
+        (f"kind = 'x'\nfinish_x = 1.0\n{BOX}\npitch = nan", "must be a number"),
         ("kind = 'x'\nfinish_x = 1.0\n[[boxes]]\nlow = [0, 0, 0]\nhigh = [1, 0, 1]", "more than 0 m"),
         ("kind = 'x'\nfinish_x = 1.0\n[[boxes]]\nlow = [0, 0, 0]\nhigh = [1, 1]", "3 entries"),
         ("kind = 'x'\nfinish_x = 1.0\n[[boxes]]\ncenter = [0, 0, 0]\nsize = [1, 1, -1]", "more than 0 m"),
