@@ -5,6 +5,7 @@ import json
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -207,7 +208,18 @@ def test_others_see_the_node_its_topics_and_types(tmp_path: Path, ros_port: int)
     settings.insert_json5("connect/endpoints", json.dumps([f"tcp/127.0.0.1:{ros_port}"]))
     with speaking(tmp_path), saltus_ros2(tmp_path, ros_port, "--domain", "7") as exporter:
         next(lines_of(exporter))
+        told: set[str] = set()
+        all_told = threading.Event()
+
+        def note(sample: zenoh.Sample) -> None:
+            told.add(str(sample.key_expr))
+            if len(told) == 1 + len(SENT):  # the node and its topics
+                all_told.set()
+
         with zenoh.open(settings) as session:
+            # A router that has just let us in may not have heard of them yet
+            with session.liveliness().declare_subscriber("@ros2_lv/7/**", note, history=True):
+                assert all_told.wait(PATIENCE_S), told
             tokens = {str(reply.ok.key_expr) for reply in session.liveliness().get("@ros2_lv/7/**")}
     zid = next(iter(tokens)).split("/")[2]
     node = NodeEntity(domain_id=7, session_id=zid, node_id=0, node_name="saltus", namespace="/")
