@@ -113,10 +113,9 @@ def _measured(system: str, effort: Effort, folder: Path, trainings: Path) -> lis
     for row in (row for row in ROWS if row.needs == ABLATION and row.name != TRANSFER):
         for path in (place / f"{row.name}.json" for place in folders):
             result = _read(path, row) if path.exists() else None
-            if result is None or result["models"] != models or system not in result["numbers"]:
+            if result is None or result["models"] != models:
                 continue
-            there = zip(result["configuration"]["trainings"][system], apart(result["numbers"][system]), strict=True)
-            for training, places in there:
+            for training, places in _trainings_in(result, system):
                 if training in wanted:
                     index = wanted.index(training)
                     taken[index] = taken[index] or places
@@ -125,6 +124,14 @@ def _measured(system: str, effort: Effort, folder: Path, trainings: Path) -> lis
         return taken
     usual = [effort.seeds[0], effort.seeds[-1]]
     return [places if trials == usual else None for places, trials in zip(taken, ran, strict=True)]
+
+
+def _trainings_in(result: dict[str, Any], system: str) -> list[tuple[Any, Places]]:
+    """The trainings of a system that a result holds, and what they came to; none of results in an older form."""
+    try:
+        return list(zip(result["configuration"]["trainings"][system], apart(result["numbers"][system]), strict=True))
+    except (KeyError, TypeError, ValueError, StopIteration):
+        return []
 
 
 def made_before(row: Row, folder: Path) -> dict[str, Any] | None:

@@ -306,6 +306,11 @@ def test_an_ablation_is_measured_beside_the_full_system(
     put_policy(tmp_path, FULL, 3)
     make(row, Effort(trials=2, first_seed=FIRST_SEED + 1), tmp_path / "out", tmp_path, again=False)
     assert [setting.feedback for setting in asked] == [True] * 8, "of other trials nothing is taken"
+    asked.clear()
+    file = tmp_path / "out" / "no-feedback.json"
+    file.write_text(file.read_text().replace('"commits"', '"commit"'))
+    make(row, Effort(trials=2), tmp_path / "out", tmp_path, again=False)
+    assert [setting.feedback for setting in asked] == [True] * 8 + [False] * 2, "nothing is taken of an older form"
 
 
 def put_policy(trained: Path, name: str, seed: int) -> None:
