@@ -51,9 +51,7 @@ class Benchmark(Command):
             for profile in cases.values()
         ]
         with tqdm(total=self.trials * len(settings), unit="trial", disable=None) as bar:
-            effort = Effort(
-                trials=self.trials, first_seed=self.seed, time_limit_s=self.time_limit_s, say=lambda n: bar.update(n)
-            )
+            effort = Effort(trials=self.trials, first_seed=self.seed, time_limit_s=self.time_limit_s, say=bar.update)
             results = iter(ran(settings, effort))
         return {name: {case: summary(next(results)) for case in cases} for name in policies}
 
