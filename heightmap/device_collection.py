@@ -8,17 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from saltus.depth_camera import load_camera
-from saltus.errors import SaltusError
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.device_rollouts import DeviceRollouts, checked_device
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import Collection, collect_batches
 from saltus.heightmap.settings import DeviceCollection
 from saltus.heightmap.training.train import load_checkpoint
-from saltus.policy.training.checkpoint import read_checkpoint
-from saltus.resources import resource
-
-POLICY = "models/checkpoints/policy.pt"
+from saltus.models import model_path
+from saltus.policy.training.export import read_policy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,14 +49,14 @@ def collect(
     physics left out contacts for want of room. `code` and interruptions are as in `collect_batches`.
 
     Raises:
-        SaltusError: there is no such device, or a checkpoint cannot be read.
+        SaltusError: there is no such device, or policy or predictor cannot be read.
     """
     device = checked_device(settings.device)
     loop = replace(settings.loop, robots=-(-settings.episodes // settings.batches))
-    policy, predictor = settings.policy or _shipped_policy(), settings.predictor
+    policy, predictor = settings.policy or model_path("policy"), settings.predictor
     model = None if predictor is None else load_checkpoint(predictor)[0]
     rollouts = DeviceRollouts(
-        loop, read_checkpoint(policy), model, device=device, seed=settings.seed, profile=settings.profile
+        loop, read_policy(policy), model, device=device, seed=settings.seed, profile=settings.profile
     )
     table: dict[str, Any] = {"source": "device rollouts", "batches": settings.batches, **loop.table}
     table |= {"policy": _sha16(policy), "heights": "true" if predictor is None else _sha16(predictor)}
@@ -81,13 +78,6 @@ def collect(
     known = {folder: hardware_table(rollouts.profile, camera) for folder, camera in cameras.items()}
     datasets = [(folder, {**table, "camera": cameras[folder].record, **known[folder]}) for folder in cameras]
     return collect_batches(datasets, batches(), tell, seed=settings.seed, code=code)
-
-
-def _shipped_policy() -> Path:
-    try:
-        return resource(POLICY)
-    except SaltusError as error:
-        raise SaltusError("only a checkout has a checkpoint of the policy: name one with --policy") from error
 
 
 def _sha16(path: Path) -> str:

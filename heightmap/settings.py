@@ -245,10 +245,10 @@ class DeviceCollection:
     """How many robots in all, in equal batches; falls make more episodes of them."""
     seed: int = 0
     """Of courses, robots and cameras."""
-    policy: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="(default: this checkout's)")] = (
+    policy: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="(default: the shipped one)")] = (
         None
     )
-    """Checkpoint of the policy."""
+    """The policy: an ONNX file, or the checkpoint of a training."""
     predictor: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="(default: true heights)")] = (
         None
     )

@@ -1,23 +1,30 @@
-"""From a checkpoint to the ONNX file that the planner process runs."""
+"""From a checkpoint to the ONNX file that the planner process runs, and from that to what drives on a device."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import torch
+from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from saltus.errors import SaltusError
+from saltus.errors import ModelError, SaltusError
 from saltus.grid import HEIGHTMAP_X
+from saltus.model_file import ModelFile
 from saltus.onnx_export import write_onnx
 from saltus.policy.actor import FORMAT, PolicyActor
 from saltus.policy.bounds import ACTIONS, ActionBounds
+from saltus.policy.env.settings import TrainConfig
 from saltus.policy.features import LAYOUT, size_with
 from saltus.policy.training.checkpoint import config_of, read_checkpoint
 from saltus.policy.training.learner import make_actor
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+
+_NETWORK = "network."
+_MEAN, _STD, _VARIANCE = (f"obs_normalizer._{name}" for name in ("mean", "std", "var"))
 
 
 class DeployedPolicy(nn.Module):
@@ -28,8 +35,7 @@ class DeployedPolicy(nn.Module):
         config = config_of(checkpoint)
         self.past_steps = config.env.past_steps
         self.size = size_with(self.past_steps)
-        like = TensorDict({"policy": torch.zeros(1, self.size)}, batch_size=[1])
-        actor = make_actor(like, config.learning, config.env.bounds)
+        actor = _actor(config)
         try:
             actor.load_state_dict(checkpoint["actor_state_dict"])
         except RuntimeError as error:
@@ -64,6 +70,34 @@ def export(checkpoint: Path, path: Path) -> float:
         metadata=metadata(policy, state),
     )
     return parity(policy, path)
+
+
+def read_policy(path: Path) -> dict[str, Any]:
+    """What `DeployedPolicy` is made of: a checkpoint, or, by its suffix, an ONNX file that `export` wrote.
+
+    Raises:
+        SaltusError: the file is neither.
+    """
+    if path.suffix != ".onnx":
+        return read_checkpoint(path)
+    file = ModelFile(path)
+    if file.field("format") != FORMAT:
+        raise ModelError(f"{path} is no motion policy")
+    state = {"config": file.field("config")}
+    actor = _actor(config_of(state))
+    values = {i.name: torch.from_numpy(onnx.numpy_helper.to_array(i).copy()) for i in onnx.load(path).graph.initializer}
+    named = {name.removeprefix(_NETWORK): value for name, value in values.items() if name.startswith(_NETWORK)}
+    divisors = [value for name, value in values.items() if not name.startswith(_NETWORK)]
+    known = actor.state_dict()
+    if not {_MEAN, *(name for name in known if name.startswith("mlp."))} <= set(named) or len(divisors) != 1:
+        raise ModelError(f"{path} holds another network than this program exports: name its checkpoint")
+    std = divisors[0] - actor.obs_normalizer.eps
+    return state | {"actor_state_dict": known | named | {_STD: std, _VARIANCE: std.square()}}
+
+
+def _actor(config: TrainConfig) -> MLPModel:
+    like = TensorDict({"policy": torch.zeros(1, size_with(config.env.past_steps))}, batch_size=[1])
+    return make_actor(like, config.learning, config.env.bounds)
 
 
 def metadata(policy: DeployedPolicy, state: dict[str, Any]) -> dict[str, Any]:

@@ -28,28 +28,21 @@ from saltus.paper.training import (
     PREDICTOR,
     ROUNDS,
     TRAINED,
+    published,
 )
 from saltus.policy.evaluation.evaluate import success_interval
 from saltus.policy.training.files import COMMIT, PROGRESS
 from saltus.provenance import commit
-from saltus.resources import resource
 from saltus.robots.loading import load_robot
 from saltus.terrain.curriculum import make_terrain
 
 SIMULATION, STAND_IN = "simulation", "simulated stand-in"
-PUBLISHED = "benchmarks/paper"
-"""Results, and the trainings that they are of, in the repository."""
 TRANSFER, ROUNDS_ROW = "transfer", "predictor-rounds"
 
 
 def trainings_folder(given: Path | None) -> Path:
     """Where policies are read from; by default the published ones, of an installation without them `TRAINED`."""
-    if given is not None:
-        return given
-    try:
-        return resource(f"{PUBLISHED}/trainings")
-    except SaltusError:
-        return TRAINED
+    return published(TRAINED) if given is None else given
 
 
 Figures = dict[str, Any]

@@ -10,7 +10,6 @@ from saltus.errors import SaltusError, nearest_hint
 from saltus.folders import ask_for_room
 from saltus.models import ModelKind, model_id, model_path
 from saltus.paper.ablations import (
-    PUBLISHED,
     STAND_IN,
     TRANSFER,
     Places,
@@ -27,7 +26,7 @@ from saltus.paper.drawing import check_drawing, save
 from saltus.paper.motion import Made
 from saltus.paper.rows import ABLATION, BY_NAME, ROWS, Row
 from saltus.paper.runs import Effort
-from saltus.paper.training import CAMERA, FULL
+from saltus.paper.training import CAMERA, FULL, PUBLISHED
 from saltus.provenance import commit
 from saltus.resources import resource
 

@@ -33,17 +33,20 @@ from saltus.paper.training import (
     IMITATOR_FORMAT,
     IMITATOR_INPUTS,
     IMITATOR_OUTPUTS,
+    MODEL,
     NO_LATENCY,
     PREDICTED,
     PREDICTOR,
     ROUNDS,
+    published,
 )
 from saltus.policy.bounds import ACTIONS
 from saltus.policy.env.settings import TrainConfig as PolicyConfig
 from saltus.policy.features import PROPRIOCEPTION_SIZE
 from saltus.policy.tables import append_table
-from saltus.policy.training.checkpoint import config_of, read_checkpoint
-from saltus.policy.training.files import CHECKPOINT, COMMIT, PROGRESS
+from saltus.policy.training.checkpoint import config_of
+from saltus.policy.training.export import read_policy
+from saltus.policy.training.files import COMMIT, PROGRESS
 from saltus.provenance import commit as this_commit
 from saltus.robots.loading import load_robot
 
@@ -85,7 +88,8 @@ def train_network(
 ) -> Path:
     """Trains one of `NETWORKS`, or goes on; returns its ONNX file, beside which the predictor leaves one of each round.
 
-    The policy that drives and is imitated is the full system's of the least seed that has a checkpoint.
+    The policy that drives and is imitated is the full system's of the least seed that is trained; where none is in
+    `trained`, the published one.
 
     Args:
         name: Which one.
@@ -100,9 +104,9 @@ def train_network(
     """
     if effort is None and not torch.cuda.is_available():
         raise SaltusError(f"training '{name}' needs a GPU: {NetworkEffort().loop.robots} robots that see")
-    teachers = sorted((trained / FULL).glob(f"seed-*/{CHECKPOINT}"))
+    teachers = _trained_policies(trained) or _trained_policies(published(trained))
     if not teachers:
-        raise SaltusError(f"no checkpoint of {FULL} in {trained}: saltus paper train {FULL} --seed 0 makes one")
+        raise SaltusError(f"no policy of {FULL} in {trained}: saltus paper train {FULL} --seed 0 makes one")
     work = _Work(data=trained / "data" / f"seed-{seed}", own=trained / name / f"seed-{seed}", seed=seed,
                  teacher=teachers[0], commit=commit, effort=effort or NetworkEffort())  # fmt: skip
     work.own.mkdir(parents=True, exist_ok=True)
@@ -115,7 +119,7 @@ def train_network(
     if name == NO_LATENCY:
         return _exported(_trained(work, replace(settings, delivery="at-once")), work.own / PREDICTED, work)
     model = _trained(work, settings, shown=for_imitation)
-    return write_imitator(model, config_of(read_checkpoint(work.teacher)), work.own / IMITATOR, seed, commit)
+    return write_imitator(model, config_of(read_policy(work.teacher)), work.own / IMITATOR, seed, commit)
 
 
 def for_imitation(episode: Episode) -> Episode:
@@ -152,6 +156,10 @@ class _Plan(nn.Module):
     def forward(self, image: Tensor, age: Tensor, new: Tensor, state: Tensor, hidden: Tensor) -> tuple[Tensor, Tensor]:
         estimate, hidden = self.model.step(image, age, new, state, hidden)
         return estimate.height.clamp(-1.0, 1.0), hidden
+
+
+def _trained_policies(trained: Path) -> list[Path]:
+    return sorted((trained / FULL).glob(f"seed-*/{MODEL}"))
 
 
 def _rounds(work: "_Work") -> Path:

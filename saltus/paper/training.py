@@ -17,12 +17,15 @@ from saltus.errors import SaltusError
 from saltus.policy.env.settings import TrainConfig, for_gpu
 from saltus.policy.training.command import Train
 from saltus.policy.training.files import CHECKPOINT
+from saltus.resources import resource
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder
 
 FULL = "full-system"
 TRAINED = Path("runs/paper-train")
 """Folder of trainings: NAME/seed-N/ holds checkpoint.pt and policy.onnx."""
+PUBLISHED = "benchmarks/paper"
+"""Results, and the trainings that they are of, in the repository."""
 STEPS = 250e6
 """Environment steps of each training: 7 minutes of an H200."""
 MODEL = "policy.onnx"
@@ -60,6 +63,14 @@ ABLATIONS = {
     "no-tracking-reward": Ablation(changes={"env": {"reward": {"tracking_cost": 0.0}}}),
     "no-saturation": Ablation(without=("torque_saturation",)),
 }
+
+
+def published(otherwise: Path) -> Path:
+    """Folder of the published trainings; another one where an installation lacks them."""
+    try:
+        return resource(f"{PUBLISHED}/trainings")
+    except SaltusError:
+        return otherwise
 
 
 def find_ablation(name: str) -> Ablation:

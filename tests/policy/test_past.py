@@ -19,8 +19,9 @@ from saltus.policy.env.settings import EnvConfig, LearningConfig, TrainConfig
 from saltus.policy.evaluation.rollout import Rollout
 from saltus.policy.features import PROPRIOCEPTION_SIZE, RECALLED, SIZE, read, size_with
 from saltus.policy.observation import observe
-from saltus.policy.training.export import export
+from saltus.policy.training.export import DeployedPolicy, export, read_policy
 from saltus.policy.training.train import Rank, train
+from saltus.resources import resource
 from saltus.robots.legs import LegKinematics
 from saltus.sim.batch_engine import BatchEngine
 from saltus.terrain.batch import BOXES
@@ -48,6 +49,22 @@ def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.save(state, checkpoint)
     assert export(checkpoint, folder / "policy.onnx") < 1e-4
     return folder / "policy.onnx"
+
+
+def test_a_policys_file_drives_on_a_device_as_its_checkpoint_does(policy: Path, tmp_path: Path) -> None:
+    one, other = (DeployedPolicy(read_policy(path)) for path in (policy, policy.with_name("checkpoint.pt")))
+    given = torch.randn(100, one.size)
+    with torch.no_grad():
+        torch.testing.assert_close(one(given), other(given))
+    with pytest.raises(ModelError, match="is no motion policy"):
+        read_policy(resource("models/heightmap.onnx"))
+    file = onnx.load(policy)
+    file.graph.initializer[1].name += "x"
+    for node in file.graph.node:
+        node.input[:] = [f"{name}x" if f"{name}x" == file.graph.initializer[1].name else name for name in node.input]
+    onnx.save(file, tmp_path / "other.onnx")
+    with pytest.raises(ModelError, match="another network than this program exports"):
+        read_policy(tmp_path / "other.onnx")
 
 
 def trained(outputs: Callable[[int, Tensor], Tensor], steps: int) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:

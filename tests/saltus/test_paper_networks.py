@@ -43,7 +43,6 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("trained")
     teacher = folder / FULL / "seed-4"
     teacher.mkdir(parents=True)
-    shutil.copyfile(resource("models/checkpoints/policy.pt"), teacher / "checkpoint.pt")
     shutil.copyfile(resource("models/policy.onnx"), teacher / "policy.onnx")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(networks, "ROUNDS", 2)
@@ -121,7 +120,12 @@ def test_data_without_plans_are_not_imitated(trained: Path) -> None:
         for_imitation(shown)
 
 
-def test_without_a_policy_or_data_it_says_what_makes_them(tmp_path: Path, trained: Path) -> None:
+def test_without_a_policy_or_data_it_says_what_makes_them(
+    tmp_path: Path, trained: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(SaltusError, match="saltus paper train predictor --seed 0 makes them"):
+        train_network("imitation", 0, tmp_path, effort=TINY)  # the published policy drives
+    monkeypatch.setattr(networks, "published", lambda otherwise: otherwise)
     with pytest.raises(SaltusError, match="saltus paper train full-system --seed 0 makes one"):
         train_network("predictor", 0, tmp_path, effort=TINY)
     with pytest.raises(SaltusError, match="saltus paper train predictor --seed 5 makes them"):
