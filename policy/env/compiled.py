@@ -7,6 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+_COMPILATIONS = 10_000
+"""Of one function in a process: each environment compiles it for its own tensors. Torch would stop at 8 of them."""
 _WARM_UPS = 3  # as PyTorch's notes on CUDA graphs do: lazy initialisation is over by then
 _UNROLLED = 17  # sums of up to 16 terms are written out: the longest product here is of 16 terms
 
@@ -24,7 +26,7 @@ class Stage:
         if self._device.type != "cuda":
             return
         self._function()  # what is computed once and kept is not to be traced
-        compiled = torch.compile(self._function, backend=_fusing_backend(), dynamic=False, fullgraph=True)
+        compiled = self.compiled(_fusing_backend())
         beside = torch.cuda.Stream()
         beside.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(beside):
@@ -34,6 +36,18 @@ class Stage:
         self._graph = torch.cuda.CUDAGraph()
         with torch.cuda.graph(self._graph, capture_error_mode="thread_local"):  # NCCL has threads of its own
             compiled()
+
+    def compiled(self, backend: Callable[..., Any] | str) -> Callable[[], None]:
+        """The function as one graph, which is made by its first call."""
+        from torch._dynamo import config  # half a second, of which what runs on a CPU has no use
+
+        compiled = torch.compile(self._function, backend=backend, dynamic=False, fullgraph=True)
+
+        def call() -> None:
+            with config.patch(recompile_limit=_COMPILATIONS, accumulated_recompile_limit=_COMPILATIONS):
+                compiled()
+
+        return call
 
     def __call__(self) -> None:
         """Does it."""

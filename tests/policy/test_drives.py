@@ -26,6 +26,7 @@ from saltus.effects.profile import Profile, profile_to_toml
 from saltus.effects.registry import EFFECTS
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
+from saltus.policy.env.compiled import Stage
 from saltus.policy.env.env import JumpEnv, _reading
 from saltus.policy.env.randomisation import RandomisationConfig, WideConfig
 from saltus.policy.env.settings import EnvConfig
@@ -254,8 +255,23 @@ def test_no_stage_asks_what_its_numbers_are(tmp_path: Any) -> None:
     env = env_of(EVERYTHING, tmp_path / "all.toml", WarpEngine(ROBOT, 2, BOXES, dimensions=6, device="cpu"), ranges)
     env.step(torch.zeros(2, 10))  # what is computed once and kept is not to be traced
     for stage in env.stages:
-        torch.compile(stage._function, backend="eager", dynamic=False, fullgraph=True)()
+        stage.compiled("eager")()
     assert all(torch.isfinite(a).all() for a in (env.views.actor, env.views.critic))
+
+
+def test_a_process_compiles_the_stages_of_any_number_of_environments() -> None:
+    class Counter:
+        def __init__(self, by: float) -> None:
+            self.count, self.by = torch.zeros(1), by
+
+        @torch.no_grad()
+        def step(self) -> None:
+            self.count += self.by
+
+    counters = [Counter(float(i)) for i in range(20)]  # what is traced holds for its own numbers alone
+    for counter in counters:
+        Stage(counter.step, torch.device("cpu")).compiled("eager")()
+    assert all(counter.count == counter.by for counter in counters)
 
 
 def test_bodies_and_imus_are_those_of_the_profile(tmp_path: Any) -> None:
