@@ -25,7 +25,7 @@ def body(context: ProcessContext, robots: Sequence[str], endpoint: str, *, peer:
             contexts.append(ProcessContext(context.name, replace(context.config, prefix=robot), context.run_dir, bus))
         process = HeightmapProcess(contexts)
         for each in contexts:
-            each.ready(hot=True)
+            each.ready()
         process.run(lambda: context.stopped)
 
 

@@ -90,7 +90,7 @@ def body(context: ProcessContext) -> None:
     planner = make_planner(context.config.planner, context.robot, context.config.policy_model)
     warm_up(planner, context.robot)
     loop = PlannerLoop(context, planner)
-    context.ready(hot=True)
+    context.ready()
     loop.run()
 
 

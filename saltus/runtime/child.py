@@ -37,6 +37,8 @@ class Program:
     """In real time: whether it is started again when it dies. Otherwise its end is the end of the run."""
     spare: bool = False
     """In real time: whether another process has loaded already, to take over when it dies."""
+    hot: bool = False
+    """In real time: whether what waits works along unheard. Its state must follow from what it hears."""
 
 
 class Child:
@@ -81,7 +83,8 @@ class Child:
 
     def load(self, arguments: list[str]) -> None:
         """Starts a process that loads everything, and then waits to take over."""
-        self._waits = _Launch(self.program.module, arguments, self.log, self._clock)
+        waits = cue.WORKING if self.program.hot else cue.IDLE
+        self._waits = _Launch(self.program.module, [*arguments, cue.FLAG, waits], self.log, self._clock)
 
     def begin(self, arguments: list[str]) -> None:
         """Tells the process that waits to take over; starts one where none waits. The one before must have ended."""
@@ -140,7 +143,7 @@ class _Launch:
         self._line.setblocking(False)
         with theirs, log.open("ab") as file:
             self.process = subprocess.Popen(
-                [sys.executable, "-P", "-m", module, *arguments, cue.FLAG],
+                [sys.executable, "-P", "-m", module, *arguments],
                 stdin=theirs.fileno(),
                 stdout=file,
                 stderr=subprocess.STDOUT,

@@ -12,6 +12,8 @@ import select
 from collections.abc import Callable
 
 FLAG = "--await-cue"
+IDLE, WORKING = "idle", "working"
+"""How it waits: a process that works along hears all, and nobody hears it."""
 LOADED = b"l"
 BEGIN = b"b"
 LOOK_S = 0.1  # how often it looks whether it was told to stop

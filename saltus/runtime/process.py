@@ -3,7 +3,8 @@
 A process is a pure class with `step(...)`; its `__main__` wires it to the bus and nothing else.
 `saltus.policy.__main__` is an example: slow things first, then subscribe, then `context.ready()`, as only now the run
 begins; then a loop until `context.stopped` that calls `context.beat(...)` at least every 0.5 s and `run_process` around
-all of it. `context.ready(hot=True)` is for those that could take over at once: policy and heightmap.
+all of it. Where its row of the table says `hot`, a process of a real-time run works along from `ready` on, unheard,
+until `beat` is told that it shall begin.
 
 A loop of fixed rate uses `Ticker(rate_hz, clock=context.clock)`. A wait that belongs to the run lasts
 `context.clock.machine_s(seconds)`. The process ends by returning from the body (exit code 0), by SIGTERM or SIGINT
@@ -51,11 +52,11 @@ PEER_FLAG = "--peer"
 class ProcessContext:
     """A process and its surroundings.
 
-    If the supervisor has started it (`cued`), `ready` waits for it (`saltus.runtime.cue`), and in real time the
-    scheduler is asked to prefer it.
+    If the supervisor has started it (`cued`, how it waits: see `saltus.runtime.cue`), it begins when it is told to, and
+    in real time the scheduler is asked to prefer it.
     """
 
-    def __init__(self, name: str, run_config: RunConfig, run_dir: Path, bus: Bus, *, cued: bool = False) -> None:
+    def __init__(self, name: str, run_config: RunConfig, run_dir: Path, bus: Bus, *, cued: str = "") -> None:
         self.name = name
         self.config = run_config
         self.run_dir = run_dir
@@ -92,13 +93,13 @@ class ProcessContext:
         """Hardware of the run, without what its trial draws; the errors of `load_profile`."""
         return self.camera.delivered(load_profile(self.config.profile, self.robot))
 
-    def ready(self, *, hot: bool = False) -> None:
+    def ready(self) -> None:
         """Says that everything is loaded and subscribed; nothing is reported before. Returns when it shall begin.
 
-        In real time it returns at once where the process is a `hot` standby: it works along and nobody hears it, until
-        `beat` is told that it shall begin. Its state follows from what it hears, so that it takes over without a gap.
+        In real time it returns at once where the process is to work along: nobody hears it until `beat` is told that it
+        shall begin. Its state follows from what it hears, so that it takes over without a gap.
         """
-        if self._cued and hot and self.config.pace == "realtime":
+        if self._cued == cue.WORKING and self.config.pace == "realtime":
             cue.say_loaded()
             self.bus.muted = True
         elif self._cued and not cue.await_cue(lambda: self.stopped):
@@ -176,7 +177,13 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
     parser.add_argument(
         PEER_FLAG, action="store_true", help="link to others on the router's machine, which is this one"
     )
-    parser.add_argument(cue.FLAG, action="store_true", dest="cued", help="wait for the supervisor when all is loaded")
+    parser.add_argument(
+        cue.FLAG,
+        choices=(cue.IDLE, cue.WORKING),
+        default="",
+        dest="cued",
+        help="wait for the supervisor when all is loaded",
+    )
     options = parser.parse_args(arguments)
     try:
         run_config = config.load(RunConfig, options.run_dir / RUN_FILE)

@@ -41,15 +41,15 @@ from saltus.wire.zenoh_bus import ZenohBus
 PROGRAMS = (
     # Open3D alone takes half a second of a free processor, and several on a busy machine
     Program(name="render", module="saltus.render", restart=True, spare=True),
-    Program(name="heightmap", module="saltus.heightmap", restart=True),
-    Program(name="policy", module="saltus.policy", restart=True),
+    Program(name="heightmap", module="saltus.heightmap", restart=True, hot=True),
+    Program(name="policy", module="saltus.policy", restart=True, hot=True),
     # Holds the robot: the run begins when it begins, so it is started last, and ends when it ends
     Program(name="controller", module="saltus.controller", restart=False),
 )
 
-WITH_STANDBYS = tuple(replace(program, spare=program.restart) for program in PROGRAMS)
-"""The same with a service and a planner more that work along unheard. A robot among stepping stones can then go on, and
-cannot land well; but on two cores ages have a p99 of 30 to 58 ms instead of 10."""
+WITH_STANDBYS = tuple(replace(program, spare=program.restart, hot=program.restart) for program in PROGRAMS)
+"""The same with a camera, a service and a planner more that work along unheard. A robot among stepping stones can then
+go on, and cannot land well; but on two cores ages have a p99 of 30 to 58 ms instead of 10."""
 
 READY_TIMEOUT_S = 30.0
 HUNG_S = 1.6
