@@ -13,7 +13,7 @@ from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import SaltusError
 from saltus.models import model_id
-from saltus.paper.drawing import OTHER, OURS, subplots
+from saltus.paper.drawing import OTHER, OURS, legend, subplots
 from saltus.paper.motion import STAIRS, Made
 from saltus.paper.runs import Effort, Ran, Setting, ran
 from saltus.paper.stand_in import STAND_IN_SEED, stand_in
@@ -70,6 +70,12 @@ SYSTEMS = {
 }
 """By name. A predictor's last round is that which others of the same data stand beside."""
 LAST = f"round {ROUNDS}"
+_NETWORKS = {
+    PREDICTOR: ("predictor, cm", 100.0),
+    NO_LATENCY: ("without delay, cm", 100.0),
+    IMITATION: ("imitated plans, % of range", 50.0),
+}
+"""What is drawn of a network's training: its error on the windows that it is shown; plans lie within [-1, 1]."""
 
 
 def shown_in(row: str, trained: Path) -> tuple[str, ...]:
@@ -185,11 +191,12 @@ def compare(systems: Mapping[str, Mapping[str, Any]], trained: Path) -> Made:
 
 
 def learning_curves(_: Effort, trained: Path) -> Made:
-    """What each training of the full system came to by experience."""
+    """What each training of the full system came to by experience, and those of the networks that see by updates."""
     columns = {"reward": "reward of an iteration", "stairs/level": "stairs", "stepping_stones/level": "stones"}
     columns |= {"step/level": "step", "gap/level": "gap"}
     curves = [_progress(policy.parent / PROGRESS) for (policy,) in files_of(FULL, trained)]
-    figure, axes = subplots(1, len(columns), 2.6, sharex=True)
+    errors = _errors(trained)
+    figure, (axes, below) = subplots(2, len(columns), 4.6, sharex="row")
     shortest = min(curves, key=lambda curve: len(curve["steps"]))
     million = 1e-6 * shortest["steps"]
     for axis, (column, title) in zip(axes, columns.items(), strict=True):
@@ -198,27 +205,65 @@ def learning_curves(_: Effort, trained: Path) -> Made:
         axis.plot(million, values.mean(axis=0), color=OURS)
         axis.set_title(f"{title}{', level' if column.endswith('level') else ''}", loc="left", fontsize=9)
         axis.set_xlabel("million steps")
+    for axis in below[len(_NETWORKS) :]:
+        axis.set_axis_off()
+    for axis, (part, (title, unit)) in zip(below, _NETWORKS.items(), strict=False):
+        for name, curve in errors[part].items():
+            axis.plot(curve["update"], unit * curve["error"], label=name, linewidth=0.8)
+        axis.set_ylim(bottom=0.0)
+        axis.set_title(title, loc="left", fontsize=9)
+        axis.set_xlabel("updates")
+    legend(below[0], fontsize=7)
     numbers = {
         "seeds": len(curves),
         "million_steps": [round(float(1e-6 * curve["steps"][-1]), 1) for curve in curves],
         "minutes": [round(float(curve["seconds"][-1]) / 60.0, 1) for curve in curves],
         "at_the_end": {column: [round(float(curve[column][-1]), 2) for curve in curves] for column in columns},
+        "networks": {
+            part: {name: _tenths(unit * curve["error"]) for name, curve in errors[part].items()}
+            for part, (_, unit) in _NETWORKS.items()
+        },
     }
     configuration = {
         "band": "least to greatest of the seeds; line: mean",
+        "networks": "least seed; mean error in the last but one tenth of a training, and in the last: "
+        + ", ".join(title for title, _ in _NETWORKS.values()),
         "trainings": {FULL: trainings_of(FULL, trained)},
     }
     return Made(numbers=numbers, figure=figure, configuration=configuration)
 
 
+def _errors(trained: Path) -> dict[str, dict[str, dict[str, Floats]]]:
+    """What the networks of the least seed came to by updates: of each that is trained its parts, by their names."""
+    found: dict[str, dict[str, dict[str, Floats]]] = {part: {} for part in _NETWORKS}
+    for part, curves in found.items():
+        for path in sorted((trained / part).glob(f"seed-*/{PROGRESS}"))[:1]:
+            columns = _columns(path)
+            for name in dict.fromkeys(columns["network"]):
+                mine = np.array([each == name for each in columns["network"]])
+                shown = f"round {int(name.removeprefix('round-')) + 1}" if part == PREDICTOR else part
+                curves[shown] = {key: np.array(columns[key], float)[mine] for key in ("update", "error")}
+    return found
+
+
+def _tenths(error: Floats) -> list[float]:
+    """Means of the last but one tenth, and of the last."""
+    tenth = max(1, len(error) // 10)
+    return [round(float(np.mean(error[-2 * tenth : -tenth])), 3), round(float(np.mean(error[-tenth:])), 3)]
+
+
 def _progress(path: Path) -> dict[str, Floats]:
+    """The columns of a policy's table."""
+    return {name: np.array(column, float) for name, column in _columns(path).items()}
+
+
+def _columns(path: Path) -> dict[str, tuple[str, ...]]:
     """The columns of a training's table; `SaltusError` where there is none."""
     try:
-        lines = path.read_text().splitlines()
+        names, *rows = (line.split(",") for line in path.read_text().splitlines())
     except OSError as error:
         raise SaltusError(f"cannot read {path}, the table of a training") from error
-    rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
-    return dict(zip(lines[0].split(","), rows.T, strict=True))
+    return dict(zip(names, zip(*rows, strict=True), strict=True))
 
 
 def _figures(runs: Sequence[Ran]) -> Figures:

@@ -22,6 +22,7 @@ from saltus.errors import SaltusError
 from saltus.folders import differences
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.mounts import PITCH_ERROR, POSITION_ERROR_M
+from saltus.model_file import ModelFile
 from saltus.paper import ablations, drawing, making, motion, new_ground, sysid
 from saltus.paper.ablations import files_of, trainings_of
 from saltus.paper.drawing import save, subplots
@@ -29,7 +30,7 @@ from saltus.paper.making import check_makeable, is_makeable, made_before, make, 
 from saltus.paper.rows import ABLATION, BY_NAME, NEEDS, ROWS, SOURCES, Row
 from saltus.paper.runs import FIRST_SEED, Effort, Ran, Setting, ran
 from saltus.paper.stand_in import STAND_IN_SEED, stand_in
-from saltus.paper.training import ABLATIONS, FULL, config_of
+from saltus.paper.training import ABLATIONS, FULL, IMITATOR, config_of
 from saltus.policy.env.settings import for_gpu
 from saltus.policy.evaluation.trace import Trace
 from saltus.provenance import commit
@@ -121,8 +122,8 @@ def test_every_number_of_ours_that_stands_beside_the_papers_is_among_the_publish
     for row in (row for row in ROWS if row.needs == ABLATION and row.name in published):
         for system, trainings in published[row.name]["configuration"]["trainings"].items():
             assert trainings == trainings_of(system, RESULTS / "trainings"), "measured again since the last training"
-            policies = [files[0] for files in files_of(system, RESULTS / "trainings")]
-            assert [config_file(policy)["seed"] for policy in policies] == [known["seed"] for known in trainings]
+            files = files_of(system, RESULTS / "trainings")
+            assert [seed_of(of_one_seed[0]) for of_one_seed in files] == [known["seed"] for known in trainings]
 
 
 @pytest.mark.parametrize("row", [row for row in ROWS if row.needs == ABLATION], ids=lambda row: row.name)
@@ -133,6 +134,13 @@ def test_the_page_shows_published_results_of_ablations_without_measuring_them(
     if is_makeable(row, None):
         numbers = make(row, Effort(), tmp_path, again=False)["numbers"]
         assert numbers == json.loads((RESULTS / f"{row.name}.json").read_text())["numbers"]
+
+
+def seed_of(model: Path) -> int:
+    """By the file itself."""
+    seed = ModelFile(model).field("seed") if model.name == IMITATOR else config_file(model)["seed"]
+    assert isinstance(seed, int)
+    return seed
 
 
 def config_file(policy: Path) -> dict[str, Any]:
@@ -332,10 +340,15 @@ def test_learning_curves_are_those_of_the_trainings(tmp_path: Path) -> None:
         rows = [[1e6 * k, 60.0 * k, *(seed + k for _ in columns[2:])] for k in range(1, count)]
         lines = [",".join(columns), *(",".join(map(str, row)) for row in rows)]
         (folder / "progress.csv").write_text("\n".join(lines))
+    (tmp_path / "predictor" / "seed-3").mkdir(parents=True)
+    errors = [f"round-{k},{100 * j},1.0,{0.01 * (20 - j - 10 * k)}" for k in (0, 1) for j in range(10)]
+    (tmp_path / "predictor" / "seed-3" / "progress.csv").write_text("\n".join(["network,update,loss,error", *errors]))
     check_makeable(BY_NAME["learning-curves"], tmp_path / "out", tmp_path)
     numbers = make(BY_NAME["learning-curves"], Effort(), tmp_path / "out", tmp_path)["numbers"]
     assert (numbers["seeds"], numbers["million_steps"], numbers["minutes"]) == (2, [3.0, 5.0], [3.0, 5.0])
     assert numbers["at_the_end"]["stairs/level"] == [3.0, 6.0]
+    assert numbers["networks"]["predictor"] == {"round 1": [12.0, 11.0], "round 2": [2.0, 1.0]}
+    assert numbers["networks"]["imitation"] == {}
     (tmp_path / FULL / "seed-1" / "progress.csv").unlink()
     with pytest.raises(SaltusError, match=r"cannot read .*progress.csv"):
         make(BY_NAME["learning-curves"], Effort(), tmp_path / "out", tmp_path)
