@@ -52,7 +52,7 @@ def write_confusion(cases: list[Case], directory: Path) -> None:
     )
     figure.update_layout(width=1100, height=950, xaxis_title="said", yaxis_title="true", yaxis_autorange="reversed")
     figure.update_traces(colorscale="Blues", showscale=False, xgap=1, ygap=1)
-    figure.write_html(directory / "confusion.html", include_plotlyjs="cdn")
+    figure.write_html(directory / "confusion.html", include_plotlyjs="directory")
 
 
 def _line(case: Case) -> list[str]:
