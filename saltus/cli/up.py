@@ -24,8 +24,8 @@ class Up(RunOptions, NetworkOptions):
 
     pace: Pace = "realtime"
     standbys: Flag = False
-    """Heightmap service and planner each have a second process that goes on where the first was killed, as the camera
-    always has; on two cores they take the others' time."""
+    """Camera, heightmap service and planner each have a second process that works along unheard, and goes on where the
+    first was killed; without, the camera has one that waits. On two cores they take the others' time."""
 
     def run(self) -> int:
         """Runs until the end and says how it went; 0 then, 130 after Ctrl-C (the recording is closed either way)."""
