@@ -1,5 +1,6 @@
 """`saltus record`: record a stack that somebody else has started, and repair recordings."""
 
+import contextlib
 import math
 import time
 from collections.abc import Callable
@@ -46,15 +47,15 @@ def record(run_dir: Path, endpoint: str | None, begin: Callable[[], Path], secon
     Raises:
         StackError: no router answers at the endpoint, by default that of the folder of the run.
     """
+    from saltus.interrupts import WHOLE
     from saltus.recordings.recorder import Recorder
     from saltus.runtime.run_folder import endpoint_of, read_run
     from saltus.wire.zenoh_bus import ZenohBus
 
     run = read_run(run_dir)
-    with (
-        ZenohBus(endpoint or endpoint_of(run_dir), run.config.prefix) as bus,
-        Recorder(begin(), run.config, run.robot, run.terrain, run.camera) as recorder,
-    ):
+    with ZenohBus(endpoint or endpoint_of(run_dir), run.config.prefix) as bus, contextlib.ExitStack() as resources:
+        with WHOLE:  # who is interrupted has a recording that ends, or none
+            recorder = resources.enter_context(Recorder(begin(), run.config, run.robot, run.terrain, run.camera))
         stream, end_s = bus.stream(), time.monotonic() + seconds
         while bus.connected() and time.monotonic() < end_s:
             for raw in stream.drain():

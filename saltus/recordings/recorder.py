@@ -95,12 +95,14 @@ class Recorder:
         self._viewer = Viewer(robot, terrain)
         self._begun = False
         self._flushed_s = time.monotonic()
-        with _writing(path):
-            self._file = path.open("wb", buffering=CHUNK_BYTES)  # a full disk shows at the first flush
-        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        setattr(self._writer, CHUNK_INDICES, PackedIndex())
-        self._writer.start(profile=PROFILE, library=LIBRARY)
-        self._writer.add_metadata(METADATA, describe(run_config, robot, terrain, camera))
+        about = describe(run_config, robot, terrain, camera)
+        with WHOLE:  # a file that is there has a beginning
+            with _writing(path):
+                self._file = path.open("wb", buffering=CHUNK_BYTES)  # a full disk shows at the first flush
+            self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+            setattr(self._writer, CHUNK_INDICES, PackedIndex())
+            self._writer.start(profile=PROFILE, library=LIBRARY)
+            self._writer.add_metadata(METADATA, about)
 
     def write(self, raw: RawSample) -> None:
         """Records one sample of a recorded topic; counts what is malformed."""

@@ -22,6 +22,7 @@ from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.depth_camera import load_camera
 from saltus.errors import MessageError, RecordingError, StackError, nearest_hint
+from saltus.interrupts import WHOLE
 from saltus.recordings.recorder import RECORDING_FILE, Recorder
 from saltus.robots.loading import load_robot
 from saltus.runtime.child import Child, Program, name_exit
@@ -196,8 +197,9 @@ class Stack:
         self._resources.callback(self._bus.close)
         self._stream = self._bus.stream()
         self._events = self._bus.publisher("event", SUPERVISOR)
-        self._recorder = Recorder(self.recording, self.config, self.robot, self.terrain, self.camera)
-        self._resources.push(self._close_recorder)
+        with WHOLE:  # who is interrupted has a recording that ends, or none
+            self._recorder = Recorder(self.recording, self.config, self.robot, self.terrain, self.camera)
+            self._resources.push(self._close_recorder)
         self._resources.callback(self._stop, restart=True)
         self._resources.callback(self._stop, restart=False)  # first of all: the robot comes to a stand
 

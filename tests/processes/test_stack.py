@@ -8,12 +8,15 @@ import textwrap
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
 
 from saltus.config import Pace, RunConfig
 from saltus.errors import RecordingError, StackError
+from saltus.interrupts import WHOLE
+from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import read_recording
 from saltus.runtime import stack as module
 from saltus.runtime.child import Program
@@ -136,6 +139,20 @@ def test_a_process_that_is_never_ready_is_named(tmp_path: Path, monkeypatch: pyt
     ):
         pass
     assert not children_of_run(tmp_path)
+
+
+def test_who_is_interrupted_while_a_recording_begins_has_one_that_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def begun(*arguments: Any) -> Recorder:
+        recorder = Recorder(*arguments)
+        WHOLE.interrupt(KeyboardInterrupt())
+        return recorder
+
+    monkeypatch.setattr(module, "Recorder", begun)
+    with pytest.raises(KeyboardInterrupt), Stack(RunConfig(), tmp_path, (CONSUMER, STATES)):
+        pass
+    assert read_recording(tmp_path / "recording.mcap").complete
 
 
 def test_processes_do_not_outlive_a_killed_supervisor(tmp_path: Path) -> None:
