@@ -70,6 +70,8 @@ SYSTEMS = {
 }
 """By name. A predictor's last round is that which others of the same data stand beside."""
 LAST = f"round {ROUNDS}"
+WHOLE = (FULL, LAST)
+"""What others are held against: the full system with the shipped predictor, and with one of the same data."""
 _NETWORKS = {
     PREDICTOR: ("predictor, cm", 100.0),
     NO_LATENCY: ("without delay, cm", 100.0),
@@ -165,13 +167,13 @@ def _setting(files: tuple[Path, ...]) -> Setting:
 
 
 def compare(systems: Mapping[str, Mapping[str, Any]], trained: Path) -> Made:
-    """Systems beside each other: what `measure` came to, by name; the first is what others are held against."""
+    """Systems beside each other: what `measure` came to, by name."""
     places = list(next(iter(systems.values())))
     figure, axes = subplots(1, len(places), 1.1 + 0.42 * len(systems), sharey=True, sharex=True, squeeze=False)
     for axis, where in zip(axes[0], places, strict=True):
-        for row, numbers in enumerate(systems.values()):
+        for row, (name, numbers) in enumerate(systems.items()):
             figures = numbers[where]
-            axis.barh(row, figures["steps"], 0.6, color=OURS if row == 0 else OTHER, alpha=0.5)
+            axis.barh(row, figures["steps"], 0.6, color=OURS if name in WHOLE else OTHER, alpha=0.5)
             axis.plot(figures["steps_of_each_seed"], [row] * len(figures["success"]), "k.", markersize=4)
             axis.text(14.5, row, _share(figures), va="center", fontsize=8)
         axis.set_yticks(range(len(systems)), list(systems))

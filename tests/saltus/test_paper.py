@@ -27,6 +27,7 @@ from saltus.paper import ablations, drawing, making, motion, new_ground, sysid
 from saltus.paper.ablations import files_of, trainings_of
 from saltus.paper.drawing import save, subplots
 from saltus.paper.making import check_makeable, is_makeable, made_before, make, number_at
+from saltus.paper.report import write_report
 from saltus.paper.rows import ABLATION, BY_NAME, NEEDS, ROWS, SOURCES, Row
 from saltus.paper.runs import FIRST_SEED, Effort, Ran, Setting, ran
 from saltus.paper.stand_in import STAND_IN_SEED, stand_in
@@ -195,6 +196,20 @@ def test_the_page_never_mixes_a_robot_with_a_simulation(tmp_path: Path, capsys: 
             ours = ("7.5", "simulation") if number.ours == "jumps.median" else ("-", "-")
             cells = "".join(f"<td>{cell}</td>" for cell in (number.what, number.paper, number.source, *ours))
             assert cells in part
+
+
+def test_the_page_says_at_its_head_what_each_part_is_worth(tmp_path: Path) -> None:
+    rows = [row.name for row in ROWS if row.needs == ABLATION and (RESULTS / f"{row.name}.json").exists()]
+    for name in rows:
+        (tmp_path / f"{name}.png").write_bytes(b"drawn")
+    results = {name: json.loads((RESULTS / f"{name}.json").read_text()) for name in rows}
+    head = write_report(results, tmp_path).read_text().split("<h2")[1]
+    for system, places in results["transfer"]["numbers"].items():
+        (figures,) = places.values()
+        told = f"{sum(figures['success'])} of {figures['trials'] * len(figures['success'])} ("
+        (line,) = (line for line in head.split("<tr>") if f"<td>{system}</td>" in line)
+        assert told in line.split("<td>")[3]
+        assert line.split("<td>")[2][0].isdigit()
 
 
 def test_a_page_takes_no_rows_of_other_models_and_no_files_of_others(tmp_path: Path) -> None:
