@@ -57,12 +57,12 @@ def terrains(effort: Effort) -> Made:
     numbers = {}
     for axis, (name, course) in zip(axes, COURSES.items(), strict=True):
         made = [make_terrain(TerrainConfig(terrain=course.terrain, difficulty=d)) for d in difficulties]
-        for terrain, shade in zip(reversed(made), ("0.85", "0.65", "0.4"), strict=True):
+        for terrain, shade in zip(reversed(made), ("tab:red", "tab:orange", "tab:green"), strict=True):
             x = np.linspace(0.0, 6.5, 2000)
-            axis.plot(x, terrain.height_at(x, np.zeros_like(x)), color=shade, label=_sizes(terrain))
+            axis.plot(x, terrain.height_at(x, np.zeros_like(x)), color=shade, linewidth=1, label=_sizes(terrain))
         axis.set_ylabel("z [m]")
         axis.set_title(name, loc="left", fontsize=10)
-        legend(axis, loc="upper left", fontsize=7)
+        legend(axis, loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
         numbers[name] = {f"difficulty {d:g}": dict(t.params) for d, t in zip(difficulties, made, strict=True)}
     axes[-1].set_xlabel("x [m]")
     return Made(numbers=numbers, figure=figure, configuration={"difficulties": difficulties})
@@ -190,13 +190,14 @@ def no_feedback_deployment(effort: Effort) -> Made:
     for i, (label, colour) in enumerate((("with feedback", OURS), ("without", OTHER))):
         axes[0].bar(place + 0.4 * i, [numbers[n][label]["success"] for n in COURSES], 0.38, color=colour, label=label)
         steps = [run.edges_passed for run in results[i * len(COURSES)]]
-        axes[1].hist(steps, bins=np.arange(-0.5, 15.5), alpha=0.6, color=colour, label=label)
-    axes[0].set_xticks(place + 0.2, list(COURSES), rotation=20)
+        axes[1].hist(steps, bins=np.arange(-0.5, 15.5), rwidth=0.8, alpha=0.6, color=colour, label=label)
+    axes[0].set_xticks(place + 0.2, list(COURSES), rotation=20, fontsize=8)
+    axes[0].set_ylim(0.0, 1.25 * effort.trials)  # room for what the colours mean
     axes[0].set_title(f"successes of {effort.trials}", loc="left", fontsize=10)
     axes[1].set_title("steps of the staircase before failure (14: all)", loc="left", fontsize=10)
     axes[1].set_xlabel("steps")
     axes[1].set_ylabel("trials")
-    legend(axes[0], fontsize=8)
+    legend(axes[0], fontsize=8, ncols=2, loc="upper left")
     return Made(numbers=numbers, figure=figure, configuration=_courses(COURSES))
 
 
@@ -381,7 +382,7 @@ def _side(axis: Any, run: Ran, low: float, high: float) -> None:
         axis.plot(*places.T, "o", color=colour, markersize=5, label=f"{pair} feet")
     axis.set_xlabel("x [m]")
     axis.set_ylabel("z [m]")
-    legend(axis, fontsize=8, loc="upper left")
+    legend(axis, fontsize=8, loc="lower right")  # on the ground
 
 
 def _draw_boxes(axis: Any, terrain: Terrain) -> None:
