@@ -83,9 +83,10 @@ def read_policy(path: Path) -> dict[str, Any]:
     file = ModelFile(path)
     if file.field("format") != FORMAT:
         raise ModelError(f"{path} is no motion policy")
-    state = {"config": file.field("config")}
+    state = {"config": str(file.field("config"))}
     actor = _actor(config_of(state))
-    values = {i.name: torch.from_numpy(onnx.numpy_helper.to_array(i).copy()) for i in onnx.load(path).graph.initializer}
+    graph = onnx.load(path, load_external_data=False).graph
+    values = {each.name: torch.from_numpy(onnx.numpy_helper.to_array(each).copy()) for each in graph.initializer}
     named = {name.removeprefix(_NETWORK): value for name, value in values.items() if name.startswith(_NETWORK)}
     divisors = [value for name, value in values.items() if not name.startswith(_NETWORK)]
     known = actor.state_dict()

@@ -263,9 +263,9 @@ def _columns(path: Path) -> dict[str, tuple[str, ...]]:
     """The columns of a training's table; `SaltusError` where there is none."""
     try:
         names, *rows = (line.split(",") for line in path.read_text().splitlines())
-    except OSError as error:
+        return dict(zip(names, zip(*rows, strict=True), strict=True))
+    except (OSError, ValueError) as error:
         raise SaltusError(f"cannot read {path}, the table of a training") from error
-    return dict(zip(names, zip(*rows, strict=True), strict=True))
 
 
 def _figures(runs: Sequence[Ran]) -> Figures:

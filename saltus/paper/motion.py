@@ -195,8 +195,7 @@ def no_feedback_deployment(effort: Effort) -> Made:
     axes[0].set_ylim(0.0, 1.25 * effort.trials)  # room for what the colours mean
     axes[0].set_title(f"successes of {effort.trials}", loc="left", fontsize=10)
     axes[1].set_title("steps of the staircase before failure (14: all)", loc="left", fontsize=10)
-    axes[1].set_xlabel("steps")
-    axes[1].set_ylabel("trials")
+    axes[1].set(xlabel="steps", ylabel="trials")
     legend(axes[0], fontsize=8, ncols=2, loc="upper left")
     return Made(numbers=numbers, figure=figure, configuration=_courses(COURSES))
 

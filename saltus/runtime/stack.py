@@ -71,7 +71,7 @@ class Stack:
 
     `run_dir` gets the files of `saltus.runtime.run_folder`, `recording.mcap` and `logs/<process>.log`; in run.toml the
     start of the run on the monotonic clock is filled in. With `network` others join over it. All limits below are in
-    the clock of this run.
+    the clock of this run. Threads that this process starts later share one heap (`saltus.runtime.memory`).
 
     Raises:
         ConfigError, ModelError: there is no such robot, terrain or camera.

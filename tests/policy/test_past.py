@@ -12,7 +12,7 @@ from samples import ROBOT
 from torch import Tensor
 
 from saltus.config import TerrainConfig
-from saltus.errors import ConfigError, ModelError
+from saltus.errors import ConfigError, ModelError, SaltusError
 from saltus.policy.actor import PolicyActor
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig, LearningConfig, TrainConfig
@@ -59,6 +59,12 @@ def test_a_policys_file_drives_on_a_device_as_its_checkpoint_does(policy: Path, 
     with pytest.raises(ModelError, match="is no motion policy"):
         read_policy(resource("models/heightmap.onnx"))
     file = onnx.load(policy)
+    (config,) = (entry for entry in file.metadata_props if entry.key == "config")
+    known, config.value = config.value, "3"
+    onnx.save(file, tmp_path / "other.onnx")
+    with pytest.raises(SaltusError, match="configuration does not fit"):
+        read_policy(tmp_path / "other.onnx")
+    config.value = known
     file.graph.initializer[1].name += "x"
     for node in file.graph.node:
         node.input[:] = [f"{name}x" if f"{name}x" == file.graph.initializer[1].name else name for name in node.input]
