@@ -148,13 +148,25 @@ def stale_uses(recording: Recording) -> int:
     image = depth_topic(recording.camera.latency_s or CAMERA_LATENCY_S)
     good = [heightmap for heightmap in recording.of(Heightmap) if heightmap.status not in BLIND]
     plans = [plan.time_ns for plan in recording.of(MotionPlan) if plan.status == PlanStatus.GO]
-    followed = [state.time_ns for state in recording.of(RobotState) if state.mode in FOLLOWING]
     heights, step_s = TOPICS["heightmap/heightmap"], POLICY_DT  # what is used now was made a step ago
+    states = recording.of(RobotState)
+    decided = decided_ns([state.time_ns for state in states])
+    followed = [time_ns for time_ns, state in zip(decided, states, strict=True) if state.mode in FOLLOWING]
     return (
         sum(heightmap.depth_age_s > image.invalid_age_s for heightmap in good)
         + late_uses(plans, [heightmap.time_ns for heightmap in good], heights.invalid_age_s + step_s)
         + late_uses(followed, plans, TOPICS["policy/plan"].invalid_age_s + step_s)
     )
+
+
+def decided_ns(states_ns: Sequence[int]) -> list[int]:
+    """When the controller decided the mode that a state tells: before it could have the plan that answers this state.
+
+    That was in the step before, also where the controller itself was held up between the two.
+    """
+    step_ns = round(1e9 * POLICY_DT)
+    befores = [states_ns[0] - step_ns, *states_ns[:-1]]
+    return [min(now - 1, before + step_ns) for before, now in zip(befores, states_ns, strict=True)]
 
 
 def late_uses(uses_ns: Sequence[int], sources_ns: Sequence[int], limit_s: float) -> int:

@@ -12,7 +12,7 @@ from saltus.controller.watchdog import WatchdogConfig
 from saltus.errors import StackError
 from saltus.heightmap.service.service import LOSS_MARGIN_S
 from saltus.recordings.recording import read_recording
-from saltus.runtime.faults import judge, kill_during_run, late_uses
+from saltus.runtime.faults import decided_ns, judge, kill_during_run, late_uses
 from saltus.runtime.stack import WITH_STANDBYS
 from saltus.wire.topics import MAX_EXTRA_AGE_S
 
@@ -58,6 +58,16 @@ def test_uses_are_late_whose_newest_source_is_older_than_the_limit(seed: int) ->
     late = [not any(0 <= use - source <= 5_000_000 for source in sources.tolist()) for use in uses.tolist()]
     assert late_uses(uses.tolist(), sources.tolist(), 0.005) == sum(late) > 0
     assert late_uses(uses.tolist(), [], 1.0) == 200
+
+
+@pytest.mark.parametrize("held_up_ns", [0, 7, 400_000_000])
+def test_what_a_state_tells_was_decided_before_it_and_while_the_controller_was_awake(held_up_ns: int) -> None:
+    step_ns = round(1e9 * POLICY_DT)
+    times = np.cumsum([0, step_ns, step_ns - 5, step_ns + held_up_ns, step_ns]).tolist()
+    decided = decided_ns(times)
+    assert all(0 < now - then <= max(1, held_up_ns) for now, then in zip(times, decided, strict=True))
+    assert late_uses(decided, [-step_ns, *times[:-1]], 1e-9 * step_ns) == 0, "plans of the step before"
+    assert late_uses(decided[3:], times[:1], 1e-9 * step_ns) == 2, "plans that no longer come"
 
 
 def test_a_killed_controller_ends_the_run_and_leaves_a_recording(speed: float, tmp_path: Path) -> None:
