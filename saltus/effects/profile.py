@@ -77,6 +77,11 @@ class Profile:
             profile = replace(profile, **{part: (*others, effect)})
         return profile
 
+    def without(self, *names: str) -> "Profile":
+        """Without the effects of these names."""
+        parts = {part.name: getattr(self, part.name) for part in fields(self)}
+        return Profile(**{part: tuple(e for e in effects if e.name not in names) for part, effects in parts.items()})
+
     @property
     def effects(self) -> dict[str, Effect[Any]]:
         """All effects by their names."""

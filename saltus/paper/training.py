@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from saltus.config import DEFAULT_ROBOT, changed
-from saltus.effects.profile import SHIPPED, Profile, load_profile, profile_to_toml
+from saltus.effects.profile import SHIPPED, load_profile, profile_to_toml
 from saltus.errors import SaltusError
 from saltus.policy.env.settings import TrainConfig, for_gpu
 from saltus.policy.training.command import Train
@@ -129,11 +129,8 @@ def train(name: str, seed: int, trained: Path, minutes: float, commit: str | Non
 
 def _profile(ablation: Ablation, folder: Path) -> Path:
     shipped = load_profile(SHIPPED, load_robot(DEFAULT_ROBOT))
-    known = {
-        part: tuple(e for e in effects if e.name not in ablation.without) for part, effects in vars(shipped).items()
-    }
     path = folder / "profile.toml"
-    path.write_text(profile_to_toml(Profile(**known)))
+    path.write_text(profile_to_toml(shipped.without(*ablation.without)))
     return path
 
 
