@@ -1,12 +1,15 @@
 """Which effects of the stand-in for the real robot are hard: each alone in the shipped profile, and all of them.
 
 On 14 stairs of 0.20 m, as the ablations of `saltus paper`; by default the shipped policy, else those that are named.
+With `--left-out` effects it is all of them, and all but each of these.
 
     saltus bench stand_in
     saltus bench stand_in -- benchmarks/paper/trainings/full-system/seed-0/policy.onnx --trials 24
+    saltus bench stand_in -- --left-out viscous_friction coulomb_friction
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,6 +21,7 @@ from tqdm import tqdm
 from benchmarks._command import Command
 from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import SHIPPED, Profile, load_profile
+from saltus.errors import SaltusError, nearest_hint
 from saltus.paper.motion import STAIRS
 from saltus.paper.runs import Effort, Ran, Setting, ran
 from saltus.paper.stand_in import stand_in
@@ -32,6 +36,8 @@ NONE, ALL = "none", "all"
 class Benchmark(Command):
     policies: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
     """ONNX files; by default the shipped policy."""
+    left_out: tuple[str, ...] = ()
+    """Effects of the stand-in."""
     trials: int = 24
     """Of each policy with each effect."""
     seed: int = 140_000
@@ -43,7 +49,7 @@ class Benchmark(Command):
         policies: dict[str, Path | None] = {str(path): path for path in self.policies} or {"shipped": None}
         for policy in policies.values():  # what is wrong with one is said before anything runs
             make_planner("learned", load_robot(DEFAULT_ROBOT), policy)
-        cases = profiles()
+        cases = profiles(self.left_out)
         terrain = make_terrain(STAIRS)
         settings = [
             Setting(terrain=terrain, policy=policy, profile=profile)
@@ -56,12 +62,29 @@ class Benchmark(Command):
         return {name: {case: summary(next(results)) for case in cases} for name in policies}
 
 
-def profiles() -> dict[str, Profile]:
-    """The shipped profile, with each of the stand-in's effects that it does not have, and with all."""
+def profiles(left_out: Sequence[str] = ()) -> dict[str, Profile]:
+    """The shipped profile, with each of the stand-in's effects that it does not have, and with all.
+
+    Or all of them, and all but each that is left out.
+
+    Raises:
+        SaltusError: the stand-in does not have an effect of that name.
+    """
     shipped, hard = load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)), stand_in()
     known = shipped.effects
     alone = {name: shipped.having(effect) for name, effect in hard.effects.items() if known.get(name) != effect}
+    for name in left_out:
+        if name not in alone:
+            raise SaltusError(f"the stand-in has no effect '{name}': {nearest_hint(name, list(alone))}")
+    if left_out:
+        return {ALL: hard, **{f"{ALL} but {name}": _but(name, shipped, hard) for name in left_out}}
     return {NONE: shipped, **alone, ALL: hard}
+
+
+def _but(name: str, shipped: Profile, hard: Profile) -> Profile:
+    """The stand-in with what the shipped profile has of one effect."""
+    own = shipped.effects.get(name)
+    return hard.without(name) if own is None else hard.having(own)
 
 
 def summary(runs: list[Ran]) -> dict[str, Any]:

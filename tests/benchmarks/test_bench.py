@@ -42,6 +42,7 @@ BAD = {
     "no dataset": ("restart nowhere", "nowhere"),
     "no truths": ("left_out nowhere nowhere", "nowhere"),
     "no policy to run": ("stand_in nowhere", "nowhere"),
+    "no effect of the stand-in": ("stand_in --left-out viscous_frictoin", "did you mean 'viscous_friction'?"),
     "no such row": ("hard_courses --rows stairs", "no row 'stairs'"),
     "no policy": ("hard_courses --models nowhere", "nowhere"),
     "no heightmap model": ("hard_courses --heightmap predicted --heightmap-model nowhere", "nowhere"),
