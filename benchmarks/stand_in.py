@@ -22,6 +22,7 @@ from benchmarks._command import Command
 from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.errors import SaltusError, nearest_hint
+from saltus.flags import Flag
 from saltus.paper.motion import STAIRS
 from saltus.paper.runs import Effort, Ran, Setting, ran
 from saltus.paper.stand_in import stand_in
@@ -38,6 +39,8 @@ class Benchmark(Command):
     """ONNX files; by default the shipped policy."""
     left_out: tuple[str, ...] = ()
     """Effects of the stand-in."""
+    true_heights: Flag = False
+    """Robots are told the ground as it is, and see nothing."""
     trials: int = 24
     """Of each policy with each effect."""
     seed: int = 140_000
@@ -52,7 +55,7 @@ class Benchmark(Command):
         cases = profiles(self.left_out)
         terrain = make_terrain(STAIRS)
         settings = [
-            Setting(terrain=terrain, policy=policy, profile=profile)
+            Setting(terrain=terrain, policy=policy, profile=profile, true_heights=self.true_heights)
             for policy in policies.values()
             for profile in cases.values()
         ]
