@@ -55,6 +55,7 @@ class Row:
 
 _SIMULATED = "ours: MuJoCo, shipped policy and predictor, late images of a D435i with its errors, what trials draw"
 _TRAINED = "ours: MuJoCo, policies of 250 million steps, shipped predictor, late images of a D435i with its errors"
+_ALL = "ours: MuJoCo, what was trained for the row of each system, late images of a D435i with its errors"
 _SEEING = "ours: MuJoCo, a policy of 250 million steps, networks of the same data, late images of a D435i"
 
 
@@ -157,9 +158,9 @@ ROWS: tuple[Row, ...] = (
             Number(what="three other places", paper="100 %", source="real robot",
                    ours="stairs with noses.success"),
         ),
-        differs="The paper's places are known from pictures only; no training has ours. Planks fail with true "
-        "heights, too: the policy is at fault as well. Noses fail on predicted heights mostly. In the row of four "
-        "most robots with true heights fail: its gaps are deeper than in training.",
+        differs="The paper's places are known from pictures only; ours are in no training. Planks fail with true "
+        "heights, too: the policy is at fault as well. Stairs with noses fail mostly because of predicted heights. In "
+        "the row of four most robots with true heights fail: its gaps are deeper than in training.",
     ),
     Row(
         name="step-and-gap", where="Fig. 7", make="motion.step_and_gap", trial=_SIMULATED,
@@ -203,8 +204,8 @@ ROWS: tuple[Row, ...] = (
         name="no-tracking-reward", where="Fig. 10, Sec. VIII-E", needs=ABLATION, trial=_TRAINED,
         shows="Without the controller's cost in the reward: well in simulation, some steps and a fall on the robot.",
         numbers=_on_stairs("no-tracking-reward", "all", "a few"),
-        differs="On the stand-in nothing of it is lost for sure: 91 of 300 succeed, and 107 of the full system. The "
-        "seeds of each differ by more; the power of the drives decides there. Where these are not weak, it does "
+        differs="On the stand-in no loss can be shown: 91 of 300 succeed, and 107 of the full system, and "
+        "from seed to seed there is more; the power of the drives decides there. Where these are not weak, it does "
         "worse, as in the paper (docs/paper.md).",
     ),
     Row(
@@ -242,7 +243,7 @@ ROWS: tuple[Row, ...] = (
         differs="Ours are of the full system's policies, 250 million steps each, and of the networks that see.",
     ),
     Row(
-        name="transfer", where="Fig. 10", needs=ABLATION, trial=_TRAINED,
+        name="transfer", where="Fig. 10", needs=ABLATION, trial=_ALL,
         shows="Steps before failure on the real robot, in five trials of each system.",
         differs="Saltus has no robot: a simulated one stands in, beyond what the trainings draw.",
     ),

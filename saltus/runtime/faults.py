@@ -42,6 +42,7 @@ BACK_S, LANDED_S = 2.0, 2.0
 """Waited for after the kill, at most: the process is ready again; the robot has landed (1.1 s), or goes on."""
 STANDING_S = 1.0  # watched after both: a process that is back tells a robot to go within a few steps
 SILENT_S = 1.0  # a controller that is not heard for so long has gone
+WAIT_S = 0.02
 STANDING_HEIGHT_M = 0.18
 """A base above this is on its feet: two thirds of the standing height."""
 UPRIGHT_COSINE = 0.87  # 30 degrees
@@ -209,19 +210,21 @@ def witness(
         time.sleep(0.02)
     run = read_run(run_dir)
     silent_s = RunClock.of(run.config).machine_s(SILENT_S)
-    heard_s, begun_s = time.monotonic(), None
+    silent, begun_s = 0, None
     with (
         ZenohBus(endpoint_of(run_dir), run.config.prefix, peer=run.config.pace == "realtime") as bus,
         Recorder(path, run.config, run.robot, run.terrain, run.camera) as recorder,
     ):
         stream, states = bus.stream(), bus.latest("controller/state")
-        while supervisor.poll() is None or time.monotonic() < heard_s + silent_s:
+        # silence is counted in waits: where the whole computer stands still, nobody has gone
+        while supervisor.poll() is None or silent * WAIT_S < silent_s:
             for raw in stream.drain():
                 recorder.write(raw)
-            sample = states.wait(0.02)
+            sample = states.wait(WAIT_S)
+            silent += 1
             if sample is None or not isinstance(sample.message, RobotState):
                 continue
-            heard_s = time.monotonic()
+            silent = 0
             time_s = 1e-9 * sample.message.time_ns
             if begun_s is None and sample.message.mode == ControllerMode.RUN:
                 begun_s = time_s

@@ -24,7 +24,7 @@ from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.mounts import PITCH_ERROR, POSITION_ERROR_M
 from saltus.model_file import ModelFile
 from saltus.paper import ablations, drawing, making, motion, new_ground, sysid
-from saltus.paper.ablations import files_of, trainings_of
+from saltus.paper.ablations import STAND_IN, files_of, trainings_of
 from saltus.paper.drawing import save, subplots
 from saltus.paper.making import check_makeable, is_makeable, made_before, make, number_at
 from saltus.paper.report import write_report
@@ -207,9 +207,16 @@ def test_the_page_says_at_its_head_what_each_part_is_worth(tmp_path: Path) -> No
     for system, places in results["transfer"]["numbers"].items():
         (figures,) = places.values()
         told = f"{sum(figures['success'])} of {figures['trials'] * len(figures['success'])} ("
-        (line,) = (line for line in head.split("<tr>") if f"<td>{system}</td>" in line)
-        assert told in line.split("<td>")[3]
-        assert line.split("<td>")[2][0].isdigit()
+        (line,) = (line for line in head.split("<tr>") if line.lstrip().startswith(f"<td>{system}</td>"))
+        _, _, against, simulated, stood_in, difference = line.split("<td>")[:6]
+        assert told in stood_in
+        assert simulated[0].isdigit()
+        if system in BY_NAME and system != FULL:
+            (other,) = results[system]["numbers"].keys() - {system}
+            assert against.startswith(f"{other}<")
+            parts = [results[system]["numbers"][each][STAND_IN] for each in (system, other)]
+            own, whole = (100.0 * sum(part["success"]) / part["trials"] / len(part["success"]) for part in parts)
+            assert difference.split("<")[0].endswith(f", {own - whole:+.0f}")
 
 
 def test_a_page_takes_no_rows_of_other_models_and_no_files_of_others(tmp_path: Path) -> None:
