@@ -27,8 +27,8 @@ INTRODUCTION = (
 WORTH = (
     "Successes on 14 stairs of 0.20 m. Each system lacks one part of that which it is held against, no-sysid two; "
     "imitation has plans from images in the place of heights and policy. Systems above round 3 see with the shipped "
-    "predictor; round 3 and those below with what was trained for these rows on the same data: no-latency, no-sysid and "
-    "imitation with as many updates as the three rounds together. Differences are of the shares of successes, in "
+    "predictor; round 3 and those below with what was trained for these rows on the same data: no-latency, no-sysid "
+    "and imitation with as many updates as the three rounds together. Differences are of the shares of successes, in "
     "simulation and on the stand-in, in percentage points."
 )
 
