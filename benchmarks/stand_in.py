@@ -38,7 +38,7 @@ class Benchmark(Command):
     policies: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
     """ONNX files; by default the shipped policy."""
     left_out: tuple[str, ...] = ()
-    """Effects of the stand-in."""
+    """Effects of the stand-in: all others are there, in the place of each effect alone."""
     true_heights: Flag = False
     """Robots are told the ground as it is, and see nothing."""
     trials: int = 24

@@ -79,8 +79,8 @@ class Profile:
 
     def without(self, *names: str) -> "Profile":
         """Without the effects of these names."""
-        parts = {part.name: getattr(self, part.name) for part in fields(self)}
-        return Profile(**{part: tuple(e for e in effects if e.name not in names) for part, effects in parts.items()})
+        parts = (part.name for part in fields(self))
+        return replace(self, **{part: tuple(e for e in getattr(self, part) if e.name not in names) for part in parts})
 
     @property
     def effects(self) -> dict[str, Effect[Any]]:

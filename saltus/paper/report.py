@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from saltus.paper.ablations import ROUNDS_ROW, SIMULATION, STAND_IN
 from saltus.paper.making import number_at
 from saltus.paper.rows import ABLATION, ROWS, Row
@@ -15,6 +13,7 @@ from saltus.policy.evaluation.evaluate import success_interval
 from saltus.recordings.page import page, table, write_page
 
 STYLE = "img { max-width: 100%; } summary { cursor: pointer; color: #555; } .why { max-width: 60em; }"
+PLACES = (SIMULATION, STAND_IN)
 HEAD = ("what", "the paper", "measured on", "Saltus", "measured in")
 INTRODUCTION = (
     "The paper's numbers are those of the machine that its column names, mostly a real robot. <b>All of Saltus's are "
@@ -60,12 +59,11 @@ def _worth(results: Mapping[str, dict[str, Any]]) -> list[str]:
         elif row.name == ROUNDS_ROW:
             *earlier, last = numbers
             against |= dict.fromkeys(earlier, last)
-    both_places = (SIMULATION, STAND_IN)
     rows = [
         (
             name,
             against.get(name, "-"),
-            *(_successes(places[where]) if where in places else "-" for where in both_places),
+            *(_successes(places[where]) if where in places else "-" for where in PLACES),
             _difference(places, systems[against[name]]) if name in against else "-",
         )
         for name, places in systems.items()
@@ -75,13 +73,13 @@ def _worth(results: Mapping[str, dict[str, Any]]) -> list[str]:
 
 
 def _difference(places: Mapping[str, Any], others: Mapping[str, Any]) -> str:
-    """Of the shares of successes [percentage points]."""
-    both = [where for where in (SIMULATION, STAND_IN) if where in places and where in others]
-    return ", ".join(f"{_percent(places[where]) - _percent(others[where]):+.0f}" for where in both)
+    """Of the shares of successes [percentage points], in each of `PLACES` that both have."""
+    both = [where for where in PLACES if where in places and where in others]
+    return ", ".join(f"{100.0 * (_share(places[where]) - _share(others[where])):+.0f}" for where in both)
 
 
-def _percent(figures: Mapping[str, Any]) -> float:
-    return 100.0 * float(np.mean(figures["success"])) / float(figures["trials"])
+def _share(figures: Mapping[str, Any]) -> float:
+    return float(sum(figures["success"]) / (figures["trials"] * len(figures["success"])))
 
 
 def _successes(figures: Mapping[str, Any]) -> str:

@@ -42,7 +42,7 @@ BACK_S, LANDED_S = 2.0, 2.0
 """Waited for after the kill, at most: the process is ready again; the robot has landed (1.1 s), or goes on."""
 STANDING_S = 1.0  # watched after both: a process that is back tells a robot to go within a few steps
 SILENT_S = 1.0  # a controller that is not heard for so long has gone
-WAIT_S = 0.02
+WAIT_S = 0.02  # for a message, at most
 STANDING_HEIGHT_M = 0.18
 """A base above this is on its feet: two thirds of the standing height."""
 UPRIGHT_COSINE = 0.87  # 30 degrees
@@ -166,7 +166,7 @@ def decided_ns(states_ns: Sequence[int]) -> list[int]:
     That was in the step before, also where the controller itself was held up between the two.
     """
     step_ns = round(1e9 * POLICY_DT)
-    befores = [states_ns[0] - step_ns, *states_ns[:-1]]
+    befores = [*(first - step_ns for first in states_ns[:1]), *states_ns[:-1]]
     return [min(now - 1, before + step_ns) for before, now in zip(befores, states_ns, strict=True)]
 
 
