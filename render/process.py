@@ -28,6 +28,7 @@ class CameraProcess:
         self._exposed: DepthImage | None = None
         self._taken = 0  # images that should have been by then, if none had been left out
         self._frame_ids: dict[int, int] = {}
+        self._stepped_ns = 0
         self.due: DepthFrame | None = None
         """The newest frame that is due."""
         self.exposures = 0
@@ -39,6 +40,7 @@ class CameraProcess:
 
         `now_ns` is in the run's clock.
         """
+        self._stepped_ns = now_ns
         if truth is not None and self._camera.taken_by(truth.step) > self._taken:
             self._expose(truth)
         if self._exposed is None:
@@ -53,8 +55,11 @@ class CameraProcess:
         return self.due
 
     def wait_s(self, now_ns: int, limit_s: float) -> float:
-        """How long to wait for the next frame to become due; `limit_s` at most."""
-        arrival = self._effects.next_arrival_s(1e-9 * now_ns, self._state)
+        """How long to wait for the next frame to become due; `limit_s` at most.
+
+        Not at all for one that has become due since the last step, while its exposure took its time.
+        """
+        arrival = self._effects.next_arrival_s(1e-9 * self._stepped_ns, self._state)
         return float(np.clip(arrival - 1e-9 * now_ns, 0.0, limit_s))
 
     def _expose(self, truth: GroundTruth) -> None:

@@ -19,7 +19,7 @@ from saltus.effects.profile import Profile
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
-from saltus.wire.topics import CAMERA_LATENCY_S
+from saltus.wire.topics import CAMERA_JITTER_S, CAMERA_LATENCY_S
 
 Effects: TypeAlias = tuple[Effect[Any], ...]
 Cause = Literal["", "trunk_contact", "not_upright", "time_limit", "ended"]
@@ -66,7 +66,7 @@ class Trial(Value):
             payload_kg=float(rng.uniform(0.0, 1.5)),
             motor_strength=float(rng.uniform(0.9, 1.1)),
             camera_delay_s=float(rng.uniform(0.030, 0.060)),
-            camera_jitter_s=0.005,  # half a policy period: frames arrive at any phase of it
+            camera_jitter_s=CAMERA_JITTER_S,
             height_shift_x=float(rng.uniform(-0.08, 0.08)),
             height_shift_z=float(rng.uniform(-0.05, 0.05)),
         )

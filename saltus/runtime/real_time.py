@@ -34,7 +34,8 @@ class RealTimeFactor:
     reached: float
     """Seconds of the run that were delivered for each second of the machine: `share` of the run's speed."""
     late_s: float
-    """How much longer than their period messages let wait [s, run's clock]: the worst one in half a second, median."""
+    """How much longer than by their period and jitter messages let wait [s, run's clock]: the worst one in half a
+    second, median."""
     kept: bool
     """Whether the stream keeps up."""
     speed: float
@@ -101,7 +102,8 @@ class RealTimeMonitor:
         topic = TOPICS[topic_name]
         asked = topic.rate_hz * sum(period.length_s for period in periods)
         share = min(1.0, sum(period.received for period in periods) / asked)
-        late_s = max(0.0, statistics.median(period.silence_s for period in periods) - 1.0 / topic.rate_hz)
+        longest_s = 1.0 / topic.rate_hz + 2.0 * topic.jitter_s  # one as early and the next as late as can be
+        late_s = max(0.0, statistics.median(period.silence_s for period in periods) - longest_s)
         # Later than that a message is degraded
         kept = share >= SHARE_KEPT and late_s <= topic.degraded_age_s - topic.nominal_age_s
         speed = self._clock.speed

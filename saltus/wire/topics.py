@@ -6,6 +6,7 @@ from saltus.wire import messages
 from saltus.wire.messages import Message
 
 CAMERA_LATENCY_S = 0.050  # exposure to arrival; paper, "real-to-sim" (a sine of body height against the image)
+CAMERA_JITTER_S = 0.005  # of a trial's images, either way: half a policy period, they arrive at any phase of it
 CAMERA_PERIOD_S = 0.020  # 50 Hz
 # A policy that tolerates 8 cm of horizontal shift at 1.4 m/s tolerates 57 ms beyond the delay it was trained with:
 # 50 ms more is degraded, 100 ms more (ten periods of the consumer) is lost.
@@ -29,6 +30,8 @@ class Topic:
     max_extra_age_s: float = MAX_EXTRA_AGE_S
     """Beyond nominal + this a message must not be used. Half of it is the limit of "degraded"."""
     recorded: bool = True
+    jitter_s: float = 0.0
+    """So much sooner or later a message may come in a trial, however fast the computer."""
     urgent: bool = False
     """It overtakes the others, and does not get lost with them where a link is full."""
 
@@ -51,6 +54,7 @@ _ROWS = (
         ("heightmap",),
         50.0,
         nominal_age_s=CAMERA_LATENCY_S + CAMERA_PERIOD_S,
+        jitter_s=CAMERA_JITTER_S,
     ),
     Topic("controller/state", messages.RobotState, "controller", ("heightmap", "policy")),
     Topic("heightmap/heightmap", messages.Heightmap, "heightmap", ("policy",)),

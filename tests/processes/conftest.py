@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from saltus.config import RunConfig, TerrainConfig
+from saltus.runtime.real_time import RealTimeFactor
 from saltus.runtime.stack import Stack
 
 MEASURED_S = 4.0  # of standing and running; the machine's time
@@ -34,20 +35,24 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session")
-def speed(tmp_path_factory: pytest.TempPathFactory) -> float:
-    """Seconds of a run for each second of this computer."""
-    given = measured_speed(tmp_path_factory.mktemp("speed"))
-    return next((step for step in STEPS if step <= given), STEPS[-1])
+def speed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> float:
+    """Seconds of a run for each second of this computer; told, as the tests' length depends on it."""
+    factor, share = measured(tmp_path_factory.mktemp("speed"))
+    kept = 1.0 if factor.share > 0.98 else RESERVE * factor.share
+    given = HALF * min(kept, LATE_S / max(factor.late_s, LATE_S), share)
+    speed = next((step for step in STEPS if step <= given), STEPS[-1])
+    sys.stdout.write(f"speed {speed:g}: {factor}; {share:.0%} of the processors\n")
+    return speed
 
 
-def measured_speed(directory: Path) -> float:
+def measured(directory: Path) -> tuple[RealTimeFactor, float]:
+    """What a run at half of the speed reaches, and the share of its processors that it gets."""
     config = RunConfig(terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted", speed=HALF)
     with Stack(config, directory) as stack:
         stack.wait(HALF * MEASURED_S)
         factor = stack.real_time
     assert factor is not None, "the run was over before it could be measured"
-    kept = 1.0 if factor.share > 0.98 else RESERVE * factor.share
-    return HALF * min(kept, LATE_S / max(factor.late_s, LATE_S), processor_share())
+    return factor, processor_share()
 
 
 def processor_share() -> float:

@@ -92,6 +92,15 @@ def test_waiting_ends_when_a_frame_is_due() -> None:
     assert process.step(None, 51_000_000) is None
 
 
+def test_a_frame_that_becomes_due_during_an_exposure_is_not_waited_for() -> None:
+    """It would wait for the next truth, half a period later."""
+    process = camera(CameraLatency(latency=0.021))
+    process.step(truth(0), 0)
+    assert process.step(truth(2), 20_000_000) is None  # the exposure goes on until 22 ms
+    assert process.wait_s(22_000_000, 0.1) == 0.0
+    assert process.step(None, 22_000_000) is not None
+
+
 def test_missed_exposures_are_counted() -> None:
     process = camera()
     for step in (0, 2, 4, 10, 12):

@@ -43,6 +43,20 @@ def verdict_of(share: float, late_s: float, speed: float, seconds: float = 2.9) 
     return monitor.verdict()
 
 
+def test_what_a_trial_draws_is_not_held_against_the_computer() -> None:
+    """Images come up to 10 ms after the one before them and its period, by jitter alone."""
+    clock = RunClock(time.monotonic_ns() - 2_900_000_000)
+    for beyond_s, late_s in ((0.010, 0.0), (0.015, 0.005)):
+        monitor = RealTimeMonitor(clock, robot="controller")
+        monitor.take(status("controller", 0.0))
+        for k in range(6):
+            asked = round(TOPICS["camera/depth"].rate_hz * PERIOD_S)
+            monitor.take(status("heightmap", k * PERIOD_S, camera_depth=(asked, 0.020 + beyond_s)))
+        factor = monitor.verdict()
+        assert factor is not None
+        assert factor.late_s == pytest.approx(late_s, abs=1e-6)
+
+
 @pytest.mark.parametrize("speed", [1.0, 0.4])
 def test_within_three_seconds_it_is_known(speed: float) -> None:
     assert verdict_of(1.0, 0.0, speed, seconds=2.0) is None
