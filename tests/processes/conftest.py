@@ -28,14 +28,14 @@ STEPS = (HALF, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What asks for a speed has limits in real time, and comes alone."""
+    """What asks for a speed has limits in real time: others must yield to it."""
     for item in items:
         if Path(__file__).parent in item.path.parents and "speed" in getattr(item, "fixturenames", ()):
             item.add_marker("realtime")
 
 
 @pytest.fixture(scope="session")
-def speed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> float:
+def speed(tmp_path_factory: pytest.TempPathFactory) -> float:
     """Seconds of a run for each second of this computer; told, as the tests' length depends on it."""
     factor, share = measured(tmp_path_factory.mktemp("speed"))
     kept = 1.0 if factor.share > 0.98 else RESERVE * factor.share
