@@ -5,16 +5,12 @@ BIN := $(VENV)/bin
 DEMO_FLAGS ?=
 
 .PHONY: demo test lint types imports unit processes wheel-test libraries clean
-.NOTPARALLEL:
+.NOTPARALLEL: # tests in real time come alone
 
 demo: $(VENV)/.run-time
 	$(BIN)/saltus demo $(DEMO_FLAGS)
 
-# Tests with limits in real time mostly wait. What they leave of the processors goes to the others, which yield to them; what
-# they said is shown at the end.
-test: lint imports
-	$(MAKE) -k processes types > $(VENV)/processes.log 2>&1 & processes=$$!; nice -n 19 $(MAKE) unit; unit=$$?; \
-	wait $$processes; processes=$$?; cat $(VENV)/processes.log; exit $$((unit | processes))
+test: lint imports unit processes
 
 lint: $(VENV)/.development
 	$(BIN)/ruff check .
@@ -32,8 +28,10 @@ unit processes: export PYTHONDONTWRITEBYTECODE :=
 unit: $(VENV)/.development
 	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder -m 'not realtime'
 
+# Tests with limits in real time come alone; others need no such peace. They mostly wait: what they leave of the
+# processors goes to mypy, which yields to them.
 processes: $(VENV)/.development
-	$(BIN)/pytest -m realtime tests/processes
+	nice -n 19 $(BIN)/mypy & types=$$!; $(BIN)/pytest -m realtime tests/processes; tests=$$?; wait $$types && exit $$tests
 
 # A wheel in an empty environment runs the demo from another folder.
 wheel-test: libraries

@@ -123,21 +123,34 @@ def kill_during_run(
 def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
     """Reads from a recording of `kill_during_run` what happened after the last kill."""
     died_ns, ready_ns = _death_and_return(recording, process)
-    product = [arrival for arrival, _, _ in recording.messages(PRODUCT[process])]
-    last_ns = max((arrival for arrival in product if arrival <= died_ns), default=0)
-    later = [*(arrival for arrival in product if arrival >= last_ns), recording.of(RobotState)[-1].time_ns]
-    again_ns = next((arrival for arrival in product if arrival > died_ns), later[-1])
+    product = [(arrival, envelope.boot_id) for arrival, envelope, _ in recording.messages(PRODUCT[process])]
+    last_ns = last_before(product, died_ns)
+    later = [*(arrival for arrival, _ in product if arrival >= last_ns), recording.of(RobotState)[-1].time_ns]
+    again_ns = next((arrival for arrival, _ in product if arrival > last_ns), later[-1])
     told = next((arrival for arrival in _complaints(recording, process) if last_ns < arrival <= again_ns), None)
     return FaultResult(
         process=process,
         running_s=after_s,
         told_ms=1e-6 * (told - last_ns) if told is not None else float("inf"),
-        reported_ms=1e-6 * (died_ns - last_ns),
+        reported_ms=1e-6 * max(0, died_ns - last_ns),
         silence_ms=1e-6 * max(b - a for a, b in pairwise(later)),
         end=_end(recording),
         stale=stale_uses(recording),
         back_s=1e-9 * (ready_ns - died_ns) if ready_ns is not None else float("inf"),
     )
+
+
+def last_before(product: Sequence[tuple[int, bytes]], died_ns: int) -> int:
+    """Arrival of the last message of the process that died, 0 without one.
+
+    It may be dated after the death, which the supervisor can notice before it reads what came last.
+
+    Args:
+        product: Arrival [ns] and sender of each message, in order of arrival.
+        died_ns: When the death was noticed.
+    """
+    dead = [boot_id for arrival, boot_id in product if arrival <= died_ns][-1:]
+    return max((arrival for arrival, boot_id in product if [boot_id] == dead), default=0)
 
 
 def stale_uses(recording: Recording) -> int:

@@ -28,7 +28,7 @@ STEPS = (HALF, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What asks for a speed has limits in real time: others must yield to it."""
+    """What asks for a speed has limits in real time, and comes alone."""
     for item in items:
         if Path(__file__).parent in item.path.parents and "speed" in getattr(item, "fixturenames", ()):
             item.add_marker("realtime")

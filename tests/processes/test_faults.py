@@ -12,7 +12,7 @@ from saltus.controller.watchdog import WatchdogConfig
 from saltus.errors import StackError
 from saltus.heightmap.service.service import LOSS_MARGIN_S
 from saltus.recordings.recording import read_recording
-from saltus.runtime.faults import decided_ns, judge, kill_during_run, late_uses
+from saltus.runtime.faults import decided_ns, judge, kill_during_run, last_before, late_uses
 from saltus.runtime.stack import WITH_STANDBYS
 from saltus.wire.topics import MAX_EXTRA_AGE_S
 
@@ -58,6 +58,15 @@ def test_uses_are_late_whose_newest_source_is_older_than_the_limit(seed: int) ->
     late = [not any(0 <= use - source <= 5_000_000 for source in sources.tolist()) for use in uses.tolist()]
     assert late_uses(uses.tolist(), sources.tolist(), 0.005) == sum(late) > 0
     assert late_uses(uses.tolist(), [], 1.0) == 200
+
+
+@pytest.mark.parametrize("late", [0, 1, 2])
+@pytest.mark.parametrize("standbys", [0, 1])
+def test_what_a_process_sent_last_is_its_own_also_if_it_is_read_after_the_death(late: int, standbys: int) -> None:
+    died_ns, first = 1_000, standbys * [(k, b"first") for k in range(0, 500, 10)]
+    dead = [(died_ns + 10 * k, b"dead") for k in range(late - 20, late)]
+    assert last_before([*first, *dead, (2_000, b"next")], died_ns) == dead[-1][0]
+    assert last_before([(2_000, b"next")], died_ns) == 0
 
 
 @pytest.mark.parametrize("held_up_ns", [0, 7, 400_000_000])
