@@ -71,14 +71,40 @@ def slopes(
     evaluate: Evaluator, layout: Layout, unknowns: Floats, residuals: Floats, columns: Indices, stage: str
 ) -> Floats:
     """Jacobian by finite differences away from the nearer bound, shape (blocks, columns, m)."""
+    return all_slopes(evaluate, layout, [(unknowns, residuals, columns)], stage)[0]
+
+
+def all_slopes(
+    evaluate: Evaluator, layout: Layout, points: Sequence[tuple[Floats, Floats, Indices]], stage: str
+) -> list[Floats]:
+    """`slopes` at several points, of which each has unknowns, residuals and columns, by one call of the problem."""
+    moves = [_moves(layout, unknowns, columns) for unknowns, _, columns in points]
+    moved = evaluate(stage, np.concatenate([sets for sets, _ in moves]))
+    parts = np.split(moved, np.cumsum([len(sets) for sets, _ in moves])[:-1])
+    return [
+        np.asarray((part.transpose(1, 0, 2) - residuals[:, np.newaxis]) / step[..., np.newaxis])
+        for part, (_, residuals, _), (_, step) in zip(parts, points, moves, strict=True)
+    ]
+
+
+def _moves(layout: Layout, unknowns: Floats, columns: Indices) -> tuple[Floats, Floats]:
+    """The sets of a finite difference, shape (columns, blocks, unknowns), and its steps, shape (blocks, columns)."""
     here = unknowns[:, columns]
     step = np.where(here == 0.0, layout.first[columns], STEP * layout.scale[columns])
     step = np.where(here + step > layout.high[columns], -step, step)
     sets = np.repeat(unknowns[np.newaxis], len(columns), axis=0)
     for i, column in enumerate(columns):
         sets[i, :, column] += step[:, i]
-    moved = evaluate(stage, sets)
-    return np.asarray((moved.transpose(1, 0, 2) - residuals[:, np.newaxis]) / step[..., np.newaxis])
+    return sets, step
+
+
+def renewed(evaluate: Evaluator, layout: Layout, fits: Sequence[Fit], stage: str) -> list[Fit]:
+    """The fits with derivatives at where they are now."""
+    if not fits:
+        return []
+    points = [(each.unknowns, each.residuals, each.columns) for each in fits]
+    jacobians = all_slopes(evaluate, layout, points, stage)
+    return [replace(each, jacobian=jacobian) for each, jacobian in zip(fits, jacobians, strict=True)]
 
 
 def refine(

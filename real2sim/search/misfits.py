@@ -8,7 +8,7 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.search.decide import CLEAR_SHARE, REMAINDER_SHARE, ModelComparison
-from saltus.real2sim.search.fit import Evaluator, Fit, refine, slopes
+from saltus.real2sim.search.fit import Evaluator, Fit, refine, renewed
 from saltus.real2sim.search.reported import StatedModel, is_as_good
 
 BESIDE = 3
@@ -73,8 +73,8 @@ def _without_misfits(
 
 def _refitted(problem: Problem, comparison: ModelComparison, old: Fit) -> Fit:
     evaluate, stage = Evaluator(problem), "profile"
-    jacobian = slopes(evaluate, comparison.layout, old.unknowns, old.residuals, old.columns, stage)
-    (fit,) = refine(evaluate, comparison.layout, comparison.split, [replace(old, jacobian=jacobian)], stage=stage)
+    fresh = renewed(evaluate, comparison.layout, [old], stage)
+    (fit,) = refine(evaluate, comparison.layout, comparison.split, fresh, stage=stage)
     return fit
 
 

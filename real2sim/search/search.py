@@ -173,7 +173,7 @@ class _Search:
 
     def _refit(self, models: list[Model], stage: str) -> None:
         """Renews derivatives of fits and continues them."""
-        fresh = [self._with_fresh_slopes(self._fits[model], stage) for model in models]
+        fresh = self._renewed([self._fits[model] for model in models], stage)
         for each in fit.refine(self._evaluate, self._layout, self._split, fresh, stage=stage):
             self._fits[each.model] = each
 
@@ -205,7 +205,7 @@ class _Search:
         stage, fits = f"{size} effects", [self._start(model, self._fits[part]) for part in (leader, other)]
         for patience in range(PATIENCE):
             if patience:
-                fits = [self._with_fresh_slopes(each, stage) for each in fits]
+                fits = self._renewed(fits, stage)
             fits = fit.refine(self._evaluate, self._layout, self._split, fits, stage=stage)
         self._fits[model] = self._joined(fits)
 
@@ -221,15 +221,15 @@ class _Search:
             for each in sorted(self._fits.values(), key=self._cost)
             if each.model and decide.explains(self._comparison, null, each)
         ]
-        for size in range(1, LARGEST + 1):
-            models = [each.model for each in explain if len(each.model) == size][:RIVALS]
-            self._refit(models, "rivals")
-            for model in models:  # what the descent corrected on its way is not what the derivatives are at its end
-                self._fits[model] = self._with_fresh_slopes(self._fits[model], "rivals")
+        of_size = [[each.model for each in explain if len(each.model) == size] for size in range(1, LARGEST + 1)]
+        models = [model for several in of_size for model in several[:RIVALS]]
+        self._refit(models, "rivals")
+        # what the descent corrected on its way is not what the derivatives are at its end
+        for each in self._renewed([self._fits[model] for model in models], "rivals"):
+            self._fits[each.model] = each
 
-    def _with_fresh_slopes(self, old: Fit, stage: str) -> Fit:
-        jacobian = fit.slopes(self._evaluate, self._layout, old.unknowns, old.residuals, old.columns, stage)
-        return replace(old, jacobian=jacobian)
+    def _renewed(self, fits: list[Fit], stage: str) -> list[Fit]:
+        return fit.renewed(self._evaluate, self._layout, fits, stage)
 
     def _restart(self, model: Model, stage: str) -> None:
         """Refits a model from all known shapes of its effects, if it leaves structure.
@@ -248,15 +248,14 @@ class _Search:
                 unknowns[:, shaped] = shape
                 points.append(unknowns)
                 moving.append(columns)
-        residuals = self._evaluate(stage, np.array(points).reshape(-1, *here.unknowns.shape))
         starts = [here]
-        for unknowns, r, columns in zip(points, residuals, moving, strict=True):
-            jacobian = here.jacobian.copy()
-            jacobian[:, np.isin(here.columns, columns)] = fit.slopes(
-                self._evaluate, layout, unknowns, r, columns, stage
-            )
-            starts.append(replace(here, unknowns=unknowns, residuals=r, jacobian=jacobian))
         if points:
+            residuals = self._evaluate(stage, np.array(points))
+            at = list(zip(points, residuals, moving, strict=True))
+            for (unknowns, r, columns), own in zip(at, fit.all_slopes(self._evaluate, layout, at, stage), strict=True):
+                jacobian = here.jacobian.copy()
+                jacobian[:, np.isin(here.columns, columns)] = own
+                starts.append(replace(here, unknowns=unknowns, residuals=r, jacobian=jacobian))
             self._fits[model] = self._joined(fit.refine(self._evaluate, layout, self._split, starts, stage=stage))
             self._libraries.pop(model, None)
             self._refit([model], stage)
@@ -287,11 +286,15 @@ class _Search:
             columns = self._layout.of_model(part)
             jacobian = full.jacobian[:, np.isin(full.columns, columns)]
             starts.append(Fit(model=part, columns=columns, unknowns=unknowns, residuals=r, jacobian=jacobian))
-        for each in fit.refine(self._evaluate, self._layout, self._split, starts, stage="elimination"):
-            if each.model not in self._fits or self._cost(each) < self._cost(self._fits[each.model]):
-                self._fits[each.model] = each
-                self._libraries.pop(each.model, None)
-                self._refit([each.model], "elimination")
+        better = [
+            each
+            for each in fit.refine(self._evaluate, self._layout, self._split, starts, stage="elimination")
+            if each.model not in self._fits or self._cost(each) < self._cost(self._fits[each.model])
+        ]
+        for each in better:
+            self._fits[each.model] = each
+            self._libraries.pop(each.model, None)
+        self._refit([each.model for each in better], "elimination")
 
     def _propose(self, leader: Model, size: int) -> list[Model]:
         """Models of `size` effects, and swaps in the best one so far, that fit best by its quadratic."""
