@@ -102,7 +102,7 @@ def failure_of(robot: Robot, outcome: Outcome, trace: Trace, terrain: Terrain) -
         return "timeout"
     last = slice(-round(BEFORE_END_S / STEP_S), None)
     foot, stance, loaded = trace.foot[last], trace.stance[last], trace.loaded[last]
-    if _sunk(foot, _came_from(trace, terrain)[last], robot.foot_radius, terrain).any():
+    if _sunk(trace, last, robot.foot_radius, terrain).any():
         return "trench"
     if not all(terrain.arrays.covers(x, y) for x, y in foot[-1, :, :2].tolist()):
         return "astray"
@@ -114,20 +114,16 @@ def failure_of(robot: Robot, outcome: Outcome, trace: Trace, terrain: Terrain) -
     return "fall_in_flight" if in_air else "fall_in_stance"
 
 
-def _came_from(trace: Trace, terrain: Terrain) -> Floats:
-    """The highest ground that each foot has stood on lately, shape (t, 4)."""
+def _sunk(trace: Trace, last: slice, radius: float, terrain: Terrain) -> NDArray[np.bool_]:
+    """Feet in a trench: below the ground that they came from, which is there again behind and ahead.
+
+    Ground that only leads down or up is none, nor is that between walls. Of the `last` steps, shape (t, 4).
+    """
     lately = slice(-round(CAME_FROM_S / STEP_S), None)
     ground = terrain.height_at(trace.foot[lately, :, 0], trace.foot[lately, :, 1])
-    return np.asarray(np.maximum.accumulate(np.where(trace.loaded[lately], ground, -np.inf), axis=0))
-
-
-def _sunk(foot: Floats, came_from: Floats, radius: float, terrain: Terrain) -> NDArray[np.bool_]:
-    """Feet in a trench: below the ground that they came from, which is there again behind and ahead. Shape (t, 4).
-
-    Ground that only leads down or up is none, nor is that between walls.
-    """
+    came_from = np.maximum.accumulate(np.where(trace.loaded[lately], ground, -np.inf), axis=0)[last]
+    foot, ground = trace.foot[last], ground[last]
     x, y = foot[..., 0], foot[..., 1]
-    ground = terrain.height_at(x, y)
     places = (np.broadcast_arrays(x[..., None] + side * ACROSS_M, y[..., None]) for side in (-1.0, 1.0))
     behind, ahead = (np.maximum.accumulate(terrain.height_at(*place), axis=-1) for place in places)
     sides = np.minimum(behind, ahead[..., ::-1]).max(axis=-1)  # as far apart as a trench may be wide

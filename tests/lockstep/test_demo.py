@@ -83,6 +83,16 @@ def test_replay_of_a_lockstep_run_gives_the_same_heightmaps(folder: Path, capsys
     assert table["status_differs"] == 0
 
 
+def test_up_says_how_it_went(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It crosses on the images of a stereo camera by pyrender; by Embree it does in test_feed_networks.py."""
+    up = ["up", "--pace", "lockstep", "--terrain", "gap", "--camera", "d435i", "--renderer", "pyrender"]
+    assert main([*up, "--out", str(tmp_path)]) == 0
+    joined, verdict, recording = capsys.readouterr().out.splitlines()
+    assert str(tmp_path / "client.json5") in joined
+    assert verdict.startswith("crossed gap: 3.")
+    assert recording == f"recording {tmp_path / 'recording.mcap'}"
+
+
 @contextlib.contextmanager
 def running(folder: Path, *command: str) -> Iterator[subprocess.Popen[str]]:
     """A command that has recorded some of its run."""
