@@ -30,7 +30,7 @@ from saltus.effects.profile import Profile, load_profile
 from saltus.errors import SaltusError
 from saltus.robots.robot import Robot
 from saltus.runtime import cue
-from saltus.runtime.memory import use_one_heap
+from saltus.runtime.memory import kept_small
 from saltus.runtime.priority import prefer_loop, prefer_process
 from saltus.runtime.run_folder import CAMERA_FILE, ROBOT_FILE, RUN_FILE, TERRAIN_FILE
 from saltus.terrain.terrain import Terrain
@@ -186,10 +186,9 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
         help="wait for the supervisor when all is loaded",
     )
     options = parser.parse_args(arguments)
-    use_one_heap()
     try:
         run_config = config.load(RunConfig, options.run_dir / RUN_FILE)
-        with ZenohBus(options.endpoint, run_config.prefix, peer=options.peer) as bus:
+        with kept_small(), ZenohBus(options.endpoint, run_config.prefix, peer=options.peer) as bus:
             context = ProcessContext(name, run_config, options.run_dir, bus, cued=options.cued)
             _stop_on_signals(context)
             if (

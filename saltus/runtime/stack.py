@@ -26,7 +26,7 @@ from saltus.interrupts import WHOLE
 from saltus.recordings.recorder import RECORDING_FILE, Recorder
 from saltus.robots.loading import load_robot
 from saltus.runtime.child import Child, Program, name_exit
-from saltus.runtime.memory import use_one_heap
+from saltus.runtime.memory import kept_small
 from saltus.runtime.priority import preferred
 from saltus.runtime.process import PEER_FLAG
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
@@ -189,7 +189,7 @@ class Stack:
     def _open(self) -> None:
         if self.config.pace == "realtime":
             self._resources.enter_context(preferred())
-        use_one_heap()
+        self._resources.enter_context(kept_small())
         self.endpoint, router = open_router(self._network)
         self._resources.callback(router.close)
         write_client(self.run_dir / CLIENT_FILE, self.endpoint)
