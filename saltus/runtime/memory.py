@@ -16,7 +16,7 @@ def kept_small() -> Iterator[None]:
     """Lets threads share one heap, and gives back what is free in it; for nothing where the C library is not glibc.
 
     By default each thread that is started gets a heap of its own, and keeps what it gave back: a supervisor grew so by
-    0.1 to 2 MB with every process that died, the others by 0.1 to 0.2 MB. And a heap is only cut at its end: images
+    0.1 to 2 MB with every process that died, the others by 0.1 to 0.2 MB. And a heap is only cut at its end: messages
     that waited once to be recorded on a busy computer, 2 MB a second, were kept ever after (`saltus bench soak`).
     Threads share one heap for good; it is cut until the context ends.
     """

@@ -1,0 +1,156 @@
+"""The commands of the pages, run as a reader would: page by page, each in a folder of its own, in their order.
+
+    saltus bench pages
+    saltus bench pages -- --pages docs/tutorials/log.md docs/tutorials/camera.md
+    saltus bench pages -- --out runs/pages.jsonl
+
+Beside `examples` and `models` such a folder holds what the page's commands make. What waits for Ctrl-C runs beside what
+follows it, and is ended with the page. What cannot run here is listed with what it lacks. With `--out` pages that are
+whole in that file are not run again.
+"""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks._command import Command, progress, tell
+from saltus.errors import ConfigError
+
+ROOT = Path(__file__).parents[1]
+BLOCK = re.compile(r"^```(?:sh)?\n(.*?)^```", re.DOTALL | re.MULTILINE)
+PROGRAMS = ("saltus", "python", "pip", "make", "docker", "git", "tools/", "ros2", "export")
+"""By which a line is a command, and not what one prints."""
+LACKS = {
+    r"pip |go2/|motor_response": "files from the internet",
+    r"docker|git archive": "Docker, or a Debian root: docs/container.md says how it was tried",
+    r"ros2 (run|topic)|export RMW": "ROS 2",
+    r": make ": "a fresh clone: that is what is checked before each change",
+    r"gpu_train|paper train|collect gpu|runs/(second|all|dagger|paper-train|heightmap/)|models/policy.md": "a GPU",
+    r"real2sim cycle": "hours, or a GPU: its figures are in docs/cycle.md",
+    r"mine\.xml|logs/mine|my_robot|hidden\.toml": "files of the reader",
+    r"listen 192\.168\.|--run-dir copy|--run-dir runs/mine --take": "another computer",
+    r"reliability.md: .* runs/mine": "a run that another page starts",
+}
+"""Why a command is not run, by a part of its page and itself."""
+WAITS = re.compile(r"saltus (router|up|watch|record run|ros2|heightmap serve|demo --pace realtime)|own_robot\.py")
+"""What runs until it is ended, or beside what the page starts in other terminals."""
+SETTLED_S = 5.0
+"""How long what waits is given to begin, or to fail."""
+END_S = 30.0
+FAILED = 2
+"""Exit code from which on a command has failed; 1 is a verdict, as of a robot that fell."""
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    pages: tuple[Path, ...] = ()
+    """Files; by default all pages, the README and the models' cards."""
+    limit_s: float = 1800.0
+    """For one command."""
+    out: Path | None = None
+    """File of rows so far, to go on from."""
+
+    def measure(self) -> dict[str, Any]:
+        for page in self.pages:
+            if not page.is_file():
+                raise ConfigError(f"{page}: no such page")
+        pages = self.pages or (
+            *sorted(ROOT.glob("docs/**/*.md")),
+            ROOT / "README.md",
+            *sorted(ROOT.glob("models/*.md")),
+        )
+        known = self.out.read_text().splitlines() if self.out is not None and self.out.is_file() else []
+        rows: list[Row] = [json.loads(line) for line in known]
+        done = {row["page"] for row in rows}
+        for page in progress([page for page in pages if commands(page)], "pages"):
+            name = str(page.resolve().relative_to(ROOT))
+            if name in done:
+                continue
+            found = [{"page": name, **row} for row in self._run(page)]
+            rows += found
+            if self.out is not None:
+                with self.out.open("a") as file:
+                    file.writelines(json.dumps(row) + "\n" for row in found)
+        failed = [row for row in rows if row.get("code", 0) >= FAILED or row.get("code", 0) < 0]
+        return {
+            "commands": len(rows),
+            "ran": sum("code" in row for row in rows),
+            "failed": [f"{row['page']}: {row['command']}: {row['code']}" for row in failed],
+            "not_run": dict(Counter(row["lacks"] for row in rows if "lacks" in row)),
+            "minutes": sum(row.get("seconds", 0.0) for row in rows) / 60.0,
+        }
+
+    def _run(self, page: Path) -> Iterator[Row]:
+        with tempfile.TemporaryDirectory() as scratch:
+            folder = Path(scratch)
+            for name in ("examples", "models"):
+                (folder / name).symlink_to(ROOT / name)
+            path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+            run = {"cwd": folder, "env": {**os.environ, "PATH": path, "HOME": scratch}}
+            waiting: list[tuple[Row, subprocess.Popen[bytes]]] = []
+            for command in commands(page):
+                lacks = next((why for part, why in LACKS.items() if re.search(part, f"{page}: {command}")), None)
+                if lacks is not None:
+                    yield {"command": command, "lacks": lacks}
+                    continue
+                begun_s = time.monotonic()
+                log = folder / "log"
+                with log.open("wb") as file:
+                    process = subprocess.Popen(
+                        ["/bin/bash", "-c", f"exec {command}"],
+                        stdin=subprocess.DEVNULL, stdout=file, stderr=file, start_new_session=True, **run,
+                    )  # fmt: skip
+                waits = WAITS.search(command) is not None
+                code = ended(process, SETTLED_S if waits else self.limit_s)
+                row = {"command": command, "seconds": round(time.monotonic() - begun_s, 1)}
+                if waits and code is None:
+                    waiting.append((row, process))
+                    continue
+                yield self._told(row, code if code is not None else stopped(process), log)
+            for row, process in reversed(waiting):
+                code = stopped(process)
+                yield self._told(row, 0 if code in (130, -signal.SIGINT) else code, folder / "log")
+
+    def _told(self, row: Row, code: int, log: Path) -> Row:
+        """The row with its exit code, told on the way; where it failed with what it said last."""
+        tell(f"{code:4d} {row['seconds']:7.1f} s  {row['command']}")
+        if code >= FAILED or code < 0:
+            tell(log.read_text(errors="replace")[-500:])
+        return {**row, "code": code}
+
+
+def commands(page: Path) -> list[str]:
+    """The commands of a page, in order, without their comments."""
+    text = re.sub(r"\\\n\s*", "", page.read_text())
+    lines = [line.strip() for block in BLOCK.findall(text) for line in block.splitlines()]
+    return [re.sub(r"\s+# .*", "", line) for line in lines if line.startswith(PROGRAMS)]
+
+
+def ended(process: subprocess.Popen[bytes], limit_s: float) -> int | None:
+    """Its exit code; None where it still runs after so long."""
+    try:
+        return process.wait(limit_s)
+    except subprocess.TimeoutExpired:
+        return None
+
+
+def stopped(process: subprocess.Popen[bytes]) -> int:
+    """Ends a command as Ctrl-C does, and what it started with it; returns its exit code."""
+    os.killpg(process.pid, signal.SIGINT)
+    code = ended(process, END_S)
+    if code is None:
+        os.killpg(process.pid, signal.SIGKILL)
+        code = process.wait()
+    return code
