@@ -9,6 +9,7 @@ follows it, and is ended with the page. What cannot run here is listed with what
 whole in that file are not run again.
 """
 
+import contextlib
 import json
 import os
 import re
@@ -47,6 +48,8 @@ WAITS = re.compile(r"saltus (router|up|watch|record run|ros2|heightmap serve|dem
 SETTLED_S = 5.0
 """How long what waits is given to begin, or to fail."""
 END_S = 30.0
+ASKED = (130, -signal.SIGINT)
+"""Exit codes of what was ended by Ctrl-C."""
 FAILED = 2
 """Exit code from which on a command has failed; 1 is a verdict, as of a robot that fell."""
 
@@ -75,7 +78,7 @@ class Benchmark(Command):
         rows: list[Row] = [json.loads(line) for line in known]
         done = {row["page"] for row in rows}
         for page in progress([page for page in pages if commands(page)], "pages"):
-            name = str(page.resolve().relative_to(ROOT))
+            name = os.path.relpath(page.resolve(), ROOT)
             if name in done:
                 continue
             found = [{"page": name, **row} for row in self._run(page)]
@@ -98,37 +101,27 @@ class Benchmark(Command):
             for name in ("examples", "models"):
                 (folder / name).symlink_to(ROOT / name)
             path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-            run = {"cwd": folder, "env": {**os.environ, "PATH": path, "HOME": scratch}}
-            waiting: list[tuple[Row, subprocess.Popen[bytes]]] = []
-            for command in commands(page):
-                lacks = next((why for part, why in LACKS.items() if re.search(part, f"{page}: {command}")), None)
-                if lacks is not None:
-                    yield {"command": command, "lacks": lacks}
-                    continue
-                begun_s = time.monotonic()
-                log = folder / "log"
-                with log.open("wb") as file:
-                    process = subprocess.Popen(
-                        ["/bin/bash", "-c", f"exec {command}"],
-                        stdin=subprocess.DEVNULL, stdout=file, stderr=file, start_new_session=True, **run,
-                    )  # fmt: skip
-                waits = WAITS.search(command) is not None
-                code = ended(process, SETTLED_S if waits else self.limit_s)
-                row = {"command": command, "seconds": round(time.monotonic() - begun_s, 1)}
-                if waits and code is None:
-                    waiting.append((row, process))
-                    continue
-                yield self._told(row, code if code is not None else stopped(process), log)
-            for row, process in reversed(waiting):
-                code = stopped(process)
-                yield self._told(row, 0 if code in (130, -signal.SIGINT) else code, folder / "log")
-
-    def _told(self, row: Row, code: int, log: Path) -> Row:
-        """The row with its exit code, told on the way; where it failed with what it said last."""
-        tell(f"{code:4d} {row['seconds']:7.1f} s  {row['command']}")
-        if code >= FAILED or code < 0:
-            tell(log.read_text(errors="replace")[-500:])
-        return {**row, "code": code}
+            environment = {**os.environ, "PATH": path, "HOME": scratch}
+            waiting: list[tuple[Row, subprocess.Popen[bytes], Path]] = []
+            try:
+                for number, command in enumerate(commands(page)):
+                    lacks = next((why for part, why in LACKS.items() if re.search(part, f"{page}: {command}")), None)
+                    if lacks is not None:
+                        yield {"command": command, "lacks": lacks}
+                        continue
+                    log = folder / f"{number}.log"
+                    begun_s = time.monotonic()
+                    process = begun(command, log, cwd=folder, env=environment)
+                    waits = WAITS.search(command) is not None
+                    code = ended(process, SETTLED_S if waits else self.limit_s)
+                    row = {"command": command, "seconds": round(time.monotonic() - begun_s, 1)}
+                    if waits and code is None:
+                        waiting.append((row, process, log))
+                    else:
+                        yield told(row, code if code is not None else stopped(process), log)
+            finally:
+                last = [(row, stopped(process), log) for row, process, log in reversed(waiting)]
+            yield from (told(row, 0 if code in ASKED else code, log) for row, code, log in last)
 
 
 def commands(page: Path) -> list[str]:
@@ -136,6 +129,15 @@ def commands(page: Path) -> list[str]:
     text = re.sub(r"\\\n\s*", "", page.read_text())
     lines = [line.strip() for block in BLOCK.findall(text) for line in block.splitlines()]
     return [re.sub(r"\s+# .*", "", line) for line in lines if line.startswith(PROGRAMS)]
+
+
+def begun(command: str, log: Path, *, cwd: Path, env: dict[str, str]) -> subprocess.Popen[bytes]:
+    """Starts a command, in a session of its own: it and what it starts can be ended together."""
+    with log.open("wb") as file:
+        return subprocess.Popen(
+            ["/bin/bash", "-c", f"exec {command}"],
+            stdin=subprocess.DEVNULL, stdout=file, stderr=file, start_new_session=True, cwd=cwd, env=env,
+        )  # fmt: skip
 
 
 def ended(process: subprocess.Popen[bytes], limit_s: float) -> int | None:
@@ -148,9 +150,18 @@ def ended(process: subprocess.Popen[bytes], limit_s: float) -> int | None:
 
 def stopped(process: subprocess.Popen[bytes]) -> int:
     """Ends a command as Ctrl-C does, and what it started with it; returns its exit code."""
-    os.killpg(process.pid, signal.SIGINT)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGINT)
     code = ended(process, END_S)
     if code is None:
         os.killpg(process.pid, signal.SIGKILL)
         code = process.wait()
     return code
+
+
+def told(row: Row, code: int, log: Path) -> Row:
+    """The row with its exit code, told on the way; where it failed with what it said last."""
+    tell(f"{code:4d} {row['seconds']:7.1f} s  {row['command']}")
+    if code >= FAILED or code < 0:
+        tell(log.read_text(errors="replace")[-500:])
+    return {**row, "code": code}
