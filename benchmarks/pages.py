@@ -81,7 +81,7 @@ class Benchmark(Command):
             name = os.path.relpath(page.resolve(), ROOT)
             if name in done:
                 continue
-            found = [{"page": name, **row} for row in self._run(page)]
+            found = [{"page": name, **row} for row in self._run(page, name)]
             rows += found
             if self.out is not None:
                 with self.out.open("a") as file:
@@ -95,17 +95,17 @@ class Benchmark(Command):
             "minutes": sum(row.get("seconds", 0.0) for row in rows) / 60.0,
         }
 
-    def _run(self, page: Path) -> Iterator[Row]:
+    def _run(self, page: Path, name: str) -> Iterator[Row]:
         with tempfile.TemporaryDirectory() as scratch:
             folder = Path(scratch)
-            for name in ("examples", "models"):
-                (folder / name).symlink_to(ROOT / name)
+            for shipped in ("examples", "models"):
+                (folder / shipped).symlink_to(ROOT / shipped)
             path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
             environment = {**os.environ, "PATH": path, "HOME": scratch}
             waiting: list[tuple[Row, subprocess.Popen[bytes], Path]] = []
             try:
                 for number, command in enumerate(commands(page)):
-                    lacks = next((why for part, why in LACKS.items() if re.search(part, f"{page}: {command}")), None)
+                    lacks = next((why for part, why in LACKS.items() if re.search(part, f"{name}: {command}")), None)
                     if lacks is not None:
                         yield {"command": command, "lacks": lacks}
                         continue
