@@ -1,12 +1,16 @@
 """Ends runs at random: recordings that are cut, disks that are full, signals. What is left is whole and says so.
 
-cut: a recording of a run at random bytes. disk: a small tmpfs under the run (needs root). Others: SIGTERM, SIGHUP and
-Ctrl-C at random moments of a command.
+cut: a recording of a run at random bytes. disk: a small tmpfs under the run (needs root). orders: no end but all
+beginnings, the processes of a run in lockstep started by hand in each order, at random moments. Others: SIGTERM, SIGHUP
+and Ctrl-C at random moments of a command.
 
     saltus bench ends -- --what cut --times 2000
     saltus bench ends -- --what train --times 50 --out runs/ends.jsonl
 """
 
+import contextlib
+import hashlib
+import itertools
 import json
 import signal
 import subprocess
@@ -26,6 +30,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from benchmarks._command import Command, progress, tell
 from saltus.config import RunConfig, TerrainConfig
+from saltus.depth_camera import load_camera
 from saltus.errors import SaltusError
 from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shards import MANIFEST
@@ -33,9 +38,14 @@ from saltus.policy.training.checkpoint import read_checkpoint
 from saltus.recordings.recorder import RECORDING_FILE
 from saltus.recordings.recording import read_recording
 from saltus.recordings.repair import repair
+from saltus.robots.loading import load_robot
 from saltus.runtime.faults import is_upright, witness
-from saltus.runtime.stack import Stack
+from saltus.runtime.run_folder import write_run
+from saltus.runtime.stack import PROGRAMS, Stack
+from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import ControllerMode, RobotState
+from saltus.wire.router import open_router
+from saltus.wire.zenoh_bus import ZenohBus
 
 COURSE = ("--terrain", "flat", "--planner", "scripted", "--camera", "ideal")
 COMMANDS: dict[str, tuple[str, ...]] = {
@@ -59,11 +69,13 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 }
 SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 ENDED_S = 120.0
+ORDERS = list(itertools.permutations(PROGRAMS))
+LIMIT_S = 3.0  # of a run that is started in some order
 
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    what: Literal["cut", "disk", "up", "demo", "train", "collect", "evaluate"] = "cut"
+    what: Literal["cut", "disk", "orders", "up", "demo", "train", "collect", "evaluate"] = "cut"
     """What is ended, and how."""
     times: int = 50
     """How often."""
@@ -82,10 +94,13 @@ class Benchmark(Command):
         if self.out is not None and self.out.is_file():
             lines = [json.loads(line) for line in self.out.read_text().splitlines()]
             rows = [row for row in lines if row["what"] == self.what and row["number"] < self.times]
+        try_one = {"disk": self._disk, "orders": self._order}.get(self.what, self._signal)
         for number in progress(range(len(rows), self.times), self.what):
             rng = np.random.default_rng([self.seed, number])
             with tempfile.TemporaryDirectory() as folder:
-                row = self._disk(Path(folder), rng) if self.what == "disk" else self._signal(Path(folder), rng)
+                row = try_one(Path(folder), rng, number)
+            if rows and row.get("states") != rows[0].get("states"):
+                row["wrong"] += "it sent other states than in the first order; "
             rows.append({"what": self.what, "number": number, **row})
             if self.out is not None:
                 with self.out.open("a") as file:
@@ -98,7 +113,11 @@ class Benchmark(Command):
                 "with_files": sum(bool(row.get("files", True)) for row in rows),
                 "wrong": [row["wrong"] for row in rows if row["wrong"]],
                 "tracebacks": [row["traceback"] for row in rows if row.get("traceback")],
-                "ended_s_max": max(row.get("ended_s", 0.0) for row in rows),
+                **{
+                    f"{name}_max": max(row.get(name, 0.0) for row in rows)
+                    for name in ("ended_s", "ready_s")
+                    if any(name in row for row in rows)
+                },
             }
         }
 
@@ -123,7 +142,42 @@ class Benchmark(Command):
         return {"bytes": len(data), "messages": len(full), "cuts": self.times, "wrong": wrong,
                 "saved_of_a_torn_chunk_mean": float(np.mean(kept))}  # fmt: skip
 
-    def _disk(self, folder: Path, rng: np.random.Generator) -> dict[str, Any]:
+    def _order(self, folder: Path, rng: np.random.Generator, number: int) -> dict[str, Any]:
+        """A run whose processes are started one after the other, each up to a second after the one before."""
+        order = ORDERS[number % len(ORDERS)]
+        config = RunConfig(terrain=TerrainConfig(terrain="flat"), time_limit_s=LIMIT_S, epoch_ns=time.monotonic_ns())
+        robot, terrain = load_robot(config.robot), make_terrain(config.terrain)
+        write_run(folder, config, robot, terrain, load_camera(config.camera))
+        endpoint, router = open_router()
+        processes: dict[str, subprocess.Popen[bytes]] = {}
+        with contextlib.closing(router), ZenohBus(endpoint, config.prefix) as bus:
+            heard, states = bus.stream(), hashlib.sha256()
+            waiting = {program.name: bus.latest("status", program.name) for program in order}
+            for program in order:
+                time.sleep(float(rng.uniform(0.0, 1.0)))
+                processes[program.name] = subprocess.Popen(
+                    [sys.executable, "-P", "-m", program.module, "--run-dir", str(folder), "--endpoint", endpoint],
+                    stdout=subprocess.DEVNULL,
+                )
+            started_s = ready_s = time.monotonic()
+            while processes["controller"].poll() is None and time.monotonic() - started_s < ENDED_S:
+                if waiting:
+                    waiting = {name: latest for name, latest in waiting.items() if latest.take() is None}
+                    ready_s = time.monotonic()
+                for sample in heard.drain():
+                    if sample.key == "controller/state":
+                        states.update(sample.payload)
+                time.sleep(0.01)
+            for process in processes.values():
+                process.terminate()
+            codes = {name: process.wait() for name, process in processes.items()}
+        wrong = "".join(f"{name} never came; " for name in waiting) + "".join(
+            f"{name} ended with {code}; " for name, code in codes.items() if code
+        )
+        names = [program.name for program in order]
+        return {"order": names, "ready_s": ready_s - started_s, "states": states.hexdigest(), "wrong": wrong}
+
+    def _disk(self, folder: Path, rng: np.random.Generator, _number: int) -> dict[str, Any]:
         """A run on a file system with room for a random part of it."""
         room = int(rng.integers(200_000, 1_500_000))
         run = folder / "disk"
@@ -145,25 +199,25 @@ class Benchmark(Command):
         )
         return {"room": room, "states_kept": len(kept), "wrong": wrong}
 
-    def _signal(self, folder: Path, rng: np.random.Generator) -> dict[str, Any]:
+    def _signal(self, folder: Path, rng: np.random.Generator, _number: int) -> dict[str, Any]:
         """A command that is ended by a signal, and what it left."""
-        number = SIGNALS[rng.integers(len(SIGNALS))]
+        sent = SIGNALS[rng.integers(len(SIGNALS))]
         after_s = float(rng.uniform(0.0, self.within_s))
         out = folder / "out"
         process = start((*COMMANDS[self.what], "--out", str(out)))
         try:
             process.wait(after_s)
         except subprocess.TimeoutExpired:
-            process.send_signal(number)
+            process.send_signal(sent)
         begun_s = time.monotonic()
         try:
             _, told = process.communicate(timeout=ENDED_S)
         except subprocess.TimeoutExpired:
             process.kill()
-            return {"signal": number.name, "after_s": after_s, "wrong": f"it did not end within {ENDED_S:g} s"}
+            return {"signal": sent.name, "after_s": after_s, "wrong": f"it did not end within {ENDED_S:g} s"}
         wrong = "; ".join(leftovers(out))
         return {
-            "signal": number.name, "after_s": after_s, "exit_code": process.returncode,
+            "signal": sent.name, "after_s": after_s, "exit_code": process.returncode,
             "ended_s": time.monotonic() - begun_s, "files": sorted(path.name for path in out.rglob("*.*")),
             "wrong": wrong, "said": told.splitlines()[-1:],
             "traceback": told.splitlines()[-1] if "Traceback" in told else "",

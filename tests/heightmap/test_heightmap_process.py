@@ -123,6 +123,23 @@ def test_in_real_time_old_states_are_not_answered(house: House) -> None:
     assert house.ask(replace(states(1)[0], time_ns=house.clock.now_ns(), step=2)).step == 2
 
 
+def test_of_what_waited_while_a_process_hung_only_the_newest_is_answered(model_path: Path, tmp_path: Path) -> None:
+    house = House(model_path, tmp_path, "realtime")
+    heard, now_ns = house.bus.stream(), house.clock.now_ns()
+    for state in states(40):  # 0.4 s of the run: the last ones are fresh
+        house.states.put(replace(state, time_ns=now_ns - 10_000_000 * (39 - state.step)))
+    house.thread.start()
+    sample = house.heightmaps.wait(PATIENCE_S)
+    assert sample is not None
+    assert sample.message.step == 39
+    assert house.ask(replace(states(1)[0], time_ns=house.clock.now_ns(), step=40)).step == 40
+    house.context.stopped = True
+    house.thread.join(PATIENCE_S)
+    answered = [sample.key for sample in heard.drain()].count("heightmap/heightmap")
+    house.bus.close()
+    assert answered == 2
+
+
 @pytest.mark.parametrize("house", ["realtime"], indirect=True)
 def test_in_real_time_each_state_gets_the_answer_of_the_service_once(house: House, model_path: Path) -> None:
     """States at the rate of the robot, then a pause in which nothing more may come."""

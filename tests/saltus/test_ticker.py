@@ -1,6 +1,8 @@
 """Laws of clocks, ages and fixed rates."""
 
+import ast
 import time
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -168,3 +170,29 @@ def test_a_slowed_loop_ticks_on_the_grid_of_its_own_clock(speed: float, busy_ms:
             ticker.wait()
             run_ns = speed * (fake.now_ns - start)
             assert (run_ns + 2) // (10 * MS) == ticker.ticks + ticker.overruns - 1
+
+
+ROOT = Path(__file__).parents[2]
+WALL = {("time", "time"), ("time", "time_ns"), ("time", "localtime"), ("time", "gmtime"), ("time", "ctime"),
+        ("datetime", "now"), ("datetime", "utcnow"), ("datetime", "today"), ("date", "today"),
+        ("time", "CLOCK_REALTIME")}  # fmt: skip
+READ_BY = {
+    "saltus/folders.py": "the names of folders",
+    "saltus/wire/keys.py": "how long certificates hold",
+    "saltus/ros2/bridge.py": "what ROS wants to know of a sender",
+    "saltus/ros2/wall_clock.py": "stamps of ROS, which are of that clock",
+}
+
+
+def test_nothing_but_names_certificates_and_what_ros_stamps_is_of_the_wall_clock() -> None:
+    """Who sets it while a robot runs changes no age, no limit and no order."""
+    rooms = ("saltus", "heightmap", "render", "policy", "controller", "real2sim")
+    found = {
+        path.relative_to(ROOT).as_posix()
+        for room in rooms
+        for path in (ROOT / room).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if (isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and (node.value.id, node.attr) in WALL)
+        or (isinstance(node, ast.ImportFrom) and any((node.module, name.name) in WALL for name in node.names))
+    }
+    assert found == set(READ_BY)
