@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import signal
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -66,6 +67,16 @@ def processor_s(processes: Iterable[int]) -> float:
     """Processor time that processes have used."""
     fields = [Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split() for pid in processes]
     return sum(int(f[11]) + int(f[12]) for f in fields) / os.sysconf("SC_CLK_TCK")
+
+
+SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+"""By which people and systems end a command."""
+
+
+def hear_signals() -> None:
+    """As in a terminal, also where the benchmark was started to ignore them (nohup, &): for what is started."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_DFL)
 
 
 def resident_mb(processes: Iterable[int]) -> float:

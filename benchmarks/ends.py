@@ -12,7 +12,6 @@ import contextlib
 import hashlib
 import itertools
 import json
-import signal
 import subprocess
 import sys
 import tempfile
@@ -29,6 +28,7 @@ from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from benchmarks._command import Command, progress, tell
+from benchmarks._measuring import SIGNALS, hear_signals
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth_camera import load_camera
 from saltus.errors import SaltusError
@@ -67,7 +67,6 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     ),
     "evaluate": ("policy", "eval", "--terrain", "flat", "--trials", "50", "--processes", "1"),
 }
-SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 ENDED_S = 120.0
 ORDERS = list(itertools.permutations(PROGRAMS))
 LIMIT_S = 3.0  # of a run that is started in some order
@@ -233,12 +232,6 @@ def start(arguments: tuple[str, ...]) -> "subprocess.Popen[str]":
         text=True,
         preexec_fn=hear_signals,
     )
-
-
-def hear_signals() -> None:
-    """As in a terminal, also where this benchmark was started to ignore them (nohup, &)."""
-    for number in SIGNALS:
-        signal.signal(number, signal.SIG_DFL)
 
 
 def leftovers(out: Path) -> Iterator[str]:

@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks._command import Command, progress, tell
+from benchmarks._measuring import hear_signals
 from saltus.errors import ConfigError
 
 ROOT = Path(__file__).parents[1]
@@ -136,7 +137,8 @@ def begun(command: str, log: Path, *, cwd: Path, env: dict[str, str]) -> subproc
     with log.open("wb") as file:
         return subprocess.Popen(
             ["/bin/bash", "-c", f"exec {command}"],
-            stdin=subprocess.DEVNULL, stdout=file, stderr=file, start_new_session=True, cwd=cwd, env=env,
+            stdin=subprocess.DEVNULL, stdout=file, stderr=file, start_new_session=True, preexec_fn=hear_signals,
+            cwd=cwd, env=env,
         )  # fmt: skip
 
 
