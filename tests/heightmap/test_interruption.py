@@ -1,6 +1,7 @@
-"""A link between robot and heightmap service that holds what it is given and delivers it later, as a network does."""
+"""A link between robot and heightmap service that holds what it is given, or is slow, and delivers it later."""
 
 import contextlib
+import math
 import socket
 import tempfile
 import threading
@@ -33,12 +34,12 @@ TIMEOUT_S = 10.0
 
 
 class Relay:
-    """Passes on what comes to a socket of its own, both ways, while it is open."""
+    """Passes on what comes to a socket of its own, both ways."""
 
     def __init__(self, folder: Path, endpoint: str) -> None:
         self.endpoint = f"{LOCAL}{folder / 'relay'}"
-        self.open = threading.Event()
-        self.open.set()
+        self.rate = math.inf
+        """Bytes a second, each way; 0 holds them."""
         self._router = endpoint.removeprefix(LOCAL)
         self._ear = socket.socket(socket.AF_UNIX)
         self._ear.bind(str(folder / "relay"))
@@ -58,12 +59,14 @@ class Relay:
     def _pass_on(self, source: socket.socket, target: socket.socket) -> None:
         with contextlib.suppress(OSError):
             while data := source.recv(65536):
-                self.open.wait()
+                while not self.rate:
+                    time.sleep(0.001)
+                time.sleep(len(data) / self.rate)
                 target.sendall(data)
 
     def close(self) -> None:
         """Ends all that goes through it."""
-        self.open.set()
+        self.rate = math.inf
         for each in self._sockets:
             with contextlib.suppress(OSError):
                 each.shutdown(socket.SHUT_RDWR)
@@ -85,9 +88,11 @@ def service(model_path: Path, tmp_path: Path) -> Iterator[tuple[str, RunClock]]:
         assert not thread.is_alive()
 
 
-@pytest.mark.parametrize("held", [10, 80], ids=["delivered late", "until the link is given up"])
+@pytest.mark.parametrize(
+    ("held", "rate"), [(10, 0.0), (80, 0.0), (40, 5e3)], ids=["late", "until the link is given up", "slow"]
+)
 def test_what_a_link_held_has_no_effect_and_heights_are_soon_good_again(
-    held: int, service: tuple[str, RunClock]
+    held: int, rate: float, service: tuple[str, RunClock]
 ) -> None:
     endpoint, clock = service
     captured_ns: dict[int, int] = {}
@@ -106,9 +111,9 @@ def test_what_a_link_held_has_no_effect_and_heights_are_soon_good_again(
         first_ns = clock.now_ns()
         for state in states(BEFORE + held + AFTER):
             if state.step == BEFORE:
-                relay.open.clear()
+                relay.rate = rate
             if state.step == BEFORE + held:
-                relay.open.set()
+                relay.rate = math.inf
                 released_ns = clock.now_ns()
             time.sleep(max(0.0, clock.machine_s(1e-9 * (first_ns + state.step * TICK_NS - clock.now_ns()))))
             now_ns, frame = clock.now_ns(), on_time(state.step)
@@ -132,6 +137,7 @@ def test_what_a_link_held_has_no_effect_and_heights_are_soon_good_again(
             assert answer.depth_age_s <= depth.degraded_age_s
     steps = [answer.step for _, answer in answers]
     assert steps == sorted(steps)
+    assert sum(BEFORE <= step < BEFORE + held for step in steps) < held  # the link was in the way
     before = [answer.status for _, answer in answers if answer.step < BEFORE]
     after = [answer for arrival_ns, answer in answers if arrival_ns > released_ns]
     assert HeightmapStatus.OK in before
