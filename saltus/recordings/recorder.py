@@ -7,7 +7,9 @@ time), all in the run's clock, so that a replay can check order and age as live.
 
 import contextlib
 import json
+import os
 import platform
+import threading
 import time
 import zlib
 from collections import Counter
@@ -38,6 +40,7 @@ from saltus.wire.schemas import TYPE_NAME
 
 CHUNK_BYTES = 256 * 1024
 FLUSH_S = 0.5  # what a crash may cost
+SYNC_S = 1.0  # and a power cut beyond it: a system may keep for 30 s in memory what it was given
 LIBRARY = "saltus"
 SCHEMA = "saltus-recording/1"
 RECORDING_FILE = "recording.mcap"
@@ -103,6 +106,9 @@ class Recorder:
             setattr(self._writer, CHUNK_INDICES, PackedIndex())
             self._writer.start(profile=PROFILE, library=LIBRARY)
             self._writer.add_metadata(METADATA, about)
+        self._ended = threading.Event()
+        self._syncs = threading.Thread(target=self._sync, name="recording to disk", daemon=True)
+        self._syncs.start()
 
     def write(self, raw: RawSample) -> None:
         """Records one sample of a recorded topic; counts what is malformed."""
@@ -138,14 +144,24 @@ class Recorder:
             self._end(summary or {})
 
     def _end(self, summary: dict[str, str]) -> None:
+        self._ended.set()
+        self._syncs.join()
         try:
             with _writing(self.path):
                 self._writer.flush()
                 self._writer.add_metadata(METADATA_END, summary)
                 self._writer.finish()
+                self._file.flush()
+                os.fdatasync(self._file.fileno())
         finally:
             with contextlib.suppress(OSError):  # it flushes once more, onto the same full disk
                 self._file.close()
+
+    def _sync(self) -> None:
+        """Sees to it that the disk has what was flushed. In a thread of its own: a disk may take its time."""
+        while not self._ended.wait(SYNC_S):
+            with contextlib.suppress(OSError):  # on a full disk the next flush says so
+                os.fdatasync(self._file.fileno())
 
     def __enter__(self) -> "Recorder":
         return self

@@ -1,6 +1,7 @@
 """Recordings: what is written is read."""
 
 import gc
+import os
 import signal
 import struct
 import time
@@ -101,6 +102,26 @@ def test_what_was_flushed_survives_the_writer(tmp_path: Path, monkeypatch: pytes
     assert len(list(recording.messages("controller/state"))) == 5
     file.close()
     assert read_recording(path).complete
+
+
+def test_what_was_flushed_is_given_to_the_disk_soon_and_at_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[int] = []
+    monkeypatch.setattr(recorder.os, "fdatasync", lambda file: given.append(os.fstat(file).st_size))
+    monkeypatch.setattr(recorder, "SYNC_S", 0.01)
+    monkeypatch.setattr(recorder, "FLUSH_S", 0.0)
+    path = tmp_path / "recording.mcap"
+    with Recorder(path, RunConfig(), ROBOT, TERRAIN, SHIPPED["ideal"]) as file:
+        for sample in run_samples(5):
+            file.write(sample)
+        time.sleep(0.001)
+        file.flush()
+        flushed, until_s = path.stat().st_size, time.monotonic() + 10.0
+        while given[-1:] != [flushed]:
+            assert time.monotonic() < until_s
+            time.sleep(0.001)
+    assert given[-1] == path.stat().st_size > flushed
 
 
 def test_the_index_of_a_long_recording_takes_little_memory_and_says_where_everything_is() -> None:
