@@ -60,6 +60,7 @@ def record(run_dir: Path, endpoint: str | None, begin: Callable[[], Path], secon
         while bus.connected() and time.monotonic() < end_s:
             for raw in stream.drain():
                 recorder.write(raw)
+            recorder.missed = stream.overflowed
             recorder.flush()
             time.sleep(DRAIN_PERIOD_S)
 

@@ -48,7 +48,7 @@ RECORDING_FILE = "recording.mcap"
 METADATA = "saltus"
 METADATA_END = "saltus/end"
 LOST = "lost"
-"""Key of the latter: what a repaired recording lacks, as a JSON list of lines."""
+"""Key of the latter: what the recording lacks, as a JSON list of lines."""
 PROFILE = "ros2"
 PACKAGES = ("saltus", "numpy", "mujoco", "eclipse-zenoh", "onnxruntime", "mcap", "rosbags")
 SEQUENCE_MASK = 2**32 - 1  # MCAP counts in a uint32
@@ -90,6 +90,8 @@ class Recorder:
         self.path = path
         self.rejected: Counter[str] = Counter()
         """Samples that were not recorded because they are malformed, by "topic/reason"."""
+        self.missed = 0
+        """Samples that came faster than they were recorded, as those count them who call `write`."""
         self._clock = RunClock.of(run_config)
         self.simulated_ns = 0
         """Lockstep: time of the newest step that was recorded."""
@@ -140,8 +142,9 @@ class Recorder:
         """Writes the end of the file; without it a reader calls the recording incomplete."""
         if self._file.closed:
             return
+        missed = [f"{self.missed} messages, which came faster than they were recorded"] if self.missed else []
         with WHOLE:
-            self._end(summary or {})
+            self._end({**(summary or {}), LOST: json.dumps(missed)})
 
     def _end(self, summary: dict[str, str]) -> None:
         self._ended.set()

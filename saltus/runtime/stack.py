@@ -32,7 +32,7 @@ from saltus.runtime.process import PEER_FLAG
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.terrain.curriculum import make_terrain
-from saltus.wire.bus import Latest, Publisher, RawSample, Stream, topic_of, unpack
+from saltus.wire.bus import STREAM_CAPACITY, Latest, Publisher, RawSample, Stream, topic_of, unpack
 from saltus.wire.joining import write_client
 from saltus.wire.messages import OPERATOR, SUPERVISOR, Event, ProcessStatus
 from saltus.wire.router import Network, open_router
@@ -290,7 +290,9 @@ class Stack:
             self._note_status(raw)
             self._obey(raw)
         self._judge_real_time()
-        self._unrecorded.extend(samples)
+        room = STREAM_CAPACITY - len(self._unrecorded)
+        self._stream.overflowed += max(0, len(samples) - room)
+        self._unrecorded.extend(samples[:room])
         for _ in range(min(len(self._unrecorded), RECORDED_AT_A_TIME)):
             self._record(self._unrecorded.popleft())
         self._record(None)
@@ -365,11 +367,9 @@ class Stack:
         self._drain()
         while self._unrecorded:
             self._record(self._unrecorded.popleft())
-        summary = {
-            "restarts": json.dumps(self.restarts),
-            "rejected": json.dumps({**self.rejected, SUPERVISOR: dict(self._recorder.rejected)}),
-            "overflowed": str(self._stream.overflowed),
-        }
+        self._recorder.missed = self._stream.overflowed
+        rejected = {**self.rejected, SUPERVISOR: dict(self._recorder.rejected)}
+        summary = {"restarts": json.dumps(self.restarts), "rejected": json.dumps(rejected)}
         if error is not None:
             summary["error"] = str(error) or type(error).__name__
         try:

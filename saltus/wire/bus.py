@@ -106,7 +106,7 @@ class Stream:
         self._capacity = capacity
         self._lock = threading.Lock()
         self.overflowed = 0
-        """Samples dropped because nobody drained in time."""
+        """Samples dropped because nobody took them in time."""
 
     def push(self, sample: RawSample) -> None:
         """Adds a sample, or counts it as dropped."""

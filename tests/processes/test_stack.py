@@ -173,6 +173,20 @@ def test_processes_do_not_outlive_a_killed_supervisor(tmp_path: Path) -> None:
     child.wait(timeout=10.0)
 
 
+def test_what_waits_to_be_recorded_is_bounded_and_what_is_left_out_is_told(
+    speed: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "STREAM_CAPACITY", 40)
+    monkeypatch.setattr(module, "RECORDED_AT_A_TIME", 0)
+    with Stack(run_config(time_limit_s=2.0, speed=speed), tmp_path, (STATES,)) as stack:
+        waiting = []
+        while not stack.wait(0.05):
+            waiting.append(len(stack._unrecorded))
+    assert max(waiting) <= 40
+    (lost,) = read_recording(tmp_path / "recording.mcap").lost
+    assert int(lost.split()[0]) > 100
+
+
 def test_a_full_disk_ends_the_run_with_its_reason(speed: float, tmp_path: Path) -> None:
     (tmp_path / "recording.mcap").symlink_to("/dev/full")
     with (

@@ -104,6 +104,14 @@ def test_what_was_flushed_survives_the_writer(tmp_path: Path, monkeypatch: pytes
     assert read_recording(path).complete
 
 
+@pytest.mark.parametrize("missed", [0, 3])
+def test_what_came_too_fast_is_told(missed: int, tmp_path: Path) -> None:
+    with Recorder(tmp_path / "recording.mcap", RunConfig(), ROBOT, TERRAIN, SHIPPED["ideal"]) as file:
+        file.missed = missed
+    lost = read_recording(tmp_path / "recording.mcap").lost
+    assert lost == ([f"{missed} messages, which came faster than they were recorded"] if missed else [])
+
+
 def test_what_was_flushed_is_given_to_the_disk_soon_and_at_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
