@@ -35,7 +35,7 @@ PROGRAMS = ("saltus", "python", "pip", "make", "docker", "git", "tools/", "ros2"
 LACKS = {
     r"pip |go2/|motor_response": "files from the internet",
     r"docker|git archive": "Docker, or a Debian root: docs/container.md says how it was tried",
-    r"ros2 (run|topic)|export RMW": "ROS 2",
+    r"ros2 (run|topic)|export RMW|: saltus ros2 --run-dir runs/one$": "ROS 2",
     r": make ": "a fresh clone: that is what is checked before each change",
     r"gpu_train|paper train|collect gpu|runs/(second|all|dagger|paper-train|heightmap/)|models/policy.md": "a GPU",
     r"real2sim cycle": "hours, or a GPU: its figures are in docs/cycle.md",
@@ -46,9 +46,10 @@ LACKS = {
 """Why a command is not run, by a part of its page and itself."""
 WAITS = re.compile(r"saltus (router|up|watch|record run|ros2|heightmap serve|demo --pace realtime)|own_robot\.py")
 """What runs until it is ended, or beside what the page starts in other terminals."""
-SETTLED_S = 5.0
-"""How long what waits is given to begin, or to fail."""
+SETTLED_S = 20.0
+"""How long what waits is given to say that it has begun, or to fail."""
 END_S = 30.0
+POLL_S = 0.5
 ASKED = (130, -signal.SIGINT)
 """Exit codes of what was ended by Ctrl-C."""
 FAILED = 2
@@ -114,7 +115,7 @@ class Benchmark(Command):
                     begun_s = time.monotonic()
                     process = begun(command, log, cwd=folder, env=environment)
                     waits = WAITS.search(command) is not None
-                    code = ended(process, SETTLED_S if waits else self.limit_s)
+                    code = ended(process, SETTLED_S, log) if waits else ended(process, self.limit_s)
                     row = {"command": command, "seconds": round(time.monotonic() - begun_s, 1)}
                     if waits and code is None:
                         waiting.append((row, process, log))
@@ -142,12 +143,14 @@ def begun(command: str, log: Path, *, cwd: Path, env: dict[str, str]) -> subproc
         )  # fmt: skip
 
 
-def ended(process: subprocess.Popen[bytes], limit_s: float) -> int | None:
-    """Its exit code; None where it still runs after so long."""
-    try:
-        return process.wait(limit_s)
-    except subprocess.TimeoutExpired:
-        return None
+def ended(process: subprocess.Popen[bytes], limit_s: float, log: Path | None = None) -> int | None:
+    """Its exit code; None where it still runs after so long, or has said something in its log and still runs."""
+    until_s = time.monotonic() + limit_s
+    while process.poll() is None and time.monotonic() < until_s:
+        time.sleep(POLL_S)
+        if log is not None and log.stat().st_size and process.poll() is None:
+            return None
+    return process.returncode
 
 
 def stopped(process: subprocess.Popen[bytes]) -> int:

@@ -10,7 +10,10 @@ Payloads are CDR of the ROS 2 messages below, times those of this computer's mon
 """
 
 import argparse
+import contextlib
+import itertools
 import json
+import math
 import os
 import struct
 import time
@@ -149,7 +152,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("client", help="client.json5 of the run")
     parser.add_argument("--prefix", default="robot/0", help="of the keys")
-    parser.add_argument("--seconds", type=float, default=5.0, help="how long")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="how long; by default until Ctrl-C")
     parser.add_argument("--json", action="store_true", help="print every heightmap as one line of JSON")
     options = parser.parse_args()
     session = zenoh.open(zenoh.Config.from_file(options.client))
@@ -169,14 +172,15 @@ def main() -> None:
 
     subscriber = session.declare_subscriber(f"{options.prefix}/heightmap/heightmap", receive)
     depth, start = level_ground(), time.monotonic_ns()
-    for step in range(round(options.seconds / PERIOD_S)):
-        time.sleep(max(0.0, 1e-9 * (start - time.monotonic_ns()) + PERIOD_S * step))
-        now_ns = time.monotonic_ns()
-        if step % 2 == 0:
-            taken_ns = now_ns - round(1e9 * LATENCY_S)
-            frames.put(taken_ns, frame_id=step // 2, **image_fields(depth, taken_ns))
-        states.put(now_ns, step=step, **standing())
-    time.sleep(0.2)
+    with contextlib.suppress(KeyboardInterrupt):
+        for step in itertools.takewhile(lambda step: step * PERIOD_S < options.seconds, itertools.count()):
+            time.sleep(max(0.0, 1e-9 * (start - time.monotonic_ns()) + PERIOD_S * step))
+            now_ns = time.monotonic_ns()
+            if step % 2 == 0:
+                taken_ns = now_ns - round(1e9 * LATENCY_S)
+                frames.put(taken_ns, frame_id=step // 2, **image_fields(depth, taken_ns))
+            states.put(now_ns, step=step, **standing())
+        time.sleep(0.2)
     subscriber.undeclare()
     session.close()
 
