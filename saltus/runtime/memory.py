@@ -13,7 +13,7 @@ GIVE_BACK_S = 30.0
 
 @contextlib.contextmanager
 def kept_small() -> Iterator[None]:
-    """Lets threads share one heap, and gives back what is free in it; for nothing where the C library is not glibc.
+    """Lets threads share one heap, and gives back what is free in it; does nothing where the C library is not glibc.
 
     By default each thread that is started gets a heap of its own, and keeps what it gave back: a supervisor grew so by
     0.1 to 2 MB with every process that died, the others by 0.1 to 0.2 MB. And a heap is only cut at its end: messages
