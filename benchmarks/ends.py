@@ -70,6 +70,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 ENDED_S = 120.0
 ORDERS = list(itertools.permutations(PROGRAMS))
 LIMIT_S = 3.0  # of a run that is started in some order
+SETTLED_S = 0.3  # for its last messages
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,14 +160,16 @@ class Benchmark(Command):
                     stdout=subprocess.DEVNULL,
                 )
             started_s = ready_s = time.monotonic()
-            while processes["controller"].poll() is None and time.monotonic() - started_s < ENDED_S:
+            goes_on = True
+            while goes_on:  # once more after the end, for what was sent last
+                goes_on = processes["controller"].poll() is None and time.monotonic() - started_s < ENDED_S
+                time.sleep(0.01 if goes_on else SETTLED_S)
                 if waiting:
                     waiting = {name: latest for name, latest in waiting.items() if latest.take() is None}
                     ready_s = time.monotonic()
                 for sample in heard.drain():
                     if sample.key == "controller/state":
                         states.update(sample.payload)
-                time.sleep(0.01)
             for process in processes.values():
                 process.terminate()
             codes = {name: process.wait() for name, process in processes.items()}

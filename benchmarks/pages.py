@@ -53,7 +53,7 @@ POLL_S = 0.5
 ASKED = (130, -signal.SIGINT)
 """Exit codes of what was ended by Ctrl-C."""
 FAILED = 2
-"""Exit code from which on a command has failed; 1 is a verdict, as of a robot that fell."""
+"""Exit code from which on a command has failed; 1 without a traceback is a verdict, as of a robot that fell."""
 
 Row = dict[str, Any]
 
@@ -88,11 +88,10 @@ class Benchmark(Command):
             if self.out is not None:
                 with self.out.open("a") as file:
                     file.writelines(json.dumps(row) + "\n" for row in found)
-        failed = [row for row in rows if row.get("code", 0) >= FAILED or row.get("code", 0) < 0]
         return {
             "commands": len(rows),
             "ran": sum("code" in row for row in rows),
-            "failed": [f"{row['page']}: {row['command']}: {row['code']}" for row in failed],
+            "failed": [f"{row['page']}: {row['command']}: {row['code']}" for row in rows if row.get("failed")],
             "not_run": dict(Counter(row["lacks"] for row in rows if "lacks" in row)),
             "minutes": sum(row.get("seconds", 0.0) for row in rows) / 60.0,
         }
@@ -166,7 +165,9 @@ def stopped(process: subprocess.Popen[bytes]) -> int:
 
 def told(row: Row, code: int, log: Path) -> Row:
     """The row with its exit code, told on the way; where it failed with what it said last."""
+    said = log.read_text(errors="replace")
+    failed = code >= FAILED or code < 0 or "Traceback (most recent call last)" in said
     tell(f"{code:4d} {row['seconds']:7.1f} s  {row['command']}")
-    if code >= FAILED or code < 0:
-        tell(log.read_text(errors="replace")[-500:])
-    return {**row, "code": code}
+    if failed:
+        tell(said[-500:])
+    return {**row, "code": code, "failed": failed}

@@ -58,9 +58,7 @@ def record(run_dir: Path, endpoint: str | None, begin: Callable[[], Path], secon
             recorder = resources.enter_context(Recorder(begin(), run.config, run.robot, run.terrain, run.camera))
         stream, end_s = bus.stream(), time.monotonic() + seconds
         while bus.connected() and time.monotonic() < end_s:
-            for raw in stream.drain():
-                recorder.write(raw)
-            recorder.missed = stream.overflowed
+            recorder.write_all(stream)
             recorder.flush()
             time.sleep(DRAIN_PERIOD_S)
 

@@ -33,7 +33,7 @@ from saltus.recordings.ros_messages import definition_of
 from saltus.recordings.viewer import Viewer
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
-from saltus.wire.bus import RawSample, topic_of, unpack
+from saltus.wire.bus import RawSample, Stream, topic_of, unpack
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import GroundTruth, Message, RobotState
 from saltus.wire.schemas import TYPE_NAME
@@ -91,7 +91,7 @@ class Recorder:
         self.rejected: Counter[str] = Counter()
         """Samples that were not recorded because they are malformed, by "topic/reason"."""
         self.missed = 0
-        """Samples that came faster than they were recorded, as those count them who call `write`."""
+        """Samples that came faster than they were recorded, as who calls `write` counts them."""
         self._clock = RunClock.of(run_config)
         self.simulated_ns = 0
         """Lockstep: time of the newest step that was recorded."""
@@ -129,6 +129,12 @@ class Recorder:
             self._begun = True
             for derived in (*still, *self._viewer.derive(raw.key, message, arrival_ns)):
                 self._add(derived.topic, derived.type_name, envelope, arrival_ns, derived.payload)
+
+    def write_all(self, stream: Stream) -> None:
+        """Records what has come since the last call."""
+        for raw in stream.drain():
+            self.write(raw)
+        self.missed = stream.overflowed
 
     def flush(self) -> None:
         """Hands what was written to the operating system, if it is due."""

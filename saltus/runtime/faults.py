@@ -231,8 +231,7 @@ def witness(
         stream, states = bus.stream(), bus.latest("controller/state")
         # silence is counted in waits: where the whole computer stands still, nobody has gone
         while supervisor.poll() is None or silent * WAIT_S < silent_s:
-            for raw in stream.drain():
-                recorder.write(raw)
+            recorder.write_all(stream)
             sample = states.wait(WAIT_S)
             silent += 1
             if sample is None or not isinstance(sample.message, RobotState):

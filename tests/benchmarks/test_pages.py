@@ -19,6 +19,7 @@ docker build -t saltus .
 ```
    prints this
 python -c "import saltus; open('runs/mine/made', 'w')"
+python -c "import nothing_of_that_name"
 ```
 """
 
@@ -45,8 +46,11 @@ def test_a_page_is_run_in_a_folder_of_its_own_and_what_fails_is_told(
     assert commands(page)[1] == "saltus robot show examples/nothing.xml"
     run = Benchmark(pages=(page,), out=tmp_path / "rows.jsonl")
     found = run.measure()
-    assert (found["commands"], found["ran"]) == (5, 4)
-    assert [line.split(": ", 1)[1] for line in found["failed"]] == ["saltus robot show examples/nothing.xml: 2"]
+    assert (found["commands"], found["ran"]) == (6, 5)
+    assert [line.split(": ", 1)[1] for line in found["failed"]] == [
+        "saltus robot show examples/nothing.xml: 2",
+        'python -c "import nothing_of_that_name": 1',
+    ]
     assert list(found["not_run"].values()) == [1]
     assert "no robot 'examples/nothing.xml'" in capsys.readouterr().err
     assert not (Path("runs") / "mine" / "made").exists()
