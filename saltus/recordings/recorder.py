@@ -9,9 +9,9 @@ import contextlib
 import json
 import os
 import platform
+import tempfile
 import threading
 import time
-import zlib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -55,28 +55,33 @@ SEQUENCE_MASK = 2**32 - 1  # MCAP counts in a uint32
 
 
 CHUNK_INDICES = "_Writer__chunk_indices"
-"""Where `mcap` keeps the index of a file until it is finished: a list of objects, 1 KB for each half second."""
+"""Where `mcap` keeps the index of a file until it is finished: a list of objects, 12 KB for each second."""
 
 
-class PackedIndex:
-    """That list as compressed bytes: at most 130 of each chunk, of which an hour has 7,200."""
+class StoredIndex:
+    """That list in a file without a name, beside the recording: 0.7 KB for each second, which memory need not hold."""
 
-    def __init__(self) -> None:
-        self._packed, self._packer = bytearray(), zlib.compressobj()
+    def __init__(self, folder: Path) -> None:
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  # until `close`
 
     def append(self, index: ChunkIndex) -> None:
         """Adds the entry of a chunk."""
         record = RecordBuilder()
         index.write(record)
-        self._packed += self._packer.compress(record.end())
+        self._file.write(record.end())
 
-    def __iter__(self) -> Iterator["PackedIndex"]:
+    def __iter__(self) -> Iterator["StoredIndex"]:
         """What is to be written: all entries at once."""
         yield self
 
     def write(self, stream: RecordBuilder) -> None:
         """Writes all entries, as each entry of the list would itself."""
-        stream.write(zlib.decompress(self._packed + self._packer.copy().flush()))
+        self._file.seek(0)
+        stream.write(self._file.read())
+
+    def close(self) -> None:
+        """Ends the file."""
+        self._file.close()
 
 
 class Recorder:
@@ -104,8 +109,9 @@ class Recorder:
         with WHOLE:  # a file that is there has a beginning
             with _writing(path):
                 self._file = path.open("wb", buffering=CHUNK_BYTES)  # a full disk shows at the first flush
+                self._index = StoredIndex(path.parent)
             self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-            setattr(self._writer, CHUNK_INDICES, PackedIndex())
+            setattr(self._writer, CHUNK_INDICES, self._index)
             self._writer.start(profile=PROFILE, library=LIBRARY)
             self._writer.add_metadata(METADATA, about)
         self._ended = threading.Event()
@@ -163,8 +169,9 @@ class Recorder:
                 self._file.flush()
                 os.fdatasync(self._file.fileno())
         finally:
-            with contextlib.suppress(OSError):  # it flushes once more, onto the same full disk
-                self._file.close()
+            for file in (self._file, self._index):
+                with contextlib.suppress(OSError):  # it flushes once more, onto the same full disk
+                    file.close()
 
     def _sync(self) -> None:
         """Sees to it that the disk has what was flushed. In a thread of its own: a disk may take its time."""
