@@ -55,11 +55,12 @@ SEQUENCE_MASK = 2**32 - 1  # MCAP counts in a uint32
 
 
 CHUNK_INDICES = "_Writer__chunk_indices"
-"""Where `mcap` keeps the index of a file until it is finished: a list of objects, 12 KB for each second."""
+"""Where `mcap` keeps the index of a file until it is finished: a list of objects, 1 KB for each chunk, of which
+a run in real time has four a second."""
 
 
 class StoredIndex:
-    """That list in a file without a name, beside the recording: 0.7 KB for each second, which memory need not hold."""
+    """That list in a file without a name beside the recording, 200 bytes for each chunk."""
 
     def __init__(self, folder: Path) -> None:
         self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  # until `close`
