@@ -1,6 +1,7 @@
 """Kills a process in the middle of a real-time run, and judges from the recording what the others did about it."""
 
 import os
+import re
 import signal
 import subprocess
 import time
@@ -8,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol, cast
 
 import numpy as np
 
@@ -47,15 +48,23 @@ STANDING_HEIGHT_M = 0.18
 """A base above this is on its feet: two thirds of the standing height."""
 UPRIGHT_COSINE = 0.87  # 30 degrees
 LANDED = (ControllerMode.STOPPED, ControllerMode.DAMP)
+AGE_ROUNDING_NS = 1_000_000
+"""Ages are told in whole milliseconds."""
 FOLLOWING = (ControllerMode.RUN, ControllerMode.COAST)
 PRODUCT = {"render": "camera/depth", "heightmap": "heightmap/heightmap", "policy": "policy/plan"}
 """What stops coming when a process dies."""
+CONSUMER = {"heightmap": "policy", "policy": "controller"}
+"""Whose event says so; without a camera each heightmap does."""
 BLIND = (HeightmapStatus.INVALID, HeightmapStatus.WARMING)
 """What the service says without a camera, and to one that has just begun."""
 
 
 End = Literal["crossed", "goes on", "stands", "fell"]
 """What became of a robot: it has arrived, is on its way, or has landed; or none of these."""
+
+
+class _Dated(Protocol):
+    time_ns: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +76,8 @@ class FaultResult:
     """How long the robot had been running when the process was killed."""
     told_ms: float
     """From the last arrival of the dead process's product to the first message of its consumer that says so, before the
-    product comes again; infinite where none does, as where another process goes on in time."""
+    product comes again; infinite where none does, as where another process goes on in time. A product that the consumer
+    alone still had counts (`heard_alone_ns`)."""
     reported_ms: float
     """The same to the supervisor's event that the process died."""
     silence_ms: float
@@ -123,11 +133,19 @@ def kill_during_run(
 def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
     """Reads from a recording of `kill_during_run` what happened after the last kill."""
     died_ns, ready_ns = _death_and_return(recording, process)
-    product = [(arrival, envelope.boot_id) for arrival, envelope, _ in recording.messages(PRODUCT[process])]
-    last_ns = last_before(product, died_ns)
-    later = [*(arrival for arrival, _ in product if arrival >= last_ns), recording.of(RobotState)[-1].time_ns]
-    again_ns = next((arrival for arrival, _ in product if arrival > last_ns), later[-1])
-    told = next((arrival for arrival in _complaints(recording, process) if last_ns < arrival <= again_ns), None)
+    product = [
+        (arrival, envelope.boot_id, cast(_Dated, message).time_ns)
+        for arrival, envelope, message in recording.messages(PRODUCT[process])
+    ]
+    last_ns = last_before([(arrival, boot_id) for arrival, boot_id, _ in product], died_ns)
+    end_ns = recording.of(RobotState)[-1].time_ns
+    again_ns = next((arrival for arrival, _, _ in product if arrival > last_ns), end_ns)
+    complaints = ((told, newest) for told, newest in _complaints(recording, process) if last_ns < told <= again_ns)
+    told, newest_ns = next(complaints, (None, None))
+    if newest_ns is not None:
+        made_ns = max((made for arrival, _, made in product if arrival <= last_ns), default=newest_ns)
+        last_ns += heard_alone_ns(newest_ns - made_ns, TOPICS[PRODUCT[process]].rate_hz)
+    later = [last_ns, *(arrival for arrival, _, _ in product if arrival > last_ns), end_ns]
     return FaultResult(
         process=process,
         running_s=after_s,
@@ -151,6 +169,20 @@ def last_before(product: Sequence[tuple[int, bytes]], died_ns: int) -> int:
     """
     dead = [boot_id for arrival, boot_id in product if arrival <= died_ns][-1:]
     return max((arrival for arrival, boot_id in product if [boot_id] == dead), default=0)
+
+
+def heard_alone_ns(newer_ns: int, rate_hz: float) -> int:
+    """How much later than the last recorded message a consumer had its last one [ns, whole periods].
+
+    A process sends to its consumer and to the recorder one after the other; who comes first differs from run to run.
+    If it is killed between the two, the recorder lacks a message that the consumer has.
+
+    Args:
+        newer_ns: By how much the newest message that the consumer had was made after the last that was recorded.
+        rate_hz: Of the messages.
+    """
+    period_ns = round(1e9 / rate_hz)
+    return max(0, (newer_ns + AGE_ROUNDING_NS) // period_ns) * period_ns
 
 
 def stale_uses(recording: Recording) -> int:
@@ -285,20 +317,29 @@ def _death_and_return(recording: Recording, process: str) -> tuple[int, int | No
     return died_ns, ready_ns
 
 
-def _complaints(recording: Recording, process: str) -> Iterable[int]:
-    """Arrival times of the consumer's messages that say that the product is missing."""
+def _complaints(recording: Recording, process: str) -> Iterable[tuple[int, int | None]]:
+    """Of the consumer's messages that say that the product is missing: arrival, and when the newest it had was made.
+
+    The latter is None where the message names no age.
+    """
     if process == "render":
         for arrival, _, heightmap in recording.messages("heightmap/heightmap"):
             if isinstance(heightmap, Heightmap) and heightmap.status in BLIND:
-                yield arrival
-    elif process == "heightmap":
-        for arrival, _, plan in recording.messages("policy/plan"):
-            if isinstance(plan, MotionPlan) and plan.status == PlanStatus.STOP:
-                yield arrival
-    else:
-        for arrival, _, event in recording.messages("event/controller"):
-            if isinstance(event, Event) and event.code in ("plan_lost", "mode_landing"):
-                yield arrival
+                yield arrival, _before(heightmap.time_ns, heightmap.depth_age_s)
+        return
+    for arrival, _, event in recording.messages(f"event/{CONSUMER[process]}"):
+        if isinstance(event, Event) and event.code in ("heightmap_lost", "plan_lost", "mode_landing"):
+            yield arrival, _before(event.time_ns, _age_s(event.detail))
+
+
+def _before(now_ns: int, age_s: float) -> int | None:
+    return now_ns - round(1e9 * age_s) if np.isfinite(age_s) else None
+
+
+def _age_s(words: str) -> float:
+    """The age that a reason names: "no heightmap for 102 ms"."""
+    named = re.search(r"(\d+) ms", words)
+    return 1e-3 * int(named[1]) if named else float("inf")
 
 
 def is_upright(recording: Recording, steps: int = 50) -> bool:

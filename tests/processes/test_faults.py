@@ -1,6 +1,7 @@
 """A process is killed in the middle of a run: a standby takes over, or the robot lands and stands; both are told."""
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,11 @@ from saltus.constants import POLICY_DT
 from saltus.controller.watchdog import WatchdogConfig
 from saltus.errors import StackError
 from saltus.heightmap.service.service import LOSS_MARGIN_S
-from saltus.recordings.recording import read_recording
-from saltus.runtime.faults import decided_ns, judge, kill_during_run, last_before, late_uses
+from saltus.recordings.recording import Recording, read_recording
+from saltus.runtime.faults import PRODUCT, decided_ns, heard_alone_ns, judge, kill_during_run, last_before, late_uses
 from saltus.runtime.stack import WITH_STANDBYS
+from saltus.wire.codec import Envelope
+from saltus.wire.messages import Message
 from saltus.wire.topics import MAX_EXTRA_AGE_S
 
 CONFIG = RunConfig(terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted")
@@ -35,11 +38,31 @@ def test_a_spare_camera_takes_over_or_the_robot_stands(speed: float, tmp_path: P
 @pytest.mark.parametrize("process", ["heightmap", "policy"])
 def test_a_killed_process_is_noticed_and_the_robot_stands(process: str, speed: float, tmp_path: Path) -> None:
     after_s = {"heightmap": 0.9, "policy": 1.1}[process]
-    result = judge(kill_during_run(replace(CONFIG, speed=speed), tmp_path, process, after_s), process, after_s)
+    recording = kill_during_run(replace(CONFIG, speed=speed), tmp_path, process, after_s)
+    result = judge(recording, process, after_s)
     assert result.told_ms <= 110.0
     assert result.back_s <= 2.0
     assert result.end == "stands"
     assert result.stale == 0
+    incomplete = Incomplete(recording, process)
+    found = judge(incomplete, process, after_s)
+    assert found.told_ms == pytest.approx(result.told_ms + incomplete.lost_ms - 1e3 * POLICY_DT), "as if it were there"
+
+
+class Incomplete(Recording):
+    """A recording without the last message of a process that was killed: its consumer alone had it."""
+
+    def __init__(self, recording: Recording, process: str) -> None:
+        super().__init__(**{field.name: getattr(recording, field.name) for field in fields(recording)})
+        events = recording.messages("event/supervisor")
+        died_ns = next(arrival for arrival, _, event in events if getattr(event, "code", "") == "process_died")
+        product = [row[:2] for row in recording.messages(PRODUCT[process])]
+        dead = [envelope.boot_id for arrival, envelope in product if arrival <= died_ns][-1]
+        (before_ns, _), (last_ns, self._missing) = [row for row in product if row[1].boot_id == dead][-2:]
+        self.lost_ms = 1e-6 * (last_ns - before_ns)
+
+    def messages(self, topic: str) -> Iterator[tuple[int, Envelope, Message]]:
+        return (row for row in super().messages(topic) if row[1] != self._missing)
 
 
 @pytest.mark.parametrize("process", ["heightmap", "policy"])
@@ -67,6 +90,14 @@ def test_what_a_process_sent_last_is_its_own_also_if_it_is_read_after_the_death(
     dead = [(died_ns + 10 * k, b"dead") for k in range(late - 20, late)]
     assert last_before([*first, *dead, (2_000, b"next")], died_ns) == dead[-1][0]
     assert last_before([(2_000, b"next")], died_ns) == 0
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 100.0])
+@pytest.mark.parametrize("periods", range(-3, 4))
+def test_whole_periods_that_only_a_consumer_heard_count(periods: int, rate_hz: float) -> None:
+    period_ns = round(1e9 / rate_hz)
+    for rounding_ns in (-500_000, 0, 500_000, 5_000_000):
+        assert heard_alone_ns(periods * period_ns + rounding_ns, rate_hz) == max(0, periods) * period_ns
 
 
 @pytest.mark.parametrize("held_up_ns", [0, 7, 400_000_000])
