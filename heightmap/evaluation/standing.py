@@ -17,6 +17,7 @@ from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.service.network import MOUNT_PITCH_ERROR, MOUNT_POSITION_ERROR_M
 from saltus.recordings.recording import Recording, TopicTiming, rates_and_ages
 from saltus.render.calibrate import FEWEST_FRAMES, fit_place, standing_pairs, stands
+from saltus.runtime.ticker import freshness
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import CAMERA_LATENCY_S, TOPICS
 
@@ -56,7 +57,8 @@ def check_standing(recording: Recording) -> list[Finding]:
     state, image = "controller/state", "camera/depth"
     for topic in (state, image, "heightmap/heightmap"):
         if topic not in timing:
-            raise RecordingError(f"{recording.path}: no messages of {topic}: start what sends them")
+            cure = _clock_difference(timing[state]) if state in timing else ""
+            raise RecordingError(f"{recording.path}: no messages of {topic}: {cure or 'start what sends them'}")
     states = recording.of(RobotState)
     pairs = standing_pairs(recording.of(DepthFrame), states)
     if len(pairs) < FEWEST_FRAMES:
@@ -71,6 +73,15 @@ def check_standing(recording: Recording) -> list[Finding]:
         *_place(recording, pairs),
         *_heights(recording.of(Heightmap), states),
     ]
+
+
+def _clock_difference(timing: TopicTiming) -> str:
+    """What to say of a clock for which a service answers no state; empty where there is none."""
+    age_s = timing.age_p50_ms / MS
+    if freshness(TOPICS["controller/state"], 0, round(1e9 * age_s)).usable:
+        return ""
+    where = "ahead of" if age_s < 0.0 else "behind"
+    return f"states are {abs(age_s):.3f} s {where} the clock of this computer, and so not answered: date them by it"
 
 
 def _rate(recording: Recording, name: str, topic: str, rate_hz: float, nominal_hz: float) -> Finding:

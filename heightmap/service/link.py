@@ -2,10 +2,12 @@
 
 from saltus.heightmap.service.fleet import Arrival
 from saltus.runtime.process import ProcessContext
-from saltus.runtime.ticker import freshness
+from saltus.runtime.ticker import Freshness, freshness
 from saltus.wire.bus import Sample
 from saltus.wire.messages import Done, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import Topic
+
+UNANSWERED_NS = 500_000_000  # of a robot whose clock differs is told within a second of its first state
 
 
 class RobotLink:
@@ -25,6 +27,9 @@ class RobotLink:
         self._frame: Sample | None = None
         self._frame_id = -1
         self._status = HeightmapStatus.WARMING
+        self._refused_ns: int | None = None
+        """Since when no state could be answered."""
+        self._told = False
 
     @property
     def name(self) -> str:
@@ -55,8 +60,11 @@ class RobotLink:
             self.context.clock.set(state.time_ns)
         self._asked = None
         now_ns = self.context.clock.now_ns()
-        if not freshness(self._states.topic, state.time_ns, now_ns).usable:
+        fresh = freshness(self._states.topic, state.time_ns, now_ns)
+        if not fresh.usable:
+            self._refuse(state, fresh, now_ns)
             return None
+        self._refused_ns, self._told = None, False
         frame, self._frame = self._frame, None
         return Arrival(
             state=state,
@@ -65,6 +73,18 @@ class RobotLink:
             camera_boot=None if frame is None else frame.envelope.boot_id,
             now_ns=now_ns,
         )
+
+    def _refuse(self, state: RobotState, why: Freshness, now_ns: int) -> None:
+        """Counts a state that is not answered; says so once where that goes on."""
+        self.context.bus.rejected[f"{self._states.topic.name}/{why.value}"] += 1
+        self._refused_ns = now_ns if self._refused_ns is None else self._refused_ns
+        if self._told or now_ns - self._refused_ns < UNANSWERED_NS:
+            return
+        self._told = True
+        ahead_s = 1e-9 * (state.time_ns - now_ns)
+        where = "ahead of" if ahead_s > 0.0 else "behind"
+        detail = f"states are {abs(ahead_s):.3f} s {where} the clock of this computer, by which they must be dated"
+        self.context.event("states_refused", detail)
 
     def _take_frame(self) -> None:
         newest = self._frames.take()

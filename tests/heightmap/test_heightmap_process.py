@@ -3,7 +3,8 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from samples import ROBOT, put_run
 
 from saltus.clock import RunClock
 from saltus.config import Pace, RunConfig
+from saltus.heightmap.service.link import RobotLink
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.process import HeightmapProcess
 from saltus.heightmap.service.service import HeightmapService
@@ -19,6 +21,7 @@ from saltus.runtime.process import ProcessContext
 from saltus.wire.bus import Publisher
 from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
+from saltus.wire.topics import TOPICS
 
 PATIENCE_S = 5.0
 SPEED = 0.1  # of tests in real time: a busy computer stalls for less than the 0.5 s in which a state is answered
@@ -121,6 +124,32 @@ def test_in_real_time_old_states_are_not_answered(house: House) -> None:
     house.states.put(replace(states(1)[0], time_ns=house.clock.now_ns() - 500_000_000, step=1))
     assert house.heightmaps.wait(0.2) is None
     assert house.ask(replace(states(1)[0], time_ns=house.clock.now_ns(), step=2)).step == 2
+
+
+@pytest.mark.parametrize("ahead_s", [-1e5, -1.0, 0.01, 1.0, 1e5])
+def test_a_robot_whose_clock_differs_is_not_answered_and_it_is_said_once_within_a_second(
+    ahead_s: float, tmp_path: Path
+) -> None:
+    """As of a robot whose computer is not that of the service."""
+    config, hub = RunConfig(pace="realtime"), MemoryHub()
+    context = ProcessContext("heightmap", config, put_run(tmp_path, config), MemoryBus(config.prefix, hub))
+    link, bus, begin_ns = RobotLink(context, TOPICS["camera/depth"]), MemoryBus(config.prefix, hub), 10**15
+    publisher, events = bus.publisher("controller/state"), bus.latest("event", "heightmap")
+    told_ns = []
+    for step in range(200):
+        now_ns = begin_ns + step * 10_000_000
+        context.clock = cast(RunClock, SimpleNamespace(now_ns=lambda now=now_ns: now))
+        publisher.put(replace(states(1)[0], step=step, time_ns=now_ns + round(1e9 * ahead_s)))
+        assert link.take() is None
+        if (event := events.take()) is not None:
+            assert event.message.code == "states_refused"
+            assert f"{abs(ahead_s):.3f} s {'ahead of' if ahead_s > 0 else 'behind'} the clock" in event.message.detail
+            told_ns.append(now_ns - begin_ns)
+    assert len(told_ns) == 1
+    assert told_ns[0] <= 1e9
+    assert context.bus.rejected == {f"controller/state/{'future' if ahead_s > 0 else 'invalid'}": 200}
+    publisher.put(replace(states(1)[0], step=200, time_ns=now_ns))
+    assert link.take() is not None
 
 
 def test_of_what_waited_while_a_process_hung_only_the_newest_is_answered(model_path: Path, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from saltus.cli.main import main
+from saltus.config import RunConfig
 from saltus.heightmap.evaluation.standing import PLACE, check_standing
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
@@ -138,6 +139,24 @@ def test_what_is_not_there_is_said_in_one_line(
     path = changed(standing, tmp_path / "some.mcap", TOPICS[missing].message, lambda *_: None, None).path
     assert main(["heightmap", "check", str(path)]) == 2
     assert f"no messages of {missing}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("ahead_s", [-1e5, -1.0, 1.0, 1e5])
+def test_a_clock_of_its_own_is_named_for_which_no_service_answers(
+    standing: Recording, tmp_path: Path, ahead_s: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, begin_ns = tmp_path / "own.mcap", 10**15
+    config = replace(standing.config or RunConfig(), pace="realtime", epoch_ns=1)
+    with Recorder(path, config, standing.robot, standing.terrain, standing.camera) as file:
+        for topic in ("controller/state", "camera/depth"):
+            for arrival_ns, envelope, payload in standing.payloads(topic):
+                dated_ns = envelope.capture_ns + begin_ns + round(1e9 * ahead_s)
+                message = replace(codec.decode(TOPICS[topic].message, payload), time_ns=dated_ns)
+                again = Envelope(envelope.sequence, dated_ns, envelope.boot_id).to_bytes()
+                file.write(RawSample(topic, codec.encode(message), again, arrival_ns + begin_ns))
+    assert main(["heightmap", "check", str(path)]) == 2
+    said = f"states are {abs(ahead_s):.3f} s {'ahead of' if ahead_s > 0 else 'behind'} the clock of this computer"
+    assert said in capsys.readouterr().err
 
 
 def test_it_needs_one_thing_to_look_at(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
