@@ -1,8 +1,9 @@
 """Ends runs at random: recordings that are cut, disks that are full, signals. What is left is whole and says so.
 
-cut: a recording of a run at random bytes. disk: a small tmpfs under the run (needs root). orders: no end but all
-beginnings, the processes of a run in lockstep started by hand in each order, at random moments. Others: SIGTERM, SIGHUP
-and Ctrl-C at random moments of a command.
+cut: a recording of a run at random bytes. disk: a small tmpfs under the run (needs root). power: the disk under the run
+loses power, and with it what the system had not given to it yet (needs root). orders: no end but all beginnings, the
+processes of a run in lockstep started by hand in each order, at random moments. Others: SIGTERM, SIGHUP and Ctrl-C at
+random moments of a command.
 
     saltus bench ends -- --what cut --times 2000
     saltus bench ends -- --what train --times 50 --out runs/ends.jsonl
@@ -12,6 +13,8 @@ import contextlib
 import hashlib
 import itertools
 import json
+import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -35,7 +38,7 @@ from saltus.errors import SaltusError
 from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shards import MANIFEST
 from saltus.policy.training.checkpoint import read_checkpoint
-from saltus.recordings.recorder import RECORDING_FILE
+from saltus.recordings.recorder import FLUSH_S, RECORDING_FILE, SYNC_S
 from saltus.recordings.recording import read_recording
 from saltus.recordings.repair import repair
 from saltus.robots.loading import load_robot
@@ -68,6 +71,8 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "evaluate": ("policy", "eval", "--terrain", "flat", "--trials", "50", "--processes", "1"),
 }
 ENDED_S = 120.0
+DISK_BYTES = 32_000_000
+POWER_LOSS_S = FLUSH_S + SYNC_S + 0.1  # what is promised, and the step in which the supervisor writes
 ORDERS = list(itertools.permutations(PROGRAMS))
 LIMIT_S = 3.0  # of a run that is started in some order
 SETTLED_S = 0.3  # for its last messages
@@ -75,7 +80,7 @@ SETTLED_S = 0.3  # for its last messages
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    what: Literal["cut", "disk", "orders", "up", "demo", "train", "collect", "evaluate"] = "cut"
+    what: Literal["cut", "disk", "power", "orders", "up", "demo", "train", "collect", "evaluate"] = "cut"
     """What is ended, and how."""
     times: int = 50
     """How often."""
@@ -94,7 +99,7 @@ class Benchmark(Command):
         if self.out is not None and self.out.is_file():
             lines = [json.loads(line) for line in self.out.read_text().splitlines()]
             rows = [row for row in lines if row["what"] == self.what and row["number"] < self.times]
-        try_one = {"disk": self._disk, "orders": self._order}.get(self.what, self._signal)
+        try_one = {"disk": self._disk, "power": self._power, "orders": self._order}.get(self.what, self._signal)
         for number in progress(range(len(rows), self.times), self.what):
             rng = np.random.default_rng([self.seed, number])
             with tempfile.TemporaryDirectory() as folder:
@@ -115,7 +120,7 @@ class Benchmark(Command):
                 "tracebacks": [row["traceback"] for row in rows if row.get("traceback")],
                 **{
                     f"{name}_max": max(row.get(name, 0.0) for row in rows)
-                    for name in ("ended_s", "ready_s")
+                    for name in ("ended_s", "ready_s", "lost_s")
                     if any(name in row for row in rows)
                 },
             }
@@ -184,7 +189,7 @@ class Benchmark(Command):
         """A run on a file system with room for a random part of it."""
         room = int(rng.integers(200_000, 1_500_000))
         run = folder / "disk"
-        with small_disk(run, room):
+        with mounted(run, "-t", "tmpfs", "-o", f"size={room}", "tmpfs"):  # of so many bytes
             process = start(("up", *COURSE, "--speed", str(self.speed), "--out", str(run)))
             seen = witness(process, run, folder / "seen.mcap", float("inf"), lambda: None)
             _, told = process.communicate()
@@ -201,6 +206,33 @@ class Benchmark(Command):
             if not good
         )
         return {"room": room, "states_kept": len(kept), "wrong": wrong}
+
+    def _power(self, folder: Path, rng: np.random.Generator, _number: int) -> dict[str, Any]:
+        """A run whose disk is copied at a random moment: the copy is what a disk without power would hold."""
+        disk, copy, place = folder / "disk.img", folder / "copy.img", folder / "mounted"
+        run, after_s = place / "run", float(rng.uniform(0.5, 4.0))
+        disk.touch()
+        os.truncate(disk, DISK_BYTES)
+        subprocess.run(["/sbin/mkfs.ext4", "-q", "-F", str(disk)], check=True)
+        with mounted(place, "-o", "loop", str(disk)):
+            process = start(("up", *COURSE, "--speed", str(self.speed), "--out", str(run)))
+
+            def cut() -> None:
+                shutil.copyfile(disk, copy)
+                process.terminate()
+
+            states = witness(process, run, folder / "seen.mcap", after_s, cut).of(RobotState)
+            process.communicate()
+        begun_ns = next(state.time_ns for state in states if state.mode == ControllerMode.RUN)
+        wrong, kept_ns = "", 0
+        with mounted(place, "-o", "loop", str(copy)):
+            try:
+                kept_ns = max(state.time_ns for state in read_recording(run / RECORDING_FILE).of(RobotState))
+            except (SaltusError, ValueError) as error:
+                wrong = f"{error}; "
+        lost_s = (1e-9 * (begun_ns - kept_ns) + after_s) / self.speed
+        wrong += f"{lost_s:.2f} s lost" if lost_s > POWER_LOSS_S else ""
+        return {"after_s": after_s, "lost_s": lost_s, "wrong": wrong}
 
     def _signal(self, folder: Path, rng: np.random.Generator, _number: int) -> dict[str, Any]:
         """A command that is ended by a signal, and what it left."""
@@ -262,17 +294,12 @@ def leftovers(out: Path) -> Iterator[str]:
 
 
 @contextmanager
-def small_disk(place: Path, room: int) -> Iterator[None]:
-    """A file system with room for so many bytes; needs root."""
-    place.mkdir()
-    mounted = subprocess.run(
-        ["/bin/mount", "-t", "tmpfs", "-o", f"size={room}", "tmpfs", str(place)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if mounted.returncode:
-        raise SaltusError(f"no small disk could be made (are you root?): {mounted.stderr.strip()}")
+def mounted(place: Path, *what: str) -> Iterator[None]:
+    """A file system in a folder; needs root."""
+    place.mkdir(exist_ok=True)
+    done = subprocess.run(["/bin/mount", *what, str(place)], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SaltusError(f"no disk could be mounted (are you root?): {done.stderr.strip()}")
     try:
         yield
     finally:

@@ -152,7 +152,7 @@ def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
         told_ms=1e-6 * (told - last_ns) if told is not None else float("inf"),
         reported_ms=1e-6 * max(0, died_ns - last_ns),
         silence_ms=1e-6 * max(b - a for a, b in pairwise(later)),
-        end=_end(recording),
+        end=end_of(recording),
         stale=stale_uses(recording),
         back_s=1e-9 * (ready_ns - died_ns) if ready_ns is not None else float("inf"),
     )
@@ -222,7 +222,7 @@ def late_uses(uses_ns: Sequence[int], sources_ns: Sequence[int], limit_s: float)
     return int(np.sum(uses - newest > round(1e9 * limit_s)))
 
 
-def _end(recording: Recording) -> End:
+def end_of(recording: Recording) -> End:
     """The controller judges a trial, and ends the run where the robot has fallen."""
     codes = {event.code for event in recording.of(Event)}
     if "finished" in codes:
