@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, Protocol, cast
+from typing import Literal
 
 import numpy as np
 
@@ -61,10 +61,6 @@ BLIND = (HeightmapStatus.INVALID, HeightmapStatus.WARMING)
 
 End = Literal["crossed", "goes on", "stands", "fell"]
 """What became of a robot: it has arrived, is on its way, or has landed; or none of these."""
-
-
-class _Dated(Protocol):
-    time_ns: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,10 +129,7 @@ def kill_during_run(
 def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
     """Reads from a recording of `kill_during_run` what happened after the last kill."""
     died_ns, ready_ns = _death_and_return(recording, process)
-    product = [
-        (arrival, envelope.boot_id, cast(_Dated, message).time_ns)
-        for arrival, envelope, message in recording.messages(PRODUCT[process])
-    ]
+    product = [(arrival, e.boot_id, e.capture_ns) for arrival, e, _ in recording.payloads(PRODUCT[process])]
     last_ns = last_before([(arrival, boot_id) for arrival, boot_id, _ in product], died_ns)
     end_ns = recording.of(RobotState)[-1].time_ns
     again_ns = next((arrival for arrival, _, _ in product if arrival > last_ns), end_ns)

@@ -16,7 +16,6 @@ from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.faults import PRODUCT, decided_ns, heard_alone_ns, judge, kill_during_run, last_before, late_uses
 from saltus.runtime.stack import WITH_STANDBYS
 from saltus.wire.codec import Envelope
-from saltus.wire.messages import Message
 from saltus.wire.topics import MAX_EXTRA_AGE_S
 
 CONFIG = RunConfig(terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted")
@@ -56,13 +55,13 @@ class Incomplete(Recording):
         super().__init__(**{field.name: getattr(recording, field.name) for field in fields(recording)})
         events = recording.messages("event/supervisor")
         died_ns = next(arrival for arrival, _, event in events if getattr(event, "code", "") == "process_died")
-        product = [row[:2] for row in recording.messages(PRODUCT[process])]
+        product = [row[:2] for row in recording.payloads(PRODUCT[process])]
         dead = [envelope.boot_id for arrival, envelope in product if arrival <= died_ns][-1]
         (before_ns, _), (last_ns, self._missing) = [row for row in product if row[1].boot_id == dead][-2:]
         self.lost_ms = 1e-6 * (last_ns - before_ns)
 
-    def messages(self, topic: str) -> Iterator[tuple[int, Envelope, Message]]:
-        return (row for row in super().messages(topic) if row[1] != self._missing)
+    def payloads(self, topic: str) -> Iterator[tuple[int, Envelope, bytes]]:
+        return (row for row in super().payloads(topic) if row[1] != self._missing)
 
 
 @pytest.mark.parametrize("process", ["heightmap", "policy"])
