@@ -57,8 +57,9 @@ def check_standing(recording: Recording) -> list[Finding]:
     state, image = "controller/state", "camera/depth"
     for topic in (state, image, "heightmap/heightmap"):
         if topic not in timing:
-            cure = _clock_difference(timing[state]) if state in timing else ""
-            raise RecordingError(f"{recording.path}: no messages of {topic}: {cure or 'start what sends them'}")
+            if state in timing:
+                _check_clock(recording, timing[state], topic)
+            raise RecordingError(f"{recording.path}: no messages of {topic}: start what sends them")
     states = recording.of(RobotState)
     pairs = standing_pairs(recording.of(DepthFrame), states)
     if len(pairs) < FEWEST_FRAMES:
@@ -75,13 +76,15 @@ def check_standing(recording: Recording) -> list[Finding]:
     ]
 
 
-def _clock_difference(timing: TopicTiming) -> str:
-    """What to say of a clock for which a service answers no state; empty where there is none."""
+def _check_clock(recording: Recording, timing: TopicTiming, missing: str) -> None:
+    """Raises `RecordingError` where states are dated by another clock, for which a service answers none of them."""
     age_s = timing.age_p50_ms / MS
-    if freshness(TOPICS["controller/state"], 0, round(1e9 * age_s)).usable:
-        return ""
-    where = "ahead of" if age_s < 0.0 else "behind"
-    return f"states are {abs(age_s):.3f} s {where} the clock of this computer, and so not answered: date them by it"
+    if not freshness(TOPICS["controller/state"], 0, round(1e9 * age_s)).usable:
+        off = f"{abs(age_s):.3f} s {'ahead of' if age_s < 0.0 else 'behind'}"
+        raise RecordingError(
+            f"{recording.path}: no messages of {missing}: states are {off} the clock of this computer, and so not "
+            "answered: date them by it"
+        )
 
 
 def _rate(recording: Recording, name: str, topic: str, rate_hz: float, nominal_hz: float) -> Finding:
