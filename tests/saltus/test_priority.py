@@ -1,0 +1,87 @@
+"""Processes of a run come before busy programs where they have the right to, and take their turn where not."""
+
+import ctypes
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from saltus.runtime.priority import AUTOGROUP, FIRST, PRIORITY
+
+CAP_SYS_NICE, PR_CAPBSET_DROP = 23, 24  # linux/capability.h, linux/prctl.h
+SPIN_S = 0.3
+SPIN = """
+import os, sys, time
+from saltus.runtime.priority import AUTOGROUP, prefer_loop, prefer_process
+if len(sys.argv) > 1:
+    prefer_process(sys.argv[1])
+    prefer_loop(sys.argv[1])
+print(flush=True)
+until_s, before_s = float(input()), time.process_time()
+while time.monotonic() < until_s:
+    pass
+group = AUTOGROUP.read_text().split()[-1] if AUTOGROUP.exists() else "0"
+print(os.getpriority(os.PRIO_PROCESS, 0), group, time.process_time() - before_s)
+"""
+
+
+def without_the_right() -> None:
+    """Of what is executed next, also as root."""
+    ctypes.CDLL(None, use_errno=True).prctl(PR_CAPBSET_DROP, CAP_SYS_NICE, 0, 0, 0)
+
+
+def spin(*processes: str, right: bool = True) -> list[tuple[int, int, float]]:
+    """Priority, that of the session, and processor time of programs that are busy at the same time on one processor.
+
+    An empty name is a program that is none of Saltus'.
+    """
+    core = {min(os.sched_getaffinity(0))}
+
+    def begin() -> None:
+        os.sched_setaffinity(0, core)
+        if not right:
+            without_the_right()
+
+    started = [
+        subprocess.Popen(
+            [sys.executable, "-c", SPIN, *filter(None, [process])],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            preexec_fn=begin,
+        )
+        for process in processes
+    ]
+    for each in started:
+        assert each.stdout is not None
+        each.stdout.readline()
+    until_s = time.monotonic() + SPIN_S
+    for each in started:
+        assert each.stdin is not None
+        each.stdin.write(f"{until_s}\n")
+        each.stdin.flush()
+    told = [each.communicate()[0].split() for each in started]
+    return [(int(own), int(group), float(time_s)) for own, group, time_s in told]
+
+
+def may_prefer() -> bool:
+    """Whether this computer lets its user ask for more."""
+    asked = subprocess.run([sys.executable, "-c", f"import os; os.nice({PRIORITY})"], capture_output=True, check=False)
+    return asked.returncode == 0
+
+
+@pytest.mark.parametrize("process", ["render", "heightmap", "policy", "controller"])
+def test_a_process_is_preferred_where_it_has_the_right_and_takes_its_turn_where_not(process: str) -> None:
+    ((own, group, _),) = spin(process, right=False)
+    assert (own, group) == (0, 0)
+    ((own, group, _),) = spin(process)
+    assert own == (FIRST.get(process, 0) if may_prefer() else 0)
+    assert group == (FIRST.get(process, PRIORITY) if may_prefer() and AUTOGROUP.exists() else 0)
+
+
+def test_the_loop_gets_the_processor_beside_a_busy_program() -> None:
+    (_, _, loop_s), (_, _, other_s) = spin("controller", "")
+    assert loop_s > (2.0 * other_s if may_prefer() else 0.0)
