@@ -34,7 +34,10 @@ BLOCK_S = 5.0  # length of segments in a log that names none and never rests: se
 QUIET_S = 0.5  # a rest of the commands this long separates two motions
 SAME_COMMAND = 1e-3  # rad RMS: the commands of repeats are equal up to rounding
 
-SHARED_CLAIMS = ("robot", "base", "joints", "kp", "kd", "control_dt", "terrain", "payload_kg", "camera")
+SHARED_CLAIMS = (
+    "robot", "base", "joints", "kp", "kd", "control_dt", "terrain", "ground", "payload_kg", "payload_position",
+    "motor_strength", "camera",
+)  # fmt: skip
 """Claims that must be equal for runs to be read as one, because the simulator is built from them."""
 
 

@@ -64,12 +64,26 @@ def test_several_runs_follow_each_other(tmp_path: Path) -> None:
     assert names == {"one", "other"}
 
 
-def test_runs_of_different_rigs_are_not_one(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("claim", "value"),
+    [
+        ("kp", 30.0),
+        ("terrain", [{"center": [0.0, 0.0, 0.05], "size": [1.0, 1.0, 0.1]}]),
+        ("ground", {"friction": 0.5}),
+        ("payload_kg", 1.0),
+        ("payload_position", [0.1, 0.0, 0.0]),
+        ("motor_strength", 0.9),
+    ],
+)
+def test_runs_of_which_another_simulator_is_built_are_not_one(claim: str, value: object, tmp_path: Path) -> None:
     log = joints_log(seconds=1.0)
     write_run_log(log, tmp_path / "one")
-    write_run_log(replace(log, meta={**log.meta, "kp": 30.0}), tmp_path / "other")
+    write_run_log(replace(log, meta={**log.meta, claim: value}), tmp_path / "other")
     each = load_rigs([tmp_path / "one", tmp_path / "other"])
-    assert [rig.meta["kp"] for rig in each] == [log.meta["kp"], 30.0]
+    assert [rig.meta.get(claim) for rig in each] == [log.meta.get(claim), value]
+
+
+def test_no_run_is_told() -> None:
     with pytest.raises(RecordingError, match="at least one"):
         load_rigs([])
 
