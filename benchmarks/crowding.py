@@ -1,7 +1,7 @@
 """What a run does beside others that take its time: its heightmap service starved, and floods of messages on its keys.
 
-starved: the service stands still for four fifths of each 100 ms. flood: another process that has the run's secret sends
-messages of 20 kB on a key, as fast as it can, up to 10,000 a second; none fits the key.
+starved: the service stands still for four fifths of each 100 ms. flood: another program of the run's owner sends
+messages of 20 kB on a key, as fast as it can, up to 10,000 a second; none is of the key's type.
 
     saltus bench crowding -- --trials 5
     saltus bench crowding -- --trials 5 --speed 0.25
@@ -28,13 +28,12 @@ from benchmarks._command import Command, progress, tell
 from saltus.config import RunConfig, TerrainConfig
 from saltus.errors import StackError
 from saltus.recordings.recording import Recording, read_recording
-from saltus.runtime.faults import end_of, stale_uses
+from saltus.runtime.faults import SILENT_S, end_of, stale_uses, wait_until_running
 from saltus.runtime.run_folder import CLIENT_FILE
 from saltus.runtime.stack import Stack
-from saltus.wire.messages import ControllerMode, RobotState
+from saltus.wire.messages import RobotState
 
 BEFORE_S, DURING_S, AFTER_S = 0.5, 2.0, 2.0
-BEGIN_S = 20.0  # within which a robot begins to run
 PERIOD_S, SHARE = 0.1, 0.2  # of a quota as the kernel gives it
 FLOOD_HZ, FLOOD_BYTES = 10_000, 20_000
 KEYS = ("camera/depth", "heightmap/heightmap", "policy/plan", "controller/state", "status/flood")
@@ -76,15 +75,11 @@ class Benchmark(Command):
         with tempfile.TemporaryDirectory() as folder:
             with Stack(config, Path(folder)) as stack:
                 states = stack.latest("controller/state")
-                for _ in range(round(BEGIN_S / 0.02)):
-                    sample = states.take()
-                    if sample is not None and sample.message.mode == ControllerMode.RUN:
-                        break
-                    stack.wait(0.02)
-                else:
-                    raise StackError(f"the robot did not begin to run within {BEGIN_S:g} s")
+                wait_until_running(stack, states)
                 stack.wait(after_s)
-                sample = states.take() or sample
+                sample = states.wait(SILENT_S)
+                if sample is None:
+                    raise StackError("the robot has gone before it was disturbed")
                 with disturb(stack):
                     over = stack.wait(DURING_S)
                 if not over:
@@ -112,7 +107,7 @@ class Benchmark(Command):
 
 
 class Flood:
-    """Another process that sends on a key of a run."""
+    """Another process that sends on a key of a run; `sent` messages in `lasted_s` seconds, of all runs."""
 
     def __init__(self, key: str) -> None:
         self.key, self.sent, self.lasted_s = key, 0, 0.0
@@ -123,7 +118,9 @@ class Flood:
         key = f"{stack.config.prefix}/{self.key}"
         process = SPAWN.Process(target=flood, args=(stack.run_dir / CLIENT_FILE, key, over, sent))
         process.start()
-        while sent.value == 0 and process.is_alive():
+        while sent.value == 0:
+            if not process.is_alive():
+                raise StackError(f"nothing could be sent on {key}")
             stack.wait(0.01)
         begun_s = time.monotonic()
         try:
@@ -136,7 +133,7 @@ class Flood:
 
 
 def flood(client: Path, key: str, over: Any, sent: "Synchronized[int]") -> None:
-    """Sends until it is told to end."""
+    """Sends on a key, as a program whose Zenoh configuration is `client`, until `over` is set; `sent` counts."""
     payload, attachment = os.urandom(FLOOD_BYTES), bytes(40)
     with zenoh.open(zenoh.Config.from_file(str(client))) as session:
         publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP, express=True)

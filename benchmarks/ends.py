@@ -71,7 +71,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "evaluate": ("policy", "eval", "--terrain", "flat", "--trials", "50", "--processes", "1"),
 }
 ENDED_S = 120.0
-DISK_BYTES = 32_000_000
+DISK_BYTES = 32_000_000  # several times a run's recording, and copied in an instant
 POWER_LOSS_S = FLUSH_S + SYNC_S + 0.1  # what is promised, and the step in which the supervisor writes
 ORDERS = list(itertools.permutations(PROGRAMS))
 LIMIT_S = 3.0  # of a run that is started in some order

@@ -7,7 +7,7 @@ from saltus.wire.bus import Sample
 from saltus.wire.messages import Done, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import Topic
 
-UNANSWERED_NS = 500_000_000  # of a robot whose clock differs is told within a second of its first state
+UNANSWERED_NS = 500_000_000  # so that a clock that differs is reported within 1 s of the robot's first state
 
 
 class RobotLink:

@@ -115,8 +115,7 @@ def kill_during_run(
     """
     with Stack(config, directory, programs) as stack:
         states, events = stack.latest("controller/state"), stack.latest("event", SUPERVISOR)
-        if not _until(stack, RUN_TIMEOUT_S, lambda: _mode(states) == ControllerMode.RUN):
-            raise StackError(f"the robot did not begin to run within {RUN_TIMEOUT_S:g} s")
+        wait_until_running(stack, states)
         stack.wait(after_s)
         for _ in range(times):
             os.kill(stack.pid(process), signal.SIGKILL)
@@ -124,6 +123,16 @@ def kill_during_run(
         if _until(stack, watch_s, lambda: _mode(states) in LANDED):
             stack.wait(STANDING_S)
     return read_recording(directory / "recording.mcap")
+
+
+def wait_until_running(stack: Stack, states: Latest) -> None:
+    """Returns when the robot of a stack, whose `states` are given, has begun to run.
+
+    Raises:
+        StackError: it did not within `RUN_TIMEOUT_S`.
+    """
+    if not _until(stack, RUN_TIMEOUT_S, lambda: _mode(states) == ControllerMode.RUN):
+        raise StackError(f"the robot did not begin to run within {RUN_TIMEOUT_S:g} s")
 
 
 def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
@@ -216,7 +225,7 @@ def late_uses(uses_ns: Sequence[int], sources_ns: Sequence[int], limit_s: float)
 
 
 def end_of(recording: Recording) -> End:
-    """The controller judges a trial, and ends the run where the robot has fallen."""
+    """What became of the robot of a run: the controller judges a trial, and ends the run where the robot has fallen."""
     codes = {event.code for event in recording.of(Event)}
     if "finished" in codes:
         return "crossed"

@@ -83,7 +83,7 @@ def test_runs_of_which_another_simulator_is_built_are_not_one(claim: str, value:
     assert [rig.meta.get(claim) for rig in each] == [log.meta.get(claim), value]
 
 
-def test_no_run_is_told() -> None:
+def test_without_a_run_it_asks_for_one() -> None:
     with pytest.raises(RecordingError, match="at least one"):
         load_rigs([])
 
