@@ -2,10 +2,10 @@
 
 import contextlib
 import importlib.util
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -14,12 +14,12 @@ import tyro
 
 from saltus.errors import SaltusError
 from saltus.flags import Flag, shown
+from saltus.runtime.priority import give_way
 
 PORT = 8080
 FOXGLOVE_PORT = 8765  # of its apps
 VISER = "pip install 'saltus[watch]'"
 FOXGLOVE = "pip install 'saltus[foxglove]'"
-NICENESS = 10  # the stack comes first
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,15 +59,19 @@ class Watch:
         from saltus.watch.watcher import Watcher
 
         sources = [Source(path, robot) for path in self.runs for robot in self.robots or ("",)]
-        os.nice(NICENESS)
-        server = Server(PORT if self.port is None else self.port)
-        watcher = Watcher(Page(server), sources)
-        print(f"watch at {server.address} until Ctrl-C", flush=True)
-        try:
-            watcher.run()
-        finally:
-            watcher.close()
-            server.stop()
+        with ThreadPoolExecutor(1) as starters:
+            starters.submit(
+                int
+            ).result()  # its thread is there now, and does not give way: nor do the runs that it starts
+            give_way()
+            server = Server(PORT if self.port is None else self.port)
+            watcher = Watcher(Page(server), sources, starters)
+            print(f"watch at {server.address} until Ctrl-C", flush=True)
+            try:
+                watcher.run()
+            finally:
+                watcher.close()
+                server.stop()
         return 0
 
     def _serve_foxglove(self) -> int:
@@ -79,7 +83,7 @@ class Watch:
         from saltus.watch.source import Source
 
         source = Source(self.runs[0], *self.robots)
-        os.nice(NICENESS)
+        give_way()
         studio = Studio(source, FOXGLOVE_PORT if self.port is None else self.port)
         print(f"open the connection {studio.address} in Foxglove, and import the layout {LAYOUT}")
         print("every program and web page on this machine can read it; Ctrl-C ends it", flush=True)

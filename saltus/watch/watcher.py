@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,11 +21,12 @@ ERRORS_FILE = "up.log"
 
 
 class Watcher:
-    """Shows sources on a page; a run that is started on it takes their place."""
+    """Shows sources on a page; a run that is started on it, by a thread of `starters`, takes their place."""
 
-    def __init__(self, page: Page, sources: list[Source]) -> None:
+    def __init__(self, page: Page, sources: list[Source], starters: ThreadPoolExecutor) -> None:
         self._page = page
         self._sources = sources
+        self._starters = starters
         self._started: subprocess.Popen[bytes] | None = None
         self._folder = Path()
         self._looked_s = float("-inf")
@@ -121,12 +123,13 @@ class Watcher:
         self._folder.mkdir(parents=True)
         pace = ["--pace", "lockstep"] if start.speed == "lockstep" else ["--speed", start.speed]
         with (self._folder / ERRORS_FILE).open("wb") as errors:
-            self._started = subprocess.Popen(
+            self._started = self._starters.submit(
+                subprocess.Popen[bytes],
                 [
                     sys.executable, "-P", "-m", "saltus.cli.main", "up", "--terrain", start.terrain,
                     "--seed", str(start.seed), *pace, "--out", str(self._folder),
                 ],
                 stdout=subprocess.DEVNULL, stderr=errors, start_new_session=True,
-            )  # fmt: skip
+            ).result()  # fmt: skip
         self._sources = [Source(self._folder)]
         self._arrange()

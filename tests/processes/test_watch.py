@@ -1,9 +1,11 @@
 """Runs that are watched in a real browser: one that is started, disturbed and stopped on the page, and a demo."""
 
+import os
 import signal
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 from browser import Tab, browser
 from page import page_of
@@ -29,13 +31,15 @@ def watched(speed: float) -> str:
 
 def test_a_run_is_started_disturbed_and_stopped_on_the_page(speed: float, tmp_path: Path) -> None:
     """Four faults of a robot that runs, and what is said of each; then the recording shows that it stands."""
-    with page_of("watch", "--port", "0", folder=tmp_path) as (address, _), browser(WIDTH, HEIGHT) as tab:
+    with page_of("watch", "--port", "0", folder=tmp_path) as (address, page), browser(WIDTH, HEIGHT) as tab:
         tab.open(address)
         wait_for(tab, "no run: start one")
         tab.choose("0.5", watched(speed))
         tab.choose("stairs", "flat")  # where a blinded robot lands on its feet, however late the click comes
         tab.click("Start")
         wait_for(tab, "live", "mode_run")
+        (up,) = psutil.Process(page.pid).children()
+        assert os.sched_getscheduler(up.pid) == os.sched_getscheduler(0)  # it does not give way as the page does
         tab.click("Blind the camera 1 s")
         before = tab.picture()[GROUND].astype(int)
         wait_for(tab, "blind 1", "heightmap_invalid", "mode_stopped")
