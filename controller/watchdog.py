@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from math import isfinite, radians
 
 from saltus.wire.messages import ControllerMode, PlanStatus
+from saltus.wire.topics import TOPICS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -12,8 +13,8 @@ class WatchdogConfig:
 
     coast_age_s: float = 0.030
     """Two plans of 10 ms lost and the third late."""
-    lost_age_s: float = 0.100
-    """The planner is gone: `saltus.wire.topics.MAX_EXTRA_AGE_S`."""
+    lost_age_s: float = TOPICS["policy/plan"].invalid_age_s
+    """The planner is gone."""
     tilt_limit_rad: float = radians(60.0)
     """Beyond this a robot is not upright: the definition of a failed trial."""
     landing_limit_s: float = 1.1

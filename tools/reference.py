@@ -22,6 +22,7 @@ from saltus.heightmap.service import features
 from saltus.recordings import viewer
 from saltus.robots.robot import JOINTS
 from saltus.wire import messages, schemas
+from saltus.wire.events import CODES
 from saltus.wire.topics import TOPICS
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "reference"
@@ -112,6 +113,8 @@ def messages_page() -> str:
     ]
     for kind in dict.fromkeys(topic.message for topic in TOPICS.values()):
         parts.append(_message(kind))
+        if kind is messages.Event:
+            parts += ["### Codes of events", _codes()]
     parts += _derived()
     return "\n\n".join(_wrapped(part) for part in parts) + "\n"
 
@@ -127,6 +130,11 @@ def _topics() -> str:
         cells = (f"`{t.name}`", f"`{schemas.TYPE_NAME[t.message]}`", sender, *numbers, "yes" if t.recorded else "no")
         rows.append(f"| {' | '.join(cells)} |")
     return head + "|---|---|---|---|---|---|---|\n" + "\n".join(rows)
+
+
+def _codes() -> str:
+    rows = (f"| `{code}` | {who} | {what} |" for code, (who, what) in CODES.items())
+    return "| code | who sends it | what it says |\n|---|---|---|\n" + "\n".join(rows)
 
 
 def _derived() -> list[str]:
@@ -158,20 +166,22 @@ def _message(kind: type[Any]) -> str:
         allowed = f"{_shown(low)} to {_shown(high)}" if math.isfinite(high) else ""
         if bound is not None and bound.enum is not None:
             allowed = ", ".join(f"{member.value} {member.name}" for member in bound.enum)
+            meaning = meaning or " ".join(f"{member}: {said}" for member, said in _field_docs(bound.enum))
         if meaning or allowed:
             rows.append(f"| `{field_name}` | {meaning} | {allowed} |")
     return text + "\n\n| field | meaning | allowed |\n|---|---|---|\n" + "\n".join(rows)
 
 
 def _field_docs(kind: type[Any]) -> Iterator[tuple[str, str]]:
-    """Name and docstring of each field of a dataclass."""
+    """Name and docstring of each field of a dataclass, or of each member of an enumeration."""
     (definition,) = (node for node in ast.parse(inspect.getsource(kind)).body if isinstance(node, ast.ClassDef))
     for statement, following in pairwise([*definition.body, None]):
-        if isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name):
+        named = statement.targets[0] if isinstance(statement, ast.Assign) else getattr(statement, "target", None)
+        if isinstance(named, ast.Name):
             text = ""
             if isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
                 text = str(following.value.value)
-            yield statement.target.id, " ".join(text.split()).replace("|", "\\|")
+            yield named.id, " ".join(text.split()).replace("|", "\\|")
 
 
 def _text(kind: type[Any]) -> str:

@@ -25,30 +25,41 @@ class HeightmapStatus(IntEnum):
     """How far a heightmap may be trusted."""
 
     OK = 0
-    WARMING = 1  # fewer frames since the hidden state was emptied than the model needs
-    DEGRADED = (
-        2  # the image is 50 ms older than nominal, too many pixels or images are missing, or the output is frozen
-    )
-    INVALID = 3  # the image is 100 ms older than nominal, or the output is not plausible
+    """It may be trusted."""
+    WARMING = 1
+    """Fewer images since the hidden state was emptied than the model needs."""
+    DEGRADED = 2
+    """The image is 50 ms older than nominal, too many pixels or images are missing, or the output is frozen."""
+    INVALID = 3
+    """The image is 100 ms older than nominal, or the output is not plausible."""
 
 
 class PlanStatus(IntEnum):
     """What the planner asks the controller to do."""
 
-    STAND = 0  # stay on all four feet
-    GO = 1  # follow the plan
-    STOP = 2  # land, then stand: the planner cannot see
+    STAND = 0
+    """Stay on all four feet."""
+    GO = 1
+    """Follow the plan."""
+    STOP = 2
+    """Land, then stand: the planner cannot see."""
 
 
 class ControllerMode(IntEnum):
     """State of the leg controller."""
 
     STAND = 0
+    """On all four feet, before it runs or after its run."""
     RUN = 1
-    COAST = 2  # the plan is late: hold the last plan, finish the present flight phase
-    LANDING = 3  # bring all feet down, then stand
-    STOPPED = 4  # stands after a fault; needs a new run to jump again
-    DAMP = 5  # joint damping only: not upright, or a state that is not finite
+    """Follows the plans."""
+    COAST = 2
+    """The newest plan is 30 to 100 ms old: bounds on by a plan of its own that brakes."""
+    LANDING = 3
+    """Brakes in the same way until it is slow, then brings all feet down."""
+    STOPPED = 4
+    """Stands after a fault; needs a new run to jump again."""
+    DAMP = 5
+    """Joint damping only: not upright, or a state that is not finite."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -217,7 +228,7 @@ class Event:
     time_ns: int
     process: str
     code: str
-    """Machine-readable, snake_case: "depth_lost", "plan_lost", "mode_landing", ..."""
+    """Machine-readable, see the table of codes."""
     detail: str = ""
 
 

@@ -1,6 +1,7 @@
 """The reference pages are what the code says, and the profile on them can be copied."""
 
 import importlib.util
+import re
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,8 @@ from saltus.effects.effect import Effect
 from saltus.effects.profile import profile_from_toml
 from saltus.effects.registry import EFFECTS
 from saltus.wire import schemas
+from saltus.wire.events import CODES
+from saltus.wire.messages import ControllerMode, HeightmapStatus
 from saltus.wire.topics import TOPICS
 
 ROOT = Path(__file__).parents[2]
@@ -32,6 +35,19 @@ def test_every_effect_topic_and_field_is_explained() -> None:
         assert f"| `{topic.name}` |" in PAGES["messages.md"]
         for field in schemas.FIELDS.get(topic.message, ()):
             assert field.definition in PAGES["messages.md"]
+
+
+def test_every_event_that_a_process_sends_is_explained_and_no_other() -> None:
+    """By the source: what follows `event(` and its like is a code, or made of one of an enumeration."""
+    rooms = ("saltus", "render", "heightmap", "policy", "controller")
+    sources = [path.read_text() for room in rooms for path in (ROOT / room).rglob("*.py") if path.name != "events.py"]
+    sent = {code for text in sources for code in re.findall(r"""\b(?:_?event|_tell)\(\s*"(\w+)\"""", text)}
+    assert len(sent) >= 10
+    assert sent <= CODES.keys()
+    made = {code for code in CODES if re.match(r"mode_|heightmap_(ok|warming|degraded)$", code)}
+    assert len(made) == len(ControllerMode) + len(HeightmapStatus) - 1
+    assert [code for code in CODES.keys() - made if not any(f'"{code}"' in text for text in sources)] == []
+    assert all(f"| `{code}` |" in PAGES["messages.md"] for code in CODES)
 
 
 def test_the_profile_to_copy_is_one_without_effect() -> None:
