@@ -22,7 +22,7 @@ from saltus.real2sim.progress import Progress
 from saltus.real2sim.reporting.words import sentence
 from saltus.real2sim.results import Judgement
 from saltus.real2sim.search.findings import SignalGap
-from saltus.recordings.run_log import write_run_log
+from saltus.recordings.run_log import read_claims, write_run_log
 from saltus.recordings.run_log_export import as_run_log
 from saltus.robots.loading import load_robot
 
@@ -50,9 +50,18 @@ def search_until_told(
 
 
 def record_logs(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> list[Path]:
-    """The logs to look at: one's own, or of experiments on the hidden robot; those there are stay."""
+    """The logs to look at: one's own, or of experiments on the hidden robot; those there are stay.
+
+    Raises:
+        RecordingError: a log cannot be read.
+        ConfigError: a log is of another robot than the models.
+    """
     if settings.logs:
-        return [as_run_log(log, folder.logs / log.name) for log in settings.logs]
+        logs = [as_run_log(log, folder.logs / log.name) for log in settings.logs]
+        for log in logs:
+            if (robot := read_claims(log)["robot"]) != DEFAULT_ROBOT:
+                raise ConfigError(f"{log}: of the robot {robot}; the models that a cycle trains are of {DEFAULT_ROBOT}")
+        return logs
     return [record(folder, settings, tell, name) for name in settings.experiments]
 
 

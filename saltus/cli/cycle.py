@@ -23,8 +23,8 @@ class Cycle(SettingsCommand):
     The settings can also stand in a TOML file (--config). A flag wins over it, the file over the cycle that goes on.
 
     For example:
-      saltus real2sim cycle --hidden examples/late_camera.toml --out runs/late
-      saltus real2sim cycle --hidden examples/late_camera.toml --out runs/late --export-training to_gpu
+      saltus real2sim cycle --hidden examples/late_camera.toml --experiments heave_and_pitch --out runs/late
+      saltus real2sim cycle --out runs/late --export-training to_gpu
       saltus real2sim cycle --out runs/late --take-training to_gpu
       saltus real2sim cycle --logs logs/monday runs/one --out runs/mine
     """
@@ -33,7 +33,8 @@ class Cycle(SettingsCommand):
     """Folder of the cycle, with report.html."""
     settings: Annotated[CycleSettings, tyro.conf.arg(name="")] = field(default_factory=CycleSettings)
     export_training: Annotated[Path | None, shown("PATH", "none, train here")] = None
-    """Folder to write for a machine with a GPU: profile, data, checkpoints and commands; nothing is trained here."""
+    """Folder to write for a machine with a GPU: profile, checkpoints, settings and commands, which make the data there;
+    nothing is trained here."""
     take_training: Annotated[Path | None, shown("PATH", "none, train here")] = None
     """Such a folder with the models that were trained there."""
     json: Flag = False

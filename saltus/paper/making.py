@@ -74,6 +74,7 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *,
         more = (trainings,) if row.needs == ABLATION else ()
         module, function = row.make.split(".")
         made: Made = getattr(import_module(f"saltus.paper.{module}"), function)(effort, *more)
+        seeds = [effort.seeds[0], effort.seeds[: made.most_seeds][-1]]
     else:
         came_to = {}
         for system in shown_in(row.name, trainings):
@@ -82,13 +83,15 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *,
         if row.name == TRANSFER:
             came_to = {name: {STAND_IN: places[STAND_IN]} for name, places in came_to.items()}
         made = compare(came_to, trainings)
+        ran = [figures["trial_seeds"] for places in came_to.values() for figures in places.values()]
+        seeds = [min(first for first, _ in ran), max(last for _, last in ran)]
     result = {
         "row": row.name,
         "measured": "simulation",
         "commit": commit(),
         "models": _models(),
         "camera": CAMERA,
-        "seeds": [effort.seeds[0], effort.seeds[: made.most_seeds][-1]],
+        "seeds": seeds,
         "configuration": made.configuration,
         "numbers": _finite(made.numbers),
     }

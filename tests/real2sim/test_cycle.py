@@ -198,6 +198,14 @@ def test_logs_of_ones_own_are_trained_with_elsewhere(
     assert "is not that of" in capsys.readouterr().err
 
 
+def test_a_log_of_another_robot_is_refused(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = shutil.copytree(run / "logs" / "single_sine", tmp_path / "log")
+    claims = json.loads((log / "meta.json").read_text())
+    (log / "meta.json").write_text(json.dumps(claims | {"robot": "my_robot.xml"}))
+    assert cycle(tmp_path / "mine", "--logs", str(log), *TINY) == 2
+    assert "of the robot my_robot.xml; the models that a cycle trains are of go1" in capsys.readouterr().err
+
+
 def test_without_a_gpu_the_policy_stays_and_this_is_said(
     run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

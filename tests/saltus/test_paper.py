@@ -321,9 +321,12 @@ def test_an_ablation_is_measured_beside_the_full_system(
     assert [setting.feedback for setting in asked] == [True] * 4 + [False] * 2
     assert sum(setting.profile == stand_in() for setting in asked) == 3
     asked.clear()
-    transfer = make(BY_NAME["transfer"], Effort(trials=2), tmp_path / "out", tmp_path)["numbers"]
+    transfer = make(BY_NAME["transfer"], Effort(trials=5, first_seed=7), tmp_path / "out", tmp_path)
     where = "simulated stand-in"
-    assert transfer == {name: {where: result["numbers"][name][where]} for name in (FULL, "no-feedback")}
+    assert transfer["seeds"] == [FIRST_SEED, FIRST_SEED + 1], (
+        "of the trials that are shown, not of those that were asked for"
+    )
+    assert transfer["numbers"] == {name: {where: result["numbers"][name][where]} for name in (FULL, "no-feedback")}
     assert make(row, Effort(trials=2), tmp_path / "out", tmp_path, again=False)["numbers"] == result["numbers"]
     assert not asked, "what was measured is not measured again"
     make(row, Effort(trials=2), tmp_path / "out", tmp_path)
