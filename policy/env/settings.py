@@ -137,7 +137,7 @@ class TrainConfig:
 
 
 def for_gpu() -> TrainConfig:
-    """What one GPU trains: all terrains."""
+    """What one GPU trains: the paper's terrains."""
     return TrainConfig(robots=16384)
 
 

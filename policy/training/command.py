@@ -26,7 +26,7 @@ GPU_EVALUATE_MINUTES = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class Train:
-    """Trains the motion policy: on a CPU to bound on flat ground, on a GPU on all terrains. Ctrl-C saves.
+    """Trains the motion policy: on a CPU to bound on flat ground, on a GPU on the paper's terrains. Ctrl-C saves.
 
     A flag wins over --config, --config over the resumed training or the defaults; the defaults below are a GPU's. A
     TOML file names what it changes as the flags do: learning.desired_kl = 0.003.

@@ -146,7 +146,7 @@ def device_of_this_process(device: str) -> Rank:
     world = int(os.environ.get("WORLD_SIZE", "1"))
     if device == "cpu" or not has_gpu():
         # Batches of a few hundred robots are too small to share: two threads on two busy cores wait for each other,
-        # and take 11 times as long as one (docs/policy.md). The physics has threads of its own.
+        # and take 11 times as long as one (docs/history.md). The physics has threads of its own.
         torch.set_num_threads(1)
         return Rank()
     local = int(os.environ.get("LOCAL_RANK", "0"))
