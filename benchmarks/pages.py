@@ -38,7 +38,7 @@ LACKS = {
     r"ros2 (run|topic)|export RMW|: saltus ros2 --run-dir runs/one$": "ROS 2",
     r": make ": "a fresh clone: that is what is checked before each change",
     r"gpu_train|paper train|collect gpu|runs/(second|all|dagger|paper-train|heightmap/)|policy.md": "a GPU",
-    r"real2sim cycle": "hours, or a GPU: its figures are in docs/cycle.md",
+    r"real2sim cycle|cycle.md: ": "hours, or a GPU: its figures are in docs/cycle.md",
     r"mine\.xml|logs/mine|my_robot|hidden\.toml": "files of the reader",
     r"listen 192\.168\.|--run-dir copy|--run-dir runs/mine --take": "another computer",
     r"reliability.md: .* runs/mine": "a run that another page starts",
