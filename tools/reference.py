@@ -21,7 +21,7 @@ from saltus.effects.registry import EFFECTS
 from saltus.heightmap.service import features
 from saltus.recordings import viewer
 from saltus.robots.robot import JOINTS
-from saltus.wire import messages, schemas
+from saltus.wire import codec, messages, schemas
 from saltus.wire.events import CODES
 from saltus.wire.topics import TOPICS
 
@@ -31,7 +31,13 @@ STATE = {field.name for field in schemas.FIELDS[messages.RobotState]}
 ON_THE_WIRE = {
     messages.DepthFrame: "The image is 16UC1, depth along the optical axis in units of `depth_unit_m`: 0 is invalid, "
     "65535 is nothing within range. The intrinsics are in `camera_info.k`, as in ROS: pixel (u, v) looks through "
-    "((u - cx) / fx, (v - cy) / fy). `frame_id` counts the images.",
+    "((u - cx) / fx, (v - cy) / fy). Distortion is not read: images must be rectified. `frame_id` counts the images. "
+    f"Refused are other encodings, big-endian ones, a `step` other than two bytes a pixel, images over "
+    f"{codec.WIDTH_MAX} x {codec.HEIGHT_MAX}, a `camera_info` of another size, focal lengths outside of "
+    f"{codec.FOCAL_MIN_PX:g} to {codec.FOCAL_MAX_PX:g} pixels, and units outside of 1e-6 to "
+    f"{codec.DEPTH_UNIT_MAX_M:g} m.",
+    messages.Event: "`stamp` is its time, `name` the sender, `function` the code, `msg` the detail, for people. "
+    "Details that are read: of `kill` the name of a process, of `blind` seconds, of `push` Ns, negative to the right.",
 }
 """Messages whose fields travel in another form than they have in Python."""
 PART_TITLES = {
@@ -96,10 +102,15 @@ def messages_page() -> str:
     """Every topic, and every message with its fields."""
     parts = [
         f"# Messages\n\n{MADE}",
-        "Keys are `PREFIX/TOPIC`, e.g. `robot/0/camera/depth`. Payloads are CDR (little-endian) of the ROS 2 types "
-        "below, attachments are those of rmw_zenoh: int64 sequence from 1, int64 capture time [ns], the byte 16, and "
-        "16 bytes that name the sender anew at each start. `examples/own_robot.py` sends and reads them without "
-        "Saltus.",
+        "`saltus router --out runs/mine` writes `runs/mine/client.json5`, which a Zenoh library (1.10 or later) loads "
+        "as its configuration; it names a Unix socket, and that transport must be in the library "
+        "([your robot](../tutorials/service.md), [over a network](../reliability.md#over-a-network)). "
+        "`examples/own_robot.py` sends and reads messages without Saltus.",
+        "Keys are `PREFIX/TOPIC`, e.g. `robot/0/camera/depth`. For `done`, `event` and `status` the sender's name "
+        "follows: subscribe to `robot/0/status/*`. What an operator asks goes to `robot/0/event/operator`.",
+        "Payloads are CDR of the ROS 2 types below, little-endian: they begin with the bytes 00 01 00 00, and nothing "
+        "may follow the last field. Attachments are those of rmw_zenoh, 33 bytes without gaps: int64 sequence from 1, "
+        "int64 capture time [ns], the byte 16, and 16 bytes that name the sender anew at each start.",
         "The table is `saltus/wire/topics.py`; limits of age are checked by whoever uses a message.",
         _topics(),
         _wrapped(textwrap.dedent(messages.__doc__ or "").split("\n\n", 1)[1]),
@@ -107,7 +118,11 @@ def messages_page() -> str:
         "Of `controller/state`: "
         + ", ".join(f"`{name}`" for name in inspect.signature(features.proprioception).parameters if name in STATE)
         + ", and the capture time in the header. Of `camera/depth`: the image, its intrinsics, unit and capture time. "
-        "Nothing else; fields that you do not have may be zero. `leg_trusted` says which feet surely stand: where the "
+        "Besides these the service needs `step`, which must rise with each state, and `frame_id`, which must rise by "
+        "one with each image: images that are left out count as lost, and what does not rise is not taken. If your "
+        "counters start anew, take new bytes of the sender. All other fields may be zero. Quaternions must have length "
+        "1. All joint angles are 0 where a leg hangs straight down; their signs are in the card of the network "
+        "(`models/heightmap.md`). `leg_trusted` says which feet surely stand: where the "
         "phases of a leg controller are not known, take legs whose feet bear weight; a foot that is said to stand and "
         "does not is taken for ground, while false for all legs only means that feet tell nothing of the ground.",
     ]

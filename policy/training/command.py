@@ -19,6 +19,7 @@ from saltus.folders import another_training, ask_for_room, differences, new_fold
 from saltus.policy.env.settings import LARGEST, TrainConfig, for_cpu, for_gpu
 from saltus.policy.training.files import CHECKPOINT
 from saltus.robots.loading import load_robot
+from saltus.terrain.curriculum import find_family
 
 TRAINING = "pip install 'saltus[train]'"
 GPU_EVALUATE_MINUTES = 3.0
@@ -77,6 +78,8 @@ class Train:
         if self.evaluate_minutes is not None:
             check_between(self, evaluate_minutes=(0.0, LARGEST))
         load_profile(self.training.env.profile, load_robot(self.training.robot))
+        for kind in self.training.env.curriculum.own:
+            find_family(kind)  # before there is a folder
         start, folder = self._start(), self.out or new_folder("policy-train")
         self._check_networks(start)
         if os.environ.get("RANK", "0") != "0":  # one of several that learn together: the first one writes

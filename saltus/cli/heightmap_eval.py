@@ -46,7 +46,7 @@ class Eval:
     seed: int = 0
     """Of courses, trials and cameras; whatever it is, no training draws the same."""
     terrains: tuple[str, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
-    """Families of the courses; any that --terrain of other commands takes, yours too."""
+    """Families of the courses, yours too; no files."""
     camera: str = "d435i"
     """ideal: true depth. d435i: a stereo camera, whose errors have another strength in each run. Or a TOML file."""
     baselines: tuple[str, ...] = ("geometric", "geometric-feet")

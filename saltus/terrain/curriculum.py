@@ -159,6 +159,8 @@ def find_family(name: str) -> SizedFamily | OwnFamily:
     """
     families: dict[str, SizedFamily] | dict[str, OwnFamily] = _BROUGHT if name in _BROUGHT else own_families()
     if name not in families:
+        if name.endswith(FILE_SUFFIX):
+            raise ConfigError(f"{name} is one course, without difficulties: let a family of yours return it")
         raise ConfigError(f"no terrain '{name}': {nearest_hint(name, [*_BROUGHT, *families])}; or give a TOML file")
     return families[name]
 

@@ -1,10 +1,13 @@
 """What the processes say to each other: frozen dataclasses, SI units, one meaning for each field.
 
-Frames. *world*: z up, x along the course, yaw as the IMU reports it. *base*: at the trunk's geometric
-centre, x forward, y left, z up. *yaw frame*: world axes rotated by the yaw of the base, origin at the base.
-Legs are in the order FR, FL, RR, RL; joints in the order hip, thigh, calf of each leg.
-Quaternions are (w, x, y, z), base to world. `time_ns` is the capture time in the run's own clock: the moment
-at which the thing was true, not the moment at which it was sent.
+Frames. *world*: z up, x along the course, yaw as the IMU reports it. *base*: at the trunk's geometric centre, x
+forward, y left, z up. *yaw frame*: world axes rotated by the yaw of the base, origin at the base. Legs are in
+the order FR, FL, RR, RL; joints in the order hip, thigh, calf of each leg. Quaternions are (w, x, y, z), base
+to world. A message's time (`header.stamp`, and the same to the nanosecond in the attachment; `time_ns` in
+Python) is its capture time: the moment at which the thing was true, not the moment at which it was sent. It is
+in the clock of the run. With `saltus router` that is CLOCK_MONOTONIC of the router's computer; with `saltus up`
+what has passed of it since `epoch_ns` of run.toml, times `speed`. States that are dated more than 5 ms ahead or
+100 ms behind are not answered.
 """
 
 from dataclasses import dataclass, field
@@ -179,7 +182,7 @@ class JointLog:
     """The 500 Hz rows between two policy steps: state measured at a time and the command that takes force then."""
 
     time_ns: int
-    """Time of the first row."""
+    """Time of the first row: that of the header."""
     step: int
     dt_s: float
     position: Floats

@@ -267,6 +267,7 @@ BAD = {
     "policy train --learning.desired-kl -0.1": "desired_kl = -0.1",
     "policy train --device cpu --learning.minibatches 100000": "minibatches",
     "policy train --device cpu --env.curriculum.flat 0": "shares",
+    "policy train --device cpu --env.curriculum.own course.toml 0.3": "course.toml is one course, without difficulties",
     "policy train --env.randomisation.friction 1.0 0.5": "friction",
     "policy train --env.bounds.low 0 1": "entries",
     "heightmap check": "needs a recording, or --run-dir",
