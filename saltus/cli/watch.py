@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib.util
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,12 +15,12 @@ import tyro
 
 from saltus.errors import SaltusError
 from saltus.flags import Flag, shown
-from saltus.runtime.priority import give_way
 
 PORT = 8080
 FOXGLOVE_PORT = 8765  # of its apps
 VISER = "pip install 'saltus[watch]'"
 FOXGLOVE = "pip install 'saltus[foxglove]'"
+NICENESS = 10  # the stack comes first
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,10 +61,8 @@ class Watch:
 
         sources = [Source(path, robot) for path in self.runs for robot in self.robots or ("",)]
         with ThreadPoolExecutor(1) as starters:
-            starters.submit(
-                int
-            ).result()  # its thread is there now, and does not give way: nor do the runs that it starts
-            give_way()
+            starters.submit(int).result()  # so its thread is there, with the priority that runs are to have
+            os.nice(NICENESS)
             server = Server(PORT if self.port is None else self.port)
             watcher = Watcher(Page(server), sources, starters)
             print(f"watch at {server.address} until Ctrl-C", flush=True)
@@ -83,7 +82,7 @@ class Watch:
         from saltus.watch.source import Source
 
         source = Source(self.runs[0], *self.robots)
-        give_way()
+        os.nice(NICENESS)
         studio = Studio(source, FOXGLOVE_PORT if self.port is None else self.port)
         print(f"open the connection {studio.address} in Foxglove, and import the layout {LAYOUT}")
         print("every program and web page on this machine can read it; Ctrl-C ends it", flush=True)

@@ -1,4 +1,4 @@
-"""Processes of a real-time run come before those of ordinary priority where they may; who watches comes after them."""
+"""Processes of a real-time run come before those of ordinary priority, where they have the right to."""
 
 import contextlib
 import os
@@ -29,14 +29,6 @@ def prefer_loop(process: str) -> None:
     if process in FIRST:
         with contextlib.suppress(PermissionError):
             os.setpriority(os.PRIO_PROCESS, 0, FIRST[process])
-
-
-def give_way() -> None:
-    """Lets the calling thread, and those that it starts, run where no other has something to do (sched(7), SCHED_IDLE).
-
-    A higher nice value does not do: Linux lets who runs go on for up to 3 ms when another wakes, unless it is idle.
-    """
-    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
 @contextlib.contextmanager

@@ -39,7 +39,8 @@ def test_a_run_is_started_disturbed_and_stopped_on_the_page(speed: float, tmp_pa
         tab.click("Start")
         wait_for(tab, "live", "mode_run")
         (up,) = psutil.Process(page.pid).children()
-        assert os.sched_getscheduler(up.pid) == os.sched_getscheduler(0)  # it does not give way as the page does
+        threads = [thread.id for thread in up.threads()]  # none has the page's own, which is lower
+        assert max(os.getpriority(os.PRIO_PROCESS, thread) for thread in threads) <= os.getpriority(os.PRIO_PROCESS, 0)
         tab.click("Blind the camera 1 s")
         before = tab.picture()[GROUND].astype(int)
         wait_for(tab, "blind 1", "heightmap_invalid", "mode_stopped")

@@ -1,4 +1,4 @@
-"""Processes of a run come before busy programs where they have the right to; who watches comes after them."""
+"""Processes of a run come before busy programs where they have the right to, and take their turn where not."""
 
 import ctypes
 import functools
@@ -15,10 +15,8 @@ CAP_SYS_NICE, PR_CAPBSET_DROP = 23, 24  # linux/capability.h, linux/prctl.h
 SPIN_S = 0.3
 SPIN = """
 import os, sys, time
-from saltus.runtime.priority import AUTOGROUP, give_way, prefer_loop, prefer_process
-if sys.argv[1:] == ["watch"]:
-    give_way()
-elif len(sys.argv) > 1:
+from saltus.runtime.priority import AUTOGROUP, prefer_loop, prefer_process
+if len(sys.argv) > 1:
     prefer_process(sys.argv[1])
     prefer_loop(sys.argv[1])
 print(flush=True)
@@ -35,10 +33,10 @@ def without_the_right() -> None:
     ctypes.CDLL(None, use_errno=True).prctl(PR_CAPBSET_DROP, CAP_SYS_NICE, 0, 0, 0)
 
 
-def spin(*processes: str, right: bool = True, apart: bool = True) -> list[tuple[int, int, float]]:
+def spin(*processes: str, right: bool = True) -> list[tuple[int, int, float]]:
     """Priority, that of the session, and processor time of programs that are busy at the same time on one processor.
 
-    An empty name is a program that is none of Saltus'. Each has a session of its own, or all are of this one.
+    An empty name is a program that is none of Saltus'.
     """
     core = {min(os.sched_getaffinity(0))}
 
@@ -53,7 +51,7 @@ def spin(*processes: str, right: bool = True, apart: bool = True) -> list[tuple[
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
-            start_new_session=apart,
+            start_new_session=True,
             preexec_fn=begin,
         )
         for process in processes
@@ -95,9 +93,3 @@ def test_a_process_is_preferred_where_it_has_the_right_and_takes_its_turn_where_
 def test_the_loop_gets_the_processor_beside_a_busy_program() -> None:
     (_, _, loop_s), (_, _, other_s) = spin("controller", "")
     assert loop_s > (2.0 * other_s if may(ALONE) and may(AS_SESSION) else 0.0)
-
-
-def test_who_watches_gets_what_a_busy_program_leaves_also_without_any_right() -> None:
-    """Asked of two of one session: sessions share first, whatever their programs ask for."""
-    (_, _, page_s), (_, _, other_s) = spin("watch", "", right=False, apart=False)
-    assert page_s < 0.5 * other_s
