@@ -15,15 +15,15 @@ CODES: dict[str, tuple[str, str]] = {
     },
     "heightmap_invalid": (
         "heightmap, policy",
-        "heights must not be used, or are not; of the policy: it stops the robot",
+        "heights are INVALID now; the policy says so when it stops the robot",
     ),
-    "states_refused": ("heightmap", "states are not answered for as long, as their time is not that of this computer"),
+    "states_refused": ("heightmap", "states are not answered while their time is not that of this computer"),
     "model_accepted": ("heightmap", "a model that was given at run time is sound, and warms up"),
     "model_swapped": ("heightmap", "that model answers from now on"),
     "model_refused": ("heightmap", "that model is not used"),
     "heightmap_lost": ("policy", "no heights came, or old ones: it stops the robot"),
     "plan_lost": ("controller", "the newest plan is too old"),
-    "plan_back": ("controller", "it is not any more"),
+    "plan_back": ("controller", "plans come in time again"),
     **{
         f"mode_{mode.name.lower()}": ("controller", f"the leg controller is in this mode now: {mode.name}")
         for mode in ControllerMode
