@@ -44,7 +44,11 @@ class Benchmark(Command):
     size: Literal["small", "shipped"] = "small"
     """Of the networks: a third of the work of the shipped one, or all of it."""
     updates: int = 500
-    """Of 16 windows."""
+    """Of `batch` windows."""
+    batch: int = 16
+    """Robots in an update."""
+    device: Literal["cpu", "cuda"] = "cpu"
+    """That trains."""
     batches: int = 8
     """To train on, each of 32 robots for 6 s."""
 
@@ -62,6 +66,7 @@ class Benchmark(Command):
         return {
             "size": self.size,
             "updates": self.updates,
+            "batch": self.batch,
             "trained on": errors,
             "mean_mm": mean,
             "shipped": errors_mm(resource("models/heightmap.onnx"), shown),
@@ -86,7 +91,9 @@ class Benchmark(Command):
         """Trains a network unless it is there; its errors with the images of each renderer."""
         folder = self.out / f"{trained_on}-{self.size}-{seed}"
         size = SIZES[self.size]
-        config = TrainConfig(updates=self.updates, batch=16, forgets=0.0, seed=seed, device="cpu", model=size)
+        config = TrainConfig(
+            updates=self.updates, batch=self.batch, forgets=0.0, seed=seed, device=self.device, model=size
+        )
         model = train(
             self._data(trained_on, "fitted"), folder / "heightmap.pt", config,
             lambda at: tell(f"{trained_on}, seed {seed}: {at.update}/{at.updates}, {1e3 * at.mae_m:.1f} mm"),
