@@ -43,8 +43,9 @@ from saltus.recordings.recording import read_recording
 from saltus.recordings.repair import repair
 from saltus.robots.loading import load_robot
 from saltus.runtime.faults import is_upright, witness
+from saltus.runtime.programs import PROGRAMS
 from saltus.runtime.run_folder import write_run
-from saltus.runtime.stack import PROGRAMS, Stack
+from saltus.runtime.stack import Stack
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import ControllerMode, RobotState
 from saltus.wire.router import open_router

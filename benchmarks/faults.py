@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks._command import Command, progress, tell
 from saltus.config import RunConfig, TerrainConfig
 from saltus.runtime.faults import PRODUCT, judge, kill_during_run
-from saltus.runtime.stack import PROGRAMS, WITH_STANDBYS
+from saltus.runtime.programs import PROGRAMS, WITH_STANDBYS
 
 COURSE_S = 20.0  # the time limit of a trial
 COURSES = {

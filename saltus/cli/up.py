@@ -29,8 +29,9 @@ class Up(RunOptions, NetworkOptions):
 
     def run(self) -> int:
         """Runs until the end and says how it went; 0 then, 130 after Ctrl-C (the recording is closed either way)."""
+        from saltus.runtime.programs import PROGRAMS, WITH_STANDBYS
         from saltus.runtime.run_folder import CLIENT_FILE
-        from saltus.runtime.stack import PROGRAMS, WITH_STANDBYS, Stack
+        from saltus.runtime.stack import Stack
 
         if self.standbys and self.pace != "realtime":
             raise ConfigError("--standbys are for --pace realtime: a lockstep run waits for whom it lacks")

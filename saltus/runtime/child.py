@@ -6,11 +6,11 @@ import signal
 import socket
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 from saltus.clock import RunClock
 from saltus.runtime import cue
+from saltus.runtime.programs import Program
 
 LOG_TAIL_LINES = 15
 LOAD_TIMEOUT_S = 30.0
@@ -25,20 +25,6 @@ ENVIRONMENT = {
     # for the router: with one it drops large messages.
     "ZENOH_RUNTIME": "(rx: (worker_threads: 1))",
 }
-
-
-@dataclass(frozen=True, kw_only=True)
-class Program:
-    """One row of the process table."""
-
-    name: str
-    module: str
-    restart: bool
-    """In real time: whether it is started again when it dies. Otherwise its end is the end of the run."""
-    spare: bool = False
-    """In real time: whether another process has loaded already, to take over when it dies."""
-    hot: bool = False
-    """In real time: whether what waits works along unheard. Its state must follow from what it hears."""
 
 
 class Child:

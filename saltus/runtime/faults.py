@@ -19,9 +19,9 @@ from saltus.constants import POLICY_DT
 from saltus.errors import StackError
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
-from saltus.runtime.child import Program
+from saltus.runtime.programs import PROGRAMS, Program
 from saltus.runtime.run_folder import CLIENT_FILE, endpoint_of, read_run
-from saltus.runtime.stack import PROGRAMS, Stack
+from saltus.runtime.stack import Stack
 from saltus.wire.bus import Latest
 from saltus.wire.messages import (
     SUPERVISOR,

@@ -1,4 +1,4 @@
-"""THE table of processes, and the supervisor that starts, watches, records and stops them.
+"""The supervisor: it starts, watches, records and stops the processes of a run.
 
 The supervisor hosts the Zenoh router in a folder of its owner. `Stack.poll` is its whole work: whoever holds a stack
 calls `poll` at 10 Hz or more, or `wait`.
@@ -25,10 +25,11 @@ from saltus.errors import MessageError, RecordingError, StackError, nearest_hint
 from saltus.interrupts import WHOLE
 from saltus.recordings.recorder import RECORDING_FILE, Recorder
 from saltus.robots.loading import load_robot
-from saltus.runtime.child import Child, Program, name_exit
+from saltus.runtime.child import Child, name_exit
 from saltus.runtime.memory import kept_small
 from saltus.runtime.priority import preferred
 from saltus.runtime.process import PEER_FLAG
+from saltus.runtime.programs import PROGRAMS, Program
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.terrain.curriculum import make_terrain
@@ -38,19 +39,6 @@ from saltus.wire.messages import OPERATOR, SUPERVISOR, Event, ProcessStatus
 from saltus.wire.router import Network, open_router
 from saltus.wire.topics import TOPICS
 from saltus.wire.zenoh_bus import ZenohBus
-
-PROGRAMS = (
-    # Open3D alone takes half a second of a free processor, and several on a busy machine
-    Program(name="render", module="saltus.render", restart=True, spare=True),
-    Program(name="heightmap", module="saltus.heightmap", restart=True, hot=True),
-    Program(name="policy", module="saltus.policy", restart=True, hot=True),
-    # Holds the robot: the run begins when it begins, so it is started last, and ends when it ends
-    Program(name="controller", module="saltus.controller", restart=False),
-)
-
-WITH_STANDBYS = tuple(replace(program, spare=program.restart, hot=program.restart) for program in PROGRAMS)
-"""The same with a camera, a service and a planner more that work along unheard. A robot among stepping stones can then
-go on, and cannot land well; but on two cores ages have a p99 of 30 to 58 ms instead of 10."""
 
 READY_TIMEOUT_S = 30.0
 HUNG_S = 1.6

@@ -20,8 +20,8 @@ from saltus.config import RunConfig, TerrainConfig
 from saltus.depth_camera import SHIPPED
 from saltus.resources import resource
 from saltus.robots.loading import load_robot
+from saltus.runtime.programs import PROGRAMS
 from saltus.runtime.run_folder import write_run
-from saltus.runtime.stack import PROGRAMS
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire import codec, schemas
 from saltus.wire.bus import Latest

@@ -19,8 +19,8 @@ from saltus.interrupts import WHOLE
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import read_recording
 from saltus.runtime import stack as module
-from saltus.runtime.child import Program
-from saltus.runtime.stack import PROGRAMS, Stack
+from saltus.runtime.programs import PROGRAMS, Program
+from saltus.runtime.stack import Stack
 
 PROCESSES = Path(__file__).resolve().parents[1] / "processes"
 CONSUMER = Program(name="consumer", module="consumer", restart=True, spare=True)

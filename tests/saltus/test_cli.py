@@ -16,7 +16,7 @@ from saltus.cli.output import finite
 from saltus.cli.parsing import BAD_INPUT
 from saltus.config import RunConfig
 from saltus.errors import SaltusError
-from saltus.runtime.child import Program
+from saltus.runtime.programs import Program
 
 
 def help_of(command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> str:
