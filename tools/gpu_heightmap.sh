@@ -22,7 +22,9 @@ export PYTHONPATH=$site:$PWD PYTHONUNBUFFERED=1 PYTHONWARNINGS=ignore
 export TORCHINDUCTOR_CACHE_DIR=${TORCHINDUCTOR_CACHE_DIR:-/tmp/inductor}
 # More of what is hard to see or to be sure of: stairs and stones, ditches of any depth, and what is no course.
 terrains=${TERRAINS:-flat stairs stairs stepping_stones stepping_stones step gap stairs_down step_down pyramid irregular
-  hurdles ditch ditch ditch ramp_up ramp_down clutter clutter}
+  hurdles ditch ditch ditch ramp_up ramp_up ramp_down clutter clutter clutter clutter}
+# Sizes that learn all of these: those of the smaller default know stairs and stones alone as well.
+sizes=${SIZES:---model.channels 16 32 32 --model.hidden 384}
 mkdir -p "$data" "$out"
 shard=0
 for policy in "$@"; do
@@ -36,5 +38,6 @@ for policy in "$@"; do
   shard=$((shard + 1))
 done
 cp "$data/manifest.json" "$out/"
+# shellcheck disable=SC2086 # words of the sizes
 python3 -m saltus.cli.main heightmap train --data "$data" --out "$out" --updates "${UPDATES:-15000}" --batch "${BATCH:-128}" \
-  --seed "$seed" --device "$device" ${START:+--start "$START"}
+  --seed "$seed" --device "$device" ${START:+--start "$START"} $sizes

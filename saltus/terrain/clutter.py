@@ -1,6 +1,8 @@
-"""Level ground with things on it at random: boxes, walls, poles, plates in the air. Not to be crossed, but to be seen.
+"""Ground with things on it at random: boxes, walls, poles, plates in the air. Not to be crossed, but to be seen.
 
-A predictor that has only ever seen courses is sure of itself anywhere; it learns here where it does not know.
+In some scenes the ground ends, as a desk or a platform does, and goes on lower, by as much as nobody can know who has
+not looked over the edge. A predictor that has only ever seen courses is sure of itself anywhere; it learns here where
+it does not know.
 """
 
 import math
@@ -11,7 +13,7 @@ from saltus.terrain.boxes import Box
 from saltus.terrain.terrain import FIRST_EDGE_X, GROUND_START_X, RUN_OUT, Terrain, across
 
 BOXES = 16
-"""At most; with the ground 17, fewer than a course of a training may have."""
+"""At most; with the ground, which is up to two, 18: no more than a course of a training may have."""
 FROM_X, TO_X, ASIDE_M = 0.6, 4.5, 0.8
 """Where they are: a camera sees 0.2 m to either side at 1 m, 0.6 m at 3 m."""
 SIDE_M = (0.03, 2.0)
@@ -20,18 +22,25 @@ LEAST_HEIGHT_M = 0.03
 IN_THE_AIR = 0.3
 """Share of things that have nothing below them, like the plate of a table; they are as often high as low."""
 FINISH_X = TO_X + FIRST_EDGE_X
+ENDS = 0.4
+"""Share of the scenes whose ground ends: somewhere between what a robot sees at first and where the last things are."""
+DROP_M = (0.1, 1.5)
+"""How much lower it goes on, in equal shares of the logarithm: from a kerb to a loading ramp."""
 
 
 def make(*, height_m: float, rng: np.random.Generator) -> Terrain:
-    """Up to `BOXES` things whose tops are up to `height_m` high [m]."""
-    boxes = [_thing(rng, max(height_m, 2.0 * LEAST_HEIGHT_M)) for _ in range(int(rng.integers(2, BOXES + 1)))]
-    ground = across((GROUND_START_X, FINISH_X + RUN_OUT), (0.0,))
+    """Up to `BOXES` things whose tops are up to `height_m` above the ground that they stand on [m]."""
+    edge, drop = (rng.uniform(FROM_X, TO_X), _spread(rng, DROP_M)) if rng.uniform() < ENDS else (FINISH_X, 0.0)
+    highest, count = max(height_m, 2.0 * LEAST_HEIGHT_M), int(rng.integers(2, BOXES + 1))
+    ground = across((GROUND_START_X, edge, FINISH_X + RUN_OUT), (0.0, -drop))
+    boxes = [_thing(rng, highest, edge, drop) for _ in range(count)]
     return Terrain(kind="clutter", params={"height_m": height_m}, boxes=(*ground, *boxes), finish_x=FINISH_X)
 
 
-def _thing(rng: np.random.Generator, highest: float) -> Box:
-    long, wide = np.exp(rng.uniform(np.log(SIDE_M[0]), np.log(SIDE_M[1]), 2)).tolist()
-    top = float(np.exp(rng.uniform(np.log(LEAST_HEIGHT_M), np.log(highest))))
+def _thing(rng: np.random.Generator, highest: float, edge: float, drop: float) -> Box:
+    """On ground that is `drop` lower beyond the edge."""
+    long, wide = _spread(rng, SIDE_M), _spread(rng, SIDE_M)
+    top = _spread(rng, (LEAST_HEIGHT_M, highest))
     thick = top
     if rng.uniform() < IN_THE_AIR:
         top, thick = rng.uniform(LEAST_HEIGHT_M, highest), rng.uniform(0.3, 1.0) * LEAST_HEIGHT_M
@@ -39,4 +48,10 @@ def _thing(rng: np.random.Generator, highest: float) -> Box:
     # Its edge, not its middle, is ahead of where a robot stands at first.
     clear = 0.5 * (abs(math.cos(yaw)) * long + abs(math.sin(yaw)) * wide)
     x, y = rng.uniform((FROM_X, -ASIDE_M), (TO_X, ASIDE_M)).tolist()
-    return Box.at((x + clear, y, top - 0.5 * thick), (long, wide, thick), yaw=yaw)
+    floor = -drop if x > edge else 0.0
+    return Box.at((x + clear, y, floor + top - 0.5 * thick), (long, wide, thick), yaw=yaw)
+
+
+def _spread(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
+    """In equal shares of the logarithm."""
+    return float(np.exp(rng.uniform(*np.log(bounds))))

@@ -17,7 +17,7 @@ from saltus.recordings.report import course_title
 from saltus.sim import scene
 from saltus.terrain import level
 from saltus.terrain.boxes import Box, Boxes
-from saltus.terrain.clutter import BOXES, FROM_X
+from saltus.terrain.clutter import BOXES, DROP_M, FROM_X
 from saltus.terrain.curriculum import FAMILIES, is_drawn, make_terrain
 from saltus.terrain.law import KINDS as LEVEL
 from saltus.terrain.stack import TerrainStack
@@ -386,13 +386,17 @@ def test_a_title_names_each_size_with_its_unit(kind: str) -> None:
 
 @pytest.mark.parametrize("difficulty", [0.0, 0.5, 1.0])
 def test_robots_start_clear_of_what_stands_about(difficulty: float) -> None:
-    """All of it is on level ground, up to as high as asked for, and another layout is another scene."""
+    """Up to as high as asked for; some ground ends and goes on lower; another layout is another scene."""
     drawn = [make_terrain(TerrainConfig(terrain="clutter", difficulty=difficulty, layout_seed=i)) for i in range(40)]
     for terrain, other in pairwise(drawn):
         assert checked(terrain, "clutter").boxes != other.boxes
         x, y = np.meshgrid(np.linspace(-1.5, terrain.finish_x, 300), np.linspace(-1.0, 1.0, 21))
         height = np.asarray(terrain.height_at(x.ravel(), y.ravel()))
         assert (height[x.ravel() <= FROM_X] == 0.0).all()
-        assert 0.0 < height.max() <= terrain.params["height_m"] + 1e-9
-        assert height.min() == 0.0
-        assert len(terrain.boxes) <= 1 + BOXES
+        assert -DROP_M[1] <= height.min() <= 0.0
+        assert height.max() <= terrain.params["height_m"] + 1e-9
+        assert height.max() > 0.0 or height.min() < 0.0
+        assert len(terrain.boxes) <= 2 + BOXES
+    floors = np.array([min(float(t.height_at(t.finish_x + 3.0, 3.0 * side)) for side in (-0.5, 0.5)) for t in drawn])
+    assert 0.1 < (floors < 0.0).mean() < 0.7
+    assert floors[floors < 0.0].max() <= -DROP_M[0]
