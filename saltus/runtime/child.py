@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from saltus.clock import RunClock
+from saltus.errors import StackError
 from saltus.runtime import cue
 from saltus.runtime.programs import Program
 
@@ -35,6 +36,8 @@ class Child:
         self.log = log
         self.started_s = 0.0
         """When the process that runs was told to begin, by the run's clock."""
+        self.tried_s = 0.0
+        """When a process of this program was last started, or could not be, by the run's clock."""
         self.alive_s: float | None = None
         """When the last proof of life came, by the run's clock; None until it is ready."""
         self._clock = clock
@@ -68,9 +71,17 @@ class Child:
         return self._runs.process.pid if self._runs is not None and self.running() else None
 
     def load(self, arguments: list[str]) -> None:
-        """Starts a process that loads everything, and then waits to take over."""
+        """Starts a process that loads everything, and then waits to take over.
+
+        Raises:
+            StackError: the system gives no process, or no file for its line or its log.
+        """
+        self.tried_s = self._clock.elapsed_s()
         waits = cue.WORKING if self.program.hot else cue.IDLE
-        self._waits = _Launch(self.program.module, [*arguments, cue.FLAG, waits], self.log, self._clock)
+        try:
+            self._waits = _Launch(self.program.module, [*arguments, cue.FLAG, waits], self.log, self._clock)
+        except OSError as error:
+            raise StackError(f"{self.name} cannot be started: {error.strerror}") from error
 
     def begin(self, arguments: list[str]) -> None:
         """Tells the process that waits to take over; starts one where none waits. The one before must have ended."""
@@ -127,15 +138,19 @@ class _Launch:
     def __init__(self, module: str, arguments: list[str], log: Path, clock: RunClock) -> None:
         self._line, theirs = socket.socketpair()
         self._line.setblocking(False)
-        with theirs, log.open("ab") as file:
-            self.process = subprocess.Popen(
-                [sys.executable, "-P", "-m", module, *arguments],
-                stdin=theirs.fileno(),
-                stdout=file,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, **ENVIRONMENT},
-                start_new_session=True,  # so that Ctrl-C reaches the supervisor alone
-            )
+        try:
+            with theirs, log.open("ab") as file:
+                self.process = subprocess.Popen(
+                    [sys.executable, "-P", "-m", module, *arguments],
+                    stdin=theirs.fileno(),
+                    stdout=file,
+                    stderr=subprocess.STDOUT,
+                    env={**os.environ, **ENVIRONMENT},
+                    start_new_session=True,  # so that Ctrl-C reaches the supervisor alone
+                )
+        except OSError:
+            self._line.close()
+            raise
         self._clock = clock
         self._started_s = clock.elapsed_s()
         self._loaded = False

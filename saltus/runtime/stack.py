@@ -155,7 +155,7 @@ class Stack:
         """Records what has arrived and looks after the processes. Returns whether the run goes on.
 
         Raises:
-            StackError: the controller died; in lockstep any process; or a process does not become ready again.
+            StackError: the controller died; in lockstep any process; or one cannot be started again, or not in time.
             RecordingError: the recording cannot be written any more.
         """
         self._drain()
@@ -209,7 +209,10 @@ class Stack:
 
     def _load_spare(self, child: Child) -> None:
         if child.program.spare and self.config.pace == "realtime":
-            child.load(self._arguments)
+            try:
+                child.load(self._arguments)
+            except StackError as error:  # the run goes on with what it has
+                self._event("no_spare", str(error))
 
     def _poll_until(self, condition: Callable[[], bool]) -> None:
         while not condition() and self.poll():
@@ -245,7 +248,7 @@ class Stack:
         ):
             child.kill()
             self._died(child, f"hung: no sign of life for {HUNG_S:g} s")
-        elif child.ready and not child.has_spare and now_s - child.started_s > SPARE_AFTER_S:
+        elif child.ready and not child.has_spare and now_s - max(child.started_s, child.tried_s) > SPARE_AFTER_S:
             self._load_spare(child)
 
     def _ended(self, child: Child, code: int) -> None:

@@ -5,6 +5,7 @@ from saltus.wire.messages import ControllerMode, HeightmapStatus
 CODES: dict[str, tuple[str, str]] = {
     "process_ready": ("supervisor", "a process works; the first time, and each time that it has started again"),
     "process_died": ("supervisor", "a process has died, or gave no sign of life and was killed"),
+    "no_spare": ("supervisor", "a process that would take over from one that dies cannot be started; tried again"),
     "too_slow": ("supervisor", "the computer does not keep up with the run's clock"),
     "recording_failed": ("supervisor", "nothing more can be recorded, as where a disk is full; the robot lands"),
     "error": ("every process", "it ends with this error"),

@@ -5,6 +5,7 @@ import json
 import shutil
 import tempfile
 from dataclasses import dataclass
+from resource import RLIMIT_NOFILE, getrlimit, setrlimit
 from typing import Any
 
 import zenoh
@@ -42,6 +43,7 @@ def open_router(network: Network | None = None) -> tuple[str, contextlib.ExitSta
         settings = zenoh.Config.from_file(str(resource("zenoh_cfg/router.json5")))
         try:
             if network is not None:
+                allow_most_files()
                 endpoints.append(network.listen)
                 settings.insert_json5("transport/link/tls", json.dumps(mutual_tls(network.certificate, "listen")))
                 settings.insert_json5("access_control", json.dumps(network.access_control))
@@ -51,3 +53,9 @@ def open_router(network: Network | None = None) -> tuple[str, contextlib.ExitSta
             reason, places = str(error).split(" at /")[0], " and ".join(endpoints)  # without places in Zenoh's source
             raise StackError(f"cannot host a Zenoh router at {places}: {reason}; is another one there?") from error
         return endpoints[0], resources.pop_all()
+
+
+def allow_most_files() -> None:
+    """Lets this process open as many files as the system allows: each stranger who connects holds one until refused."""
+    _, hard = getrlimit(RLIMIT_NOFILE)
+    setrlimit(RLIMIT_NOFILE, (hard, hard))

@@ -12,6 +12,7 @@ from typing import Any
 
 import psutil
 import pytest
+from limits import files_left
 
 from saltus.config import Pace, RunConfig
 from saltus.errors import RecordingError, StackError
@@ -104,6 +105,24 @@ def test_the_dead_and_the_hung_come_back_and_the_end_of_the_robot_is_the_end(
     boots = {envelope.boot_id for _, envelope, _ in recording.messages("status/consumer")}
     assert len(boots) == 3
     assert not children_of_run(tmp_path)
+
+
+def test_a_run_goes_on_where_no_spare_can_be_started_and_has_one_once_it_can(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "SPARE_AFTER_S", 0.05)
+    with Stack(run_config(speed=0.1), tmp_path, (CONSUMER, STATES)) as stack:
+        child = stack._children["consumer"]
+        poll_until(stack, lambda: not child.loading, 10.0)
+        child.dismiss()
+        with files_left(0):
+            for _ in range(2):
+                tried_s = child.tried_s
+                poll_until(stack, lambda before=tried_s: child.tried_s > before, 10.0)  # type: ignore[misc]
+        poll_until(stack, lambda: child.has_spare, 10.0)
+        assert stack.poll()
+    told = [m.detail for _, _, m in read_recording(stack.recording).messages("event") if m.code == "no_spare"]  # type: ignore[union-attr]
+    assert told == ["consumer cannot be started: Too many open files"] * 2
 
 
 def test_the_run_ends_when_the_robot_returns(tmp_path: Path) -> None:

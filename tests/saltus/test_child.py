@@ -7,8 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from limits import files_left
 
 from saltus.clock import RunClock
+from saltus.errors import StackError
 from saltus.runtime.child import Child, Program
 
 BEGUN, REFUSED = 7, 8
@@ -86,3 +88,15 @@ def test_one_that_waits_does_not_outlive_its_supervisor(child: Child) -> None:
     assert child._waits is not None
     child._waits._line.close()
     assert child._waits.process.wait(10.0) == REFUSED
+
+
+@pytest.mark.parametrize("left", [0, 2, 3])
+def test_where_the_system_gives_no_more_files_it_is_told_and_none_stays_open(left: int, child: Child) -> None:
+    """Those of its line take two, its log takes one, and what starts a process some more."""
+    before = os.listdir("/proc/self/fd")
+    with files_left(left), pytest.raises(StackError, match=r"^waits cannot be started: Too many open files$"):
+        child.load([])
+    assert os.listdir("/proc/self/fd") == before
+    assert not child.has_spare
+    child.begin([])
+    assert wait_for_end(child) == BEGUN
