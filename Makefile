@@ -23,15 +23,17 @@ imports: $(VENV)/.development
 	$(BIN)/lint-imports
 
 # Three workers for two cores, as some wait, each a file at a time in the order of tests/conftest.py. Tests start processes by the
-# dozen: the project is compiled once, whatever the environment says.
+# dozen: the project is compiled once, whatever the environment says. What they leave of the processors goes to mypy, which
+# yields to them.
 unit processes: export PYTHONDONTWRITEBYTECODE :=
 unit: $(VENV)/.development
-	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder -m 'not realtime'
+	nice -n 19 $(BIN)/mypy & types=$$!; $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder -m 'not realtime'; \
+	tests=$$?; wait $$types && exit $$tests
 
-# Tests with limits in real time come alone; others need no such peace. They mostly wait: what they leave of the
-# processors goes to mypy, which yields to them.
+# Tests with limits in real time come alone; others need no such peace. First they measure how fast the computer is, and beside
+# mypy they took it for half as fast, and twice as long.
 processes: $(VENV)/.development
-	nice -n 19 $(BIN)/mypy & types=$$!; $(BIN)/pytest -m realtime tests/processes; tests=$$?; wait $$types && exit $$tests
+	$(BIN)/pytest -m realtime tests/processes
 
 # A wheel in an empty environment runs the demo from another folder.
 wheel-test: libraries
