@@ -23,8 +23,8 @@ export TORCHINDUCTOR_CACHE_DIR=${TORCHINDUCTOR_CACHE_DIR:-/tmp/inductor}
 # More of what is hard to see or to be sure of: stairs and stones, ditches of any depth, and what is no course.
 terrains=${TERRAINS:-flat stairs stairs stepping_stones stepping_stones step gap stairs_down step_down pyramid irregular
   hurdles ditch ditch ditch ramp_up ramp_up ramp_down clutter clutter clutter clutter}
-# Sizes that learn all of these: those of the smaller default know stairs and stones alone as well.
-sizes=${SIZES:---model.channels 16 32 32 --model.hidden 384}
+# Of the network, as flags of `saltus heightmap train`; SIZES= for the default, which a model that is shipped may have.
+sizes=${SIZES---model.channels 16 32 32 --model.hidden 384}
 mkdir -p "$data" "$out"
 shard=0
 for policy in "$@"; do

@@ -25,14 +25,15 @@ FINISH_X = TO_X + FIRST_EDGE_X
 ENDS = 0.4
 """Share of the scenes whose ground ends: somewhere between what a robot sees at first and where the last things are."""
 DROP_M = (0.1, 1.5)
-"""How much lower it goes on, in equal shares of the logarithm: from a kerb to a loading ramp."""
+"""How much lower it goes on, in equal shares of the logarithm: from a kerb to a loading dock."""
 
 
 def make(*, height_m: float, rng: np.random.Generator) -> Terrain:
     """Up to `BOXES` things whose tops are up to `height_m` above the ground that they stand on [m]."""
-    edge, drop = (rng.uniform(FROM_X, TO_X), _spread(rng, DROP_M)) if rng.uniform() < ENDS else (FINISH_X, 0.0)
+    last = FINISH_X + RUN_OUT
+    edge, drop = (rng.uniform(FROM_X, TO_X), _spread(rng, DROP_M)) if rng.uniform() < ENDS else (last, 0.0)
     highest, count = max(height_m, 2.0 * LEAST_HEIGHT_M), int(rng.integers(2, BOXES + 1))
-    ground = across((GROUND_START_X, edge, FINISH_X + RUN_OUT), (0.0, -drop))
+    ground = across((GROUND_START_X, edge, last), (0.0, -drop)) if drop else across((GROUND_START_X, last), (0.0,))
     boxes = [_thing(rng, highest, edge, drop) for _ in range(count)]
     return Terrain(kind="clutter", params={"height_m": height_m}, boxes=(*ground, *boxes), finish_x=FINISH_X)
 
