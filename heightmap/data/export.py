@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from saltus.config import DEFAULT_ROBOT
 from saltus.constants import POLICY_DT
 from saltus.folders import whole_folder
 from saltus.heightmap.data.columns import COLUMNS, NO_IMAGE_S, SCHEMA, nested
@@ -148,7 +149,7 @@ def _write_meta(
         column.name: {"dtype": column.dtype, "shape": column.shape, "names": column.names} for column in COLUMNS
     }
     info = {
-        "codebase_version": "v3.0", "robot_type": "go1", "total_episodes": len(rows), "total_frames": _index(rows),
+        "codebase_version": "v3.0", "robot_type": DEFAULT_ROBOT, "total_episodes": len(rows), "total_frames": _index(rows),
         "total_tasks": len(terrains), "chunks_size": 1000, "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200, "fps": round(1.0 / POLICY_DT), "splits": {"train": f"0:{len(rows)}"},
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet", "video_path": None,
@@ -176,8 +177,8 @@ def croissant(records: list[ShardRecord]) -> dict[str, Any]:
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
         "name": "saltus-depth-to-heights",
-        "description": "Noisy depth images of a Unitree Go1 that jumps over stairs, stones and gaps, what it knows of "
-        "itself, and the true heights ahead of it, simulated by Saltus; 100 rows a second.",
+        "description": f"Noisy depth images of a legged robot ({DEFAULT_ROBOT}) that jumps over stairs, stones and "
+        "gaps, what it knows of itself, and the true heights ahead of it, simulated by Saltus; 100 rows a second.",
         "conformsTo": "http://mlcommons.org/croissant/1.0",
         "license": "https://www.apache.org/licenses/LICENSE-2.0",
         "version": "1.0.0",

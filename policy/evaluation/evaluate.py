@@ -31,7 +31,7 @@ MAX_PLAN_DELAY_S = 0.1
 MOST_FRICTION = 5.0
 """Five times that of rubber on dry concrete."""
 MOST_PUSH_NS = 100.0
-"""A Go1 of 12 kg would fly off at 8 m/s."""
+"""A robot of 12 kg would fly off at 8 m/s."""
 
 HEIGHTS: dict[str, HeightsFactory] = {"true": shifted_heights, "true-exact": exact_heights}
 """Sources of heights by name: true ones with each trial's shift, and without."""

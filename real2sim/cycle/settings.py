@@ -16,7 +16,7 @@ EXPERIMENTS = ("joint_tour", "squat", "heave_and_pitch", "height_step")
 
 @dataclass(frozen=True, kw_only=True)
 class CycleSettings:
-    """A cycle of the Go1. All but the numbers of trials stay as the folder was begun.
+    """A cycle of the robot of the shipped models. All but the numbers of trials stay as the folder was begun.
 
     Raises:
         ConfigError: a number that cannot be, or an experiment that there is not.

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from rosbags.typesys import get_types_from_msg
 
-from saltus.constants import LOADED_N
+from saltus.constants import FORCE_SCALE_M, LOADED_N
 from saltus.footholds import Footholds
 from saltus.recordings import ros_messages as ros
 from saltus.recordings.ros_messages import BASE, BASE_YAW, CAMERA, WORLD
@@ -90,8 +90,6 @@ TOPICS: dict[str, tuple[str, str]] = {
 # Okabe and Ito's palette, as the page of saltus watch has it
 PLANNED, FORCE, STANCE = (0.0, 0.447, 0.698, 1.0), (0.902, 0.624, 0.0, 1.0), (0.337, 0.706, 0.914, 1.0)
 GREY = (0.6, 0.63, 0.68, 1.0)
-FORCE_SCALE_M = 0.3 / 60.0
-"""Length of a line [m/N]: 0.3 m for what one of two legs bears of a Go1."""
 DOT_M, LINE_M = 0.03, 0.012
 KINDS = {"box": ros.CUBE, "ball": ros.SPHERE, "cylinder": ros.CYLINDER}
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.constants import LOADED_N
+from saltus.constants import FORCE_SCALE_M, LOADED_N
 from saltus.sim.shapes import RobotShapes, terrain_edges, terrain_tops, terrain_walls
 from saltus.watch.pictures import PREDICTED, TRUE, UNTRUSTED
 from saltus.watch.scene import Heights, Scene, World
@@ -18,8 +18,6 @@ Rgb = tuple[int, int, int]
 PLANNED, FORCE = (0, 114, 178), (230, 159, 0)
 TOP, WALL, EDGE = (203, 210, 218), (120, 133, 148), (84, 95, 109)
 SKY = ((150, 186, 222), (244, 247, 250))
-FORCE_SCALE_M = 0.3 / 60.0
-"""Length of an arrow [m/N]: 0.3 m for what one of two legs bears of a Go1."""
 LIFT = np.array([0.0, 0.0, 0.004])  # lines float this far above the ground, else they flicker [m]
 DISC_LIFT = np.array([0.0, 0.0, 0.013])  # a disc faces the browser: half of it would be in the ground [m]
 GAP_M = 0.5  # between the grounds of two runs

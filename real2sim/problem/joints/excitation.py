@@ -14,7 +14,7 @@ from saltus.sim.held import HeldRobot
 LEAST_TORQUE = 5.0  # Nm commanded: drives of this class lose nothing below it (original's dynamometer table)
 LEAST_FAST = 2.0  # rad/s: a tenth of the smallest no-load speed that is published for robots of this class
 LEAST_SPEED = 0.05  # rad/s: below it a joint stands still
-NEAR_STOP = 0.2  # rad from a claimed limit: the stop of a Go2's calves begins 0.09 rad before theirs
+NEAR_STOP = 0.2  # rad from a claimed limit: soft stops were found to begin 0.09 rad before it, see `EndStop`
 LEAST_SAG_S = 5.0  # a battery does not empty in less
 FINEST_STEP, COARSEST_STEP = 5e-4, 0.04
 """Steps of an encoder that are looked for [rad]: finer ones drown in noise of 1 mrad, coarser ones no drive has."""
