@@ -57,6 +57,8 @@ class Benchmark(Command):
     """Of one run."""
     apart_s: float = 120.0
     """From fault to fault, on average."""
+    killed: tuple[Literal["render", "heightmap", "policy"], ...] = ("render", "heightmap", "policy")
+    """Processes of the stack that are killed; one that is not lives as long as the run."""
     warm_up_s: float = 60.0
     """Of each process, not measured."""
     robots: int = 8
@@ -111,7 +113,7 @@ class Benchmark(Command):
                         os.kill(held[0], signal.SIGCONT)
                     held = None
                 if faults.due():
-                    name = str(rng.choice([*PRODUCT, "images"]))
+                    name = str(rng.choice([*self.killed, "images"]))
                     with contextlib.suppress(StackError):  # it is being started again
                         if name == "images":
                             pid, until_s = stack.pid("render"), watch.clock.elapsed_s() + loss_s(rng)
