@@ -149,9 +149,10 @@ def _write_meta(
         column.name: {"dtype": column.dtype, "shape": column.shape, "names": column.names} for column in COLUMNS
     }
     info = {
-        "codebase_version": "v3.0", "robot_type": DEFAULT_ROBOT, "total_episodes": len(rows), "total_frames": _index(rows),
-        "total_tasks": len(terrains), "chunks_size": 1000, "data_files_size_in_mb": 100,
-        "video_files_size_in_mb": 200, "fps": round(1.0 / POLICY_DT), "splits": {"train": f"0:{len(rows)}"},
+        "codebase_version": "v3.0", "robot_type": DEFAULT_ROBOT, "total_episodes": len(rows),
+        "total_frames": _index(rows), "total_tasks": len(terrains), "chunks_size": 1000,
+        "data_files_size_in_mb": 100, "video_files_size_in_mb": 200,
+        "fps": round(1.0 / POLICY_DT), "splits": {"train": f"0:{len(rows)}"},
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet", "video_path": None,
         "features": features,
     }  # fmt: skip
