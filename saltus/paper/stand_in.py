@@ -43,7 +43,7 @@ def stand_in(seed: int = STAND_IN_SEED) -> Profile:
         ViscousFriction(coefficient=drawn(0.05, 0.3)),  # the same
         Armature(added=drawn(0.0005, 0.002)),  # up to that of the rotors of a hip
         TorqueGain(gain=gains),
-        SoftFeet(torsion=drawn(0.005, 0.02), rolling=drawn(0.002, 0.01)),  # the same
+        SoftFeet(torsion=drawn(0.005, 0.02), rolling=drawn(0.002, 0.01)),  # up to soft rubber's
         ImuBias(  # gyroscopes of this class, and mounts
             gyro_x=side[0] * drawn(0.01, 0.05),
             gyro_y=side[1] * drawn(0.01, 0.05),

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from rosbags.typesys import get_types_from_msg
 
-from saltus.constants import FORCE_SCALE_M, LOADED_N
+from saltus.constants import FORCE_M_PER_N, LOADED_N
 from saltus.footholds import Footholds
 from saltus.recordings import ros_messages as ros
 from saltus.recordings.ros_messages import BASE, BASE_YAW, CAMERA, WORLD
@@ -219,7 +219,7 @@ class Viewer:
         force = np.asarray(self._truths[-1].foot_force) if self._truths else np.zeros(4)
         loaded = force > LOADED_N
         up = np.zeros((int(loaded.sum()), 3))
-        up[:, 2] = FORCE_SCALE_M * force[loaded]
+        up[:, 2] = FORCE_M_PER_N * force[loaded]
         yield _lines(state, "force", 1, FORCE, feet[loaded], feet[loaded] + up)
 
     def _planned(self, state: RobotState) -> Iterator[Any]:

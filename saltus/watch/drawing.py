@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.constants import FORCE_SCALE_M, LOADED_N
+from saltus.constants import FORCE_M_PER_N, LOADED_N
 from saltus.sim.shapes import RobotShapes, terrain_edges, terrain_tops, terrain_walls
 from saltus.watch.pictures import PREDICTED, TRUE, UNTRUSTED
 from saltus.watch.scene import Heights, Scene, World
@@ -93,7 +93,7 @@ class Drawing:
         self._forces.visible = bool(loaded.any())
         if loaded.any():
             up = np.zeros((int(loaded.sum()), 3))
-            up[:, 2] = FORCE_SCALE_M * scene.foot_force[loaded]
+            up[:, 2] = FORCE_M_PER_N * scene.foot_force[loaded]
             self._forces.points = np.stack([scene.feet[loaded], scene.feet[loaded] + up], axis=1).astype(np.float32)
 
     def _draw_robot(self, scene: Scene, pose: Floats) -> None:
