@@ -11,6 +11,7 @@ from recorded import MS, STEPS, TERRAIN, raw, run_messages, run_samples, write
 from samples import KINEMATICS, ROBOT
 
 from saltus.action import action_of
+from saltus.constants import FORCE_M_PER_N
 from saltus.controller.gait import GaitConfig
 from saltus.controller.signals import observe, plan_from_action
 from saltus.controller.swing import SwingConfig, SwingLegs
@@ -210,9 +211,7 @@ def test_markers_show_forces_stance_and_planned_feet() -> None:
     np.testing.assert_allclose(places(stance), feet[[0, 2]], atol=1e-12)
     np.testing.assert_allclose(places(force)[0::2], feet[[0, 2]], atol=1e-12)
     lengths = places(force)[1::2] - places(force)[0::2]
-    np.testing.assert_allclose(
-        lengths, [[0, 0, 60 * viewer.FORCE_SCALE_M], [0, 0, 30 * viewer.FORCE_SCALE_M]], atol=1e-12
-    )
+    np.testing.assert_allclose(lengths, [[0, 0, 60 * FORCE_M_PER_N], [0, 0, 30 * FORCE_M_PER_N]], atol=1e-12)
     planned = Footholds(ROBOT).planned(state, sent["policy/plan"], None)[[1, 3]]  # type: ignore[arg-type]
     np.testing.assert_allclose(places(target), planned, atol=1e-12)
     np.testing.assert_allclose(places(way)[1::2], planned, atol=1e-12)
