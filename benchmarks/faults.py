@@ -1,12 +1,14 @@
 """Kills camera, heightmap service and planner at random phases of the gait during real-time runs.
 
-The clock of the run may be slowed, all limits with it. Results are kept in a file, and the same command adds to them.
+The clock of the run may be slowed, all limits with it. Results are kept in a file, and the same command adds to them;
+beside it stay the recordings of runs in which something too old was used.
 
     saltus bench faults -- --trials 10
     saltus bench faults -- --terrain stairs --planner learned --trials 20 --speed 0.3 --out runs/faults.jsonl
 """
 
 import json
+import shutil
 import tempfile
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
@@ -17,6 +19,7 @@ import numpy as np
 
 from benchmarks._command import Command, progress, tell
 from saltus.config import RunConfig, TerrainConfig
+from saltus.recordings.recorder import RECORDING_FILE
 from saltus.runtime.faults import PRODUCT, judge, kill_during_run
 from saltus.runtime.programs import PROGRAMS, WITH_STANDBYS
 
@@ -72,7 +75,11 @@ class Benchmark(Command):
         with tempfile.TemporaryDirectory() as directory:
             programs = WITH_STANDBYS if self.standbys else PROGRAMS
             recording = kill_during_run(config, Path(directory), process, after_s, watch_s=COURSE_S, programs=programs)
-            return asdict(judge(recording, process, after_s))
+            result = judge(recording, process, after_s)
+            if result.stale and self.out is not None:
+                kept = self.out.with_name(f"{self.terrain}-{process}-{seed}.mcap")
+                shutil.copyfile(Path(directory) / RECORDING_FILE, kept)
+            return asdict(result)
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:

@@ -51,31 +51,23 @@ class Benchmark(Command):
     """With Foxglove's connection in place of a page, and all derived channels, of which its layout shows most."""
 
     def measure(self) -> dict[str, Any]:
-        ages: dict[str, dict[str, list[Any]]] = {"alone": {}, "watched": {}}
+        """Ages, and by what factor they are longer in a run that is watched than in the one next to it."""
+        ages: dict[bool, list[dict[str, tuple[float, float]]]] = {False: [], True: []}
         rates, shares = [], []
         for number in progress(range(2 * self.runs)):
             watched = (number + number // 2) % 2 == 1  # alone, watched, watched, alone
             with tempfile.TemporaryDirectory() as folder:
                 figures = self._run(Path(folder) / "run", watched=watched)
                 timing = rates_and_ages(read_recording(Path(folder) / "run" / "recording.mcap"))
-            tell(f"{'watched' if watched else 'alone'}: {figures}")
             if watched:
                 rates.append(figures["messages_hz"])
                 shares.append(figures["processor"])
-            for topic, row in timing.items():
-                kept = ages["watched" if watched else "alone"].setdefault(topic, [])
-                kept.append((row.age_p50_ms, row.age_p99_ms))
+            ages[watched].append({name: (row.age_p50_ms, row.age_p99_ms) for name, row in timing.items()})
+            heights = ages[watched][-1]["heightmap/heightmap"][1]
+            tell(f"{'watched' if watched else 'alone'}: heights are {heights:.2f} ms old (p99)")
         return {
             "messages_hz": rates, "processor": shares, "load": os.getloadavg()[0],
-            "ages_ms": {
-                topic: {
-                    f"{name}_{share}": float(np.median([pair[place] for pair in ages[name][topic]]))
-                    for place, share in enumerate(("p50", "p99"))
-                    for name in ages
-                }
-                for topic in ages["alone"]
-                if topic != "status"
-            },
+            "ages": {name: _compared(ages, name) for name in ages[False][0] if name != "status"},
         }  # fmt: skip
 
     def _run(self, run_dir: Path, *, watched: bool) -> dict[str, float]:
@@ -89,6 +81,17 @@ class Benchmark(Command):
                 page.begin()
             stack.wait()
             return {} if page is None else page.end()
+
+
+def _compared(ages: dict[bool, list[dict[str, tuple[float, float]]]], topic: str) -> dict[str, float]:
+    """Medians of a topic's ages, and quartiles of the ratios of pairs: a computer's speed changes from hour to hour."""
+    alone, watched = (np.array([row[topic] for row in ages[which]]) for which in (False, True))
+    low, ratio, high = np.quantile(watched[:, 1] / alone[:, 1], [0.25, 0.5, 0.75])
+    return {
+        "p50_alone_ms": float(np.median(alone[:, 0])), "p50_watched_ms": float(np.median(watched[:, 0])),
+        "p99_alone_ms": float(np.median(alone[:, 1])), "p99_watched_ms": float(np.median(watched[:, 1])),
+        "p99_ratio": float(ratio), "p99_ratio_quarter": float(low), "p99_ratio_three_quarters": float(high),
+    }  # fmt: skip
 
 
 class Page:

@@ -37,6 +37,7 @@ from saltus.wire.bus import STREAM_CAPACITY, Latest, Publisher, RawSample, Strea
 from saltus.wire.joining import write_client
 from saltus.wire.messages import OPERATOR, SUPERVISOR, Event, ProcessStatus
 from saltus.wire.router import Network, open_router
+from saltus.wire.sharing import Sharer
 from saltus.wire.topics import TOPICS
 from saltus.wire.zenoh_bus import ZenohBus
 
@@ -106,6 +107,7 @@ class Stack:
         self._resources = contextlib.ExitStack()
         self._bus: ZenohBus
         self._stream: Stream
+        self._sharer: Sharer
         self._events: Publisher
         self._recorder: Recorder
 
@@ -184,6 +186,7 @@ class Stack:
         self._bus = ZenohBus(self.endpoint, self.config.prefix, peer=self._links_directly)
         self._resources.callback(self._bus.close)
         self._stream = self._bus.stream()
+        self._sharer = self._bus.sharer()
         self._events = self._bus.publisher("event", SUPERVISOR)
         with WHOLE:  # who is interrupted has a recording that ends, or none
             self._recorder = Recorder(self.recording, self.config, self.robot, self.terrain, self.camera)
@@ -276,6 +279,7 @@ class Stack:
     def _drain(self) -> None:
         self._heard_until_s = self._clock.elapsed_s()
         samples = self._stream.drain()
+        self._sharer.take(samples)
         for raw in samples:
             self._events_seen += raw.key == f"event/{SUPERVISOR}"
             self._note_status(raw)

@@ -8,6 +8,7 @@ from saltus.clock import RunClock
 from saltus.errors import MessageError
 from saltus.recordings.recording import Arrival
 from saltus.runtime.run_folder import read_run
+from saltus.watch.onlooker import Onlooker
 from saltus.watch.scene import LOOK_BACK_NS, Scene, SceneMaker, World
 from saltus.wire.bus import RawSample, topic_of, unpack
 from saltus.wire.codec import Envelope
@@ -39,7 +40,7 @@ class LiveRun:
         self._events: deque[Event] = deque(maxlen=EVENTS_KEPT)
         self._simulated_ns = 0
         self._bus = ZenohBus(endpoint, config.prefix)
-        self._stream = self._bus.stream(CAPACITY)
+        self._onlooker = Onlooker(self._bus, CAPACITY)
         self._operator = self._bus.publisher("event", OPERATOR)
 
     def __enter__(self) -> "LiveRun":
@@ -54,7 +55,7 @@ class LiveRun:
 
     def hear(self) -> list[Arrival]:
         """What has come in since the last call."""
-        arrivals = [arrival for raw in self._stream.drain() if (arrival := self._arrival(raw)) is not None]
+        arrivals = [arrival for raw in self._onlooker.drain() if (arrival := self._arrival(raw)) is not None]
         self._arrivals.extend(arrivals)
         now_ns = self.now_ns()
         while self._arrivals and self._arrivals[0].arrival_ns <= now_ns - LOOK_BACK_NS:
@@ -62,8 +63,10 @@ class LiveRun:
         return arrivals
 
     def now_ns(self) -> int:
-        """This moment in the run's clock [ns]; in lockstep that of the newest step."""
-        return self._simulated_ns if self._clock.lockstep else self._clock.now_ns()
+        """Until which moment of the run's clock it has heard what was said [ns]; in lockstep the newest step."""
+        if self._clock.lockstep:
+            return self._simulated_ns
+        return self._clock.of_monotonic(self._onlooker.heard_until_ns())
 
     def now(self) -> Scene:
         """The scene of this moment; in lockstep of the newest step."""

@@ -123,17 +123,13 @@ class SceneMaker:
 
     def make(self, arrivals: Iterable[Arrival], now_ns: int, events: tuple[Event, ...]) -> Scene:
         """The scene at `now_ns`, from what came in within `LOOK_BACK_NS`, in order, and from all events."""
-        newest: dict[str, Arrival] = {}
-        truths: dict[int, Arrival] = {}
-        with_truth: Arrival | None = None
-        rates: Counter[str] = Counter()
-        for row in arrivals:
-            newest[row.key] = row
-            rates[row.key] += row.arrival_ns > now_ns - RATE_OVER_NS
-            if row.key == "plant/truth":
-                truths[row.envelope.capture_ns] = row
-            elif row.key == "heightmap/heightmap" and row.envelope.capture_ns in truths:
-                with_truth = row
+        rows = list(arrivals)
+        newest = {row.key: row for row in rows}
+        rates = Counter(row.key for row in rows if row.arrival_ns > now_ns - RATE_OVER_NS)
+        truths = {row.envelope.capture_ns: row for row in rows if row.key == "plant/truth"}
+        with_truth = next(
+            (r for r in reversed(rows) if r.key == "heightmap/heightmap" and r.envelope.capture_ns in truths), None
+        )
         if with_truth is not None and now_ns - with_truth.envelope.capture_ns < STEPS_APART_NS:
             newest["heightmap/heightmap"] = with_truth
         state = _newest(RobotState, newest, "controller/state")

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from saltus.wire.topics import TOPICS
+from saltus.wire.topics import SHARED, TOPICS
 
 PROCESSES = ("render", "heightmap", "policy", "controller")
 LISTENERS = ("recorder", "viewer", "operator")
@@ -19,7 +19,7 @@ _EVERYTHING = [
 def keys(role: str, verb: Literal["put", "subscribe"], prefix: str) -> list[str]:
     """The keys of a robot that a role may put to or subscribe to; nobody may get, as nothing answers queries."""
     if verb == "subscribe" and role in LISTENERS:
-        return [f"{prefix}/**"]
+        return [f"{prefix}/**", f"{prefix}/{SHARED}"]
     found = []
     for topic in TOPICS.values():
         if verb == "subscribe" and role in topic.readers:
@@ -38,7 +38,7 @@ def access_control(names: Mapping[str, str], prefix: str) -> dict[str, Any]:
         names: Role of each certificate, by the common name in it.
         prefix: Of the robot's keys.
     """
-    rules: list[dict[str, Any]] = [_rule("everything", _EVERYTHING, ["ingress", "egress"], ["**"])]
+    rules: list[dict[str, Any]] = [_rule("everything", _EVERYTHING, ["ingress", "egress"], ["**", f"**/{SHARED}"])]
     subjects: list[dict[str, Any]] = [{"id": "owner", "link_protocols": ["unixsock-stream"]}]
     policies = [{"rules": ["everything"], "subjects": ["owner"]}]
     for role in ROLES:

@@ -4,6 +4,7 @@ import ctypes
 import sys
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import zenoh
@@ -13,7 +14,8 @@ from saltus.wire.bus import STREAM_CAPACITY, Bell, Bus, Latest, RawSample, Slot,
 from saltus.wire.codec import Envelope
 from saltus.wire.joining import open_session
 from saltus.wire.messages import Message
-from saltus.wire.topics import TOPICS
+from saltus.wire.sharing import Sharer
+from saltus.wire.topics import SHARED, TOPICS
 
 SWITCH_S = 5e-4
 """After which a thread of Python lets another one in, in a process that hears everything: Zenoh's. A socket holds
@@ -76,6 +78,19 @@ class ZenohBus(Bus):
 
         self._session.declare_subscriber(f"{self.prefix}/**", receive)
         return stream
+
+    def sharer(self) -> Sharer:
+        """Hands on to onlookers, who need not be in time, what it is given."""
+        publisher = self._session.declare_publisher(
+            f"{self.prefix}/{SHARED}",
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.DATA_LOW,
+        )
+        return Sharer(publisher.put, lambda: bool(publisher.matching_status.matching))
+
+    def look_on(self, receive: Callable[[bytes], None]) -> None:
+        """Gives each batch that a supervisor hands on to `receive`, for `saltus.wire.sharing.unpacked`."""
+        self._session.declare_subscriber(f"{self.prefix}/{SHARED}", lambda it: receive(it.payload.to_bytes()))
 
     def connected(self) -> bool:
         """Whether the router answers."""

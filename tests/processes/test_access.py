@@ -22,7 +22,7 @@ from saltus.errors import ConfigError, StackError
 from saltus.wire.joining import open_session
 from saltus.wire.keys import create, issue, load, revoke
 from saltus.wire.roles import LISTENERS, PROCESSES, ROLES
-from saltus.wire.topics import TOPICS
+from saltus.wire.topics import SHARED, TOPICS
 
 PREFIX = "robot/0"
 SPEAKERS = (*PROCESSES, "operator")
@@ -31,9 +31,11 @@ for topic in TOPICS.values():
     for role in SPEAKERS if topic.publisher == "*" else (topic.publisher,):
         key = f"{PREFIX}/{topic.name}/{role}" if topic.publisher == "*" else f"{PREFIX}/{topic.name}"
         MAY_PUT[key], MAY_READ[key] = {"owner", role}, {"owner", *LISTENERS, *topic.readers}
-for key in (f"{PREFIX}/status", f"{PREFIX}/other", "robot/1/policy/plan", "elsewhere"):
+for key in (f"{PREFIX}/{SHARED}", f"{PREFIX}/status", f"{PREFIX}/other", "robot/1/policy/plan", "elsewhere"):
     MAY_PUT[key] = {"owner"}
     MAY_READ[key] = {"owner", *LISTENERS} if key.startswith(PREFIX) else {"owner"}
+EVERYTHING = ("**", f"**/{SHARED}")
+"""Keys: the former is all that has no @ in it."""
 SETTLE_S = 0.5
 TIMEOUT_S = 20.0
 
@@ -89,7 +91,8 @@ def until(condition: Callable[[], bool]) -> None:
 
 def test_each_role_puts_to_its_own_keys_alone(sessions: dict[str, Any]) -> None:
     met: set[tuple[str, str]] = set()
-    sessions["owner"].declare_subscriber("**", lambda it: met.add((str(it.key_expr), it.payload.to_string())))
+    for expression in EVERYTHING:
+        sessions["owner"].declare_subscriber(expression, lambda it: met.add((str(it.key_expr), it.payload.to_string())))
     expected = {(key, who) for key, some in MAY_PUT.items() for who in some}
 
     publishers = [(who, session.declare_publisher(key)) for who, session in sessions.items() for key in MAY_PUT]
@@ -124,7 +127,7 @@ def test_each_role_reads_its_own_keys_alone(sessions: dict[str, Any]) -> None:
         return lambda it: met.add((str(it.key_expr), who)) if it.payload.to_string() == "read" else None
 
     for who, session in sessions.items():
-        for expression in (*MAY_READ, "**", f"{PREFIX}/**"):
+        for expression in (*MAY_READ, *EVERYTHING, f"{PREFIX}/**"):
             session.declare_subscriber(expression, listener(who))
     expected = {(key, who) for key, some in MAY_READ.items() for who in some}
 
@@ -144,7 +147,8 @@ def test_no_role_gets_or_answers(site: Site, sessions: dict[str, Any]) -> None:
     """No process answers queries; the owner's own programs may."""
     with contextlib.closing(open_session("client", str(site.run_dir / "client.json5"))) as other:
         for who, session in {**sessions, "other": other}.items():
-            session.declare_queryable("**", lambda query, who=who: query.reply(query.key_expr, who))
+            for expression in EVERYTHING:
+                session.declare_queryable(expression, lambda query, who=who: query.reply(query.key_expr, who))
         until(lambda: answers(other, "elsewhere") == {"owner", "other"})
         for key in MAY_PUT:
             assert answers(other, key) == {"owner", "other"}

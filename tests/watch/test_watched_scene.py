@@ -96,8 +96,12 @@ def test_a_malformed_message_is_not_drawn(run: RecordedRun) -> None:
     assert np.isnan(scene.planned_feet).all()
 
 
-def test_a_run_that_is_watched_gives_the_scenes_of_its_recording(tmp_path: Path) -> None:
-    """In lockstep to the bit: only the numbers of messages differ, of which the first are lost."""
+@pytest.mark.parametrize("shared", [True, False])
+def test_a_run_that_is_watched_gives_the_scenes_of_its_recording(tmp_path: Path, *, shared: bool) -> None:
+    """In lockstep to the bit: only the numbers of messages differ, of which the first are lost.
+
+    The page hears by the run's supervisor, or, at a router without one, itself.
+    """
     config = RunConfig(seed=7)
     (put_run(tmp_path, config) / RUN_FILE).write_text(to_toml(config))
     endpoint, router = open_router()
@@ -106,7 +110,14 @@ def test_a_run_that_is_watched_gives_the_scenes_of_its_recording(tmp_path: Path)
             until_s = time.monotonic() + PATIENCE_S
             publishers = {key: bus.publisher(*key.split("/controller")[:1]) for key, _ in run_messages(0) if "/" in key}
             publishers["status/controller"] = bus.publisher("status", "controller")
-            while (scene := live.now()).heights is None:
+            stream, sharer = bus.stream(), bus.sharer()
+
+            def now() -> Scene:
+                if shared:
+                    sharer.take(stream.drain())
+                return live.now()
+
+            while (scene := now()).heights is None:
                 assert time.monotonic() < until_s, "nothing arrives"
                 for key, message in run_messages(0):
                     publishers[key].put(message)
@@ -114,12 +125,12 @@ def test_a_run_that_is_watched_gives_the_scenes_of_its_recording(tmp_path: Path)
             for step in range(STEPS):
                 for key, message in run_messages(step):
                     publishers[key].put(message)
-                while live.now().time_s < step * STEP_S:  # what a full queue has no room for is dropped
+                while now().time_s < step * STEP_S:  # what a full queue has no room for is dropped
                     assert time.monotonic() < until_s, f"the messages of step {step} do not arrive"
             while scene.time_s < (STEPS - 1) * STEP_S or scene.heights is None or scene.topics[3].age_ms > 0.0:
                 assert time.monotonic() < until_s, "the last message does not arrive"
                 time.sleep(0.01)
-                scene = live.now()
+                scene = now()
     finally:
         router.close()
     recorded = RecordedRun(write(tmp_path / "recording.mcap", list(run_samples())).path)

@@ -1,0 +1,49 @@
+"""Everything on the bus of a robot, for who looks on."""
+
+import time
+
+from saltus.wire.bus import RawSample, Stream
+from saltus.wire.sharing import PERIOD_S, unpacked
+from saltus.wire.zenoh_bus import ZenohBus
+
+UNSHARED_NS = 1_000_000_000
+"""Who is handed on nothing for so long listens for itself. A supervisor hands on each `PERIOD_S`, be it nothing."""
+WAITED_NS = round(2e9 * PERIOD_S)
+"""A batch that is later than this is missed."""
+
+
+class Onlooker:
+    """All messages, as the supervisor of the robot hands them on; where there is none, it listens for itself.
+
+    Args:
+        bus: Of the robot.
+        capacity: Samples that may wait to be taken; what comes beyond is dropped.
+    """
+
+    def __init__(self, bus: ZenohBus, capacity: int) -> None:
+        self._bus, self._capacity = bus, capacity
+        self._shared = Stream(capacity)
+        self._own: Stream | None = None
+        self._heard_ns = time.monotonic_ns()
+        bus.look_on(self._receive)
+
+    def drain(self) -> list[RawSample]:
+        """What has come since the last call, in order of arrival."""
+        if self._own is not None:
+            return self._own.drain()
+        if time.monotonic_ns() - self._heard_ns > UNSHARED_NS:
+            self._own = self._bus.stream(self._capacity)
+        return self._shared.drain()
+
+    def heard_until_ns(self) -> int:
+        """The time by this machine's monotonic clock until which it knows what was said: that of the newest batch.
+
+        While no batches come, time goes on all the same, and what was said last grows old.
+        """
+        now_ns = time.monotonic_ns()
+        return now_ns if self._own is not None else max(self._heard_ns, now_ns - WAITED_NS)
+
+    def _receive(self, batch: bytes) -> None:
+        self._heard_ns = time.monotonic_ns()
+        for sample in unpacked(batch):
+            self._shared.push(sample)
