@@ -5,6 +5,7 @@ import json
 import shlex
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from saltus.effects.offsets_and_factors import CoulombFriction
 from saltus.effects.profile import load_profile, profile_to_toml
 from saltus.heightmap import collection, device_collection
 from saltus.heightmap.settings import ClosedLoop, DeviceCollection, ProcessorCollection
+from saltus.policy.evaluation.evaluate import Evaluation
 from saltus.policy.training import checkpoint
 from saltus.policy.training import train as policy_training
 from saltus.real2sim.cycle import choosing, finding, measuring, training, trials
@@ -40,7 +42,7 @@ TINY = (
 
 @pytest.fixture(scope="module", autouse=True)
 def _small(short_calibration: None) -> Any:
-    """One course, a short experiment; a processor in place of a GPU, with few robots."""
+    """One course, of which a trial is the first half; a short experiment; a processor in place of a GPU, few robots."""
     law = checkpoint.config_of
 
     def collect(settings: DeviceCollection, outputs: dict[str, Path], ticked: Any, _: Any) -> Any:
@@ -58,6 +60,7 @@ def _small(short_calibration: None) -> Any:
         patch.setitem(EXPERIMENTS, "single_sine", sines)
         for course in trials.COURSES.keys() - {GAP}:
             patch.delitem(trials.COURSES, course)
+        patch.setattr(trials, "Evaluation", partial(Evaluation, time_limit_s=1.5))
         patch.setattr(training, "has_gpu", lambda: True)
         patch.setattr(device_collection, "collect", collect)
         patch.setattr(checkpoint, "config_of", lambda state: replace(law(state), robots=8))
