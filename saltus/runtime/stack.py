@@ -38,12 +38,12 @@ from saltus.wire.joining import write_client
 from saltus.wire.messages import OPERATOR, SUPERVISOR, Event, ProcessStatus
 from saltus.wire.router import Network, open_router
 from saltus.wire.sharing import Sharer
-from saltus.wire.topics import TOPICS
+from saltus.wire.topics import TOPICS, Topic
 from saltus.wire.zenoh_bus import ZenohBus
 
 READY_TIMEOUT_S = 30.0
 HUNG_S = 1.6
-"""Three periods of the proof of life: a message may be lost on a busy machine, and to end what lives ends a run."""
+"""Three periods of its status: a message may be lost on a busy machine, and to end what lives ends a run."""
 SPARE_AFTER_S = 3.0  # a robot whose camera died is down and stands (1.2 s): until then it needs the processors
 RESTART_AFTER_S = 0.15
 """Half as long again as it takes the others to notice a loss: a process that loads would take their processors."""
@@ -282,7 +282,7 @@ class Stack:
         self._sharer.take(samples)
         for raw in samples:
             self._events_seen += raw.key == f"event/{SUPERVISOR}"
-            self._note_status(raw)
+            self._note_life(raw)
             self._obey(raw)
         self._judge_real_time()
         room = STREAM_CAPACITY - len(self._unrecorded)
@@ -316,17 +316,29 @@ class Stack:
             self.recording_error = str(error)
             self._event("recording_failed", str(error))
 
-    def _note_status(self, raw: RawSample) -> None:
+    def _note_life(self, raw: RawSample) -> None:
+        """Whatever a process says shows that it lives, and its status that it is ready, too.
+
+        Who stood still for half a second has lost its links: its next status reaches nobody, and the one after it comes
+        half a second later.
+        """
         topic = topic_of(raw.key)
-        if topic is None or topic.name != "status":
+        name = "" if topic is None else raw.key.rpartition("/")[2] if topic.publisher == "*" else topic.publisher
+        child = self._children.get(name)
+        arrival_s = 1e-9 * self._clock.of_monotonic(raw.arrival_ns)
+        if child is None or topic is None or arrival_s < child.started_s:
             return
+        if child.ready:
+            child.alive_s = arrival_s
+        if topic.name == "status":
+            self._note_status(child, topic, raw, arrival_s)
+
+    def _note_status(self, child: Child, topic: Topic, raw: RawSample, arrival_s: float) -> None:
         try:
             _, status = unpack(topic, raw)
         except MessageError:
             return  # counted by the recorder
-        child = self._children.get(status.process) if isinstance(status, ProcessStatus) else None
-        arrival_s = 1e-9 * self._clock.of_monotonic(raw.arrival_ns)
-        if child is None or not isinstance(status, ProcessStatus) or arrival_s < child.started_s:
+        if not isinstance(status, ProcessStatus):
             return
         if not child.ready:
             self._event("process_ready", f"{child.name}: after {arrival_s - child.started_s:.2f} s")

@@ -37,6 +37,32 @@ BROKEN = """
     sys.exit(run_process("consumer", body))
 """
 
+SILENT = """
+    import sys
+    import time
+    import numpy as np
+    from saltus.runtime.process import run_process
+    from saltus.wire.messages import DepthFrame, Done
+
+    def body(context):
+        images, done = context.bus.publisher("camera/depth"), context.bus.publisher("done", "render")
+        context.ready()
+        begun_s, step = context.clock.elapsed_s(), 0
+        while not context.stopped:
+            step += 1
+            now_s, now_ns = context.clock.elapsed_s(), context.clock.now_ns()
+            if now_s - begun_s < {speaks_s}:
+                if {sends} == "done":
+                    done.put(Done(time_ns=now_ns, step=step, process="render"))
+                else:
+                    depth = np.zeros((2, 2), np.uint16)
+                    pinhole = dict(depth_unit_m=1e-3, fx=2.0, fy=2.0, cx=1.0, cy=1.0)
+                    images.put(DepthFrame(time_ns=now_ns, frame_id=step, depth=depth, **pinhole))
+            time.sleep(0.02)
+
+    sys.exit(run_process("render", body))
+"""
+
 
 def children_of_run(directory: Path) -> list[psutil.Process]:
     """Processes of a run that are still there; the test's process may have other children."""
@@ -123,6 +149,22 @@ def test_a_run_goes_on_where_no_spare_can_be_started_and_has_one_once_it_can(
         assert stack.poll()
     told = [m.detail for _, _, m in read_recording(stack.recording).messages("event") if m.code == "no_spare"]  # type: ignore[union-attr]
     assert told == ["consumer cannot be started: Too many open files"] * 2
+
+
+@pytest.mark.parametrize("sends", ["done", "camera/depth"])
+def test_a_process_whose_status_does_not_come_lives_while_it_says_anything(
+    sends: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hung_s = 0.5  # 2.5 s of the computer, which may be busy
+    monkeypatch.setattr(module, "HUNG_S", hung_s)
+    (tmp_path / "silent.py").write_text(textwrap.dedent(SILENT.format(speaks_s=2.0 * hung_s, sends=repr(sends))))
+    with Stack(
+        run_config(speed=0.2), tmp_path / "run", (Program(name="render", module="silent", restart=True), STATES)
+    ) as stack:
+        lived_s = poll_until(stack, lambda: stack.restarts["render"] == 1, 4.0 * hung_s)
+    assert lived_s > 2.5 * hung_s
+    (died,) = [m.detail for _, _, m in read_recording(stack.recording).messages("event") if m.code == "process_died"]  # type: ignore[union-attr]
+    assert died == f"render: hung: no sign of life for {hung_s:g} s"
 
 
 def test_the_run_ends_when_the_robot_returns(tmp_path: Path) -> None:
