@@ -42,7 +42,7 @@ TINY = (
 
 @pytest.fixture(scope="module", autouse=True)
 def _small(short_calibration: None) -> Any:
-    """One course, of which a trial is the first half; a short experiment; a processor in place of a GPU, few robots."""
+    """One course, of which a trial is the first 1.5 s; a short experiment; a processor in place of a GPU."""
     law = checkpoint.config_of
 
     def collect(settings: DeviceCollection, outputs: dict[str, Path], ticked: Any, _: Any) -> Any:
