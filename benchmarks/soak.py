@@ -58,7 +58,7 @@ class Benchmark(Command):
     apart_s: float = 120.0
     """From fault to fault, on average."""
     killed: tuple[Literal["render", "heightmap", "policy"], ...] = ("render", "heightmap", "policy")
-    """Processes of the stack that are killed; one that is not lives as long as the run."""
+    """Processes of the stack that are killed; one that is not lives as long as the run. None: only images are lost."""
     warm_up_s: float = 60.0
     """Of each process, not measured."""
     robots: int = 8

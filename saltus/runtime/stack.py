@@ -33,12 +33,12 @@ from saltus.runtime.programs import PROGRAMS, Program
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.terrain.curriculum import make_terrain
-from saltus.wire.bus import STREAM_CAPACITY, Latest, Publisher, RawSample, Stream, topic_of, unpack
+from saltus.wire.bus import STREAM_CAPACITY, Latest, Publisher, RawSample, Stream, sender_of, unpack
 from saltus.wire.joining import write_client
 from saltus.wire.messages import OPERATOR, SUPERVISOR, Event, ProcessStatus
 from saltus.wire.router import Network, open_router
 from saltus.wire.sharing import Sharer
-from saltus.wire.topics import TOPICS, Topic
+from saltus.wire.topics import TOPICS
 from saltus.wire.zenoh_bus import ZenohBus
 
 READY_TIMEOUT_S = 30.0
@@ -317,25 +317,19 @@ class Stack:
             self._event("recording_failed", str(error))
 
     def _note_life(self, raw: RawSample) -> None:
-        """Whatever a process says shows that it lives, and its status that it is ready, too.
-
-        Who stood still for half a second has lost its links: its next status reaches nobody, and the one after it comes
-        half a second later.
-        """
-        topic = topic_of(raw.key)
-        name = "" if topic is None else raw.key.rpartition("/")[2] if topic.publisher == "*" else topic.publisher
-        child = self._children.get(name)
+        """Whatever a process says shows that it lives: who stood still for 0.5 s sends its status without links."""
+        child = self._children.get(sender_of(raw.key))
         arrival_s = 1e-9 * self._clock.of_monotonic(raw.arrival_ns)
-        if child is None or topic is None or arrival_s < child.started_s:
+        if child is None or arrival_s < child.started_s:
             return
         if child.ready:
             child.alive_s = arrival_s
-        if topic.name == "status":
-            self._note_status(child, topic, raw, arrival_s)
+        if raw.key.startswith("status/"):
+            self._note_status(child, raw, arrival_s)
 
-    def _note_status(self, child: Child, topic: Topic, raw: RawSample, arrival_s: float) -> None:
+    def _note_status(self, child: Child, raw: RawSample, arrival_s: float) -> None:
         try:
-            _, status = unpack(topic, raw)
+            _, status = unpack(TOPICS["status"], raw)
         except MessageError:
             return  # counted by the recorder
         if not isinstance(status, ProcessStatus):

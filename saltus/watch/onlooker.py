@@ -44,6 +44,8 @@ class Onlooker:
         return now_ns if self._own is not None else max(self._heard_ns, now_ns - WAITED_NS)
 
     def _receive(self, batch: bytes) -> None:
+        if self._own is not None:
+            return  # it has heard this itself
         self._heard_ns = time.monotonic_ns()
         for sample in unpacked(batch):
             self._shared.push(sample)

@@ -12,8 +12,9 @@ from saltus.folders import new_folder
 from saltus.watch.page import Ask, Page, Start
 from saltus.watch.panel import BAD
 from saltus.watch.source import Source
+from saltus.wire.sharing import PERIOD_S
 
-DRAWN_HZ = 25.0  # as films; each picture takes 3 ms
+DRAWN_HZ = 1.0 / PERIOD_S  # a picture of each batch
 LOOK_S = 0.5  # how often it looks whether runs have begun or ended
 UNWATCHED_S = 0.2  # how often it looks whether somebody watches
 END_S = 10.0  # a robot lands and stands within 1.5 s, of the run's clock

@@ -274,3 +274,11 @@ class Bus(ABC):
 def topic_of(key: str) -> Topic | None:
     """The topic of a key below the prefix: "done" of "done/render"; None where there is none."""
     return TOPICS.get(key) or TOPICS.get(key.rpartition("/")[0])
+
+
+def sender_of(key: str) -> str:
+    """The process that publishes under a key below the prefix: "render" of "done/render"; "" where there is none."""
+    topic = topic_of(key)
+    if topic is None:
+        return ""
+    return key.rpartition("/")[2] if topic.publisher == "*" else topic.publisher
