@@ -163,8 +163,11 @@ class ProcessContext:
         """A process must not outlive its supervisor, however that ended."""
         if self.bus.connected():
             self._seen_router_s = now_s
-        if os.getppid() != self._parent or now_s - self._seen_router_s > ROUTER_LOST_S:
+        if os.getppid() != self._parent:
             self.stopped = True
+        elif now_s - self._seen_router_s > ROUTER_LOST_S and not self.stopped:
+            self.stopped = True
+            sys.stderr.write(f"{self.name}: ends, as the run's router has not answered for {ROUTER_LOST_S:g} s\n")
 
 
 def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Sequence[str] | None = None) -> int:
@@ -188,7 +191,10 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
     options = parser.parse_args(arguments)
     try:
         run_config = config.load(RunConfig, options.run_dir / RUN_FILE)
-        with kept_small(), ZenohBus(options.endpoint, run_config.prefix, peer=options.peer) as bus:
+        with (
+            kept_small(),
+            ZenohBus(options.endpoint, run_config.prefix, peer=options.peer, speed=run_config.speed) as bus,
+        ):
             context = ProcessContext(name, run_config, options.run_dir, bus, cued=options.cued)
             _stop_on_signals(context)
             if (

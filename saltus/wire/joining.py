@@ -16,6 +16,7 @@ from saltus.resources import resource
 LOCAL = "unixsock-stream/"
 """What endpoints of sockets in folders begin with."""
 _ENDPOINTS = "connect/endpoints"
+_LEASE = "transport/link/tx/lease"  # [ms]
 _LOOK_S = 1.0  # for a port to take a connection
 
 
@@ -28,19 +29,20 @@ class Certificate:
     key: bytes = field(repr=False)
 
 
-def open_session(role: Literal["peer", "client"], endpoint: str) -> Any:
+def open_session(role: Literal["peer", "client"], endpoint: str, speed: float = 1.0) -> Any:
     """Opens a session of Zenoh with `zenoh_cfg/<role>.json5`; a client's file of `write_client` holds all of it.
 
     Args:
         role: Peers link directly, beside a router of their owner.
         endpoint: Of the router, e.g. tcp/127.0.0.1:7447, or the path of a file of `write_client`.
+        speed: Of the run's clock, see `lease_slowed`; a client's file has its own.
 
     Raises:
         StackError: the endpoint cannot be understood, nobody answers there, or peers cannot link beside it.
     """
     from_file = endpoint.endswith(".json5")
     router = read_client(Path(endpoint)) if from_file else endpoint
-    settings = zenoh.Config.from_file(endpoint) if from_file and role == "client" else _settings(role, router)
+    settings = zenoh.Config.from_file(endpoint) if from_file and role == "client" else _settings(role, router, speed)
     if role == "peer":
         if not router.startswith(LOCAL):
             raise StackError(f"peers link directly only beside a router in a folder of their owner, not at {router}")
@@ -52,12 +54,12 @@ def open_session(role: Literal["peer", "client"], endpoint: str) -> Any:
         raise StackError(f"{_refusal(router)}{why}") from error
 
 
-def write_client(path: Path, endpoint: str, certificate: Certificate | None = None) -> None:
+def write_client(path: Path, endpoint: str, certificate: Certificate | None = None, speed: float = 1.0) -> None:
     """Writes a configuration of Zenoh with which any program joins a router: `zenoh.Config.from_file(path)`.
 
-    Only the owner of the JSON5 file can read it.
+    Only the owner of the JSON5 file can read it. `speed` is that of the run's clock, see `lease_slowed`.
     """
-    settings = json.loads(str(_settings("client", endpoint)))
+    settings = json.loads(str(_settings("client", endpoint, speed)))
     if certificate is not None:  # which Zenoh's own text of a configuration leaves out
         settings["transport"]["link"] |= {"protocols": ["tls"], "tls": mutual_tls(certificate, "connect")}
     partial = path.with_name(f".{path.name}.partial")
@@ -89,8 +91,17 @@ def mutual_tls(own: Certificate, side: Literal["connect", "listen"]) -> dict[str
     return settings | {"enable_mtls": True, "verify_name_on_connect": True, "close_link_on_expiration": True}
 
 
-def _settings(role: str, endpoint: str) -> zenoh.Config:
+def lease_slowed(settings: zenoh.Config, speed: float) -> None:
+    """Lets links last as long in the run's clock, of which `speed` seconds pass in one of the machine.
+
+    Who stands still for longer than the lease loses its links, and with them what is sent until it has new ones.
+    """
+    settings.insert_json5(_LEASE, json.dumps(round(json.loads(settings.get_json(_LEASE)) / speed)))
+
+
+def _settings(role: str, endpoint: str, speed: float) -> zenoh.Config:
     settings = zenoh.Config.from_file(str(resource(f"zenoh_cfg/{role}.json5")))
+    lease_slowed(settings, speed)
     try:
         settings.insert_json5(_ENDPOINTS, json.dumps([endpoint]))
     except zenoh.ZError as error:

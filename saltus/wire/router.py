@@ -12,7 +12,7 @@ import zenoh
 
 from saltus.errors import StackError
 from saltus.resources import resource
-from saltus.wire.joining import LOCAL, Certificate, mutual_tls
+from saltus.wire.joining import LOCAL, Certificate, lease_slowed, mutual_tls
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,8 +27,10 @@ class Network:
     """What each certificate may, as Zenoh's configuration says it."""
 
 
-def open_router(network: Network | None = None) -> tuple[str, contextlib.ExitStack]:
+def open_router(network: Network | None = None, speed: float = 1.0) -> tuple[str, contextlib.ExitStack]:
     """Opens a Zenoh router at a socket in a new folder that nobody but its owner may enter, and on a network if asked.
+
+    `speed` is that of the run's clock, see `lease_slowed`.
 
     Returns:
         The endpoint of that socket, and what to close the router with.
@@ -41,6 +43,7 @@ def open_router(network: Network | None = None) -> tuple[str, contextlib.ExitSta
         resources.callback(shutil.rmtree, folder, ignore_errors=True)
         endpoints = [f"{LOCAL}{folder}/router"]
         settings = zenoh.Config.from_file(str(resource("zenoh_cfg/router.json5")))
+        lease_slowed(settings, speed)
         try:
             if network is not None:
                 allow_most_files()

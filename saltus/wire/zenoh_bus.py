@@ -29,15 +29,17 @@ class ZenohBus(Bus):
     Clients reach everybody through the router. Peers, which must all be on one machine, learn of each other from it:
     messages between them take one hop instead of two. Links between them are there some milliseconds after a peer has
     opened; what is sent before may be lost. `peer` is for processes of the router's own stack, and never to be guessed
-    from the endpoint: what is between two peers no router carries. `endpoint` is as in `open_session`.
+    from the endpoint: what is between two peers no router carries. `endpoint` and `speed` are as in `open_session`.
 
     Raises:
         StackError: no router answers at the endpoint, or peers cannot link beside it.
     """
 
-    def __init__(self, endpoint: str, prefix: str, *, peer: bool = False, bell: Bell | None = None) -> None:
+    def __init__(
+        self, endpoint: str, prefix: str, *, peer: bool = False, speed: float = 1.0, bell: Bell | None = None
+    ) -> None:
         super().__init__(prefix, bell or Bell())
-        self._session = open_session("peer" if peer else "client", endpoint)
+        self._session = open_session("peer" if peer else "client", endpoint, speed)
 
     def publisher(self, topic: str, suffix: str = "") -> "ZenohPublisher":
         """See `Bus.publisher`."""

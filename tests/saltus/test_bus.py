@@ -22,7 +22,7 @@ from saltus.resources import resource
 from saltus.wire import codec
 from saltus.wire.bus import RING, Bell, Bus, Latest, Sample
 from saltus.wire.codec import Envelope
-from saltus.wire.joining import LOCAL
+from saltus.wire.joining import LOCAL, write_client
 from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import DepthFrame, Done, Event
 from saltus.wire.router import open_router
@@ -288,7 +288,7 @@ def test_a_slow_consumer_gets_the_newest_not_a_backlog() -> None:
 
 COUNT = """import sys, time
 from saltus.wire.zenoh_bus import ZenohBus
-with ZenohBus(sys.argv[1], sys.argv[2]) as bus:
+with ZenohBus(sys.argv[1], sys.argv[2], speed=float(sys.argv[4])) as bus:
     stream, events = bus.stream(), 0
     until_s = time.monotonic() + float(sys.argv[3])
     while not stream.drain() and time.monotonic() < until_s:
@@ -307,7 +307,7 @@ def test_events_reach_who_stood_still_while_images_were_lost(endpoint: str) -> N
     event = message_of(Event)
     with (
         subprocess.Popen(
-            [sys.executable, "-c", COUNT, endpoint, "flood", str(TIMEOUT_S)], stdout=subprocess.PIPE, text=True
+            [sys.executable, "-c", COUNT, endpoint, "flood", str(TIMEOUT_S), "1"], stdout=subprocess.PIPE, text=True
         ) as counting,
         ZenohBus(endpoint, "flood") as bus,
     ):
@@ -323,6 +323,28 @@ def test_events_reach_who_stood_still_while_images_were_lost(endpoint: str) -> N
                 events.put(event)
         counting.send_signal(signal.SIGCONT)
         assert counting.stdout.readline() == "10\n"
+
+
+def test_links_of_a_slowed_run_last_as_long_in_its_clock(tmp_path: Path) -> None:
+    """Who stands still for 1.2 s of the machine, 0.3 s of a run at a quarter of its speed, misses nothing."""
+    speed, event = 0.25, message_of(Event)
+    endpoint, router = open_router(speed=speed)
+    write_client(tmp_path / "client.json5", endpoint, speed=speed)
+    with contextlib.closing(router), ZenohBus(endpoint, "slow", peer=True, speed=speed) as bus:
+        for joins in (endpoint, str(tmp_path / "client.json5")):
+            command = [sys.executable, "-c", COUNT, joins, "slow", str(TIMEOUT_S), str(speed)]
+            with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as counting:
+                assert counting.stdout is not None
+                events, waiting = bus.publisher("event", "render"), bus.publisher("done", "render")
+                while not select.select([counting.stdout], [], [], 0.01)[0]:
+                    waiting.put(done(1))
+                assert counting.stdout.readline() == "heard\n"
+                counting.send_signal(signal.SIGSTOP)
+                for _ in range(10):
+                    time.sleep(0.12)
+                    events.put(event)
+                counting.send_signal(signal.SIGCONT)
+                assert counting.stdout.readline() == "10\n"
 
 
 @pytest.mark.parametrize("name", ["router", "peer", "client"])

@@ -67,8 +67,8 @@ def test_the_status_tells_what_was_refused(clock: FakeTime) -> None:
     assert sample.message.ready
 
 
-def test_a_process_stops_when_its_router_is_gone_for_two_seconds(
-    clock: FakeTime, monkeypatch: pytest.MonkeyPatch
+def test_a_process_stops_when_its_router_is_gone_for_two_seconds_and_says_why(
+    clock: FakeTime, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     subject, _ = context(MemoryBus("robot/0"))
     subject.ready()
@@ -80,6 +80,7 @@ def test_a_process_stops_when_its_router_is_gone_for_two_seconds(
     clock.now_s += 1.0
     subject.beat(ticks=0)
     assert subject.stopped
+    assert "router has not answered for 2 s" in capsys.readouterr().err
 
 
 def test_a_process_stops_when_its_parent_is_gone(clock: FakeTime, monkeypatch: pytest.MonkeyPatch) -> None:
