@@ -191,16 +191,14 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
     options = parser.parse_args(arguments)
     try:
         run_config = config.load(RunConfig, options.run_dir / RUN_FILE)
+        if options.cued and run_config.pace == "realtime":  # while it loads, too: one that has died must be back soon
+            prefer_process(name)
         with (
             kept_small(),
             ZenohBus(options.endpoint, run_config.prefix, peer=options.peer, speed=run_config.speed) as bus,
         ):
             context = ProcessContext(name, run_config, options.run_dir, bus, cued=options.cued)
             _stop_on_signals(context)
-            if (
-                options.cued and run_config.pace == "realtime"
-            ):  # while it loads, too: one that has died must be back soon
-                prefer_process(name)
             return _run_body(context, body)
     except SaltusError as error:
         return _failed(name, error)

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from saltus.runtime.priority import AUTOGROUP, FIRST, PRIORITY
+from saltus.runtime.priority import AUTOGROUP, FIRST, PRIORITY, SLICE_NS
 
 CAP_SYS_NICE, PR_CAPBSET_DROP = 23, 24  # linux/capability.h, linux/prctl.h
 SPIN_S = 0.3
@@ -93,3 +93,32 @@ def test_a_process_is_preferred_where_it_has_the_right_and_takes_its_turn_where_
 def test_the_loop_gets_the_processor_beside_a_busy_program() -> None:
     (_, _, loop_s), (_, _, other_s) = spin("controller", "")
     assert loop_s > (2.0 * other_s if may(ALONE) and may(AS_SESSION) else 0.0)
+
+
+SLICES = """
+import ctypes, platform, struct, threading
+from saltus.runtime.priority import prefer_process, preferred
+
+def tell():
+    attributes = ctypes.create_string_buffer(48)
+    call = {"x86_64": 315, "aarch64": 275}[platform.machine()]  # sched_getattr(2)
+    assert ctypes.CDLL(None).syscall(call, 0, attributes, 48, 0) == 0
+    print(struct.unpack("<IIQiIQQQ", attributes)[5])
+
+tell()
+with preferred():
+    tell()
+tell()
+prefer_process("render")
+tell()
+threading.Thread(target=tell).start()
+"""
+
+
+def test_slices_of_a_run_are_short_without_any_right() -> None:
+    """Those of a supervisor while its run lasts, those of a process in all threads that it starts."""
+    command = [sys.executable, "-c", SLICES]
+    told = subprocess.run(command, capture_output=True, text=True, check=True, preexec_fn=without_the_right).stdout
+    usual, *others = map(int, told.split())
+    short = SLICE_NS if usual else 0  # before Linux 6.12 programs have none of their own
+    assert others == [short, usual, short, short]
