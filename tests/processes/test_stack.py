@@ -46,6 +46,8 @@ SILENT = """
 
     def body(context):
         images, done = context.bus.publisher("camera/depth"), context.bus.publisher("done", "render")
+        while not context.heard():  # its one status must not be lost
+            time.sleep(0.01)
         context.ready()
         begun_s, step = context.clock.elapsed_s(), 0
         while not context.stopped:
