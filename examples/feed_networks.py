@@ -115,9 +115,13 @@ class Heights:
     """The heightmap network and what it remembers."""
 
     network: onnxruntime.InferenceSession
-    hidden: np.ndarray = field(default_factory=lambda: np.zeros((1, 256), np.float32))
+    hidden: np.ndarray = field(init=False)
     image: np.ndarray = field(default_factory=lambda: np.stack([np.ones((HEIGHT, WIDTH)), np.zeros((HEIGHT, WIDTH))]))
     taken_s: float = -math.inf
+
+    def __post_init__(self) -> None:
+        (size,) = (given.shape[-1] for given in self.network.get_inputs() if given.name == "hidden")
+        self.hidden = np.zeros((1, size), np.float32)
 
     def step(self, now_s: float, state: Any, image: np.ndarray | None = None, taken_s: float = 0.0) -> np.ndarray:
         """Heights and half of their 90 % intervals [m], shape (2, 30).

@@ -34,7 +34,7 @@ from saltus.robots.robot import Robot
 
 PARITY_STEPS = 1000
 MAX_DIFFERENCE = 1e-5  # in a tick, see `Release.parity`; single precision is up to 4e-6 off on held-out episodes
-MAX_BYTES = 3_000_000
+MAX_BYTES = 10_000_000
 MEASURED = 300
 """Held-out episodes at most, spread over all of them: three minutes, and a mean error is known to some percent."""
 REGIONS = (

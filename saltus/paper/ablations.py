@@ -12,7 +12,7 @@ from saltus.arrays import Floats
 from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import SaltusError
-from saltus.models import model_id
+from saltus.models import ModelKind, model_id
 from saltus.paper.drawing import OTHER, OURS, legend, subplots
 from saltus.paper.motion import STAIRS, Made
 from saltus.paper.runs import Effort, Ran, Setting, ran
@@ -78,6 +78,11 @@ _NETWORKS = {
     IMITATION: ("imitated plans, % of range", 50.0),
 }
 """What is drawn of a network's training: its error on the windows that it is shown; plans lie within [-1, 1]."""
+
+
+def shipped_in(system: str) -> tuple[ModelKind, ...]:
+    """The shipped networks that run in a system; what imitates plans from images itself."""
+    return () if system == IMITATION or SYSTEMS[system].predictor else ("heightmap",)
 
 
 def shown_in(row: str, trained: Path) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from saltus.paper.ablations import (
     compare,
     files_of,
     measure,
+    shipped_in,
     shown_in,
     trained_systems,
     trainings_folder,
@@ -101,21 +102,22 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *,
 
 
 def _measured(system: str, effort: Effort, folder: Path, trainings: Path) -> list[Places | None]:
-    """What each training of a system came to by results in the folder or published ones, with the same shipped models.
+    """What each training of a system came to by results in the folder or published ones.
 
-    Where that is all of them, and they ran the same trials, these may be others than those of `effort`; else nothing is
-    taken of other trials, so that all of a system run the same.
+    Taken are results with the shipped models that run in this system. Where that is all of them, and they ran the same
+    trials, these may be others than those of `effort`; else nothing is taken of other trials, so that all of a system
+    run the same.
     """
     try:
         folders = [folder, resource(PUBLISHED)]
     except SaltusError:
         folders = [folder]
-    wanted, models = trainings_of(system, trainings), _models()
+    wanted, models, ran_with = trainings_of(system, trainings), _models(), shipped_in(system)
     taken: list[Places | None] = [None] * len(wanted)
     for row in (row for row in ROWS if row.needs == ABLATION and row.name != TRANSFER):
         for path in (place / f"{row.name}.json" for place in folders):
             result = _read(path, row) if path.exists() else None
-            if result is None or result["models"] != models:
+            if result is None or any(result["models"].get(kind) != models[kind] for kind in ran_with):
                 continue
             for training, places in _trainings_in(result, system):
                 if training in wanted:

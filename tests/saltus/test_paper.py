@@ -24,7 +24,7 @@ from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.mounts import PITCH_ERROR, POSITION_ERROR_M
 from saltus.model_file import ModelFile
 from saltus.paper import ablations, drawing, making, motion, new_ground, sysid
-from saltus.paper.ablations import STAND_IN, files_of, trainings_of
+from saltus.paper.ablations import STAND_IN, SYSTEMS, files_of, shipped_in, trainings_of
 from saltus.paper.drawing import save, subplots
 from saltus.paper.making import check_makeable, is_makeable, made_before, make, number_at
 from saltus.paper.report import write_report
@@ -329,6 +329,12 @@ def test_an_ablation_is_measured_beside_the_full_system(
     assert transfer["numbers"] == {name: {where: result["numbers"][name][where]} for name in (FULL, "no-feedback")}
     assert make(row, Effort(trials=2), tmp_path / "out", tmp_path, again=False)["numbers"] == result["numbers"]
     assert not asked, "what was measured is not measured again"
+    published = tmp_path / "out" / "no-feedback.json"
+    for kind, measured_again in (("policy", 0), ("heightmap", 6)):  # the policy that runs is the training
+        published.write_text(published.read_text().replace(making._models()[kind], f"another {kind}"))
+        make(row, Effort(trials=2), tmp_path / "out", tmp_path, again=False)
+        assert len(asked) == measured_again, "what ran with a network that is shipped no more is measured again"
+        asked.clear()
     make(row, Effort(trials=2), tmp_path / "out", tmp_path)
     assert [setting.feedback for setting in asked] == [False] * 2, "the other system is taken as it is"
     asked.clear()
@@ -344,6 +350,14 @@ def test_an_ablation_is_measured_beside_the_full_system(
     file.write_text(file.read_text().replace('"commits"', '"commit"'))
     make(row, Effort(trials=2), tmp_path / "out", tmp_path, again=False)
     assert [setting.feedback for setting in asked] == [True] * 8 + [False] * 2, "nothing is taken of an older form"
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_the_shipped_networks_of_a_system_are_those_that_no_training_replaces(system: str) -> None:
+    for files in files_of(system, RESULTS / "trainings"):
+        setting = ablations._setting(files)
+        replaced = {"policy": setting.policy or setting.imitator, "heightmap": setting.predictor or setting.imitator}
+        assert shipped_in(system) == tuple(kind for kind, training in replaced.items() if training is None)
 
 
 def put_policy(trained: Path, name: str, seed: int) -> None:
