@@ -10,6 +10,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -107,6 +108,8 @@ class Stream:
         self._lock = threading.Lock()
         self.overflowed = 0
         """Samples dropped because nobody took them in time."""
+        self.end: Callable[[], object] = lambda: None
+        """After it nothing comes any more; what has come can still be taken."""
 
     def push(self, sample: RawSample) -> None:
         """Adds a sample, or counts it as dropped."""

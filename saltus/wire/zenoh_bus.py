@@ -73,12 +73,19 @@ class ZenohBus(Bus):
         """See `Bus.stream`."""
         stream = Stream(capacity)
         start = len(self.prefix) + 1
+        before_s = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_S)
 
         def receive(sample: Any) -> None:
             stream.push(_raw(sample, str(sample.key_expr)[start:]))
 
-        self._session.declare_subscriber(f"{self.prefix}/**", receive)
+        subscriber = self._session.declare_subscriber(f"{self.prefix}/**", receive)
+
+        def end() -> None:
+            subscriber.undeclare()
+            sys.setswitchinterval(before_s)
+
+        stream.end = end
         return stream
 
     def sharer(self) -> Sharer:

@@ -16,7 +16,7 @@ from saltus.wire.bus import RawSample, sender_of
 from saltus.wire.messages import Done
 from saltus.wire.roles import PROCESSES, keys
 from saltus.wire.router import open_router
-from saltus.wire.sharing import Sharer, packed, unpacked
+from saltus.wire.sharing import Sharer, unpacked
 from saltus.wire.zenoh_bus import ZenohBus
 
 PREFIX = "robot/0"
@@ -175,8 +175,38 @@ def test_a_supervisor_that_has_nothing_to_say_is_there_and_without_one_an_onlook
 
         until(heard)
         assert looks_on._own is not None
-        looks_on._receive(packed([sample(1, 3)]))  # a supervisor that comes back is not heard twice
-        assert looks_on._shared.drain() == []
         before_ns = time.monotonic_ns()
         assert before_ns <= looks_on.heard_until_ns() <= time.monotonic_ns()
         assert {each.key for each in got} == {"done/render"}
+
+
+def test_who_listened_for_itself_hears_by_a_supervisor_that_hands_on_and_nothing_twice_or_not_at_all(
+    bus: ZenohBus,
+) -> None:
+    """As when a page is there before the supervisor has loaded its processes."""
+    with ZenohBus(bus.endpoint, PREFIX) as page:  # type: ignore[attr-defined]
+        heard, looks_on, publisher = bus.stream(), Onlooker(page, 1000), bus.publisher("done", "render")
+        sharer, got, number = bus.sharer(), list[int](), 0
+
+        def says_one(*, hands_on: bool) -> None:
+            nonlocal number
+            publisher.put(Done(time_ns=MS, step=(number := number + 1), process="render"))
+            time.sleep(0.003)
+            if hands_on:
+                sharer.take(heard.drain())
+            got.extend(codec.decode(Done, each.payload).step for each in looks_on.drain())
+
+        while not got:
+            says_one(hands_on=False)
+        assert looks_on._own is not None
+        begun_s = time.monotonic()
+        while time.monotonic() - begun_s < 1.0 or looks_on._own is not None:
+            assert time.monotonic() - begun_s < TIMEOUT_S
+            says_one(hands_on=True)
+        own, last = page.stream(), number
+        own.end()
+        until(lambda: bool(says_one(hands_on=True)) or last in got)
+        assert got[: got.index(last)] == list(range(got[0], last))
+        publisher.put(Done(time_ns=MS, step=0, process="render"))
+        time.sleep(0.1)
+        assert own.drain() == [], "a stream that has ended hears nothing"
