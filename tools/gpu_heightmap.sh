@@ -6,7 +6,7 @@
 # START, the checkpoint that the portion before it left in its OUT, which also is in the loop of its robots. Every policy
 # drives three quarters of the robots of a shard, rules drive the others; the families of courses are those of TERRAINS.
 # Each portion draws its own data, from SEED and PORTION; they stay on that machine, as do the shards of a portion that
-# was interrupted: the same command goes on there. Take OUT along: heightmap.pt (7 MB) and manifest.json, for
+# was interrupted: the same command goes on there. Take OUT along: heightmap.pt (7 MB; of the shipped sizes 16) and manifest.json, for
 #   saltus heightmap export --data OUT --checkpoint OUT/heightmap.pt --unseen DATASET
 # By the rates of one H200 (docs/heightmap.md, docs/history.md) a portion should take 8 minutes: compilation 1 to 2, each
 # policy's 4.9 million steps 1, 15,000 updates 3.
