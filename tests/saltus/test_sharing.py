@@ -191,7 +191,7 @@ def test_who_listened_for_itself_hears_by_a_supervisor_that_hands_on_and_nothing
         def says_one(*, hands_on: bool) -> None:
             nonlocal number
             publisher.put(Done(time_ns=MS, step=(number := number + 1), process="render"))
-            time.sleep(0.003)
+            time.sleep(0.01)
             if hands_on:
                 sharer.take(heard.drain())
             got.extend(codec.decode(Done, each.payload).step for each in looks_on.drain())
