@@ -6,12 +6,15 @@ import sys
 from dataclasses import asdict
 
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
+from saltus.controller.compensation import compensation_of
 from saltus.controller.course import Course, CourseState
+from saltus.controller.law import LegController
 from saltus.controller.lockstep import Lockstep
 from saltus.controller.loop import ControlLoop
 from saltus.controller.plans import Plans
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.shove import Shove
+from saltus.effects.profile import load_profile
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import Ticker
 from saltus.trial import Trial
@@ -49,7 +52,10 @@ class Run:
     def __init__(self, context: ProcessContext, robot: MujocoRobot) -> None:
         self._context = context
         self._robot = robot
-        self._loop = ControlLoop(context.robot)
+        known, compensation = context.config.known, None
+        if known is not None:
+            compensation = compensation_of(load_profile(known, context.robot), context.robot)
+        self._loop = ControlLoop(context.robot, LegController(context.robot, compensation=compensation))
         self._course = Course(robot.terrain, context.config.time_limit_s)
         self._progress = CourseState(outcome=None, halt=False, over=False)
         self._plans = Plans(context)

@@ -10,6 +10,7 @@ import numpy as np
 
 from saltus.arrays import Array, Constant, namespace, smooth_step
 from saltus.constants import PHYSICS_DT
+from saltus.controller.compensation import Compensation
 from saltus.controller.feedback import FeedbackConfig, VelocityFeedback
 from saltus.controller.gait import Gait, GaitConfig, GaitSignal, GaitState
 from saltus.controller.signals import Body, Plan, observe
@@ -86,11 +87,16 @@ class Diagnostics:
 class LegController:
     """Turns a plan and what is sensed into joint commands.
 
-    The stance problem is by default solved exactly, robot by robot; training hands in a batched solver.
+    The stance problem is by default solved exactly, robot by robot; training hands in a batched solver. What is known
+    of the drives may be taken out of the commands.
     """
 
     def __init__(
-        self, robot: Robot, config: LegControllerConfig | None = None, solver: StanceSolver | None = None
+        self,
+        robot: Robot,
+        config: LegControllerConfig | None = None,
+        solver: StanceSolver | None = None,
+        compensation: Compensation | None = None,
     ) -> None:
         self.config = config or LegControllerConfig()
         self._robot, self._gains, self._legs = robot, robot.gains, LegKinematics(robot)
@@ -101,6 +107,7 @@ class LegController:
         self._swing = SwingLegs(robot, self.config.swing)
         self._stance = StanceLegs(robot, self.config.stance)
         self._solver = solver or ExactSolver(robot, self.config.stance)
+        self._compensation = compensation
         self._feedback = VelocityFeedback(robot, self.config.feedback)
         self._velocity_step = Constant(self.config.velocity_step)
         self._angular_step = Constant([np.inf, np.inf, self.config.yaw_rate_step])
@@ -143,6 +150,13 @@ class LegController:
         The plan is read while running and coasting; of it, while landing, frequency and foot residual. A change of mode
         starts its blend or its landing.
         """
+        command, state, diagnostics = self._commanded(plan, sensed, state, mode)
+        return (command if self._compensation is None else self._compensation(command)), state, diagnostics
+
+    def _commanded(
+        self, plan: Plan, sensed: Proprioception, state: LawState, mode: ControllerMode
+    ) -> tuple[JointCommand, LawState, Diagnostics]:
+        """What ideal drives are asked for."""
         body = observe(sensed, self._legs)
         state = self._entered(state, mode, sensed, body)
         if mode in _MOVING:

@@ -83,6 +83,8 @@ class RunConfig:
     """"ideal": true depth at the model's resolution. "d435i": a stereo camera's errors at 80x240. Or a TOML file."""
     profile: str = "shipped"
     """Effects of the hardware: "shipped" (those of the robot), "ideal", or the name or path of a TOML profile."""
+    known: str | None = None
+    """Profile of what is known of the drives, by name or path: the leg controller takes it out of its commands."""
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: a network."""
     policy_model: str | None = None

@@ -86,6 +86,7 @@ def _trajectories(
         [Trial.draw(first + i) for i in range(loop.robots)],
         MixedPlanner(robot, rng, loop.robots, learned=loop.learned, variation=loop.variation),
         profile=profile,
+        known=profile,
         heights=_heights(robot, model, camera, rng.uniform(0.0, TRAINING.loss)),
         time_limit_s=np.inf,
     )

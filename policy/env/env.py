@@ -13,6 +13,7 @@ from torch import Tensor
 
 from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT, POLICY_DT, POLICY_STEPS
+from saltus.controller.compensation import compensation_of
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitState
 from saltus.controller.law import LawState, LegController
@@ -78,9 +79,11 @@ class JumpEnv:
         self._ctrl = torch.as_tensor(engine.ctrl)
         self._legs = LegKinematics(self.robot)
         self._stand_pose = Constant(self.robot.stand_pose)
-        self._law = LegController(self.robot, solver=solver or BatchedSolver(self.robot))
-        self._estimator = Estimator(self.robot)
         profile = load_profile(config.profile, self.robot)
+        self._law = LegController(
+            self.robot, solver=solver or BatchedSolver(self.robot), compensation=compensation_of(profile, self.robot)
+        )
+        self._estimator = Estimator(self.robot)
         kinds = kinds_of_robots(config.curriculum, self.count)
         plans = 1 + math.ceil(config.randomisation.plan_delay_s[1] / POLICY_DT)
         self.memory = blank_memory(kinds, plans, max(config.past_steps, default=0), self.device)

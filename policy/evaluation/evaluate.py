@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from saltus.config import DEFAULT_ROBOT, TerrainConfig, check_between
+from saltus.controller.compensation import compensation_of
 from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
 from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, exact_heights, shifted_heights
@@ -49,6 +50,8 @@ class Evaluation:
     """Of the first trial; the others have SEED + 1, SEED + 2, ..."""
     profile: str | Profile = "shipped"
     """Name, TOML file, or the effects themselves."""
+    known: str | None = None
+    """Name or TOML file of the profile of which the leg controller takes out torque gain and viscous friction."""
     friction: float | None = None
     """Of the ground in all trials, in place of what each draws."""
     push_ns: float = 0.0
@@ -65,7 +68,10 @@ class Evaluation:
         if not 0.0 <= self.plan_delay_s <= MAX_PLAN_DELAY_S:
             raise ConfigError(f"plan_delay_s = {self.plan_delay_s:g}: it must be from 0 to {MAX_PLAN_DELAY_S:g}")
         make_terrain(self.course)  # what is wrong with terrain or profile is said before anything runs
-        self.hardware(load_robot(self.robot))
+        robot = load_robot(self.robot)
+        self.hardware(robot)
+        if self.known is not None:
+            compensation_of(load_profile(self.known, robot), robot)
 
     def hardware(self, robot: Robot) -> Profile:
         """The effects of the robots; the errors of `load_profile`."""
@@ -169,6 +175,7 @@ def run_batch(
         [evaluation.trial(seed) for seed in seeds],
         planner(robot),
         profile=evaluation.hardware(robot),
+        known=None if evaluation.known is None else load_profile(evaluation.known, robot),
         heights=heights,
         time_limit_s=evaluation.time_limit_s,
         plan_delay_s=evaluation.plan_delay_s,

@@ -73,7 +73,8 @@ def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choi
             ran(before.trials)
             if (count := settings.choice_trials - before.trials) > 0:
                 seed = settings.seed + SEEDS_APART + before.trials
-                batches = trials.run_trials(models, folder.profile, settings.loop.camera, course, seed, count, ran)
+                robot = (folder.profile, str(folder.profile), settings.loop.camera)
+                batches = trials.run_trials(models, *robot, course, seed, count, ran)
                 more = sum(not trial.failure for batch in batches for trial in batch.values())
                 row[course] = Tally(successes=before.successes + more, trials=settings.choice_trials)
                 write_whole(folder.choice, partial(Path.write_text, data=json.dumps(asdict(choice))))

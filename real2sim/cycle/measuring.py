@@ -61,7 +61,8 @@ def measure(folder: CycleFolder, settings: CycleSettings, when: When, course: st
     if missing <= 0:
         return known
     seed = settings.seed + len(known.failures)
-    for batch in run_trials(models, folder.hidden, settings.loop.camera, course, seed, missing, ran):
+    robot = (folder.hidden, known_of(folder, when), settings.loop.camera)
+    for batch in run_trials(models, *robot, course, seed, missing, ran):
         known = replace(known, failures=known.failures | {str(seed): trial.failure for seed, trial in batch.items()})
         write_whole(_file(folder, when, course), partial(Path.write_text, data=json.dumps(asdict(known))))
     return known
@@ -71,6 +72,11 @@ def models_of(folder: CycleFolder, when: When) -> dict[ModelKind, Path | None]:
     """The ONNX file of each kind; None for the shipped one."""
     taken = taken_models(folder) if when == "after" else ()
     return {kind: folder.model(kind) if kind in taken else None for kind in MODELS}
+
+
+def known_of(folder: CycleFolder, when: When) -> str:
+    """Path of the profile of what is known of the robot: before the search, and after it."""
+    return str(folder.profile if when == "after" else folder.known)
 
 
 def _file(folder: CycleFolder, when: When, course: str) -> Path:

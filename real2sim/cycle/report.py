@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from saltus.config import DEFAULT_ROBOT
+from saltus.controller.compensation import KNOWN
 from saltus.heightmap.data.shards import read_records
 from saltus.models import ModelKind
 from saltus.policy.evaluation.evaluate import collect, courses_of
@@ -18,7 +19,7 @@ from saltus.real2sim.cycle import figures
 from saltus.real2sim.cycle.choosing import chosen, verdict
 from saltus.real2sim.cycle.finding import gaps_of, not_applied
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
-from saltus.real2sim.cycle.measuring import MOMENTS, NOT_MEASURED, Measured, When, measured, models_of
+from saltus.real2sim.cycle.measuring import MOMENTS, NOT_MEASURED, Measured, When, known_of, measured, models_of
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.trials import COURSES, run_trials
 from saltus.real2sim.cycle.truth import Row, rows_of
@@ -188,10 +189,19 @@ def _success(folder: CycleFolder, settings: CycleSettings, courses: Courses) -> 
         for course, done in courses.items()
         for when, trials in done.items()
     ]
-    note = '<p class="note">Predicted heights, trials of the same seeds; bars with 95 % intervals.</p>'
+    note = (
+        f'<p class="note">Predicted heights, trials of the same seeds; bars with 95 % intervals.{_made_up(folder)}</p>'
+    )
     parts = [note, figure_html(figures.success_figure(courses))]
     parts.append(table(("course", "models", "succeeded", "why the others failed"), failures, "text"))
     return [*parts, *_pictures(folder, settings, courses)]
+
+
+def _made_up(folder: CycleFolder) -> str:
+    """What the leg controller makes up for after the search, in words."""
+    found = folder.read(folder.profile).effects
+    names = [effect.name for effect in KNOWN if effect.name in found]
+    return f" After the search the leg controller makes up for {' and '.join(names)} as found." if names else ""
 
 
 def _causes(trials: Measured) -> str:
@@ -215,7 +225,8 @@ def _strip(folder: CycleFolder, settings: CycleSettings, trials: Measured, when:
     kept = folder.measured / f"{when}-{course.partition(' ')[0]}-{seed}-{'-'.join(trials.models.values())}.html"
     if not kept.exists():
         models = models_of(folder, when)
-        trial = collect(run_trials(models, folder.hidden, settings.loop.camera, course, seed, 1)).trials[0]
+        robot = (folder.hidden, known_of(folder, when), settings.loop.camera)
+        trial = collect(run_trials(models, *robot, course, seed, 1)).trials[0]
         (terrain,) = courses_of(COURSES[course], [seed])
         ended = trial.failure.replace("_", " ") or "success"
         pictures = picture_strip(load_robot(DEFAULT_ROBOT), terrain, trial.trace)

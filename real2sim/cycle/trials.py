@@ -27,13 +27,17 @@ def names_of(models: Mapping[ModelKind, Path | None]) -> dict[str, str]:
 def run_trials(
     models: Mapping[ModelKind, Path | None],
     profile: Path,
+    known: str,
     camera: str,
     course: str,
     seed: int,
     count: int,
     listener: Listener | None = None,
 ) -> Iterator[dict[int, TrialResult]]:
-    """Runs `count` trials of robots of a profile, the first with the seed; yields batches by seed."""
-    evaluation = Evaluation(course=COURSES[course], trials=count, seed=seed, profile=str(profile))
+    """Runs `count` trials of robots of a profile, the first with the seed; yields batches by seed.
+
+    The leg controller makes up for what the profile `known` says of the drives.
+    """
+    evaluation = Evaluation(course=COURSES[course], trials=count, seed=seed, profile=str(profile), known=known)
     heights = PredictedHeightsFactory(model=models["heightmap"], camera=camera)
     return evaluate(evaluation, heights, partial(make_planner, "learned", model=models["policy"]), listener=listener)

@@ -52,6 +52,8 @@ class Eval:
     """With --heightmap predicted. d435i: with the errors of a stereo camera. ideal: true depth. Or a TOML file."""
     profile: str = "shipped"
     """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML file."""
+    known: Annotated[str | None, shown("STR", "nothing")] = None
+    """Profile of what is known of the drives: the leg controller makes up for its torque gain and viscous friction."""
     friction: Annotated[float | None, shown("FLOAT", "drawn by each trial from 0.5 to 1")] = None
     """Of the ground in all trials."""
     push_ns: float = 0.0
@@ -85,6 +87,7 @@ class Eval:
             trials=self.trials,
             seed=self.seed,
             profile=self.profile,
+            known=self.known,
             friction=self.friction,
             push_ns=self.push_ns,
             plan_delay_s=self.plan_delay_s,
@@ -208,6 +211,7 @@ def _as_table(command: Eval, result: "EvaluationResult") -> dict[str, Any]:
         "camera": command.camera if command.heightmap == "predicted" else None,
         "models": _models(command),
         "profile": command.profile,
+        "known": command.known,
         "friction": command.friction,
         "push_ns": command.push_ns,
         "plan_delay_s": command.plan_delay_s,

@@ -70,6 +70,8 @@ class RunOptions:
     """ONNX file of the heightmap service."""
     profile: str = "shipped"
     """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML file."""
+    known: Annotated[str | None, shown("STR", "nothing")] = None
+    """Profile of what is known of the drives: the leg controller makes up for its torque gain and viscous friction."""
 
     out: Annotated[Path | None, shown("PATH", "a new one under runs/")] = None
     """Folder for everything, in place of what an earlier run left there."""
@@ -80,6 +82,7 @@ class RunOptions:
         Raises:
             ConfigError, ModelError: what is wrong.
         """
+        from saltus.controller.compensation import compensation_of
         from saltus.effects.heightmap_shift import refuse_shift
         from saltus.effects.profile import load_profile
         from saltus.heightmap.service.network import HeightmapNetwork
@@ -91,6 +94,8 @@ class RunOptions:
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
         make_terrain(self.course)
         refuse_shift(load_profile(self.profile, robot).heightmap, "a robot that sees with a camera")
+        if self.known is not None:
+            compensation_of(load_profile(self.known, robot), robot)
         policy, heightmap = (None if path is None else str(path) for path in (self.policy_model, self.heightmap_model))
         is_other = self.robot != DEFAULT_ROBOT  # for which the shipped models were not made
         if policy is not None or is_other:
@@ -99,8 +104,8 @@ class RunOptions:
             HeightmapNetwork(robot, model_path("heightmap", heightmap))
         config = RunConfig(
             robot=self.robot, terrain=self.course, seed=self.seed, pace=self.pace, camera=self.camera,
-            renderer=self.renderer, profile=self.profile, planner=self.planner, policy_model=policy,
-            heightmap_model=heightmap, speed=self.speed, time_limit_s=time_limit_s,
+            renderer=self.renderer, profile=self.profile, known=self.known, planner=self.planner,
+            policy_model=policy, heightmap_model=heightmap, speed=self.speed, time_limit_s=time_limit_s,
         )  # fmt: skip
         config.check()
         return config

@@ -5,7 +5,10 @@ import pytest
 import torch
 from samples import KINEMATICS, ROBOT
 
+from saltus.controller.compensation import compensation_of
 from saltus.controller.estimator import Estimator
+from saltus.effects.offsets_and_factors import TorqueGain, ViscousFriction
+from saltus.effects.profile import IDEAL, profile_to_toml
 from saltus.policy.env.curriculum import CurriculumConfig, difficulty, kinds_of_robots, next_level
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.episode import TALLY
@@ -204,3 +207,19 @@ def test_robots_that_are_told_to_stand_do_so_and_then_begin_to_step():
     env.standing.zero_()
     env.step(bound(env))
     assert (memory.phase[: N // 2] > 0.0).all()
+
+
+def test_the_leg_controller_knows_the_drives_of_its_profile(tmp_path):
+    weak = IDEAL.having(TorqueGain(gain=0.65), ViscousFriction(coefficient=0.5))
+    tracks = {}
+    for name, profile, known in (("strong", IDEAL, IDEAL), ("known", weak, weak), ("unknown", weak, IDEAL)):
+        (tmp_path / f"{name}.toml").write_text(profile_to_toml(profile))
+        env = make_env(config=EnvConfig(profile=str(tmp_path / f"{name}.toml")))
+        if known is not profile:
+            env._law._compensation = compensation_of(known, ROBOT)
+        tracks[name] = []
+        for _ in range(12):
+            env.step(bound(env))
+            tracks[name].append(np.array(env._engine.qpos))
+    off = {name: np.abs(np.array(track) - tracks["strong"]).mean() for name, track in tracks.items()}
+    assert off["known"] < 0.2 * off["unknown"]
