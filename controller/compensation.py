@@ -6,10 +6,12 @@ once, while a torque from outside would come late.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Array, Constant, Floats, namespace
+from saltus.effects.effect import Effect
 from saltus.effects.offsets_and_factors import TorqueGain, ViscousFriction
 from saltus.effects.profile import Profile
 from saltus.errors import ConfigError
@@ -60,8 +62,12 @@ def compensation_of(profile: Profile, robot: Robot) -> Compensation | None:
     gain, friction = (profile.effects.get(effect.name) for effect in KNOWN)
     if gain is None and friction is None:
         return None
-    gains = np.ones(12) * (gain.gain if isinstance(gain, TorqueGain) else 1.0)
+    gains, damping = _of_joints(gain, "gain", 1.0), _of_joints(friction, "coefficient", 0.0)
     if gains.min() < LEAST_GAIN:
         raise ConfigError(f"torque_gain = {gains.min():g}: a leg controller makes up for no less than {LEAST_GAIN:g}")
-    damping = np.ones(12) * (friction.coefficient if isinstance(friction, ViscousFriction) else 0.0)
     return Compensation(gain=Constant(gains), damping=Constant(damping), torque_limit=Constant(robot.torque_limit))
+
+
+def _of_joints(effect: Effect[Any] | None, parameter: str, null: float) -> Floats:
+    """A parameter of all joints, shape (12,)."""
+    return np.ones(12) * (null if effect is None else getattr(effect, parameter))

@@ -1,16 +1,19 @@
 """Which of the trained models are taken: those with which simulated robots of the found profile do best.
 
 A further training gains where it trains and may lose elsewhere. The shipped models stay in the running, and the robot
-itself is not asked: it is for the measurement.
+itself is not asked: it is for the measurement. Whether the leg controller makes up for the drives that were found is
+chosen, too: friction may have been what held a robot with other faults upright. A trained policy knows no other way.
 """
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from itertools import combinations
 from pathlib import Path
 
 from saltus.config import from_table
+from saltus.controller.compensation import KNOWN
 from saltus.heightmap.data.shards import write_whole
 from saltus.models import ModelKind
 from saltus.real2sim.cycle import trials
@@ -20,6 +23,13 @@ from saltus.real2sim.progress import Progress
 
 SEEDS_APART = 500_000
 """From the seeds of the measurement: no trial that chooses is one that measures."""
+
+
+DRIVES = "drives"
+"""In the name of a pair: its leg controller makes up for the drives that were found."""
+
+
+LEFT = "left as they are: simulated robots with the found profile do no better where they are made up for"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,18 +47,22 @@ class Choice:
     models: dict[str, str]
     """Name of each trained network by its kind."""
     tallies: dict[str, dict[str, Tally]] = field(default_factory=dict)
-    """By pairs of models ("heightmap+policy", "policy", ..., "" for the shipped ones), and by course."""
+    """By pairs of models ("heightmap+policy", "policy+drives", ..., "" for the shipped ones), and by course."""
 
     @property
-    def taken(self) -> tuple[ModelKind, ...]:
-        """The trained models of the best pair: by its worst course, then by all, then by how much of it was trained."""
+    def best(self) -> tuple[str, ...]:
+        """The names of the best pair: by its worst course, then by all, then by how much of it is new."""
 
         def worth(pair: str) -> tuple[float, float, int]:
             shares = [tally.successes / tally.trials for tally in self.tallies[pair].values()]
             return min(shares), sum(shares), len(pair)
 
-        best = max(self.tallies, key=worth)
-        return tuple(kind for kind in MODELS if kind in best.split("+"))
+        return tuple(max(self.tallies, key=worth).split("+"))
+
+    @property
+    def taken(self) -> tuple[ModelKind, ...]:
+        """The trained models of the best pair."""
+        return tuple(kind for kind in MODELS if kind in self.best)
 
 
 def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choice:
@@ -57,7 +71,7 @@ def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choi
     names = trials.names_of({kind: folder.model(kind) for kind in trained})
     known = chosen(folder)
     choice = known if known is not None and known.models == names else Choice(models=names)
-    pairs = [pair for size in range(len(trained), -1, -1) for pair in combinations(trained, size)]
+    pairs = pairs_of(trained, with_drives=finds_drives(folder))
     done, total = 0.0, len(pairs) * len(trials.COURSES) * settings.choice_trials
 
     def ran(more: float) -> None:
@@ -73,12 +87,29 @@ def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choi
             ran(before.trials)
             if (count := settings.choice_trials - before.trials) > 0:
                 seed = settings.seed + SEEDS_APART + before.trials
-                robot = (folder.profile, str(folder.profile), settings.loop.camera)
+                knows = folder.profile if DRIVES in pair else folder.known
+                robot = (folder.profile, str(knows), settings.loop.camera)
                 batches = trials.run_trials(models, *robot, course, seed, count, ran)
                 more = sum(not trial.failure for batch in batches for trial in batch.values())
                 row[course] = Tally(successes=before.successes + more, trials=settings.choice_trials)
                 write_whole(folder.choice, partial(Path.write_text, data=json.dumps(asdict(choice))))
     return choice
+
+
+def pairs_of(trained: Sequence[ModelKind], *, with_drives: bool) -> list[tuple[str, ...]]:
+    """What is in the running, by names, most that is new first; a trained policy only with the drives it knows."""
+    pairs: list[tuple[str, ...]] = []
+    for size in range(len(trained), -1, -1):
+        pairs += combinations(trained, size)
+    if not with_drives:
+        return pairs
+    return [(*pair, DRIVES) for pair in pairs] + [pair for pair in pairs if "policy" not in pair]
+
+
+def finds_drives(folder: CycleFolder) -> bool:
+    """Whether the search found something of the drives that a leg controller makes up for."""
+    before, after = (folder.read(path).effects for path in (folder.known, folder.profile))
+    return any(before.get(effect.name) != after.get(effect.name) for effect in KNOWN)
 
 
 def chosen(folder: CycleFolder) -> Choice | None:
@@ -90,6 +121,12 @@ def taken_models(folder: CycleFolder) -> tuple[ModelKind, ...]:
     """Kinds of the trained models that are taken; before the choice all that there are."""
     choice = chosen(folder)
     return MODELS if choice is None else choice.taken
+
+
+def known_after(folder: CycleFolder) -> Path:
+    """The profile that the leg controller knows after the search."""
+    choice = chosen(folder)
+    return folder.profile if choice is None or not finds_drives(folder) or DRIVES in choice.best else folder.known
 
 
 def verdict(choice: Choice, kind: ModelKind) -> str:

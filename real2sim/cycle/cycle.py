@@ -97,12 +97,15 @@ class Cycle:
             self.observer.say(f"{kind} model: {what}")
 
     def _choose(self) -> None:
-        if all(self.folder.model(kind) is None for kind in MODELS):
+        finds_drives = choosing.finds_drives(self.folder)
+        if all(self.folder.model(kind) is None for kind in MODELS) and not finds_drives:
             return
         choice = choosing.choose(self.folder, self.settings, self.observer.at)
         for kind in MODELS:
             if str(kind) in choice.models:
                 self.observer.say(f"{kind} model: {choosing.verdict(choice, kind)}")
+        if finds_drives:
+            self.observer.say(f"drives: {'made up for' if choosing.DRIVES in choice.best else choosing.LEFT}")
 
     def _measure(self) -> None:
         if not self.folder.hidden.exists():

@@ -10,7 +10,7 @@ from saltus.config import from_table
 from saltus.heightmap.data.shards import write_whole
 from saltus.models import ModelKind
 from saltus.policy.evaluation.trace import Failure
-from saltus.real2sim.cycle.choosing import taken_models
+from saltus.real2sim.cycle.choosing import known_after, taken_models
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.trials import names_of, run_trials
@@ -76,7 +76,7 @@ def models_of(folder: CycleFolder, when: When) -> dict[ModelKind, Path | None]:
 
 def known_of(folder: CycleFolder, when: When) -> str:
     """Path of the profile of what is known of the robot: before the search, and after it."""
-    return str(folder.profile if when == "after" else folder.known)
+    return str(known_after(folder) if when == "after" else folder.known)
 
 
 def _file(folder: CycleFolder, when: When, course: str) -> Path:

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from saltus.config import DEFAULT_ROBOT
-from saltus.controller.compensation import KNOWN
 from saltus.heightmap.data.shards import read_records
 from saltus.models import ModelKind
 from saltus.policy.evaluation.evaluate import collect, courses_of
 from saltus.policy.evaluation.pictures import picture_strip
 from saltus.provenance import commit
 from saltus.real2sim.cycle import figures
-from saltus.real2sim.cycle.choosing import chosen, verdict
+from saltus.real2sim.cycle.choosing import DRIVES, chosen, verdict
 from saltus.real2sim.cycle.finding import gaps_of, not_applied
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.measuring import MOMENTS, NOT_MEASURED, Measured, When, known_of, measured, models_of
@@ -42,7 +41,7 @@ def results(folder: CycleFolder) -> dict[str, Any]:
         "effects": [asdict(row) for row in rows_of(folder)],
         "not_applied": not_applied(folder),
         "models": trained(folder),
-        "choice": None if choice is None else asdict(choice) | {"taken": choice.taken},
+        "choice": None if choice is None else asdict(choice) | {"taken": choice.taken, "drives": DRIVES in choice.best},
         "courses": {
             course: {
                 when: {"successes": trials.successes, "trials": len(trials.failures), "models": trials.models}
@@ -168,7 +167,7 @@ def _choice(folder: CycleFolder) -> list[str]:
     head = ("models", *COURSES)
     rows = [
         (
-            "trained " + pair.replace("+", " and ") if pair else "as shipped",
+            _named(pair),
             *(f"{tally.successes} of {tally.trials}" for tally in tallies.values()),
         )
         for pair, tallies in choice.tallies.items()
@@ -177,8 +176,18 @@ def _choice(folder: CycleFolder) -> list[str]:
         '<p class="note">Simulated robots with the found profile: the pair with the best worst course is taken. '
         "The robot itself was not asked.</p>"
     )
-    said = "; ".join(f"{kind} model {verdict(choice, kind)}" for kind in MODELS if str(kind) in choice.models)
-    return [note, table(head, rows, "text"), f"<p>{said}.</p>"]
+    said = [f"{kind} model {verdict(choice, kind)}" for kind in MODELS if str(kind) in choice.models]
+    if any(DRIVES in pair for pair in choice.tallies):
+        said.append("the leg controller " + ("makes up for the drives" if DRIVES in choice.best else "stays as it was"))
+    return [note, table(head, rows, "text"), f"<p>{'; '.join(said)}.</p>"]
+
+
+def _named(pair: str) -> str:
+    """What is new in a pair, in words."""
+    names = [name for name in pair.split("+") if name]
+    models = " and ".join(name for name in names if name != DRIVES)
+    words = [f"trained {models}" if models else "as shipped", *(["drives made up for"] if DRIVES in names else [])]
+    return ", ".join(words)
 
 
 def _success(folder: CycleFolder, settings: CycleSettings, courses: Courses) -> list[str]:
@@ -189,19 +198,10 @@ def _success(folder: CycleFolder, settings: CycleSettings, courses: Courses) -> 
         for course, done in courses.items()
         for when, trials in done.items()
     ]
-    note = (
-        f'<p class="note">Predicted heights, trials of the same seeds; bars with 95 % intervals.{_made_up(folder)}</p>'
-    )
+    note = '<p class="note">Predicted heights, trials of the same seeds; bars with 95 % intervals.</p>'
     parts = [note, figure_html(figures.success_figure(courses))]
     parts.append(table(("course", "models", "succeeded", "why the others failed"), failures, "text"))
     return [*parts, *_pictures(folder, settings, courses)]
-
-
-def _made_up(folder: CycleFolder) -> str:
-    """What the leg controller makes up for after the search, in words."""
-    found = folder.read(folder.profile).effects
-    names = [effect.name for effect in KNOWN if effect.name in found]
-    return f" After the search the leg controller makes up for {' and '.join(names)} as found." if names else ""
 
 
 def _causes(trials: Measured) -> str:

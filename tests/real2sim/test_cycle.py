@@ -4,7 +4,7 @@ import html
 import json
 import shlex
 import shutil
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import pytest
 from report_pages import opens_without_a_network
 
 from saltus.cli.main import command_of, main
-from saltus.effects.offsets_and_factors import CoulombFriction
+from saltus.effects.offsets_and_factors import CoulombFriction, TorqueGain
 from saltus.effects.profile import load_profile, profile_to_toml
 from saltus.heightmap import collection, device_collection
 from saltus.heightmap.settings import ClosedLoop, DeviceCollection, ProcessorCollection
@@ -129,6 +129,26 @@ def test_what_is_taken_is_never_worse_on_its_worst_course() -> None:
         assert min(taken) == best
         assert sum(taken) == max(sum(row) for row in table.values() if min(row) == best)
     assert choice({pair: [3, 3, 3] for pair in pairs}).taken == ("heightmap", "policy")
+
+
+def test_drives_are_made_up_for_where_that_is_better(tmp_path: Path) -> None:
+    """A trained policy runs as it was trained; a shipped one with the drives made up for and without."""
+    pairs = {"+".join(pair) for pair in choosing.pairs_of(("heightmap", "policy"), with_drives=True)}
+    assert pairs == {"heightmap+policy+drives", "heightmap+drives", "policy+drives", "drives", "heightmap", ""}
+    folder = measuring.CycleFolder(tmp_path)
+    known, weak = load_profile("shipped", load_robot("go1")), TorqueGain(gain=0.7)
+    folder.known.write_text(profile_to_toml(known))
+    for found, better, after in (
+        (known.having(CoulombFriction(torque=HIDDEN)), "", folder.profile),
+        (known.having(weak), "", folder.known),
+        (known.having(weak), "drives", folder.profile),
+    ):
+        folder.profile.write_text(profile_to_toml(found))
+        assert choosing.finds_drives(folder) == ("torque_gain" in found.effects)
+        tallies = {p: {GAP: choosing.Tally(successes=int(p == better), trials=1)} for p in ("drives", "")}
+        folder.choice.write_text(json.dumps(asdict(choosing.Choice(models={}, tallies=tallies))))
+        assert measuring.known_of(folder, "after") == str(after)
+        assert measuring.known_of(folder, "before") == str(folder.known)
 
 
 def test_what_no_profile_can_have_is_said_and_the_rest_is_applied(tmp_path: Path) -> None:
