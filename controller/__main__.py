@@ -6,7 +6,7 @@ import sys
 from dataclasses import asdict
 
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
-from saltus.controller.compensation import compensation_of
+from saltus.controller.compensation import compensation_for
 from saltus.controller.course import Course, CourseState
 from saltus.controller.law import LegController
 from saltus.controller.lockstep import Lockstep
@@ -14,7 +14,6 @@ from saltus.controller.loop import ControlLoop
 from saltus.controller.plans import Plans
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.shove import Shove
-from saltus.effects.profile import load_profile
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import Ticker
 from saltus.trial import Trial
@@ -52,9 +51,7 @@ class Run:
     def __init__(self, context: ProcessContext, robot: MujocoRobot) -> None:
         self._context = context
         self._robot = robot
-        known, compensation = context.config.known, None
-        if known is not None:
-            compensation = compensation_of(load_profile(known, context.robot), context.robot)
+        compensation = compensation_for(context.config.known, context.robot)
         self._loop = ControlLoop(context.robot, LegController(context.robot, compensation=compensation))
         self._course = Course(robot.terrain, context.config.time_limit_s)
         self._progress = CourseState(outcome=None, halt=False, over=False)

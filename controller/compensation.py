@@ -13,7 +13,7 @@ import numpy as np
 from saltus.arrays import Array, Constant, Floats, namespace
 from saltus.effects.effect import Effect
 from saltus.effects.offsets_and_factors import TorqueGain, ViscousFriction
-from saltus.effects.profile import Profile
+from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
 from saltus.robots.robot import Robot
 from saltus.wire.messages import JointCommand
@@ -66,6 +66,11 @@ def compensation_of(profile: Profile, robot: Robot) -> Compensation | None:
     if gains.min() < LEAST_GAIN:
         raise ConfigError(f"torque_gain = {gains.min():g}: a leg controller makes up for no less than {LEAST_GAIN:g}")
     return Compensation(gain=Constant(gains), damping=Constant(damping), torque_limit=Constant(robot.torque_limit))
+
+
+def compensation_for(known: str | None, robot: Robot) -> Compensation | None:
+    """The same of a profile by its name or path; None where none is named. The errors of `load_profile`, too."""
+    return None if known is None else compensation_of(load_profile(known, robot), robot)
 
 
 def _of_joints(effect: Effect[Any] | None, parameter: str, null: float) -> Floats:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from saltus.action import Action
 from saltus.arrays import Floats
 from saltus.config import DEFAULT_ROBOT, TerrainConfig
+from saltus.controller.compensation import compensation_of
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera, load_camera
 from saltus.effects.camera import drawn_around
@@ -86,7 +87,7 @@ def _trajectories(
         [Trial.draw(first + i) for i in range(loop.robots)],
         MixedPlanner(robot, rng, loop.robots, learned=loop.learned, variation=loop.variation),
         profile=profile,
-        known=profile,
+        compensation=compensation_of(profile, robot),
         heights=_heights(robot, model, camera, rng.uniform(0.0, TRAINING.loss)),
         time_limit_s=np.inf,
     )

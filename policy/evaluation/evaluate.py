@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from saltus.config import DEFAULT_ROBOT, TerrainConfig, check_between
-from saltus.controller.compensation import compensation_of
+from saltus.controller.compensation import compensation_for
 from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
 from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, exact_heights, shifted_heights
@@ -70,8 +70,7 @@ class Evaluation:
         make_terrain(self.course)  # what is wrong with terrain or profile is said before anything runs
         robot = load_robot(self.robot)
         self.hardware(robot)
-        if self.known is not None:
-            compensation_of(load_profile(self.known, robot), robot)
+        compensation_for(self.known, robot)
 
     def hardware(self, robot: Robot) -> Profile:
         """The effects of the robots; the errors of `load_profile`."""
@@ -175,7 +174,7 @@ def run_batch(
         [evaluation.trial(seed) for seed in seeds],
         planner(robot),
         profile=evaluation.hardware(robot),
-        known=None if evaluation.known is None else load_profile(evaluation.known, robot),
+        compensation=compensation_for(evaluation.known, robot),
         heights=heights,
         time_limit_s=evaluation.time_limit_s,
         plan_delay_s=evaluation.plan_delay_s,

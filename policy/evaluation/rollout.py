@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from saltus.action import Action
 from saltus.constants import PHYSICS_DT, POLICY_DT, POLICY_STEPS
-from saltus.controller.compensation import compensation_of
+from saltus.controller.compensation import Compensation
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitSignal, standing
 from saltus.controller.law import LawState, LegController
@@ -68,7 +68,7 @@ class Rollout:
         trials: What differs from robot to robot.
         planner: Plans for all of them.
         profile: Hardware, by default as shipped; each trial draws around it.
-        known: What the leg controller takes out of its commands, see `saltus.controller.compensation`.
+        compensation: What the leg controller knows of the drives, by default nothing.
         heights: Makes the source of heights; by default the true ones with each trial's shift.
         time_limit_s: After which a trial has failed.
         stand_steps: Policy steps before the first plan is obeyed.
@@ -85,7 +85,7 @@ class Rollout:
         planner: Planner,
         *,
         profile: Profile | None = None,
-        known: Profile | None = None,
+        compensation: Compensation | None = None,
         heights: HeightsFactory | None = None,
         time_limit_s: float = TIME_LIMIT_S,
         stand_steps: int = STAND_STEPS,
@@ -115,7 +115,6 @@ class Rollout:
             threads=threads,
         )
         self._heights = (heights or shifted_heights)(self._plant.terrains, self.trials, profile)
-        compensation = None if known is None else compensation_of(known, robot)
         self._law, self._legs = LegController(robot, compensation=compensation), LegKinematics(robot)
         self._estimator = Estimator(robot)
         self._monitors = [TrialMonitor(terrain, time_limit_s) for terrain in terrains]

@@ -82,7 +82,7 @@ class RunOptions:
         Raises:
             ConfigError, ModelError: what is wrong.
         """
-        from saltus.controller.compensation import compensation_of
+        from saltus.controller.compensation import compensation_for
         from saltus.effects.heightmap_shift import refuse_shift
         from saltus.effects.profile import load_profile
         from saltus.heightmap.service.network import HeightmapNetwork
@@ -94,8 +94,7 @@ class RunOptions:
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
         make_terrain(self.course)
         refuse_shift(load_profile(self.profile, robot).heightmap, "a robot that sees with a camera")
-        if self.known is not None:
-            compensation_of(load_profile(self.known, robot), robot)
+        compensation_for(self.known, robot)
         policy, heightmap = (None if path is None else str(path) for path in (self.policy_model, self.heightmap_model))
         is_other = self.robot != DEFAULT_ROBOT  # for which the shipped models were not made
         if policy is not None or is_other:

@@ -76,5 +76,6 @@ def test_a_weak_robot_that_is_known_moves_as_a_strong_one() -> None:
         rollout = Rollout(ROBOT, [flat.make()], [Trial()], ScriptedPlanner(ROBOT), stand_steps=5, **hardware)  # type: ignore[arg-type]
         return np.array([rollout.step().truth.position_base_in_world[0] for _ in range(25)])
 
-    strong, known, unknown = way(profile=IDEAL), way(profile=weak, known=weak), way(profile=weak)
+    strong, unknown = way(profile=IDEAL), way(profile=weak)
+    known = way(profile=weak, compensation=compensation_of(weak, ROBOT))
     assert np.abs(known - strong).max() < 0.2 * np.abs(unknown - strong).max()

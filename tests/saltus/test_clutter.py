@@ -29,6 +29,7 @@ def test_robots_start_clear_of_what_stands_about(difficulty: float) -> None:
         assert len(levels) > 1 or height.max() > 0.0
         assert len(terrain.boxes) <= len(levels) + BOXES
     lower = [levels_of(terrain)[1:] for terrain in drawn]
+    assert 0.1 < np.mean([len(levels) > 0 for levels in lower]) < 0.7
     drops = -np.array([level.high[2] for levels in lower for level in levels])
     assert (drops >= DROP_M[0]).all()
     assert (drops <= DROP_M[1]).all()
