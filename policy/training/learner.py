@@ -84,7 +84,7 @@ class Learner:
     @property
     def std(self) -> float:
         """Mean standard deviation of the action, in units of half its range."""
-        return float(self.ppo.actor.distribution.std_param.detach().mean())
+        return float(self.ppo.actor.distribution.std_param.detach().clamp(*self._config.std_range).mean())
 
     def save(self, path: Path, extra: dict[str, Any]) -> None:
         """Writes everything that is needed to go on, whole or not at all."""

@@ -11,11 +11,12 @@ from tensordict import TensorDict
 from saltus.errors import ModelError, SaltusError
 from saltus.policy.actor import PolicyActor
 from saltus.policy.bounds import ACTIONS, ActionBounds
+from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import LearningConfig, TrainConfig
 from saltus.policy.features import SIZE
 from saltus.policy.training.export import export
-from saltus.policy.training.learner import FIRST_ACTION, make_actor, rebase
-from saltus.policy.training.train import Rank, train
+from saltus.policy.training.learner import FIRST_ACTION, Learner, make_actor, rebase
+from saltus.policy.training.train import Rank, make_engine, train
 
 CONFIG = TrainConfig(robots=16, learning=LearningConfig(hidden=(32, 16), horizon=4, epochs=1, minibatches=2))
 
@@ -85,6 +86,15 @@ def test_other_bounds_change_no_action(checkpoint):
     rebase(actor, old, new)
     np.testing.assert_allclose(new.denormalised(actor(given)).detach(), plan.detach(), atol=1e-5)
     np.testing.assert_allclose((actor.distribution.std_param * half[1]).detach(), spread.detach(), rtol=1e-5)
+
+
+def test_actions_vary_as_much_as_is_asked_at_least():
+    learning = replace(CONFIG.learning, std_range=(0.6, 1.0))  # it begins with less
+    env = JumpEnv(make_engine(ROBOT, CONFIG.robots, CONFIG.env, "cpu", threads=1), CONFIG.env, seed=0)
+    learner = Learner(env, learning)
+    assert learner.std == pytest.approx(0.6)
+    actions = torch.stack([learner.act() for _ in range(200)])
+    assert actions.std(dim=0).mean().item() == pytest.approx(0.6, rel=0.03)
 
 
 def test_a_training_goes_on_with_other_bounds(checkpoint, tmp_path):
