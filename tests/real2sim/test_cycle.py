@@ -203,8 +203,9 @@ def test_logs_of_ones_own_are_trained_with_elsewhere(
     lines = [line.strip() for line in Path("train.sh").read_text().splitlines()]
     commands = [shlex.split(line.replace("$begin", "policy.pt"))[1:] for line in lines if line.startswith("saltus")]
     train, collect, *further = [innermost(command_of(command)) for command in commands]
-    further_kl = replace(train.training.learning, desired_kl=training.FURTHER_KL, last_kl=training.FURTHER_KL)
-    assert (train.training.env.profile, train.training.learning) == ("profile.toml", further_kl)
+    learning = train.training.learning
+    assert (train.training.env.profile, learning.std_range) == ("profile.toml", (training.FURTHER_STD, 1.0))
+    assert (learning.desired_kl, learning.last_kl) == (training.FURTHER_KL, training.FURTHER_KL)
     assert (collect.settings.policy, collect.settings.profile) == (Path("policy/checkpoint.pt"), "profile.toml")
     assert len(further) == 3
     shutil.copytree(run / "dataset", "dataset")
