@@ -19,6 +19,7 @@ unit = "Nm"
 """
 
 import hashlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -122,9 +123,19 @@ def load_patch(path: Path) -> Patch:
 def supported(effects: Sequence[FoundEffect], profile: Profile = IDEAL) -> tuple[FoundEffect, ...]:
     """The effects that may go into a profile: with values within their bounds and intervals that exclude null.
 
-    A value may be null where `profile` has the effect: it takes the place of another.
+    A value may be null where `profile` has the effect: it takes the place of another. Joints and base are searched each
+    for itself: of an effect that both found in one place the values with the narrower intervals go in.
     """
-    return tuple(e for e in effects if e.name not in EFFECTS or _is_certain(e, may_be_null=e.name in profile.effects))
+    certain = [e for e in effects if e.name not in EFFECTS or _is_certain(e, may_be_null=e.name in profile.effects)]
+    narrowest: dict[tuple[Any, ...], FoundEffect] = {}
+    for found in sorted(certain, key=_width):
+        narrowest.setdefault((found.name, found.where, *found.params), found)
+    return tuple(e for e in certain if e in narrowest.values())
+
+
+def _width(found: FoundEffect) -> float:
+    """Of the intervals of all parameters; only those of the same effect may be compared."""
+    return math.prod(interval.ci90[1] - interval.ci90[0] for interval in found.params.values())
 
 
 def _is_certain(found: FoundEffect, *, may_be_null: bool) -> bool:

@@ -49,6 +49,23 @@ ONE_OF_EACH_PART = (
 )
 
 
+@pytest.mark.parametrize("one", ONE_OF_EACH_PART, ids=lambda effect: effect.name)
+def test_of_two_findings_of_one_effect_the_surer_goes_in(one: FoundEffect) -> None:
+    def shifted(by: float, width: float) -> FoundEffect:
+        params = {
+            name: Interval(
+                value=by * p.value, ci90=(p.value - width * abs(p.value), p.value + width * abs(p.value)), unit=""
+            )
+            for name, p in one.params.items()
+        }
+        return dataclasses.replace(one, params=params)
+
+    sure, unsure = shifted(1.0, 0.05), shifted(1.01, 0.1)
+    assert supported((sure, unsure)) == supported((unsure, sure)) == (sure,)
+    elsewhere = dataclasses.replace(unsure, where="FL_hip")
+    assert supported((sure, elsewhere)) == (sure, elsewhere)
+
+
 def test_a_patch_and_the_profile_that_it_makes_survive_toml() -> None:
     whole = patch(*ONE_OF_EACH_PART)
     assert patch_from_toml(whole.to_toml()) == whole
