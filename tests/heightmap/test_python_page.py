@@ -29,7 +29,7 @@ def test_the_page_runs_and_prints_what_it_says(
     (tmp_path / "runs" / "one").mkdir(parents=True)
     blind = saltus.predict_heights(ROBOT, [], run.states)
     record(tmp_path / "runs" / "one" / "recording.mcap", run, blind)
-    assert main(["real2sim", "experiments", "--run", "drop", "--out", "logs/drop"]) == 0
+    assert main(["real2sim", "experiments", "--run", "joint_chirp", "--out", "logs/chirp"]) == 0
     names: dict[str, object] = {}
     checked = 0
     for block in BLOCKS:
