@@ -15,6 +15,7 @@ from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.reporting.words import sentence
 
 NO_GPU = "as shipped: there was no GPU to train it on"
+NOT_FELT = "as shipped: it feels nothing of what was found"
 NOTHING_FOUND = "nothing was found that could be added: models are trained for what was known"
 
 
@@ -85,11 +86,13 @@ class Cycle:
         elif self.folder.trained.exists():
             self.observer.say("training: done before")
         else:
-            if has_gpu := training.has_gpu():
+            policy = "trained here" if training.has_gpu() else NO_GPU
+            policy = policy if training.feels_difference(self.folder) else NOT_FELT
+            if policy == "trained here":
                 training.train_policy(self.folder, self.settings)
             self._collect()
             training.train_predictor(self.folder, self.settings, self.observer.at)
-            self._trained({"heightmap": "trained here", "policy": "trained here" if has_gpu else NO_GPU})
+            self._trained({"heightmap": "trained here", "policy": policy})
 
     def _trained(self, became: dict[ModelKind, str]) -> None:
         write_whole(self.folder.trained, partial(Path.write_text, data=json.dumps(became)))

@@ -17,25 +17,30 @@ from saltus.policy.planner import make_planner
 from saltus.policy.training.files import CHECKPOINT
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
-from saltus.real2sim.cycle.training import device_collection, policy_changes, shipped_checkpoint
+from saltus.real2sim.cycle.training import device_collection, feels_difference, policy_changes, shipped_checkpoint
 from saltus.robots.loading import load_robot
 
 PROFILE, CAMERA = "profile.toml", "camera.toml"
-_SCRIPT = """#!/usr/bin/env bash
-# Trains the policy further with profile.toml, lets it drive robots of that profile, and trains the predictor with what
-# they saw. It needs a GPU. After an interruption it goes on.
+_BEGIN = """#!/usr/bin/env bash
+# Trains with profile.toml. It needs a GPU. After an interruption it goes on.
 set -euo pipefail
 cd "$(dirname "$0")"
-begin=policy/checkpoint.pt
-[ -e "$begin" ] || begin=policy.pt
-if [ ! -e dataset ]; then
+"""
+_POLICY = """# The policy, further
+if [ ! -e policy/policy.onnx ]; then
+  begin=policy/checkpoint.pt
+  [ -e "$begin" ] || begin=policy.pt
   saltus policy train --resume "$begin" --config policy.toml --minutes {minutes:g} --out policy
+  saltus policy export --checkpoint policy/checkpoint.pt --out policy
+fi
+"""
+_PREDICTOR = """# The predictor, with what robots of that profile see while the policy drives them
+if [ ! -e dataset ]; then
   rm -rf partial
   saltus heightmap collect gpu --config collection.toml --out partial
   mv partial dataset
 fi
 saltus heightmap train --data dataset --start heightmap.pt --config predictor.toml --seed {seed} --out heightmap
-saltus policy export --checkpoint policy/checkpoint.pt --out policy
 saltus heightmap export --data dataset --checkpoint heightmap/heightmap.pt --out heightmap
 """
 _README = """# Training of a cycle
@@ -49,11 +54,11 @@ Profile and checkpoints of `saltus real2sim cycle`, to be trained on a machine w
 |---|---|
 | profile.toml | the robot as it was found |
 | policy.pt, heightmap.pt | checkpoints to begin with |
-| policy.toml, predictor.toml | settings of their trainings |
-| collection.toml | how the new policy drives robots of this profile, for the predictor to learn from |
+| policy.toml, predictor.toml | settings of their trainings; the first only if the policy feels what was found |
+| collection.toml | how the policy drives robots of this profile, for the predictor to learn from |
 
-train.sh writes policy/policy.onnx and heightmap/heightmap.onnx. Bring these two folders back beside profile.toml and go
-on with
+train.sh writes policy/policy.onnx, if the policy is trained, and heightmap/heightmap.onnx. Bring these folders back
+beside profile.toml and go on with
 
     saltus real2sim cycle --out FOLDER_OF_THE_CYCLE --take-training THIS_FOLDER
 
@@ -82,11 +87,15 @@ def export_training(folder: CycleFolder, settings: CycleSettings, out: Path) -> 
         if Path(settings.loop.camera).is_file():
             shutil.copyfile(settings.loop.camera, made / CAMERA)
             settings = replace(settings, loop=replace(settings.loop, camera=CAMERA))
-        collection = device_collection(settings, Path("policy") / CHECKPOINT, Path("heightmap.pt"), Path(PROFILE))
+        script, driver = _BEGIN, Path("policy.pt")
+        if feels_difference(folder):
+            script, driver = script + _POLICY, Path("policy") / CHECKPOINT
+            (made / "policy.toml").write_text(tomli_w.dumps(policy_changes(settings, Path(PROFILE))))
+        collection = device_collection(settings, driver, Path("heightmap.pt"), Path(PROFILE))
         (made / "collection.toml").write_text(to_toml(collection))
-        (made / "policy.toml").write_text(tomli_w.dumps(policy_changes(settings, Path(PROFILE))))
         (made / "predictor.toml").write_text(to_toml(settings.predictor))
-        (made / "train.sh").write_text(_SCRIPT.format(seed=settings.seed, minutes=settings.policy_minutes))
+        script = (script + _PREDICTOR).format(seed=settings.seed, minutes=settings.policy_minutes)
+        (made / "train.sh").write_text(script)
         (made / "README.md").write_text(_README)
 
 

@@ -1,9 +1,11 @@
 """Policy and predictor, trained further from the shipped checkpoints with the profile that was found."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from saltus.config import changed
+from saltus.config import DEFAULT_ROBOT, changed
+from saltus.effects.profile import SHIPPED, load_profile
 from saltus.folders import whole_folder
 from saltus.heightmap.collection import collect
 from saltus.heightmap.settings import DeviceCollection, DeviceLoop, ProcessorCollection
@@ -15,6 +17,7 @@ from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.progress import Progress
 from saltus.resources import resource
+from saltus.robots.loading import load_robot
 
 FURTHER_KL = 0.01
 """Of a policy that is trained further: `LearningConfig.desired_kl`, with which trainings begin."""
@@ -34,15 +37,16 @@ def shipped_checkpoint(kind: str) -> Path:
 def collect_data(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> None:
     """Runs robots with the profile, the shipped predictor in the loop.
 
-    Where a policy was trained it drives them, on the GPU, as with `saltus heightmap collect gpu`; else the shipped one
-    does, on processors, as with `saltus heightmap collect cpu`.
+    Where a policy was trained it drives them, else the shipped one. With a GPU they run there, as with `saltus
+    heightmap collect gpu`, without one on processors, as with `saltus heightmap collect cpu`.
 
     Raises:
         KeyboardInterrupt: it was interrupted; nothing is kept.
     """
-    own, ticks = folder.policy / CHECKPOINT, 0.0
-    on_gpu = device_collection(settings, own, shipped_checkpoint("heightmap"), folder.profile)
-    total = settings.loop.ticks * (on_gpu.batches if own.exists() else settings.batches)
+    own, gpu_is_there, ticks = folder.policy / CHECKPOINT, has_gpu(), 0.0
+    policy = own if own.exists() else shipped_checkpoint("policy")
+    on_gpu = device_collection(settings, policy, shipped_checkpoint("heightmap"), folder.profile)
+    total = settings.loop.ticks * (on_gpu.batches if gpu_is_there else settings.batches)
 
     def ran(more: float = 1.0) -> None:
         nonlocal ticks
@@ -50,7 +54,7 @@ def collect_data(folder: CycleFolder, settings: CycleSettings, tell: Progress) -
         tell("collect", ticks / total)
 
     with whole_folder(folder.dataset) as partial_folder:
-        if own.exists():
+        if gpu_is_there:
             from saltus.heightmap import device_collection as gpu
 
             cameras = dict.fromkeys(on_gpu.loop.cameras, partial_folder)
@@ -95,6 +99,16 @@ def has_gpu() -> bool:
     from saltus.policy.training import train
 
     return train.has_gpu()
+
+
+def feels_difference(folder: CycleFolder) -> bool:
+    """Whether a robot of the found profile feels otherwise than those that the shipped policy learned with.
+
+    Where the camera alone is otherwise there is nothing for the policy to learn: it sees heights, not images.
+    """
+    profiles = folder.read(folder.profile), load_profile(SHIPPED, load_robot(DEFAULT_ROBOT))
+    found, learned = (replace(profile, camera=()) for profile in profiles)
+    return found != learned
 
 
 def policy_changes(settings: CycleSettings, profile: Path) -> dict[str, Any]:

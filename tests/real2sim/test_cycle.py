@@ -4,6 +4,7 @@ import html
 import json
 import shlex
 import shutil
+import subprocess
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -14,14 +15,17 @@ import pytest
 from report_pages import opens_without_a_network
 
 from saltus.cli.main import command_of, main
+from saltus.config import load
 from saltus.effects.offsets_and_factors import CoulombFriction, TorqueGain
-from saltus.effects.profile import load_profile, profile_to_toml
+from saltus.effects.profile import PARTS, load_profile, profile_to_toml
+from saltus.effects.registry import EFFECTS
 from saltus.heightmap import collection, device_collection
 from saltus.heightmap.settings import ClosedLoop, DeviceCollection, ProcessorCollection
 from saltus.policy.evaluation.evaluate import Evaluation
 from saltus.policy.training import checkpoint
 from saltus.policy.training import train as policy_training
-from saltus.real2sim.cycle import choosing, finding, measuring, training, trials
+from saltus.real2sim.cycle import choosing, elsewhere, finding, measuring, training, trials
+from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.report import write_cycle_report
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.truth import rows_of
@@ -202,16 +206,16 @@ def test_logs_of_ones_own_are_trained_with_elsewhere(
     monkeypatch.chdir(away)
     lines = [line.strip() for line in Path("train.sh").read_text().splitlines()]
     commands = [shlex.split(line.replace("$begin", "policy.pt"))[1:] for line in lines if line.startswith("saltus")]
-    train, collect, *further = [innermost(command_of(command)) for command in commands]
+    train, _, collect, *further = [innermost(command_of(command)) for command in commands]
     learning = train.training.learning
     assert (train.training.env.profile, learning.std_range) == ("profile.toml", (training.FURTHER_STD, 1.0))
     assert (learning.desired_kl, learning.last_kl) == (training.FURTHER_KL, training.FURTHER_KL)
     assert (collect.settings.policy, collect.settings.profile) == (Path("policy/checkpoint.pt"), "profile.toml")
-    assert len(further) == 3
+    assert len(further) == 2
     shutil.copytree(run / "dataset", "dataset")
     assert cycle(mine, "--take-training", str(away)) == 2
     assert "run its train.sh" in capsys.readouterr().err
-    assert [main(commands[2]), main(commands[4])] == [0, 0]
+    assert [main(command) for command in commands[3:]] == [0, 0]
     assert results(mine, capsys, "--take-training", str(away))["models"] == {
         "heightmap": "trained elsewhere",
         "policy": "as shipped",
@@ -220,6 +224,23 @@ def test_logs_of_ones_own_are_trained_with_elsewhere(
     Path("profile.toml").write_text("")
     assert cycle(mine, "--take-training", str(away)) == 2
     assert "is not that of" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", [name for name, kind in EFFECTS.items() if PARTS[kind.site] != "heightmap"])
+def test_the_policy_is_trained_where_it_feels_what_was_found(name: str, tmp_path: Path) -> None:
+    """Of profiles that have an effect more than the shipped one, or one less."""
+    folder, away = CycleFolder(tmp_path), tmp_path / "away"
+    shipped, part = load_profile("shipped", load_robot("go1")), PARTS[EFFECTS[name].site]
+    others = tuple(effect for effect in getattr(shipped, part) if effect.name != name)
+    less = replace(shipped, **{part: others})
+    folder.profile.write_text(profile_to_toml(less if name in shipped.effects else shipped.having(EFFECTS[name]())))
+    felt = part != "camera"
+    assert training.feels_difference(folder) == felt
+    elsewhere.export_training(folder, CycleSettings(policy_minutes=3.0), away)
+    script, driver = (away / "train.sh").read_text(), load(DeviceCollection, away / "collection.toml").policy
+    assert driver == Path("policy/checkpoint.pt" if felt else "policy.pt")
+    assert ("saltus policy train" in script) == ("--minutes 3 " in script) == (away / "policy.toml").exists() == felt
+    subprocess.run(["/bin/bash", "-n", str(away / "train.sh")], check=True)
 
 
 def test_a_log_of_another_robot_is_refused(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
