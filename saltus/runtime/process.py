@@ -41,6 +41,8 @@ from saltus.wire.zenoh_bus import ZenohBus
 STATUS_PERIOD_S = 0.5
 """Of the machine's time: a run that is slowed tells as soon how it goes."""
 ROUTER_LOST_S = 2.0
+"""How long the router may be gone, less the time in which the process itself stood still: links are given up meanwhile,
+and come back."""
 LINKED_S = 1.0
 """After its opening a peer has links to all others, also on a busy computer: what is sent sooner may reach nobody. In
 0.3 s one of 21 had none."""
@@ -71,8 +73,9 @@ class ProcessContext:
         self._events = bus.publisher("event", name)
         self._parent = os.getppid()
         self._next_status_s = -math.inf
-        self.opened_s = self._seen_router_s = self.clock.elapsed_s()
+        self.opened_s = self._looked_s = self.clock.elapsed_s()
         """When its bus had been opened, by the run's clock."""
+        self._router_lost_s = 0.0
 
     @cached_property
     def robot(self) -> Robot:
@@ -161,11 +164,12 @@ class ProcessContext:
 
     def _check_surroundings(self, now_s: float) -> None:
         """A process must not outlive its supervisor, however that ended."""
-        if self.bus.connected():
-            self._seen_router_s = now_s
+        awake_s = min(now_s - self._looked_s, 2.0 * STATUS_PERIOD_S * self.clock.speed)
+        self._looked_s = now_s
+        self._router_lost_s = 0.0 if self.bus.connected() else self._router_lost_s + awake_s
         if os.getppid() != self._parent:
             self.stopped = True
-        elif now_s - self._seen_router_s > ROUTER_LOST_S and not self.stopped:
+        elif self._router_lost_s > ROUTER_LOST_S and not self.stopped:
             self.stopped = True
             sys.stderr.write(f"{self.name}: ends, as the run's router has not answered for {ROUTER_LOST_S:g} s\n")
 

@@ -83,6 +83,20 @@ def test_a_process_stops_when_its_router_is_gone_for_two_seconds_and_says_why(
     assert "router has not answered for 2 s" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("stood_s", [0.6, 2.5, 60.0, 1e5])
+def test_a_process_that_stood_still_itself_looks_for_its_router_again(
+    stood_s: float, clock: FakeTime, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where a computer sleeps: links are given up meanwhile, and come back."""
+    subject, _ = context(MemoryBus("robot/0"))
+    subject.ready()
+    for connected in (False, False, True) * 3:
+        clock.now_s += stood_s if not connected else 0.5
+        monkeypatch.setattr(MemoryBus, "connected", lambda _, now=connected: now)
+        subject.beat(ticks=0)
+        assert not subject.stopped
+
+
 def test_a_process_stops_when_its_parent_is_gone(clock: FakeTime, monkeypatch: pytest.MonkeyPatch) -> None:
     subject, _ = context(MemoryBus("robot/0"))
     monkeypatch.setattr(os, "getppid", lambda: 1)
