@@ -15,7 +15,7 @@ from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.reporting.words import sentence
 
 NO_GPU = "as shipped: there was no GPU to train it on"
-NOT_FELT = "as shipped: it feels nothing of what was found"
+CAMERA_ALONE = "as shipped: only the camera differs, and a policy sees no images"
 NOTHING_FOUND = "nothing was found that could be added: models are trained for what was known"
 
 
@@ -86,13 +86,18 @@ class Cycle:
         elif self.folder.trained.exists():
             self.observer.say("training: done before")
         else:
-            policy = "trained here" if training.has_gpu() else NO_GPU
-            policy = policy if training.feels_difference(self.folder) else NOT_FELT
-            if policy == "trained here":
+            left = self._policy_is_left()
+            if left is None:
                 training.train_policy(self.folder, self.settings)
             self._collect()
             training.train_predictor(self.folder, self.settings, self.observer.at)
-            self._trained({"heightmap": "trained here", "policy": policy})
+            self._trained({"heightmap": "trained here", "policy": left or "trained here"})
+
+    def _policy_is_left(self) -> str | None:
+        """Why the policy stays as shipped; None where it is trained."""
+        if not training.differs_beyond_camera(self.folder):
+            return CAMERA_ALONE
+        return None if training.has_gpu() else NO_GPU
 
     def _trained(self, became: dict[ModelKind, str]) -> None:
         write_whole(self.folder.trained, partial(Path.write_text, data=json.dumps(became)))

@@ -17,7 +17,7 @@ from saltus.policy.planner import make_planner
 from saltus.policy.training.files import CHECKPOINT
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
-from saltus.real2sim.cycle.training import device_collection, feels_difference, policy_changes, shipped_checkpoint
+from saltus.real2sim.cycle.training import device_collection, differs_beyond_camera, policy_changes, shipped_checkpoint
 from saltus.robots.loading import load_robot
 
 PROFILE, CAMERA = "profile.toml", "camera.toml"
@@ -54,7 +54,7 @@ Profile and checkpoints of `saltus real2sim cycle`, to be trained on a machine w
 |---|---|
 | profile.toml | the robot as it was found |
 | policy.pt, heightmap.pt | checkpoints to begin with |
-| policy.toml, predictor.toml | settings of their trainings; the first only if the policy feels what was found |
+| policy.toml, predictor.toml | settings of their trainings; the first only if more than the camera differs |
 | collection.toml | how the policy drives robots of this profile, for the predictor to learn from |
 
 train.sh writes policy/policy.onnx, if the policy is trained, and heightmap/heightmap.onnx. Bring these folders back
@@ -88,7 +88,7 @@ def export_training(folder: CycleFolder, settings: CycleSettings, out: Path) -> 
             shutil.copyfile(settings.loop.camera, made / CAMERA)
             settings = replace(settings, loop=replace(settings.loop, camera=CAMERA))
         script, driver = _BEGIN, Path("policy.pt")
-        if feels_difference(folder):
+        if differs_beyond_camera(folder):
             script, driver = script + _POLICY, Path("policy") / CHECKPOINT
             (made / "policy.toml").write_text(tomli_w.dumps(policy_changes(settings, Path(PROFILE))))
         collection = device_collection(settings, driver, Path("heightmap.pt"), Path(PROFILE))

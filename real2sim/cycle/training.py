@@ -23,7 +23,8 @@ FURTHER_KL = 0.01
 """Of a policy that is trained further: `LearningConfig.desired_kl`, with which trainings begin."""
 FURTHER_STD = 0.15
 """Of the same: least standard deviation of its actions, `LearningConfig.std_range`. The shipped one's is 0.08, and a
-policy that is so sure learns no other way to jump (docs/history.md, the push of 15 Ns)."""
+policy that is so sure learns no other way to jump (docs/history.md, the push of 15 Ns). With 0.15 one learned to climb
+with weak drives (docs/cycle.md)."""
 LEARNED = 0.75
 """Share of robots that the policy drives in the predictor's data, as in those of the shipped one: rules see to it that
 motions are not all alike."""
@@ -101,10 +102,10 @@ def has_gpu() -> bool:
     return train.has_gpu()
 
 
-def feels_difference(folder: CycleFolder) -> bool:
-    """Whether a robot of the found profile feels otherwise than those that the shipped policy learned with.
+def differs_beyond_camera(folder: CycleFolder) -> bool:
+    """Whether drives, body or IMU of the found profile differ from those that the shipped policy was trained with.
 
-    Where the camera alone is otherwise there is nothing for the policy to learn: it sees heights, not images.
+    If only the camera does there is nothing for the policy to learn: its inputs are heights, not images.
     """
     profiles = folder.read(folder.profile), load_profile(SHIPPED, load_robot(DEFAULT_ROBOT))
     found, learned = (replace(profile, camera=()) for profile in profiles)

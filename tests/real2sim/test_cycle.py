@@ -227,19 +227,19 @@ def test_logs_of_ones_own_are_trained_with_elsewhere(
 
 
 @pytest.mark.parametrize("name", [name for name, kind in EFFECTS.items() if PARTS[kind.site] != "heightmap"])
-def test_the_policy_is_trained_where_it_feels_what_was_found(name: str, tmp_path: Path) -> None:
+def test_the_policy_is_trained_where_more_than_the_camera_differs(name: str, tmp_path: Path) -> None:
     """Of profiles that have an effect more than the shipped one, or one less."""
     folder, away = CycleFolder(tmp_path), tmp_path / "away"
     shipped, part = load_profile("shipped", load_robot("go1")), PARTS[EFFECTS[name].site]
     others = tuple(effect for effect in getattr(shipped, part) if effect.name != name)
     less = replace(shipped, **{part: others})
     folder.profile.write_text(profile_to_toml(less if name in shipped.effects else shipped.having(EFFECTS[name]())))
-    felt = part != "camera"
-    assert training.feels_difference(folder) == felt
+    beyond = part != "camera"
+    assert training.differs_beyond_camera(folder) == beyond
     elsewhere.export_training(folder, CycleSettings(policy_minutes=3.0), away)
     script, driver = (away / "train.sh").read_text(), load(DeviceCollection, away / "collection.toml").policy
-    assert driver == Path("policy/checkpoint.pt" if felt else "policy.pt")
-    assert ("saltus policy train" in script) == ("--minutes 3 " in script) == (away / "policy.toml").exists() == felt
+    assert driver == Path("policy/checkpoint.pt" if beyond else "policy.pt")
+    assert ("saltus policy train" in script) == ("--minutes 3 " in script) == (away / "policy.toml").exists() == beyond
     subprocess.run(["/bin/bash", "-n", str(away / "train.sh")], check=True)
 
 
