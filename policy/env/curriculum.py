@@ -40,10 +40,14 @@ class CurriculumConfig:
     jumps of 0.4 m up steep stairs never sufficed."""
     demotion_m: float = 2.5
     """Less than this leads to an easier course; original."""
+    any_level: float = 0.0
+    """Share of the courses that are of any level, however far the robot came before: for a policy that is trained
+    further, which may fail at one level and manage a harder one."""
 
     def __post_init__(self) -> None:
         check_between(self, **dict.fromkeys(KINDS, (0.0, 1e6)))
         check_between(self, levels=(1, 255), hardest=(0.0, 2.0), promotion_m=(0.0, 100.0), demotion_m=(0.0, 100.0))
+        check_between(self, any_level=(0.0, 1.0))
         for kind, share in self.own.items():
             if kind in KINDS or not 0.0 <= share <= 1e6:
                 raise ConfigError(f"own.{kind} = {share:g}: a family of your own, and a share from 0 to 1e+06")
@@ -86,7 +90,7 @@ def kinds_of_robots(config: CurriculumConfig, count: int) -> list[int]:
 def next_level(
     config: CurriculumConfig, level: Array, way: Array, failed: Array, finished: Array, draw: Array
 ) -> Array:
-    """Level of the next course, whole numbers as floats; beyond the last, any level.
+    """Level of the next course, whole numbers as floats; beyond the last, and in a share of cases, any level.
 
     Args:
         config: What is asked for.
@@ -101,7 +105,10 @@ def next_level(
     up = ~failed & (finished | (way > config.promotion_m))
     down = ~up & (way < config.demotion_m)
     moved = xp.clip(level + xp.where(up, one, 0.0 * one) - xp.where(down, one, 0.0 * one), 0.0, None)
-    return xp.where(moved >= config.levels, xp.floor(draw * config.levels), moved)
+    place = draw * config.levels
+    anything = xp.floor(place)
+    again = place - anything < config.any_level  # the fraction of a uniform number is uniform, too
+    return xp.where(again | (moved >= config.levels), anything, moved)
 
 
 def difficulty(config: CurriculumConfig, level: Array, draw: Array) -> Array:

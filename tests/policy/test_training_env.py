@@ -185,6 +185,18 @@ def test_levels_rise_with_the_way_and_fall_without():
     assert difficulty(replace(config, hardest=0.5), np.array([9.0]), np.array([1.0])) == 0.5
 
 
+@pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
+def test_a_share_of_courses_is_of_any_level(share):
+    config = CurriculumConfig(any_level=share)
+    draw = np.random.default_rng(4).random(20_000)
+    failed = np.ones(len(draw), dtype=bool)
+    moved = next_level(config, np.full(len(draw), 2.0), np.full(len(draw), 3.0), failed, ~failed, draw)
+    found = np.bincount(moved.astype(int), minlength=config.levels) / len(draw)
+    expected = np.full(config.levels, share / config.levels)
+    expected[2] += 1.0 - share
+    np.testing.assert_allclose(found, expected, atol=0.01)
+
+
 def test_levels_can_be_set():
     env = make_env(config=replace(EnvConfig(), curriculum=CurriculumConfig(stairs=1.0)))
     env.set_levels(torch.full((N,), 7.0))
