@@ -22,9 +22,12 @@ from saltus.robots.loading import load_robot
 FURTHER_KL = 0.01
 """Of a policy that is trained further: `LearningConfig.desired_kl`, with which trainings begin."""
 FURTHER_STD = 0.15
-"""Of the same: least standard deviation of its actions, `LearningConfig.std_range`. The shipped one's is 0.08, and a
-policy that is so sure learns no other way to jump (docs/history.md, the push of 15 Ns). With 0.15 one learned to climb
-with weak drives (docs/cycle.md)."""
+"""Of the same: least standard deviation of its actions, `LearningConfig.std_range`; the shipped one's is 0.08."""
+FURTHER_WIDE = 0.001
+"""Of the same: `WideConfig.share`, 0.3 for the shipped one. What the logs told of a robot need not be drawn; with 0 the
+critic would not have all inputs of its checkpoint. It is what makes most of the difference (docs/cycle.md)."""
+FURTHER_HARDEST = 0.8
+"""Of the same: `CurriculumConfig.hardest`, of courses of all levels. Those that a cycle measures have 0.5 to 0.72."""
 LEARNED = 0.75
 """Share of robots that the policy drives in the predictor's data, as in those of the shipped one: rules see to it that
 motions are not all alike."""
@@ -116,11 +119,16 @@ def policy_changes(settings: CycleSettings, profile: Path) -> dict[str, Any]:
     """What the policy's training has otherwise than that of the shipped one, as tables of its TOML file.
 
     The shipped one ended with small steps and sure of its actions; a robot that is another needs the steps of the
-    beginning, and trials of other actions.
+    beginning, and trials of other actions, on courses of all levels: what it mastered it may not master any more.
     """
     std_range = [FURTHER_STD, LearningConfig.std_range[1]]
     learning = {"desired_kl": FURTHER_KL, "last_kl": FURTHER_KL, "std_range": std_range}
-    return {"seed": settings.seed, "env": {"profile": str(profile)}, "learning": learning}
+    env = {
+        "profile": str(profile),
+        "curriculum": {"any_level": 1.0, "hardest": FURTHER_HARDEST},
+        "randomisation": {"wide": {"share": FURTHER_WIDE}},
+    }
+    return {"seed": settings.seed, "env": env, "learning": learning}
 
 
 def train_policy(folder: CycleFolder, settings: CycleSettings) -> None:

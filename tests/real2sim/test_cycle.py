@@ -209,6 +209,8 @@ def test_logs_of_ones_own_are_trained_with_elsewhere(
     train, _, collect, *further = [innermost(command_of(command)) for command in commands]
     learning = train.training.learning
     assert (train.training.env.profile, learning.std_range) == ("profile.toml", (training.FURTHER_STD, 1.0))
+    assert train.training.env.curriculum.any_level == 1.0
+    assert train.training.env.randomisation.wide.share == training.FURTHER_WIDE
     assert (learning.desired_kl, learning.last_kl) == (training.FURTHER_KL, training.FURTHER_KL)
     assert (collect.settings.policy, collect.settings.profile) == (Path("policy/checkpoint.pt"), "profile.toml")
     assert len(further) == 2
