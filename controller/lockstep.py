@@ -36,23 +36,32 @@ class Lockstep:
             StackError: one of them has not answered for 5 s.
         """
         step = truth.step
-        if not self._ask(lambda: self._truths.put(truth), lambda wait_s: self._rendered(step, wait_s), step):
+        if not self._ask(lambda _: self._truths.put(truth), lambda wait_s: self._rendered(step, wait_s), step):
             return False
         message = state(truth.time_ns, step, self._depth_due)
-        return self._ask(lambda: self._states.put(message), lambda wait_s: self._planned(step, wait_s), step)
 
-    def _ask(self, send: Callable[[], None], answer: Callable[[float], str], step: int) -> bool:
-        """Sends until all have answered; `answer` names a process that has not."""
-        begin = sent = time.monotonic()
-        send()
+        def ask(again: bool) -> None:
+            if again:  # the image that is due may not have come: the camera sends it once more
+                self._truths.put(truth)
+            self._states.put(message)
+
+        return self._ask(ask, lambda wait_s: self._planned(step, wait_s), step)
+
+    def _ask(self, send: Callable[[bool], None], answer: Callable[[float], str], step: int) -> bool:
+        """Sends until all have answered; `answer` names a process that has not, `send` is told whether it is again."""
+        looked = sent = time.monotonic()
+        silent_s = 0.0
+        send(False)
         while (silent := answer(POLL_S)) and not self._context.stopped:
             now = time.monotonic()
-            if now - begin > SILENCE_LIMIT_S:
+            silent_s += min(now - looked, 2.0 * POLL_S)  # who stood still itself could hear nobody
+            looked = now
+            if silent_s > SILENCE_LIMIT_S:
                 raise StackError(
                     f"process '{silent}' has not answered step {step} for {SILENCE_LIMIT_S:.0f} s: see its log"
                 )
             if now - sent > RESEND_S:
-                send()
+                send(True)
                 sent = now
             self._context.beat(ticks=step)
         return not self._context.stopped

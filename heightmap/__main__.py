@@ -22,7 +22,7 @@ def body(context: ProcessContext, robots: Sequence[str], endpoint: str, *, peer:
                 contexts.append(context)
                 continue
             bus = buses.enter_context(
-                ZenohBus(endpoint, robot, peer=peer, speed=context.config.speed, bell=context.bus.bell)
+                ZenohBus(endpoint, robot, peer=peer, speed=context.config.link_speed, bell=context.bus.bell)
             )
             contexts.append(ProcessContext(context.name, replace(context.config, prefix=robot), context.run_dir, bus))
         process = HeightmapProcess(contexts)

@@ -25,6 +25,8 @@ Config = TypeVar("Config")
 
 LONGEST_RUN_S = 1e6
 """Eleven days: as good as without end."""
+LOCKSTEP_LINK_SPEED = 0.05
+"""Makes 10 s of the 0.5 s after which a silent link is given up (zenoh_cfg): Zenoh's own default."""
 
 TOML_MAX = 4 * 2**20
 """Characters of a file: a terrain of 10,000 boxes has a third of it."""
@@ -96,6 +98,11 @@ class RunConfig:
     """Real time: seconds of the run for each second of the machine, more than 0 and at most 1."""
     epoch_ns: int = 0
     """Start of the run on the monotonic clock of this machine; the zero of the run's clock in real time."""
+
+    @property
+    def link_speed(self) -> float:
+        """The `speed` of `saltus.wire.joining`, by which links are kept: in lockstep nobody is late, however slow."""
+        return self.speed if self.pace == "realtime" else LOCKSTEP_LINK_SPEED
 
     def check(self) -> None:
         """To be called before a run begins, not where one is read: older recordings may hold what was ignored then.

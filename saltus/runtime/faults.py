@@ -260,7 +260,7 @@ def witness(
     silent, begun_s = 0, None
     with (
         ZenohBus(
-            endpoint_of(run_dir), run.config.prefix, peer=run.config.pace == "realtime", speed=run.config.speed
+            endpoint_of(run_dir), run.config.prefix, peer=run.config.pace == "realtime", speed=run.config.link_speed
         ) as bus,
         Recorder(path, run.config, run.robot, run.terrain, run.camera) as recorder,
     ):

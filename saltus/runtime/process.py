@@ -199,7 +199,7 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
             prefer_process(name)
         with (
             kept_small(),
-            ZenohBus(options.endpoint, run_config.prefix, peer=options.peer, speed=run_config.speed) as bus,
+            ZenohBus(options.endpoint, run_config.prefix, peer=options.peer, speed=run_config.link_speed) as bus,
         ):
             context = ProcessContext(name, run_config, options.run_dir, bus, cued=options.cued)
             _stop_on_signals(context)

@@ -180,10 +180,10 @@ class Stack:
         if self.config.pace == "realtime":
             self._resources.enter_context(preferred())
         self._resources.enter_context(kept_small())
-        self.endpoint, router = open_router(self._network, self.config.speed)
+        self.endpoint, router = open_router(self._network, self.config.link_speed)
         self._resources.callback(router.close)
-        write_client(self.run_dir / CLIENT_FILE, self.endpoint, speed=self.config.speed)
-        self._bus = ZenohBus(self.endpoint, self.config.prefix, peer=self._links_directly, speed=self.config.speed)
+        write_client(self.run_dir / CLIENT_FILE, self.endpoint, speed=self.config.link_speed)
+        self._bus = ZenohBus(self.endpoint, self.config.prefix, peer=self._links_directly, speed=self.config.link_speed)
         self._resources.callback(self._bus.close)
         self._stream = self._bus.stream()
         self._sharer = self._bus.sharer()
