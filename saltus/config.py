@@ -101,7 +101,10 @@ class RunConfig:
 
     @property
     def link_speed(self) -> float:
-        """The `speed` of `saltus.wire.joining`, by which links are kept: in lockstep nobody is late, however slow."""
+        """By this the 0.5 s after which a silent link is given up are divided (`saltus.wire.joining`, its `speed`).
+
+        In real time the clock's own; in lockstep, where nobody is late however slow, `LOCKSTEP_LINK_SPEED`.
+        """
         return self.speed if self.pace == "realtime" else LOCKSTEP_LINK_SPEED
 
     def check(self) -> None:

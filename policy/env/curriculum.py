@@ -106,9 +106,9 @@ def next_level(
     down = ~up & (way < config.demotion_m)
     moved = xp.clip(level + xp.where(up, one, 0.0 * one) - xp.where(down, one, 0.0 * one), 0.0, None)
     place = draw * config.levels
-    anything = xp.floor(place)
-    again = place - anything < config.any_level  # the fraction of a uniform number is uniform, too
-    return xp.where(again | (moved >= config.levels), anything, moved)
+    drawn = xp.floor(place)
+    is_drawn = place - drawn < config.any_level  # the fraction of a uniform number is uniform, too
+    return xp.where(is_drawn | (moved >= config.levels), drawn, moved)
 
 
 def difficulty(config: CurriculumConfig, level: Array, draw: Array) -> Array:

@@ -25,7 +25,7 @@ FURTHER_STD = 0.15
 """Of the same: least standard deviation of its actions, `LearningConfig.std_range`; the shipped one's is 0.08."""
 FURTHER_WIDE = 0.001
 """Of the same: `WideConfig.share`, 0.3 for the shipped one. What the logs told of a robot need not be drawn; with 0 the
-critic would not have all inputs of its checkpoint. It is what makes most of the difference (docs/cycle.md)."""
+critic would not have all inputs of its checkpoint. docs/cycle.md says what that gains and costs."""
 FURTHER_HARDEST = 0.8
 """Of the same: `CurriculumConfig.hardest`, of courses of all levels. Those that a cycle measures have 0.5 to 0.72."""
 LEARNED = 0.75

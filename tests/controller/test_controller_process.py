@@ -1,8 +1,10 @@
 """The controller process over a memory bus, with stand-ins for camera, heightmap service and planner."""
 
+import itertools
 import json
 import threading
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -155,6 +157,15 @@ def test_lost_questions_are_asked_again_without_changing_the_run(tmp_path, monke
     last = {state.step: state for state in of(lossy, RobotState)}
     for state in of(plain, RobotState):
         np.testing.assert_array_equal(last[state.step].joint_position, state.joint_position)
+
+
+def test_time_in_which_the_controller_itself_stood_still_is_nobodys_silence(tmp_path, monkeypatch):
+    """Its clock leaps by 10 s from look to look."""
+    leaps = itertools.count(step=10)
+    monkeypatch.setattr(lockstep, "time", SimpleNamespace(monotonic=lambda: float(next(leaps))))
+    monkeypatch.setattr(lockstep, "POLL_S", 0.01)
+    samples = run_controller(tmp_path, deaf_to_first=True)
+    assert [event.code for event in of(samples, Event) if event.code in ("finished", "fell", "timeout")] == ["timeout"]
 
 
 @pytest.mark.parametrize("silent", ["render", "heightmap", "policy"])
