@@ -23,7 +23,7 @@ LEAST_HEIGHT_M = 0.03
 IN_THE_AIR = 0.3
 """Share of things that have nothing below them, like the plate of a table; they are as often high as low."""
 FINISH_X = TO_X + FIRST_EDGE_X
-ENDS = 0.4
+ENDS = 0.6
 """Share of the scenes whose ground ends: somewhere between what a robot sees at first and where the last things are."""
 DROP_M = (0.1, 1.5)
 """How much lower a level is, in equal shares of the logarithm: from a kerb to a loading dock."""
