@@ -1,4 +1,4 @@
-"""Ground with things on it at random: boxes, walls, poles, plates in the air. Not to be crossed, but to be seen.
+"""Ground with things on it: boxes, walls, poles, leaning planks, plates in the air. Not to be crossed, but to be seen.
 
 In some scenes the ground ends, as a desk or a platform does, and goes on lower on one or two levels, which nobody can
 know who has not looked over the edge. A predictor that has only ever seen courses is sure of itself anywhere; it learns
@@ -22,9 +22,14 @@ SIDE_M = (0.03, 2.0)
 LEAST_HEIGHT_M = 0.03
 IN_THE_AIR = 0.3
 """Share of things that have nothing below them, like the plate of a table; they are as often high as low."""
+LEANS = 0.4
+"""Share of things that lean, as a plank or a heap does."""
+LEAN_RAD = 0.8
+"""How far they lean at most, to either end: about as steep as rubble lies."""
 FINISH_X = TO_X + FIRST_EDGE_X
 ENDS = 0.6
-"""Share of the scenes whose ground ends: somewhere between what a robot sees at first and where the last things are."""
+"""Share of the scenes whose ground ends: between what a robot sees at first and where the last things are, in equal
+shares of the logarithm, as few robots get far."""
 DROP_M = (0.1, 1.5)
 """How much lower a level is, in equal shares of the logarithm: from a kerb to a loading dock."""
 LEDGE_M = (0.05, 2.0)
@@ -45,7 +50,7 @@ def _levels(rng: np.random.Generator) -> tuple[list[float], list[float]]:
     last = FINISH_X + RUN_OUT
     if rng.uniform() >= ENDS:
         return [GROUND_START_X, last], [0.0]
-    edge = rng.uniform(FROM_X, TO_X)
+    edge = _spread(rng, (FROM_X, TO_X))
     ledge = edge + _spread(rng, LEDGE_M)
     lower = [-_spread(rng, DROP_M), -_spread(rng, DROP_M)]
     if ledge >= last:
@@ -60,12 +65,15 @@ def _thing(rng: np.random.Generator, highest: float, ground: Sequence[Box]) -> B
     thick = top
     if rng.uniform() < IN_THE_AIR:
         top, thick = rng.uniform(LEAST_HEIGHT_M, highest), rng.uniform(0.3, 1.0) * LEAST_HEIGHT_M
+    pitch = rng.uniform(-LEAN_RAD, LEAN_RAD) if rng.uniform() < LEANS else 0.0
     yaw = rng.uniform(0.0, np.pi)
+    level, steep = abs(math.cos(pitch)), abs(math.sin(pitch))
+    ahead, up = level * long + steep * thick, steep * long + level * thick
     # Its edge, not its middle, is ahead of where a robot stands at first.
-    clear = 0.5 * (abs(math.cos(yaw)) * long + abs(math.sin(yaw)) * wide)
+    clear = 0.5 * (abs(math.cos(yaw)) * ahead + abs(math.sin(yaw)) * wide)
     x, y = rng.uniform((FROM_X, -ASIDE_M), (TO_X, ASIDE_M)).tolist()
-    floor = next(level.high[2] for level in ground if x <= level.high[0])
-    return Box.at((x + clear, y, floor + top - 0.5 * thick), (long, wide, thick), yaw=yaw)
+    floor = next(below.high[2] for below in ground if x <= below.high[0])
+    return Box.at((x + clear, y, floor + top - 0.5 * up), (long, wide, thick), pitch=pitch, yaw=yaw)
 
 
 def _spread(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
