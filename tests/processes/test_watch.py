@@ -24,8 +24,8 @@ def wait_for(tab: Tab, *said: str) -> None:
     tab.until(lambda: all(each in tab.text() for each in said), " and ".join(said))
 
 
-LASTS_S = {"0.25": "4", "0.1": "2.5"}
-"""Of a demo at these speeds: a slow page's click has over 10 s of the machine, and its recording comes in time."""
+LASTS_S = {"0.25": "3", "0.1": "2.5"}
+"""Of a demo at these speeds: a click has 8 s of the machine, on a slow page over 10 s, and the recording comes in time."""
 
 
 def watched(speed: float) -> str:
