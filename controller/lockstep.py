@@ -9,7 +9,8 @@ from saltus.runtime.process import ProcessContext
 from saltus.wire.messages import GroundTruth, RobotState
 
 RESEND_S = 0.5
-SILENCE_LIMIT_S = 5.0
+SILENCE_LIMIT_S = 20.0
+"""Longer than all are held up by a stranger who subscribes and then stands still: 8 to 10 s (zenoh_cfg)."""
 POLL_S = 0.1  # how often a wait looks whether the process should stop
 
 
@@ -33,7 +34,7 @@ class Lockstep:
         `Plans`.
 
         Raises:
-            StackError: one of them has not answered for 5 s.
+            StackError: one of them has not answered for `SILENCE_LIMIT_S`.
         """
         step = truth.step
         if not self._ask(lambda _: self._truths.put(truth), lambda wait_s: self._rendered(step, wait_s), step):

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import os
 import shutil
 import tempfile
 from dataclasses import dataclass
@@ -13,6 +14,12 @@ import zenoh
 from saltus.errors import StackError
 from saltus.resources import resource
 from saltus.wire.joining import LOCAL, Certificate, lease_slowed, mutual_tls
+
+RECEIVING_THREADS = 16
+"""Of a process that hosts a router; Zenoh makes them for its first session. In lockstep one waits for each sender whose
+message does not fit into a full link. With the 2 of the default both wait for the recorder, a session of the same
+process, which needs one of them to receive. A run has up to 9 senders."""
+os.environ.setdefault("ZENOH_RUNTIME", f"(rx: (worker_threads: {RECEIVING_THREADS}))")
 
 
 @dataclass(frozen=True, kw_only=True)

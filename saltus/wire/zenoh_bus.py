@@ -30,15 +30,25 @@ class ZenohBus(Bus):
     messages between them take one hop instead of two. Links between them are there some milliseconds after a peer has
     opened; what is sent before may be lost. `peer` is for processes of the router's own stack, and never to be guessed
     from the endpoint: what is between two peers no router carries. `endpoint` and `speed` are as in `open_session`.
+    What does not fit into a full link is lost, unless its sender `waits`: for runs in lockstep, where nobody is late.
 
     Raises:
         StackError: no router answers at the endpoint, or peers cannot link beside it.
     """
 
     def __init__(
-        self, endpoint: str, prefix: str, *, peer: bool = False, speed: float = 1.0, bell: Bell | None = None
+        self,
+        endpoint: str,
+        prefix: str,
+        *,
+        peer: bool = False,
+        speed: float = 1.0,
+        waits: bool = False,
+        bell: Bell | None = None,
     ) -> None:
         super().__init__(prefix, bell or Bell())
+        # Waiting would stall a control loop of real time for seconds on one slow subscriber
+        self._when_full = zenoh.CongestionControl.BLOCK if waits else zenoh.CongestionControl.DROP
         self._session = open_session("peer" if peer else "client", endpoint, speed)
 
     def publisher(self, topic: str, suffix: str = "") -> "ZenohPublisher":
@@ -47,8 +57,7 @@ class ZenohBus(Bus):
         raw = self._session.declare_publisher(
             self._key(topic, suffix),
             encoding=codec.encoding_of(row.message) if row else None,
-            # Blocking would stall a control loop for 5 s on one slow subscriber
-            congestion_control=zenoh.CongestionControl.DROP,
+            congestion_control=self._when_full,
             priority=zenoh.Priority.REAL_TIME if row and row.urgent else zenoh.Priority.INTERACTIVE_HIGH,
             express=True,
         )
@@ -124,7 +133,7 @@ class ZenohPublisher:
         return bool(self._publisher.matching_status.matching)
 
     def put(self, message: Message) -> None:
-        """Encodes and sends, unless its bus is muted; never waits.
+        """Encodes and sends, unless its bus is muted. Waits for nobody, but in lockstep for room in a full link.
 
         Raises:
             MessageError: the message does not have the shape that travels.

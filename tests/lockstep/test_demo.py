@@ -1,11 +1,13 @@
 """The whole stack: it repeats to the bit in lockstep, leaves readable files behind, can be replayed and ended."""
 
 import contextlib
+import ctypes
 import json
 import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,6 +28,7 @@ REPEATED = ("success", "distance_m", "time_s", "mean_speed_mps", "heightmap_mae_
 PATIENCE_S = 60.0
 BEGIN_STEPS = 20
 STANDS_STILL_S = 0.6
+HELD_S = 0.5
 
 
 def demo(capsys: pytest.CaptureFixture[str], *flags: str) -> dict[str, Any]:
@@ -50,6 +53,24 @@ def hold_one_after_another(run: psutil.Process) -> None:
         processes = run.children()
 
 
+@contextlib.contextmanager
+def nobody_else_runs() -> Iterator[None]:
+    """Threads of this process wait every other half second, as for a collection of much garbage."""
+    over, holding = threading.Event(), ctypes.PyDLL(None)  # keeps Python's lock where others give it up
+
+    def hold() -> None:
+        while not over.wait(HELD_S):
+            holding.usleep(round(1e6 * HELD_S))
+
+    thread = threading.Thread(target=hold)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("run")
@@ -64,8 +85,11 @@ def begin(run: Path) -> list[bytes]:
 def test_two_lockstep_runs_of_a_seed_are_equal_and_another_seed_differs(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Also where the processes of one stand still again and again, for longer than a link of real time bears."""
-    first = demo(capsys, "--seed", "3", "--out", str(folder))
+    """Also where who records one hears nothing for half a second, and the processes of the other stand still for longer
+    than a link of real time bears, again and again.
+    """
+    with nobody_else_runs():
+        first = demo(capsys, "--seed", "3", "--out", str(folder))
     command = [sys.executable, "-m", "saltus.cli.main", *FLAGS, "--seed", "3", "--out", str(tmp_path / "second")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as run:
         hold_one_after_another(psutil.Process(run.pid))
