@@ -51,6 +51,8 @@ class RunSummary:
     """Mean absolute error over all points and all steps in which the robot ran on a heightmap of status OK."""
     digest: str
     """Empty where the recording lacks a message: in real time a busy machine may drop one."""
+    lost: int
+    """Messages that the recording lacks: the sum of `TopicTiming.lost`."""
     models: dict[str, str]
     """Names of the networks: the first half of their files' sha256."""
     camera: str
@@ -86,6 +88,7 @@ def summarise(recording: Recording) -> RunSummary:
         mean_speed_mps=float(outcome.get("mean_speed_mps", np.nan)),
         heightmap_mae_m=heightmap_error(recording),
         digest=_digest(recording),
+        lost=sum(row.lost for row in timing.values()),
         models=recording.models,
         camera=f"{recording.camera.name} {recording.camera.fingerprint}",
         rates_hz={topic: row.rate_hz for topic, row in timing.items()},
@@ -99,7 +102,8 @@ def sentence(summary: RunSummary) -> str:
     verdict = "crossed" if summary.success else f"did not cross ({summary.explanation})"
     way, error = shown(summary.distance_m, 2, "m"), shown(100 * summary.heightmap_mae_m, 1, "cm")
     time = f"{shown(summary.time_s, 2, 's')} at {shown(summary.mean_speed_mps, 2, 'm/s')} {summary.timed}"
-    return f"{verdict} {summary.terrain}: {way} from the start; {time}; heightmap error {error}"
+    lost = f"; the recording lacks {summary.lost} messages" if summary.lost else ""
+    return f"{verdict} {summary.terrain}: {way} from the start; {time}; heightmap error {error}{lost}"
 
 
 def _way(recording: Recording) -> float:

@@ -25,7 +25,7 @@ def wait_for(tab: Tab, *said: str) -> None:
 
 
 LASTS_S = {"0.25": "3", "0.1": "2.5"}
-"""Of a demo at these speeds: a click has 8 s of the machine, on a slow page over 10 s, and the recording comes in time."""
+"""Of a demo at these speeds: a click has 8 s of the machine, on a slow page over 10; its recording comes in time."""
 
 
 def watched(speed: float) -> str:

@@ -35,6 +35,7 @@ from saltus.interrupts import WHOLE
 from saltus.recordings import recorder
 from saltus.recordings.recorder import CHUNK_INDICES, Recorder, StoredIndex
 from saltus.recordings.recording import Recording, digest, rates_and_ages, read_recording
+from saltus.recordings.summary import sentence, summarise
 from saltus.wire import codec, messages
 from saltus.wire.codec import Envelope
 from saltus.wire.schemas import TYPE_NAME
@@ -234,8 +235,16 @@ def test_ages_in_lockstep_are_simulated(whole: Recording) -> None:
 def test_losses_are_counted_from_the_sequence(tmp_path: Path) -> None:
     samples = [s for i, s in enumerate(run_samples()) if i % 3 or s.key != "policy/plan"]
     sent = sum(s.key == "policy/plan" for s in run_samples())
-    timing = rates_and_ages(write(tmp_path / "recording.mcap", samples))["policy/plan"]
+    recording = write(tmp_path / "recording.mcap", samples)
+    timing = rates_and_ages(recording)["policy/plan"]
     assert 0 < timing.lost <= sent - timing.count
+    assert f"; the recording lacks {timing.lost} messages" in sentence(summarise(recording))
+
+
+def test_what_was_sent_before_a_recording_began_is_not_lost(tmp_path: Path) -> None:
+    late = write(tmp_path / "recording.mcap", list(run_samples())[500:])
+    assert not any(timing.lost for timing in rates_and_ages(late).values())
+    assert "lacks" not in sentence(summarise(late))
 
 
 def test_signals_tear_no_message_of_a_recording(tmp_path: Path) -> None:
