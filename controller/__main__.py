@@ -61,7 +61,7 @@ class Run:
         self._states = context.bus.publisher("controller/state")
         self._truths = context.bus.publisher("plant/truth")
         self._mode = ControllerMode.STAND
-        self._step = self._steps_at_rest = 0
+        self._step = 0
         self._interrupted = False
 
     def lockstep(self) -> None:
@@ -118,11 +118,14 @@ class Run:
 
     def _come_to_a_stand(self, ticker: Ticker | None) -> None:
         """A robot that is told to stop in the middle of a run lands before its controller goes."""
-        self._interrupted = not self._progress.over
-        for _ in range(MAX_STEPS_TO_STAND):
-            if self._progress.over or self._steps_at_rest >= STEPS_AT_REST:
-                break
-            self._free_step(ticker)
+        if not self._progress.over:
+            self._interrupted = True
+            resting = 0
+            for _ in range(MAX_STEPS_TO_STAND):
+                self._free_step(ticker)
+                resting += self._mode in AT_REST
+                if resting >= STEPS_AT_REST:
+                    break
 
     def _finished(self) -> bool:
         return self._context.stopped or self._progress.over
@@ -139,7 +142,6 @@ class Run:
     def _close_step(self, start_ns: int) -> None:
         self._joints.put(self._loop.take_joint_log(start_ns, self._step))
         self._step += 1
-        self._steps_at_rest = self._steps_at_rest + 1 if self._mode in AT_REST else 0
         state = self._robot.state
         before = self._progress
         self._progress = self._course.step(
