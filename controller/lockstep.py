@@ -10,7 +10,7 @@ from saltus.wire.messages import GroundTruth, RobotState
 
 RESEND_S = 0.5
 SILENCE_LIMIT_S = 20.0
-"""Longer than all are held up by a stranger who subscribes and then stands still: 8 to 10 s (zenoh_cfg)."""
+"""Longer than a stranger who subscribes and then stands still holds up a run: 8 to 10 s (zenoh_cfg/README.md)."""
 POLL_S = 0.1  # how often a wait looks whether the process should stop
 
 

@@ -21,10 +21,9 @@ def body(context: ProcessContext, robots: Sequence[str], endpoint: str, *, peer:
             if robot == own:
                 contexts.append(context)
                 continue
-            bus = buses.enter_context(
-                ZenohBus(endpoint, robot, peer=peer, speed=context.config.link_speed, bell=context.bus.bell)
-            )
-            contexts.append(ProcessContext(context.name, replace(context.config, prefix=robot), context.run_dir, bus))
+            config = replace(context.config, prefix=robot)
+            bus = buses.enter_context(ZenohBus.of_run(endpoint, config, peer=peer, bell=context.bus.bell))
+            contexts.append(ProcessContext(context.name, config, context.run_dir, bus))
         process = HeightmapProcess(contexts)
         for each in contexts:
             each.ready()

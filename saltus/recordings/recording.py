@@ -214,7 +214,7 @@ class TopicTiming:
 
     count: int
     lost: int
-    """Messages that its senders counted and the recording does not have, after the first of each that it has."""
+    """Messages that the sender counted and the recording does not have."""
     rate_hz: float
     age_p50_ms: float
     age_p99_ms: float
@@ -375,7 +375,9 @@ def rates_and_ages(recording: Recording) -> dict[str, TopicTiming]:
 
 
 def _lost(senders: list[tuple[bytes, int]]) -> int:
-    sequences: dict[bytes, list[int]] = {}
+    highest: dict[bytes, int] = {}
+    count: dict[bytes, int] = {}
     for boot_id, sequence in senders:
-        sequences.setdefault(boot_id, []).append(sequence)
-    return sum(max(own) - min(own) + 1 - len(own) for own in sequences.values())
+        highest[boot_id] = max(sequence, highest.get(boot_id, 0))
+        count[boot_id] = count.get(boot_id, 0) + 1
+    return sum(highest[boot_id] - count[boot_id] for boot_id in highest)

@@ -259,9 +259,7 @@ def witness(
     silent_s = RunClock.of(run.config).machine_s(SILENT_S)
     silent, begun_s = 0, None
     with (
-        ZenohBus(
-            endpoint_of(run_dir), run.config.prefix, peer=run.config.pace == "realtime", speed=run.config.link_speed
-        ) as bus,
+        ZenohBus.of_run(endpoint_of(run_dir), run.config, peer=run.config.pace == "realtime") as bus,
         Recorder(path, run.config, run.robot, run.terrain, run.camera) as recorder,
     ):
         stream, states = bus.stream(), bus.latest("controller/state")

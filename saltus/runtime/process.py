@@ -197,11 +197,7 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
         run_config = config.load(RunConfig, options.run_dir / RUN_FILE)
         if options.cued and run_config.pace == "realtime":  # while it loads, too: one that has died must be back soon
             prefer_process(name)
-        speed, waits = run_config.link_speed, run_config.pace == "lockstep"
-        with (
-            kept_small(),
-            ZenohBus(options.endpoint, run_config.prefix, peer=options.peer, speed=speed, waits=waits) as bus,
-        ):
+        with kept_small(), ZenohBus.of_run(options.endpoint, run_config, peer=options.peer) as bus:
             context = ProcessContext(name, run_config, options.run_dir, bus, cued=options.cued)
             _stop_on_signals(context)
             return _run_body(context, body)

@@ -183,8 +183,7 @@ class Stack:
         self.endpoint, router = open_router(self._network, self.config.link_speed)
         self._resources.callback(router.close)
         write_client(self.run_dir / CLIENT_FILE, self.endpoint, speed=self.config.link_speed)
-        peer, waits = self._links_directly, self.config.pace == "lockstep"
-        self._bus = ZenohBus(self.endpoint, self.config.prefix, peer=peer, speed=self.config.link_speed, waits=waits)
+        self._bus = ZenohBus.of_run(self.endpoint, self.config, peer=self._links_directly)
         self._resources.callback(self._bus.close)
         self._stream = self._bus.stream()
         self._sharer = self._bus.sharer()

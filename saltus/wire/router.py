@@ -18,7 +18,7 @@ from saltus.wire.joining import LOCAL, Certificate, lease_slowed, mutual_tls
 RECEIVING_THREADS = 16
 """Of a process that hosts a router; Zenoh makes them for its first session. In lockstep one waits for each sender whose
 message does not fit into a full link. With the 2 of the default both wait for the recorder, a session of the same
-process, which needs one of them to receive. A run has up to 9 senders."""
+process, which needs one of them to receive. A run has 5 senders; programs of its user come on top."""
 os.environ.setdefault("ZENOH_RUNTIME", f"(rx: (worker_threads: {RECEIVING_THREADS}))")
 
 

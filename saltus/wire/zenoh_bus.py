@@ -9,6 +9,7 @@ from typing import Any
 
 import zenoh
 
+from saltus.config import RunConfig
 from saltus.wire import codec
 from saltus.wire.bus import STREAM_CAPACITY, Bell, Bus, Latest, RawSample, Slot, Stream
 from saltus.wire.codec import Envelope
@@ -50,6 +51,12 @@ class ZenohBus(Bus):
         # Waiting would stall a control loop of real time for seconds on one slow subscriber
         self._when_full = zenoh.CongestionControl.BLOCK if waits else zenoh.CongestionControl.DROP
         self._session = open_session("peer" if peer else "client", endpoint, speed)
+
+    @classmethod
+    def of_run(cls, endpoint: str, run: RunConfig, *, peer: bool = False, bell: Bell | None = None) -> "ZenohBus":
+        """The bus of the robot of a run, with links that its pace and speed ask for."""
+        waits = run.pace == "lockstep"
+        return cls(endpoint, run.prefix, peer=peer, speed=run.link_speed, waits=waits, bell=bell)
 
     def publisher(self, topic: str, suffix: str = "") -> "ZenohPublisher":
         """See `Bus.publisher`."""
@@ -133,7 +140,7 @@ class ZenohPublisher:
         return bool(self._publisher.matching_status.matching)
 
     def put(self, message: Message) -> None:
-        """Encodes and sends, unless its bus is muted. Waits for nobody, but in lockstep for room in a full link.
+        """Encodes and sends, unless its bus is muted. Never waits, unless the link is full and its bus `waits`.
 
         Raises:
             MessageError: the message does not have the shape that travels.

@@ -7,7 +7,7 @@ import pytest
 
 from saltus.config import TerrainConfig
 from saltus.terrain.boxes import Box
-from saltus.terrain.clutter import BOXES, DROP_M, FROM_X, LEDGE_M
+from saltus.terrain.clutter import BOXES, DROP_M, FROM_X, LEAN_RAD, LEANS, LEDGE_M
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain, checked
 
@@ -28,6 +28,9 @@ def test_robots_start_clear_of_what_stands_about(difficulty: float) -> None:
             assert not len(on) or on.min() == pytest.approx(level.high[2])
         assert len(levels) > 1 or height.max() > 0.0
         assert len(terrain.boxes) <= len(levels) + BOXES
+    pitches = np.array([box.pitch for terrain in drawn for box in terrain.boxes])
+    assert (abs(pitches) <= LEAN_RAD).all()
+    assert 0.2 < np.mean(pitches != 0.0) < LEANS  # the ground is level
     lower = [levels_of(terrain)[1:] for terrain in drawn]
     assert 0.1 < np.mean([len(levels) > 0 for levels in lower]) < 0.7
     drops = -np.array([level.high[2] for levels in lower for level in levels])

@@ -241,12 +241,6 @@ def test_losses_are_counted_from_the_sequence(tmp_path: Path) -> None:
     assert f"; the recording lacks {timing.lost} messages" in sentence(summarise(recording))
 
 
-def test_what_was_sent_before_a_recording_began_is_not_lost(tmp_path: Path) -> None:
-    late = write(tmp_path / "recording.mcap", list(run_samples())[500:])
-    assert not any(timing.lost for timing in rates_and_ages(late).values())
-    assert "lacks" not in sentence(summarise(late))
-
-
 def test_signals_tear_no_message_of_a_recording(tmp_path: Path) -> None:
     """They come anywhere between two steps of Python, some thousand times a second."""
     armed, interrupted = False, 0
