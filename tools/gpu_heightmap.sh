@@ -22,7 +22,7 @@ export PYTHONPATH=$site:$PWD PYTHONUNBUFFERED=1 PYTHONWARNINGS=ignore
 export TORCHINDUCTOR_CACHE_DIR=${TORCHINDUCTOR_CACHE_DIR:-/tmp/inductor}
 # More of what is hard to see or to be sure of: stairs and stones, ditches of any depth, and what is no course.
 terrains=${TERRAINS:-flat stairs stairs stepping_stones stepping_stones step gap stairs_down step_down pyramid irregular
-  hurdles ditch ditch ditch ramp_up ramp_up ramp_down clutter clutter clutter clutter}
+  hurdles ditch ditch ditch ramp_up ramp_up ramp_down clutter clutter clutter clutter clutter clutter clutter clutter}
 # Of the network, as flags of `saltus heightmap train`; SIZES= for the default, which a model that is shipped may have.
 sizes=${SIZES---model.channels 16 32 32 --model.hidden 384}
 mkdir -p "$data" "$out"
