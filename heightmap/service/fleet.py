@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.heightmap.service.network import HeightmapNetwork, Inputs, Tick
-from saltus.heightmap.service.service import DEPTH, HeightmapService
+from saltus.heightmap.service.service import DEPTH, TRUST, HeightmapService
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 from saltus.wire.topics import Topic
 
@@ -59,9 +59,11 @@ class _Robot:
     def take_over(self) -> bool:
         """Lets the coming service replace the one in use as soon as its answer is worth as much."""
         coming, used = self.coming, self.service
-        if coming is None or coming.last is None or used.last is None or coming.last.status > used.last.status:
+        if coming is None or coming.last is None or used.last is None:
             return False
-        if used.warm and not coming.warm:  # where images are poor or few, the status tells of them alone
+        if TRUST.index(coming.last.status) > TRUST.index(used.last.status):
+            return False
+        if used.warm and not coming.warm:  # without images both are INVALID
             return False
         self.service, self.coming = coming, None
         return True

@@ -32,6 +32,8 @@ is said at this one."""
 DEPTH = TOPICS["camera/depth"]
 LONGEST_GAP_S = (MAX_MISSED_FRAMES + 1.5) / DEPTH.rate_hz
 """Between two images that are used: after a longer one the hidden state is emptied."""
+TRUST = (HeightmapStatus.OK, HeightmapStatus.DEGRADED, HeightmapStatus.WARMING, HeightmapStatus.INVALID)
+"""From good to bad: heights of poor images are worse, those of an empty hidden state are worth nothing."""
 _DEGRADED_LOST = DEGRADED_LOST_SHARE * DEPTH.rate_hz * 1e-9 * WINDOW_NS
 
 
@@ -141,7 +143,7 @@ class HeightmapService:
             self._bad_outputs = 0
             status = self._input_status(state, now_ns)
             if self._frozen.step(inputs, tick, state.time_ns):
-                status = max(status, HeightmapStatus.DEGRADED)
+                status = worse(status, HeightmapStatus.DEGRADED)
             heightmap = self._heightmap(state, tick, status)
         else:
             heightmap = self._hold(state, now_ns)
@@ -197,14 +199,14 @@ class HeightmapService:
             return HeightmapStatus.INVALID
         late = age_s > self._depth.degraded_age_s or silent_s > 0.5 * extra
         patchy = view.invalid_fraction > DEGRADED_INVALID_PIXELS or self._loss.count(now_ns) > _DEGRADED_LOST
-        if late or patchy:
-            return HeightmapStatus.DEGRADED
-        return HeightmapStatus.OK if self.warm else HeightmapStatus.WARMING
+        if not self.warm:
+            return HeightmapStatus.WARMING
+        return HeightmapStatus.DEGRADED if late or patchy else HeightmapStatus.OK
 
     def _hold(self, state: RobotState, now_ns: int) -> Heightmap:
         """Answers in place of an output that cannot be used: the hidden state stays as it was."""
         self._bad_outputs += 1
-        status = max(HeightmapStatus.DEGRADED, self._input_status(state, now_ns))
+        status = worse(HeightmapStatus.DEGRADED, self._input_status(state, now_ns))
         if self._bad_outputs >= BAD_OUTPUTS_TO_INVALID or self._last is None:
             status = HeightmapStatus.INVALID
         if self._bad_outputs >= BAD_OUTPUTS_TO_INVALID:
@@ -230,6 +232,11 @@ class HeightmapService:
             frame_id=NO_FRAME if view is None else view.frame_id,
             model_id=self._network.model_id,
         )
+
+
+def worse(one: HeightmapStatus, other: HeightmapStatus) -> HeightmapStatus:
+    """That of the two which is less to be trusted."""
+    return max(one, other, key=TRUST.index)
 
 
 def _bounds(hidden_size: int) -> tuple[Singles, Singles]:

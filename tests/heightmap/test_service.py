@@ -279,6 +279,25 @@ def test_a_burst_of_losses_costs_half_a_second_at_most(model_path: Path, burst: 
     assert (statuses[back] == WARMING) == (burst > 5)
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_no_fault_hides_that_a_hidden_state_is_too_young(model_path: Path, seed: int) -> None:
+    """Whatever else is wrong: a planner goes on with DEGRADED heights."""
+    rng, service = np.random.default_rng(seed), service_of(model_path)
+    poor = rng.choice(400, 150)
+    service._network = Faulty(service, {step: bad_tick("height", np.nan) for step in poor[:10].tolist()})  # type: ignore[assignment]
+    young = set()
+    for state in states(400):
+        image = on_time(state.step - (4 if state.step in poor else 0))
+        if image is not None and state.step in poor:
+            image.depth[:, : image.depth.shape[1] // 2] = 0
+        if state.step % 100 < 15:
+            image = None
+        status = service.step(state, image, state.time_ns).status
+        young |= set() if service.warm else {status}
+    assert WARMING in young
+    assert young <= {WARMING, INVALID}
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_disorder_is_as_if_the_overtaken_frames_were_missing(model_path: Path, seed: int) -> None:
     """Frames come in any order, some twice: the heightmaps are those of the frames that were news, to the bit."""
