@@ -8,6 +8,7 @@ from saltus.effects.camera_latency import CameraLatency
 from saltus.heightmap.data.delivery import TRAINING, DeliveryModel
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.robots.robot import Robot
+from saltus.wire.topics import depth_topic
 
 _FRAMES = """\
 **Frames.** Base: origin at the centre of the trunk, x ahead, y to the left, z up. World: z up. R = Rz(yaw) Ry(pitch)
@@ -60,26 +61,26 @@ and later those in the middle half of their scheduled stance; a leg that is wron
 allowed |
 | 14 to 16 | velocity of the base, yaw frame [m/s] |
 | 17 to 19 | angular velocity of the base, yaw frame [rad/s] |
-| 20 | height of the base above the soles of the feet that are trusted [m]; while none is, carried on by the \
-velocity upwards |
+| 20 | height of the base above the soles of the feet that are trusted [m], {sole:g} m below their centres; \
+while none is, carried on by the velocity upwards |
 
 ### Image
 
-The camera sits at ({mount}) m of the base frame and looks ahead, {pitch:g} rad nose down. It has
-{width} x {height} pixels, rows from the top. Pixel (u, v) reaches from (u, v) to (u + 1, v + 1) in the image plane,
-whose point (p, q) lies in the direction ((p - {cx:g}) / f, (q - {cy:g}) / f, 1): right, down, along the optical axis;
-f = {fx:.6f}.
+The camera sits at ({mount}) m of the base frame and looks ahead, {pitch:g} rad nose down. It is
+{width} pixels wide and {height} high, rows from the top. Pixel (u, v) reaches from (u, v) to (u + 1, v + 1) in the
+image plane, whose point (p, q) lies in the direction ((p - {cx:g}) / f, (q - {cy:g}) / f, 1): right, down, along the
+optical axis; f = {fx:.6f}.
 
 An image of another size from the same place, with focal lengths F, G and a centre (C, D) that count from the corner of
 the first pixel (ROS counts from its centre: add 0.5), is pooled: pixel (u, v) covers C + (u - {cx:g}) F / f to
 C + (u + 1 - {cx:g}) F / f of its columns, D + (v - {cy:g}) G / f to D + (v + 1 - {cy:g}) G / f of its rows.
 
-- Depth is along the optical axis, over {range:g} m and at most 1, cut so before any mean is taken. A source pixel that
-  sees nothing within range has 1; one without a measurement is invalid, as is what lies outside of the source.
+- Depth is along the optical axis, divided by {range:g} m and cut to at most 1 before any mean is taken. A source pixel
+  that sees nothing within range has 1; one without a measurement is invalid, as is what lies outside of the source.
 - A pixel has the mean of the valid part of what it covers, weighted by area, and is valid (second layer 1) where that
   is at least half of its area. Else it has depth 1 and 0 in the second layer. So has all before the first image.
-- An image that was taken before the one in use or is older than 0.17 s is ignored; so is one more than 80 % of which is
-  invalid. The image before it stays in use, with the age that it has, and is not new again.
+- An image that was taken before the one in use or is older than {ignored:g} s is ignored; so is one more than 80 % of
+  which is invalid. The image before it stays in use, with the age that it has, and is not new again.
 - It was trained with images at {rate:g} Hz that come {soonest:.0f} to {latest:.0f} ms after they were taken.
 """
 
@@ -104,6 +105,8 @@ def interface(
         pitch=robot.camera_pitch,
         range=RANGE_M,
         rate=camera.rate_hz,
+        sole=robot.foot_radius,
+        ignored=depth_topic(float(latency.latency)).invalid_age_s,
         soonest=1e3 * soonest_s,
         latest=1e3 * latest_s,
         **asdict(MODEL_CAMERA),

@@ -186,7 +186,7 @@ simulation only. For the robot {robot.name} and its camera: it is refused for ot
 {interface(robot, camera, late, sizes["hidden"])}
 ## Errors and training
 
-Held-out episodes: {held_out}, {clean.ticks} ticks. Mean absolute error [mm]:
+Held-out episodes: {held_out}, {clean.ticks} ticks. Mean absolute error of all points, seen or not [mm]:
 
 | | images {latency:.0f} ms late | {soonest:.0f} to {latest:.0f} ms late, jitter, up to 8 % lost |
 |---|---|---|

@@ -47,7 +47,7 @@ _README = """# Training of a cycle
 
 Profile and checkpoints of `saltus real2sim cycle`, to be trained on a machine with a GPU:
 
-    pip install 'saltus[train,gpu]'
+    pip install -e '.[train]'   # in a checkout of Saltus, with a torch for that GPU
     bash train.sh
 
 | file | what it is |

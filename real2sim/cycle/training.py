@@ -22,7 +22,7 @@ from saltus.robots.loading import load_robot
 FURTHER_KL = 0.01
 """Of a policy that is trained further: `LearningConfig.desired_kl`, with which trainings begin."""
 FURTHER_STD = 0.15
-"""Of the same: least standard deviation of its actions, `LearningConfig.std_range`; the shipped one's is 0.08."""
+"""Of the same: least standard deviation of its actions, `LearningConfig.std_range`; the shipped one came to 0.08."""
 FURTHER_WIDE = 0.001
 """Of the same: `WideConfig.share`, 0.3 for the shipped one. What the logs told of a robot need not be drawn; with 0 the
 critic would not have all inputs of its checkpoint. docs/cycle.md says what that gains and costs."""
