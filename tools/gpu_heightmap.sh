@@ -8,8 +8,8 @@
 # Each portion draws its own data, from SEED and PORTION; they stay on that machine, as do the shards of a portion that
 # was interrupted: the same command goes on there. Take OUT along: heightmap.pt (7 MB; of the shipped sizes 16) and manifest.json, for
 #   saltus heightmap export --data OUT --checkpoint OUT/heightmap.pt --unseen DATASET
-# By the rates of one H200 (docs/heightmap.md, docs/history.md) a portion should take 8 minutes: compilation 1 to 2, each
-# policy's 4.9 million steps 1, 15,000 updates 3.
+# A portion of two policies takes 9 minutes of an H100 or H200: compilation and 4.6 million steps of each policy 4,
+# 15,000 updates of the shipped sizes 5.
 set -euo pipefail
 if [ $# -lt 6 ]; then sed -n 2,12p "$0" >&2; exit 2; fi
 wheels=$1; out=$2; seed=$3; portion=$4; commit=$5; shift 5

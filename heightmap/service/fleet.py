@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.heightmap.service.network import HeightmapNetwork, Inputs, Tick
-from saltus.heightmap.service.service import DEPTH, TRUST, HeightmapService
+from saltus.heightmap.service.service import DEPTH, HeightmapService, worse
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 from saltus.wire.topics import Topic
 
@@ -61,7 +61,7 @@ class _Robot:
         coming, used = self.coming, self.service
         if coming is None or coming.last is None or used.last is None:
             return False
-        if TRUST.index(coming.last.status) > TRUST.index(used.last.status):
+        if worse(coming.last.status, used.last.status) != used.last.status:
             return False
         if used.warm and not coming.warm:  # without images both are INVALID
             return False

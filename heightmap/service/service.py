@@ -32,8 +32,8 @@ is said at this one."""
 DEPTH = TOPICS["camera/depth"]
 LONGEST_GAP_S = (MAX_MISSED_FRAMES + 1.5) / DEPTH.rate_hz
 """Between two images that are used: after a longer one the hidden state is emptied."""
-TRUST = (HeightmapStatus.OK, HeightmapStatus.DEGRADED, HeightmapStatus.WARMING, HeightmapStatus.INVALID)
-"""From good to bad: heights of poor images are worse, those of an empty hidden state are worth nothing."""
+_TRUST = (HeightmapStatus.OK, HeightmapStatus.DEGRADED, HeightmapStatus.WARMING, HeightmapStatus.INVALID)
+"""From good to bad, unlike their numbers: heights of poor images are of some use, of an empty hidden state of none."""
 _DEGRADED_LOST = DEGRADED_LOST_SHARE * DEPTH.rate_hz * 1e-9 * WINDOW_NS
 
 
@@ -54,7 +54,7 @@ class HeightmapService:
 
     The service ignores duplicates, frames older than the one in use, frames from the future, and frames that are older
     than `depth` allows. It keeps the last image where the new one has hardly a valid pixel. It replaces the hidden
-    state only by one that is finite and plausible.
+    state only by one that is finite and plausible; `bad_outputs` is how many in a row were not.
     """
 
     _hidden: Singles
@@ -140,7 +140,7 @@ class HeightmapService:
         """Second part of `step`: judges what the network made of `inputs` and `hidden`, and answers."""
         if self._plausible(tick):
             self._hidden = tick.hidden
-            self._bad_outputs = 0
+            self.bad_outputs = 0
             status = self._input_status(state, now_ns)
             if self._frozen.step(inputs, tick, state.time_ns):
                 status = worse(status, HeightmapStatus.DEGRADED)
@@ -161,7 +161,7 @@ class HeightmapService:
         self._hidden = np.zeros(self._network.hidden_size, np.float32)
         self._frames = 0
         self._loss = FrameLoss()  # what was lost before does not count for a state that begins now
-        self._bad_outputs = 0
+        self.bad_outputs = 0
 
     def _accept(self, frame: DepthFrame, now_ns: int) -> bool:
         """Takes a frame into use if it is news."""
@@ -197,21 +197,21 @@ class HeightmapService:
         silent_s = (now_ns - view.arrival_ns) * 1e-9
         if age_s > self._depth.invalid_age_s or silent_s > extra - LOSS_MARGIN_S:
             return HeightmapStatus.INVALID
-        late = age_s > self._depth.degraded_age_s or silent_s > 0.5 * extra
-        patchy = view.invalid_fraction > DEGRADED_INVALID_PIXELS or self._loss.count(now_ns) > _DEGRADED_LOST
         if not self.warm:
             return HeightmapStatus.WARMING
+        late = age_s > self._depth.degraded_age_s or silent_s > 0.5 * extra
+        patchy = view.invalid_fraction > DEGRADED_INVALID_PIXELS or self._loss.count(now_ns) > _DEGRADED_LOST
         return HeightmapStatus.DEGRADED if late or patchy else HeightmapStatus.OK
 
     def _hold(self, state: RobotState, now_ns: int) -> Heightmap:
         """Answers in place of an output that cannot be used: the hidden state stays as it was."""
-        self._bad_outputs += 1
+        self.bad_outputs += 1
         status = worse(HeightmapStatus.DEGRADED, self._input_status(state, now_ns))
-        if self._bad_outputs >= BAD_OUTPUTS_TO_INVALID or self._last is None:
+        if self.bad_outputs >= BAD_OUTPUTS_TO_INVALID or self._last is None:
             status = HeightmapStatus.INVALID
-        if self._bad_outputs >= BAD_OUTPUTS_TO_INVALID:
+        if self.bad_outputs >= BAD_OUTPUTS_TO_INVALID:
             self._forget()
-            self._bad_outputs = BAD_OUTPUTS_TO_INVALID  # INVALID until an output is good again
+            self.bad_outputs = BAD_OUTPUTS_TO_INVALID  # INVALID until an output is good again
         if self._last is not None:
             return replace(
                 self._heightmap(state, None, status), height=self._last.height, half_width_90=self._last.half_width_90
@@ -236,7 +236,7 @@ class HeightmapService:
 
 def worse(one: HeightmapStatus, other: HeightmapStatus) -> HeightmapStatus:
     """That of the two which is less to be trusted."""
-    return max(one, other, key=TRUST.index)
+    return max(one, other, key=_TRUST.index)
 
 
 def _bounds(hidden_size: int) -> tuple[Singles, Singles]:

@@ -10,6 +10,8 @@ from samples import ROBOT
 
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import Profile
+from saltus.errors import ModelError
+from saltus.heightmap.service import model_check
 from saltus.heightmap.service.network import HeightmapNetwork, Tick
 from saltus.heightmap.service.service import HeightmapService
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus
@@ -277,6 +279,16 @@ def test_a_burst_of_losses_costs_half_a_second_at_most(model_path: Path, burst: 
     back = 2 * (61 + burst) + 5
     assert set(statuses[back + 2 * (WARMUP - 1) :]) == {OK}
     assert (statuses[back] == WARMING) == (burst > 5)
+
+
+@pytest.mark.parametrize("tick", [1, 3, WARMUP + 2])
+def test_a_model_with_one_bad_output_fails_its_check(
+    model_path: Path, tick: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    faulty = Faulty(service_of(model_path), {tick: bad_tick("height", np.nan)})
+    monkeypatch.setattr(model_check, "HeightmapNetwork", lambda *_: faulty)
+    with pytest.raises(ModelError, match=f"after {tick} good images the heightmap is (not plausible|DEGRADED)"):
+        model_check.checked_model(ROBOT, model_path)
 
 
 @pytest.mark.parametrize("seed", range(8))

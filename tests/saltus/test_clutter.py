@@ -7,7 +7,7 @@ import pytest
 
 from saltus.config import TerrainConfig
 from saltus.terrain.boxes import Box
-from saltus.terrain.clutter import BOXES, DROP_M, EDGE_X, FROM_X, LEAN_RAD, LEDGES
+from saltus.terrain.clutter import BOXES, DROP_M, EDGE_X, FROM_X, LEAN_RAD, LEDGE_M, LEDGES
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import WIDTH, Terrain, checked
 
@@ -49,6 +49,10 @@ def test_where_the_ground_ends_nothing_tells_what_follows(seed: int) -> None:
         assert (height <= (-DROP_M[0] + 1e-9 if len(boxes) > 1 else 0.0)).all()
         assert (height >= -DROP_M[1] - 1e-9).all()
     ledges = [box for boxes in lower for box in boxes[:-1]]
+    ahead = np.array([(box.high[0] - box.low[0]) * np.cos(box.pitch) for box in ledges])
+    assert (ahead >= LEDGE_M[0] - 1e-9).all()
+    assert (ahead <= LEDGE_M[1] + 1e-9).all()
+    assert 0.2 < np.mean(ahead < np.sqrt(np.prod(LEDGE_M))) < 0.8
     assert 0.2 < np.mean([box.pitch != 0.0 for box in ledges]) < 0.6
     assert max(abs(box.pitch) for box in ledges) > LEAN_RAD
 
