@@ -12,8 +12,8 @@ import numpy as np
 from saltus.terrain.boxes import Box
 from saltus.terrain.terrain import FIRST_EDGE_X, GROUND_START_X, RUN_OUT, WIDTH, Terrain, across
 
-BOXES = 14
-"""At most; with the ground, which is up to four, 18: no more than a course of a training may have."""
+BOXES = 12
+"""At most; with the ground, which is up to six, 18: no more than a course of a training may have."""
 FROM_X, TO_X, ASIDE_M = 0.6, 4.5, 0.8
 """Where they are: a camera sees 0.2 m to either side at 1 m, 0.6 m at 3 m."""
 SIDE_M = (0.03, 2.0)
@@ -33,9 +33,9 @@ EDGE_X = (0.3, 2.0)
 stands at its start: its camera sees the floor behind and never saw the edge."""
 DROP_M = (0.1, 1.5)
 """How much lower it goes on: from a kerb to a loading dock."""
-LEDGES, LEDGE_M = 2, (0.05, 2.0)
+LEDGES, LEDGE_M = 4, (0.05, 1.0)
 """At most, before the floor; how far each goes on, in equal shares of the logarithm. The edge hides much of them: what
-is seen of the floor behind says nothing about the ground before it."""
+is seen of the ground behind says little about that before it."""
 
 
 def make(*, height_m: float, rng: np.random.Generator) -> Terrain:
