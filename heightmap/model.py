@@ -20,6 +20,8 @@ MAX_IMAGE_AGE_S = 0.5
 """An image older than this looks like one of this age; the service gives up at a third of it."""
 MIN_STD_M, MAX_STD_M = 0.0003, 0.5
 """Bounds of what the file calls `std`: of rounding to the depth unit of a D435i, 1 mm; the deepest trench."""
+WIDTHS = 13
+"""Of intervals that are corrected each by its own: one is 1.86 times the one before, from MIN_STD_M to MAX_STD_M."""
 IMAGE_SHAPE = (2, 48, 16)
 """Depth in [0, 1] (1 where invalid) and validity (0 or 1), rows from the top."""
 
@@ -59,6 +61,9 @@ class HeightmapModel(nn.Module):
     proprioception_std: Tensor
     height_mean: Tensor
     height_std: Tensor
+    correction: Tensor
+    """Shape (WIDTHS,): what is added to the logarithm of an interval of each of these widths, and in between linearly;
+    see `saltus.heightmap.training.calibration`."""
 
     def __init__(self, config: ModelConfig, normalisation: Normalisation) -> None:
         super().__init__()
@@ -83,6 +88,7 @@ class HeightmapModel(nn.Module):
         self.head = nn.Sequential(*layers, nn.Linear(widths[-1], 2 * len(normalisation.height_mean)))
         for name, value in normalisation._asdict().items():
             self.register_buffer(name, value.to(torch.float32).clone())
+        self.register_buffer("correction", torch.zeros(WIDTHS))
 
     def encode(self, image: Tensor) -> Tensor:
         """Features of images of shape (n, 2, 48, 16): (n, features)."""
@@ -131,5 +137,8 @@ class HeightmapModel(nn.Module):
     def _estimate(self, hidden: Tensor) -> Estimate:
         mean, log_std = self.head(hidden).split(self._told, -1)
         height = self.height_mean + self.height_std * mean
-        log_std = (log_std + self.height_std.log()).clamp(math.log(MIN_STD_M), math.log(MAX_STD_M))
-        return Estimate(height, log_std)
+        least, most = math.log(MIN_STD_M), math.log(MAX_STD_M)
+        log_std = (log_std + self.height_std.log()).clamp(least, most)
+        width = (log_std - least) * ((WIDTHS - 1) / (most - least))
+        near = functional.relu(1.0 - (width[..., None] - torch.arange(WIDTHS, device=width.device)).abs())
+        return Estimate(height, (log_std + near @ self.correction).clamp(least, most))

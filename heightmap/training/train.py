@@ -25,7 +25,7 @@ from saltus.heightmap.data.shards import (
     read_dataset,
     read_records,
 )
-from saltus.heightmap.model import Estimate, HeightmapModel, Normalisation
+from saltus.heightmap.model import WIDTHS, Estimate, HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.settings import ModelConfig, TrainConfig
@@ -96,7 +96,7 @@ def train(
     optimiser = torch.optim.AdamW(model.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
     first = 0
     if begun is not None:
-        model.load_state_dict(begun["model"])
+        model.load_state_dict(_weights(begun))
         optimiser.load_state_dict(begun["optimiser"])
         first = int(begun["update"])
     delivery = DELIVERIES[config.delivery]
@@ -185,7 +185,7 @@ def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, dict[str, Any]]:
         shapes = {name: table["model"][name] for name in Normalisation._fields}
         config = ModelConfig(channels=tuple(sizes["channels"]), hidden=sizes["hidden"], head=tuple(sizes["head"]))
         model = HeightmapModel(config, Normalisation(**shapes))
-        model.load_state_dict(table["model"])
+        model.load_state_dict(_weights(table))
         if (len(model.proprioception_mean), len(model.height_mean)) != (len(PROPRIOCEPTION), len(HEIGHTMAP_X)):
             raise KeyError(checkpoint)  # a network that tells something else
         return model.eval(), {**table["origin"], "update": table["update"]}
@@ -252,6 +252,11 @@ def _read(checkpoint: Path) -> dict[str, Any]:
     if not known or not isinstance(table["origin"], dict):
         raise ModelError(f"{checkpoint} is no checkpoint of the heightmap network")
     return table
+
+
+def _weights(table: dict[str, Any]) -> dict[str, Tensor]:
+    """Of the network; until November 2026 one factor, in its last layer, corrected intervals of all widths."""
+    return {"correction": torch.zeros(WIDTHS), **table["model"]}
 
 
 def _begun(checkpoint: Path, origin: dict[str, Any]) -> dict[str, Any] | None:
