@@ -255,7 +255,7 @@ def _read(checkpoint: Path) -> dict[str, Any]:
 
 
 def _weights(table: dict[str, Any]) -> dict[str, Tensor]:
-    """Of the network; until November 2026 one factor, in its last layer, corrected intervals of all widths."""
+    """Of the network; an older checkpoint has no correction of intervals by width, and needs none to begin with."""
     return {"correction": torch.zeros(WIDTHS), **table["model"]}
 
 

@@ -13,17 +13,13 @@ from synthetic_motion import gliding_episodes
 
 from saltus.cli.main import main as saltus
 from saltus.errors import ConfigError, ModelError, SaltusError
-from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.shards import DatasetError, dataset_hash, read_manifest, write_shard
-from saltus.heightmap.model import MAX_STD_M, MIN_STD_M, WIDTHS, HeightmapModel
+from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.settings import ModelConfig, TrainConfig
-from saltus.heightmap.training import calibration
 from saltus.heightmap.training import release as heightmap_release
 from saltus.heightmap.training import train as heightmap_train
-from saltus.heightmap.training.calibration import calibrate
 from saltus.heightmap.training.dataset import EpisodeStore, ImageNoise, run_window
 from saltus.heightmap.training.release import Release, release
 from saltus.heightmap.training.train import Progress, load_checkpoint, train
@@ -387,40 +383,3 @@ def test_a_file_that_cannot_be_used_is_refused_by_name(
     assert saltus([*quick(tmp_path, tmp_path / "f"), "--config", str(file)]) == 2
     assert str(file) in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["some.toml"]
-
-
-@pytest.mark.parametrize("stated", [0.1, 1.0, 3.0])
-@pytest.mark.parametrize("spread", [0.0, 10.0, 40.0])
-def test_intervals_of_every_width_hold_nine_of_ten_errors(
-    store: EpisodeStore, model: HeightmapModel, short_calibration: None, stated: float, spread: float
-) -> None:
-    """However far off narrow and wide ones were; heights stay."""
-    model = copy.deepcopy(model)
-    with torch.no_grad():
-        last = model.head[-1]
-        last.get_parameter("weight")[len(HEIGHTMAP_X) :] *= spread  # at first all intervals are nearly as wide
-        last.get_parameter("bias")[len(HEIGHTMAP_X) :] += np.log(stated)
-    before = _held(model, store)
-    calibrate(model, store, TRAINING, ImageNoise(), 0)
-    after, correction = _held(model, store), model.correction.clone()
-    assert (after[0] == before[0]).all()
-    step = (MAX_STD_M / MIN_STD_M) ** (1.0 / (WIDTHS - 1))
-    width = np.rint(np.log(before[2] / INTERVAL90 / MIN_STD_M) / np.log(step))
-    for band in [width == i for i in np.unique(width) if np.count_nonzero(width == i) >= calibration.FEWEST]:
-        assert np.mean(after[1][band] < after[2][band]) == pytest.approx(0.9, abs=0.01)
-    calibrate(model, store, TRAINING, ImageNoise(), 0)
-    assert (model.correction == correction).all()
-
-
-def _held(model: HeightmapModel, store: EpisodeStore) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Heights, their errors and halves of their 90 % intervals [m], of the windows of a calibration."""
-    windows = store.windows(calibration.BATCH, calibration.LENGTH, TRAINING, ImageNoise(), np.random.default_rng(0))
-    hidden, told = torch.zeros(calibration.BATCH, model.config.hidden), []
-    with torch.no_grad():
-        for _, window in zip(range(calibration.WINDOWS), windows, strict=False):
-            estimate, hidden = run_window(model, window, hidden)
-            error = (estimate.height - window.height).abs()
-            valid = window.valid > 0
-            told.append([of[valid].flatten() for of in (estimate.height, error, INTERVAL90 * estimate.log_std.exp())])
-    height, error, half = (torch.cat(of).numpy() for of in zip(*told, strict=True))
-    return height, error, half
