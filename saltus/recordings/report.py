@@ -294,7 +294,7 @@ def _timing_table(summary: RunSummary) -> str:
 
 
 def _event_table(recording: Recording, start_ns: int) -> str:
-    events = recording.of(Event)
+    events = sorted(recording.of(Event), key=lambda event: event.time_ns)  # of two senders the later may arrive first
     if not events:
         return "<p>none</p>"
     rows = [(f"{(e.time_ns - start_ns) * 1e-9:.3f} s", e.process, e.code, e.detail) for e in events]

@@ -22,6 +22,7 @@ from saltus.recordings.recording import read_recording
 from saltus.runtime import stack as module
 from saltus.runtime.programs import PROGRAMS, Program
 from saltus.runtime.stack import Stack
+from saltus.wire.messages import Event
 
 PROCESSES = Path(__file__).resolve().parents[1] / "processes"
 CONSUMER = Program(name="consumer", module="consumer", restart=True, spare=True)
@@ -186,8 +187,8 @@ def test_a_process_that_cannot_start_is_named_with_its_last_words(tmp_path: Path
         Stack(run_config(), tmp_path / "run", (broken,)),
     ):
         pass
-    events = [m for _, _, m in read_recording(tmp_path / "run" / "recording.mcap").messages("event")]
-    assert [e.code for e in events] == ["error", "process_died"]  # type: ignore[union-attr]
+    events = read_recording(tmp_path / "run" / "recording.mcap").of(Event)
+    assert [e.code for e in sorted(events, key=lambda e: e.time_ns)] == ["error", "process_died"]
 
 
 def test_a_process_that_is_never_ready_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 """What is said of a run that failed: what began it comes first, how it ended last."""
 
 import json
+import re
 from dataclasses import asdict
 from pathlib import Path
 
@@ -64,9 +65,14 @@ def test_what_began_a_failure_comes_first_and_its_end_last(case: str, turned: bo
     with Recorder(tmp_path / "run.mcap", config, ROBOT, make_terrain(config.terrain), SHIPPED["ideal"]) as file:
         for event in reversed(events) if turned else events:  # messages may overtake each other
             file.write(recorded(event))
-    summary = summarise(read_recording(tmp_path / "run.mcap"))
+    recording = read_recording(tmp_path / "run.mcap")
+    summary = summarise(recording)
     assert summary.explanation == explanation
     assert f"did not cross ({explanation}) stairs" in sentence(summary)
+    write_report(recording, summary, tmp_path / "report.html")
+    listed = re.findall(r"<td>(-?\d+\.\d{3}) s</td>", (tmp_path / "report.html").read_text())
+    assert len(listed) == len(events)
+    assert listed == sorted(listed, key=float)
 
 
 def test_a_report_shows_the_video_and_leads_to_the_recording(tmp_path: Path) -> None:
