@@ -22,7 +22,8 @@ from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shards import MANIFEST, read_dataset, write_shard
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.training.train import settings_of
+from saltus.heightmap.settings import TrainConfig
+from saltus.heightmap.training.train import HELD_OUT, settings_of, train
 from saltus.model_file import checksum_path
 from saltus.policy.planner import make_planner
 from saltus.policy.training.checkpoint import config_of, read_checkpoint
@@ -95,8 +96,9 @@ def make_samples(folder: Path, robot: Robot) -> None:
         shutil.copy(resource(f"models/{name}.onnx"), model)
         if place == name:
             shutil.copy(checksum_path(resource(f"models/{name}.onnx")), checksum_path(model))
-    for name in ("heightmap", "policy"):
-        shutil.copy(resource(f"models/checkpoints/{name}.pt"), folder)
+    shutil.copy(resource("models/checkpoints/policy.pt"), folder)
+    make_dataset(folder / "trained on", HELD_OUT)
+    train(folder / "trained on", folder / "heightmap.pt", TrainConfig(updates=1, batch=2, window=50, device="cpu"))
     (folder / "profile.toml").write_text(shipped_profiles()[robot.profile].read_text())
     (folder / "camera.toml").write_text(load_camera("d435i").to_toml())
 
@@ -161,8 +163,8 @@ def read_shard(path: Path) -> None:
     read_dataset(path.parent)
 
 
-def make_dataset(folder: Path) -> None:
-    """Two episodes of noise."""
+def make_dataset(folder: Path, episodes: int = 2) -> None:
+    """Writes episodes of noise."""
     rng, ticks = np.random.default_rng(0), 300
     episode = Episode(
         terrain="flat",
@@ -171,7 +173,7 @@ def make_dataset(folder: Path) -> None:
         depth=rng.integers(300, 2500, (ticks // 2, 48, 16)).astype(np.uint16),
         frame_tick=np.arange(0, ticks, 2, dtype=np.int32),
     )
-    write_shard(folder, [episode, episode], seed=0, config={})
+    write_shard(folder, [episode] * episodes, seed=0, config={})
 
 
 def make_bag(folder: Path, kind: str) -> None:

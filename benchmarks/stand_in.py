@@ -4,7 +4,7 @@ On 14 stairs of 0.20 m, as the ablations of `saltus paper`; by default the shipp
 With `--left-out` effects it is all of them, and all but each of these.
 
     saltus bench stand_in
-    saltus bench stand_in -- benchmarks/paper/trainings/full-system/seed-0/policy.onnx --trials 24
+    saltus bench stand_in -- runs/mine/policy.onnx --trials 24
     saltus bench stand_in -- --left-out viscous_friction coulomb_friction
 """
 

@@ -86,6 +86,8 @@ def release(
     """
     model, training = load_checkpoint(checkpoint)
     records = read_records(data)
+    if "updates" not in training["config"]:
+        raise ModelError(f"{checkpoint} is a model already: --checkpoint takes what saltus heightmap train wrote")
     if dataset_hash(records) != training["dataset"]:
         raise DatasetError(f"{checkpoint} was trained on dataset {training['dataset']}, not on {data}")
     measured_on = "the tenth of it that training held out" if unseen is None else _unseen(unseen, training, records)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
+from zipfile import is_zipfile
 
 import numpy as np
 import torch
@@ -31,6 +32,7 @@ from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.settings import ModelConfig, TrainConfig
 from saltus.heightmap.training.calibration import calibrate
 from saltus.heightmap.training.dataset import NO_NOISE, TRAINING_NOISE, EpisodeStore, ImageNoise, Window, run_window
+from saltus.heightmap.training.exported import read_exported
 
 Item = TypeVar("Item")
 _SMALLEST_M = 1e-4  # keeps the logarithm of an error finite: a tenth of the depth unit of the camera
@@ -68,7 +70,8 @@ def train(
             they were made from.
         config: How to train.
         progress: Called about once a second, and before the calibration.
-        start: Checkpoint whose network to begin with, its normalisation included: for a further round of data.
+        start: Checkpoint or exported model whose network to begin with, its normalisation included: for a further round
+            of data.
         shown: What the network is shown of an episode, as its proprioception, and is to tell, as heights: for networks
             that are to tell something else.
 
@@ -78,7 +81,8 @@ def train(
     Raises:
         ConfigError: there is no such device.
         DatasetError: the dataset is missing, damaged, or has too few episodes to hold any out.
-        ModelError: `start` is no checkpoint, or `checkpoint` one of another training (the message says what differs).
+        ModelError: `start` is no network of heights, or `checkpoint` is of another training (the message says what
+            differs).
         SaltusError: `checkpoint` cannot be written.
     """
     records, device = read_records(data), _device(config.device)
@@ -174,12 +178,14 @@ def split(episodes: list[Item]) -> tuple[list[Item], list[Item]]:
 
 
 def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, dict[str, Any]]:
-    """The network of a checkpoint, on the CPU, and what it was made from.
+    """The network of a checkpoint or of an exported model, on the CPU, and what it was made from.
+
+    An ONNX file holds the same weights; of its training it tells the dataset and the seed alone.
 
     Raises:
         ModelError: the file is missing, or is no checkpoint of this network.
     """
-    table = _read(checkpoint)
+    table = _read(checkpoint) if is_zipfile(checkpoint) else read_exported(checkpoint)
     try:
         sizes = table["origin"]["config"]["model"]
         shapes = {name: table["model"][name] for name in Normalisation._fields}

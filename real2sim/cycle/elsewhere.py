@@ -40,7 +40,7 @@ if [ ! -e dataset ]; then
   saltus heightmap collect gpu --config collection.toml --out partial
   mv partial dataset
 fi
-saltus heightmap train --data dataset --start heightmap.pt --config predictor.toml --seed {seed} --out heightmap
+saltus heightmap train --data dataset --start heightmap.onnx --config predictor.toml --seed {seed} --out heightmap
 saltus heightmap export --data dataset --checkpoint heightmap/heightmap.pt --out heightmap
 """
 _README = """# Training of a cycle
@@ -53,7 +53,7 @@ Profile and checkpoints of `saltus real2sim cycle`, to be trained on a machine w
 | file | what it is |
 |---|---|
 | profile.toml | the robot as it was found |
-| policy.pt, heightmap.pt | checkpoints to begin with |
+| policy.pt, heightmap.onnx | networks to begin with |
 | policy.toml, predictor.toml | settings of their trainings; the first only if more than the camera differs |
 | collection.toml | how the policy drives robots of this profile, for the predictor to learn from |
 
@@ -83,7 +83,7 @@ def export_training(folder: CycleFolder, settings: CycleSettings, out: Path) -> 
     with whole_folder(out) as made:
         shutil.copyfile(folder.profile, made / PROFILE)
         for kind in MODELS:
-            shutil.copyfile(shipped_checkpoint(kind), made / f"{kind}.pt")
+            shutil.copyfile(shipped_checkpoint(kind), made / shipped_checkpoint(kind).name)
         if Path(settings.loop.camera).is_file():
             shutil.copyfile(settings.loop.camera, made / CAMERA)
             settings = replace(settings, loop=replace(settings.loop, camera=CAMERA))
@@ -91,7 +91,7 @@ def export_training(folder: CycleFolder, settings: CycleSettings, out: Path) -> 
         if differs_beyond_camera(folder):
             script, driver = script + _POLICY, Path("policy") / CHECKPOINT
             (made / "policy.toml").write_text(tomli_w.dumps(policy_changes(settings, Path(PROFILE))))
-        collection = device_collection(settings, driver, Path("heightmap.pt"), Path(PROFILE))
+        collection = device_collection(settings, driver, Path("heightmap.onnx"), Path(PROFILE))
         (made / "collection.toml").write_text(to_toml(collection))
         (made / "predictor.toml").write_text(to_toml(settings.predictor))
         script = (script + _PREDICTOR).format(seed=settings.seed, minutes=settings.policy_minutes)

@@ -33,9 +33,13 @@ LEARNED = 0.75
 motions are not all alike."""
 
 
+SHIPPED_FILES = {"policy": "checkpoints/policy.pt", "heightmap": "heightmap.onnx"}
+"""Files of models/ with which further training begins: the predictor's ends with no state of an optimiser."""
+
+
 def shipped_checkpoint(kind: str) -> Path:
-    """Of the "heightmap" or the "policy" that Saltus ships."""
-    return resource(f"models/checkpoints/{kind}.pt")
+    """File of the "heightmap" or the "policy" that Saltus ships, to train it further."""
+    return resource(f"models/{SHIPPED_FILES[kind]}")
 
 
 def collect_data(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> None:

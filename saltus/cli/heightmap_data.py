@@ -82,7 +82,7 @@ class OnDevice(SettingsCommand):
     The settings can also stand in a TOML file (--config), those of the loop as loop.ticks = 300. A flag wins over it.
 
     For example:
-      saltus heightmap collect gpu --episodes 16384 --predictor models/checkpoints/heightmap.pt
+      saltus heightmap collect gpu --episodes 16384 --predictor models/heightmap.onnx
       saltus heightmap collect gpu --loop.learned 0.75 --loop.cameras d435i ideal
     """
 
@@ -171,7 +171,7 @@ class Dagger(SettingsCommand):
 
     For example:
       saltus heightmap dagger --rounds 3 --out runs/dagger
-      saltus heightmap dagger --start models/checkpoints/heightmap.pt --base runs/dataset --out runs/further
+      saltus heightmap dagger --start models/heightmap.onnx --base runs/dataset --out runs/further
     """
 
     out: Path = Path("runs/dagger")

@@ -78,7 +78,7 @@ class Train(SettingsCommand):
 
     For example:
       saltus heightmap train --data runs/dataset
-      saltus heightmap train --data runs/all --start models/checkpoints/heightmap.pt --updates 9000 --batch 128
+      saltus heightmap train --data runs/all --start models/heightmap.onnx --updates 9000 --batch 128
     """
 
     data: Path = Path("runs/dataset")

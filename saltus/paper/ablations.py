@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,15 @@ from saltus.arrays import Floats
 from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import SaltusError
-from saltus.models import ModelKind, model_id
+from saltus.model_file import checksum_path
+from saltus.models import MODEL_ID_DIGITS, ModelKind, model_id
 from saltus.paper.drawing import OTHER, OURS, legend, subplots
 from saltus.paper.motion import STAIRS, Made
 from saltus.paper.runs import Effort, Ran, Setting, ran
 from saltus.paper.stand_in import STAND_IN_SEED, stand_in
 from saltus.paper.training import (
     ABLATIONS,
+    BRING_BACK,
     FULL,
     IMITATION,
     IMITATOR,
@@ -96,7 +99,9 @@ def shown_in(row: str, trained: Path) -> tuple[str, ...]:
 
 
 def files_of(name: str, trained: Path) -> list[tuple[Path, ...]]:
-    """What was trained for a system, by seed: its policy, and its predictor where that is not the shipped one.
+    """Files of what was trained for a system, by seed: its policy, and its predictor where that is not the shipped one.
+
+    A file may be missing where its checksum is there: see `check_weights`.
 
     Raises:
         SaltusError: there is none; the message names the command that makes what is missing.
@@ -106,7 +111,8 @@ def files_of(name: str, trained: Path) -> list[tuple[Path, ...]]:
     if system.predictor is not None:
         parts[system.predictor] = system.file
     found = {
-        part: sorted(p.parent.name for p in (trained / part).glob(f"seed-*/{file}")) for part, file in parts.items()
+        part: sorted({path.parent.name for path in (trained / part).glob(f"seed-*/{file}*")})
+        for part, file in parts.items()
     }
     for part, seeds in found.items():
         if not seeds:
@@ -139,8 +145,30 @@ def _training(files: tuple[Path, ...]) -> dict[str, Any]:
     for kind, before, path in zip(("policy", "predictor"), ("", "predictor_"), files, strict=False):
         code = path.parent / COMMIT
         told[f"{before}commit"] = code.read_text().strip() if code.exists() else "unknown"
-        told[kind] = model_id(path.read_bytes())
+        told[kind] = model_id(path.read_bytes()) if path.exists() else _recorded_id(path)
     return told
+
+
+def _recorded_id(path: Path) -> str:
+    """Name of a model whose checksum alone is there."""
+    return checksum_path(path).read_text().split()[0][:MODEL_ID_DIGITS]
+
+
+def check_weights(name: str, trained: Path, known: Sequence[Places | None]) -> None:
+    """Looks for the weights of a system's trainings that are to be run.
+
+    Args:
+        name: Of `SYSTEMS`.
+        trained: Folder of trainings.
+        known: As of `measure`.
+
+    Raises:
+        SaltusError: they are not there; the message says how they come back.
+    """
+    for files, there in zip_longest(files_of(name, trained), known):
+        missing = [path for path in files if not (there or path.exists())]
+        if missing:
+            raise SaltusError(f"the weights {missing[0]} are not kept here: {BRING_BACK}, or train them again")
 
 
 def measure(name: str, effort: Effort, trained: Path, known: Sequence[Places | None] = ()) -> dict[str, Any]:

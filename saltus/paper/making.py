@@ -14,6 +14,7 @@ from saltus.paper.ablations import (
     TRANSFER,
     Places,
     apart,
+    check_weights,
     compare,
     files_of,
     measure,
@@ -77,10 +78,13 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *,
         made: Made = getattr(import_module(f"saltus.paper.{module}"), function)(effort, *more)
         seeds = [effort.seeds[0], effort.seeds[: made.most_seeds][-1]]
     else:
-        came_to = {}
-        for system in shown_in(row.name, trainings):
-            taken = [] if again and system == row.name else _measured(system, effort, folder, trainings)
-            came_to[system] = measure(system, effort, trainings, taken)
+        taken = {
+            system: [] if again and system == row.name else _measured(system, effort, folder, trainings)
+            for system in shown_in(row.name, trainings)
+        }
+        for system, known in taken.items():
+            check_weights(system, trainings, known)
+        came_to = {system: measure(system, effort, trainings, known) for system, known in taken.items()}
         if row.name == TRANSFER:
             came_to = {name: {STAND_IN: places[STAND_IN]} for name, places in came_to.items()}
         made = compare(came_to, trainings)

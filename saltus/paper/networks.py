@@ -27,6 +27,7 @@ from saltus.heightmap.training.train import Progress, train
 from saltus.heightmap.training.validate import MIN_WARMUP
 from saltus.onnx_export import write_onnx
 from saltus.paper.training import (
+    BRING_BACK,
     CAMERA,
     FULL,
     IMITATOR,
@@ -106,7 +107,9 @@ def train_network(
         raise SaltusError(f"training '{name}' needs a GPU: {NetworkEffort().loop.robots} robots that see")
     teachers = _trained_policies(trained) or _trained_policies(published(trained))
     if not teachers:
-        raise SaltusError(f"no policy of {FULL} in {trained}: saltus paper train {FULL} --seed 0 makes one")
+        raise SaltusError(
+            f"no policy of {FULL} in {trained}: saltus paper train {FULL} --seed 0 makes one, or {BRING_BACK}"
+        )
     work = _Work(data=trained / "data" / f"seed-{seed}", own=trained / name / f"seed-{seed}", seed=seed,
                  teacher=teachers[0], commit=commit, effort=effort or NetworkEffort())  # fmt: skip
     work.own.mkdir(parents=True, exist_ok=True)

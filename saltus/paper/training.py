@@ -25,7 +25,9 @@ FULL = "full-system"
 TRAINED = Path("runs/paper-train")
 """Folder of trainings: NAME/seed-N/ holds checkpoint.pt and policy.onnx."""
 PUBLISHED = "benchmarks/paper"
-"""Results, and the trainings that they are of, in the repository."""
+"""Results, and the trainings that they are of, without their weights, in the repository."""
+BRING_BACK = "git restore --source=a1142b1 'benchmarks/paper/trainings/*.onnx'"
+"""Brings back their weights, which the commit named held last: the repository keeps their checksums alone."""
 STEPS = 250e6
 """Environment steps of each training: 7 minutes of an H200."""
 MODEL = "policy.onnx"

@@ -98,7 +98,7 @@ def test_datasets_that_are_none(kind: str, tmp_path: Path, capsys: pytest.Captur
     bad, out = tmp_path / "bad", tmp_path / "out"
     bad.mkdir()
     (bad / "manifest.json").write_bytes(MANIFESTS[kind])
-    shipped = resource("models/checkpoints/heightmap.pt")
+    shipped = resource("models/heightmap.onnx")
     for arguments in (
         ["train", "--data", bad, "--out", out],
         ["dagger", "--base", bad, "--out", out],

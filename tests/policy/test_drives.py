@@ -208,7 +208,7 @@ def test_true_heights_are_shifted_alike_in_rollouts_and_in_training(tmp_path: An
         "policy eval --heightmap predicted --profile {profile}",
         "policy eval --heightmap true-exact --profile {profile}",
         "heightmap collect cpu --model models/heightmap.onnx --profile {profile}",
-        "heightmap collect gpu --device cpu --predictor models/checkpoints/heightmap.pt --profile {profile}",
+        "heightmap collect gpu --device cpu --predictor models/heightmap.onnx --profile {profile}",
         "heightmap dagger --profile {profile}",
         "real2sim cycle --hidden {profile}",
         "real2sim cycle --hidden examples/late_camera.toml --profile {profile}",

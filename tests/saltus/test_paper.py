@@ -22,7 +22,6 @@ from saltus.errors import SaltusError
 from saltus.folders import differences
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.mounts import PITCH_ERROR, POSITION_ERROR_M
-from saltus.model_file import ModelFile
 from saltus.paper import ablations, drawing, making, motion, new_ground, sysid
 from saltus.paper.ablations import STAND_IN, SYSTEMS, files_of, shipped_in, trainings_of
 from saltus.paper.drawing import save, subplots
@@ -31,7 +30,7 @@ from saltus.paper.report import write_report
 from saltus.paper.rows import ABLATION, BY_NAME, NEEDS, ROWS, SOURCES, Row
 from saltus.paper.runs import FIRST_SEED, Effort, Ran, Setting, ran
 from saltus.paper.stand_in import STAND_IN_SEED, stand_in
-from saltus.paper.training import ABLATIONS, FULL, IMITATOR, config_of
+from saltus.paper.training import ABLATIONS, FULL, IMITATION, config_of
 from saltus.policy.env.settings import for_gpu
 from saltus.policy.evaluation.trace import Trace
 from saltus.provenance import commit
@@ -124,7 +123,9 @@ def test_every_number_of_ours_that_stands_beside_the_papers_is_among_the_publish
         for system, trainings in published[row.name]["configuration"]["trainings"].items():
             assert trainings == trainings_of(system, RESULTS / "trainings"), "measured again since the last training"
             files = files_of(system, RESULTS / "trainings")
-            assert [seed_of(of_one_seed[0]) for of_one_seed in files] == [known["seed"] for known in trainings]
+            if system != IMITATION:  # whose seed stands in its weights
+                seeds = [config_file(of_one_seed[0])["seed"] for of_one_seed in files]
+                assert seeds == [known["seed"] for known in trainings]
 
 
 @pytest.mark.parametrize("row", [row for row in ROWS if row.needs == ABLATION], ids=lambda row: row.name)
@@ -135,13 +136,6 @@ def test_the_page_shows_published_results_of_ablations_without_measuring_them(
     if is_makeable(row, None):
         numbers = make(row, Effort(), tmp_path, again=False)["numbers"]
         assert numbers == json.loads((RESULTS / f"{row.name}.json").read_text())["numbers"]
-
-
-def seed_of(model: Path) -> int:
-    """By the file itself."""
-    seed = ModelFile(model).field("seed") if model.name == IMITATOR else config_file(model)["seed"]
-    assert isinstance(seed, int)
-    return seed
 
 
 def config_file(policy: Path) -> dict[str, Any]:
@@ -358,6 +352,20 @@ def test_the_shipped_networks_of_a_system_are_those_that_no_training_replaces(sy
         setting = ablations._setting(files)
         replaced = {"policy": setting.policy or setting.imitator, "heightmap": setting.predictor or setting.imitator}
         assert shipped_in(system) == tuple(kind for kind, training in replaced.items() if training is None)
+
+
+def test_weights_that_are_not_kept_are_asked_for_before_the_work(tmp_path: Path) -> None:
+    kept = next(iter(sorted((RESULTS / "trainings").rglob("*.sha256"))))
+    folder = tmp_path / FULL / "seed-0"
+    folder.mkdir(parents=True)
+    (folder / kept.name).write_bytes(kept.read_bytes())
+    (known,) = trainings_of(FULL, tmp_path)
+    assert known["policy"] == kept.read_text()[:16]
+    with pytest.raises(SaltusError, match=r"policy.onnx are not kept here: git restore --source=\w+ "):
+        ablations.check_weights(FULL, tmp_path, [])
+    ablations.check_weights(FULL, tmp_path, [{"simulation": {}}])
+    folder.joinpath("policy.onnx").write_bytes(b"weights")
+    ablations.check_weights(FULL, tmp_path, [])
 
 
 def put_policy(trained: Path, name: str, seed: int) -> None:

@@ -21,8 +21,7 @@ from saltus.paper.imitation import ImitationNetwork, PassOn
 from saltus.paper.networks import NetworkEffort, for_imitation, train_network, write_imitator
 from saltus.paper.runs import Effort, Setting, ran
 from saltus.paper.training import FULL, NETWORKS
-from saltus.policy.actor import PolicyActor
-from saltus.policy.bounds import ACTIONS
+from saltus.policy.bounds import ACTIONS, action_from_values
 from saltus.policy.env.settings import TrainConfig
 from saltus.policy.features import PROPRIOCEPTION_SIZE, features
 from saltus.policy.observation import observe
@@ -91,10 +90,9 @@ def test_robots_run_with_what_was_trained(trained: Path) -> None:
 def test_an_imitator_that_is_told_what_to_plan_plans_as_the_policy_does(tmp_path: Path) -> None:
     """A network whose answer is always one plan, through the file, the place of heights, and the planner."""
     robot, config = load_robot(DEFAULT_ROBOT), TrainConfig()
-    actor = PolicyActor(robot, resource("benchmarks/paper/trainings/full-system/seed-0/policy.onnx"))
     observation = observe(standing_state(robot), LegKinematics(robot))
     heights = np.full(len(HEIGHTMAP_X), -robot.stand_height)
-    plan = actor.values(features(observation, heights))
+    plan = config.env.bounds.denormalised(np.random.default_rng(0).uniform(-1.0, 1.0, len(ACTIONS)))
     sizes = (PROPRIOCEPTION_SIZE, PROPRIOCEPTION_SIZE, len(ACTIONS), len(ACTIONS))
     model = HeightmapModel(ModelConfig(), Normalisation(*map(torch.ones, sizes)))
     with torch.no_grad():
@@ -106,7 +104,7 @@ def test_an_imitator_that_is_told_what_to_plan_plans_as_the_policy_does(tmp_path
     hidden = np.zeros((1, network.hidden_size), np.float32)
     tick = network.ticks(np.zeros((1, 2, 48, 16)), np.zeros(1), np.zeros(1, np.bool_), state, hidden)
     assert tick.height.shape == (1, len(HEIGHTMAP_X))
-    found, wanted = PassOn(network.bounds).step(observation, tick.height[0]), actor.step(observation, heights)
+    found, wanted = PassOn(network.bounds).step(observation, tick.height[0]), action_from_values(plan)
     for name, value in vars(wanted).items():
         np.testing.assert_allclose(getattr(found, name), value, atol=1e-4, err_msg=name)
 
@@ -123,8 +121,10 @@ def test_data_without_plans_are_not_imitated(trained: Path) -> None:
 def test_without_a_policy_or_data_it_says_what_makes_them(
     tmp_path: Path, trained: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(SaltusError, match="saltus paper train predictor --seed 0 makes them"):
-        train_network("imitation", 0, tmp_path, effort=TINY)  # the published policy drives
+    with monkeypatch.context() as patch:
+        patch.setattr(networks, "published", lambda _: trained)  # the published policy drives
+        with pytest.raises(SaltusError, match="saltus paper train predictor --seed 0 makes them"):
+            train_network("imitation", 0, tmp_path, effort=TINY)
     monkeypatch.setattr(networks, "published", lambda otherwise: otherwise)
     with pytest.raises(SaltusError, match="saltus paper train full-system --seed 0 makes one"):
         train_network("predictor", 0, tmp_path, effort=TINY)

@@ -1,0 +1,59 @@
+"""Reads the weights of an exported heightmap network back, so that training can go on from what is shipped."""
+
+from pathlib import Path
+from typing import Any
+
+import onnx
+import torch
+from onnx import numpy_helper
+
+from saltus.errors import ModelError
+from saltus.model_file import ModelFile
+
+_PREFIX = "model."  # of the network within what `saltus.heightmap.training.export` writes
+
+
+def read_exported(path: Path) -> dict[str, Any]:
+    """Reads an ONNX file as a table like that of a checkpoint, without the state of the optimiser.
+
+    Args:
+        path: A file of `saltus heightmap export`, under any name.
+
+    Returns:
+        "origin" (dataset, seed and the sizes of the network), "update" (0: none since it was exported) and "model" (its
+        tensors by name).
+
+    Raises:
+        ModelError: the file is missing, damaged, or no heightmap network.
+    """
+    told = ModelFile(path)
+    tensors = onnx.load_model(path).graph.initializer
+    arrays = {tensor.name: numpy_helper.to_array(tensor) for tensor in tensors}
+    weights = {
+        name.removeprefix(_PREFIX): torch.from_numpy(array.copy())
+        for name, array in arrays.items()
+        if name.startswith(_PREFIX)
+    }
+    try:
+        outputs = {name: len(weights[f"{name}.weight"]) for name in _layers(weights)}
+        head = [outputs[name] for name in sorted(outputs) if name.startswith("head.")]
+        channels = [outputs[name] for name in sorted(outputs) if name.startswith("encoder.")]
+        hidden = weights["gru.weight_hh_l0"].shape[1]
+    except KeyError as error:
+        raise ModelError(f"{path} is no heightmap network: '{error.args[0]}' is missing") from error
+    sizes = {"channels": channels, "hidden": hidden, "head": head[:-1]}  # the last layer is the output
+    config = {"seed": told.field("seed"), "model": sizes}
+    return {
+        "origin": {"config": config, "dataset": told.field("dataset"), "start": None},
+        "update": 0,
+        "model": weights,
+    }
+
+
+def _layers(weights: dict[str, torch.Tensor]) -> list[str]:
+    """Names of the layers of encoder and head."""
+    return [
+        name.removesuffix(".weight")
+        for name in weights
+        if name.endswith(".weight") and name.startswith(("encoder.", "head."))
+    ]
