@@ -1,0 +1,115 @@
+"""Points sorted into the cells of a window, and windows moved by whole cells: one law for numpy and torch."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from saltus.arrays import Array, namespace
+from saltus.heightmap.scan.settings import MapSettings
+
+
+class CellHeights(NamedTuple):
+    """Heights [m] of what one image, or the standing feet, put into each cell, each of shape (batch, side, side).
+
+    Where `count` is 0, the others mean nothing and are finite.
+    """
+
+    mean: Array
+    variance: Array
+    """Of the mean [m^2]."""
+    high: Array
+    low: Array
+    count: Array
+
+
+def window_corner(position: Array, settings: MapSettings) -> Array:
+    """First cell of the window around a position: whole numbers of `cell_m` from the odometry's origin.
+
+    Shapes (batch, 2 or more) -> (batch, 2).
+    """
+    xp = namespace(position)
+    return xp.astype(xp.round(position[:, :2] / settings.cell_m), xp.int64) - settings.cells // 2
+
+
+def places(xy: Array, corner: Array, settings: MapSettings) -> Array:
+    """Positions (batch, n, 2) [m] in units of fine cells of the window; the centre of the first one is at 0, 0."""
+    return xy / settings.fine_m - 0.5 - namespace(xy).astype(corner * settings.sub, xy.dtype)[:, None, :]
+
+
+def centres(corner: Array, settings: MapSettings, like: Array) -> tuple[Array, Array]:
+    """Odometry x and y [m] of the window's fine cells, of shapes (batch, side, 1) and (batch, 1, side)."""
+    xp = namespace(like)
+    steps = xp.arange(settings.side, dtype=like.dtype, device=like.device) + 0.5
+    first = xp.astype(corner, like.dtype) * settings.cell_m
+    return (
+        first[:, 0, None, None] + steps[None, :, None] * settings.fine_m,
+        first[:, 1, None, None] + steps[None, None, :] * settings.fine_m,
+    )
+
+
+def sorted_into_cells(points: Array, variance: Array, valid: Array, corner: Array, settings: MapSettings) -> CellHeights:
+    """Heights of points (batch, n, 3) in the odometry's frame; `variance` [m^2] and `valid` have shape (batch, n)."""
+    xp, side = namespace(points), settings.side
+    place = xp.astype(xp.floor(places(points[:, :, :2], corner, settings) + 0.5), xp.int64)
+    inside = valid & xp.all((place >= 0) & (place < side), axis=-1)
+    batch, count = valid.shape
+    robots = xp.arange(batch, dtype=xp.int64, device=points.device)[:, None] * side**2
+    # What is outside adds nothing, to cells far apart: additions to one and the same cell would wait for each other.
+    spare = xp.arange(count, dtype=xp.int64, device=points.device)[None, :] % side**2
+    index = (robots + xp.where(inside, place[..., 0] * side + place[..., 1], spare)).reshape(-1)
+    z, kept = points[:, :, 2].reshape(-1), xp.astype(inside, points.dtype).reshape(-1)
+    sums = [_added(index, kept * value, batch * side**2) for value in (xp.ones_like(z), z, variance.reshape(-1))]
+    high, low = (_highest(index, xp.where(kept > 0.0, sign * z, -math.inf), batch * side**2) for sign in (1.0, -1.0))
+    number, total, spread = (value.reshape(batch, side, side) for value in sums)
+    some = xp.clip(number, 1.0, math.inf)
+    mean, each = total / some, spread / some
+    shared = settings.shared_noise
+    hit = number > 0.0
+    return CellHeights(
+        mean=mean,
+        variance=each * (shared + (1.0 - shared) / some),
+        high=xp.where(hit, high.reshape(batch, side, side), 0.0),
+        low=xp.where(hit, -low.reshape(batch, side, side), 0.0),
+        count=number,
+    )
+
+
+def moved(values: Array, by: Array, new: float) -> Array:
+    """Values (batch, side, side) of a window that goes on by whole fine cells (batch, 2); `new` where it sees more."""
+    xp = namespace(values)
+    batch, side = values.shape[0], values.shape[1]
+    steps = xp.arange(side, dtype=xp.int64, device=values.device)
+    rows, columns = steps[None, :] + by[:, :1], steps[None, :] + by[:, 1:]
+    robots = xp.arange(batch, dtype=xp.int64, device=values.device)[:, None, None]
+    taken = values[robots, xp.clip(rows, 0, side - 1)[:, :, None], xp.clip(columns, 0, side - 1)[:, None, :]]
+    inside = ((rows >= 0) & (rows < side))[:, :, None] & ((columns >= 0) & (columns < side))[:, None, :]
+    return xp.where(inside, taken, new)
+
+
+def sampled(values: Array, place: Array) -> Array:
+    """Bilinear values at places (batch, n, 2) in units of cells, held at the border. Shape (batch, n)."""
+    xp, side = namespace(values), values.shape[1]
+    place = xp.clip(place, 0.0, side - 1.0)
+    first = xp.clip(xp.floor(place), 0.0, side - 2.0)
+    share = place - first
+    first = xp.astype(first, xp.int64)
+    robots = xp.arange(values.shape[0], dtype=xp.int64, device=values.device)[:, None]
+    i, j, s, t = first[..., 0], first[..., 1], share[..., 0], share[..., 1]
+    near = values[robots, i, j] * (1.0 - t) + values[robots, i, j + 1] * t
+    far = values[robots, i + 1, j] * (1.0 - t) + values[robots, i + 1, j + 1] * t
+    return near * (1.0 - s) + far * s
+
+
+def _added(index: Array, values: Array, size: int) -> Array:
+    if isinstance(values, np.ndarray):
+        return np.bincount(index, values, size).astype(values.dtype)
+    return values.new_zeros(size).index_add_(0, index, values)
+
+
+def _highest(index: Array, values: Array, size: int) -> Array:
+    if isinstance(values, np.ndarray):
+        found = np.full(size, -np.inf, values.dtype)
+        np.maximum.at(found, index, values)
+        return found
+    return values.new_full((size,), -math.inf).scatter_reduce_(0, index, values, "amax")

@@ -1,0 +1,225 @@
+"""The robocentric map: heights along the odometry's axes in a window that follows the base by whole cells.
+
+Positions are those of the odometry, corrected by what matching and standing feet tell of its drift. So the map stays
+where it is, and the robot moves in it; nothing is blurred by resampling. One law for numpy and torch; a batch of robots
+always, one when deployed.
+"""
+
+from typing import Any, NamedTuple
+
+from saltus.arrays import Array, namespace
+from saltus.heightmap.scan.cells import CellHeights, centres, moved, places, sampled, sorted_into_cells, window_corner
+from saltus.heightmap.scan.filling import filled
+from saltus.heightmap.scan.matching import drift
+from saltus.heightmap.scan.settings import MapSettings
+
+UNKNOWN_M2 = 1e3
+"""Variance of a height that nothing is known about [m^2]."""
+NEVER_S = -1e6
+"""When a cell was seen that never was [s]."""
+FADES = 0.9
+"""What is left per image of the distance of a cell's extremes from its height."""
+BODY_M = 0.15
+"""Half of a square under the base for whose height the body's usual one is a guess [m]."""
+BODY_WEIGHT = 1e-3
+"""Of that guess beside a measured height."""
+WIDEST = 1.0
+"""Half-width [m] that a map without memory starts with."""
+
+
+class Pose(NamedTuple):
+    """The base in the odometry's world."""
+
+    position: Array
+    """[m], shape (batch, 3)."""
+    rotation: Array
+    """Base to world, shape (batch, 3, 3)."""
+
+
+class Measurement(NamedTuple):
+    """What one image and the robot's state at its arrival tell."""
+
+    points: Array
+    """In the base frame at the exposure [m], shape (batch, n, 3)."""
+    depth: Array
+    """Along the camera's axis [m], which says how sure a point is; 0 where there is none. Shape (batch, n)."""
+    exposed: Pose
+    """When the image was taken."""
+    now: Pose
+    feet: Array
+    """In the base frame now: undersides of feet [m], shape (batch, feet, 3)."""
+    standing: Array
+    """Which of them surely stand, as truth values, shape (batch, feet)."""
+    body_height: Array
+    """Of the base above the ground when the robot stands [m], roughly. Shape (batch,)."""
+    exposed_s: Array
+    """Time of the exposure [s], on any clock. Shape (batch,)."""
+
+
+class ElevationMap(NamedTuple):
+    """State of the map; arrays of cells have shape (batch, side, side), heights are in the odometry's world [m]."""
+
+    height: Array
+    variance: Array
+    """[m^2]."""
+    high: Array
+    """The highest point that a cell had lately, and likewise `low`."""
+    low: Array
+    seen_s: Array
+    """Time of the last image with a point in the cell [s]."""
+    told: Array
+    """Height that the network told of the cell last."""
+    told_width: Array
+    """Its half-width [m]; `WIDEST` where it told none."""
+    corner: Array
+    """Of the window, see `saltus.heightmap.scan.cells.window_corner`. Shape (batch, 2)."""
+    correction: Array
+    """What is added to the odometry's positions [m], shape (batch, 3)."""
+    images: Array
+    """How many the map was made from, shape (batch,)."""
+
+
+class Surroundings(NamedTuple):
+    """Beside the map itself, what is known after an image."""
+
+    filled: Array
+    """Height of every cell in the odometry's world [m]."""
+    new: CellHeights
+    """Of this image."""
+    feet: CellHeights
+    """Of the feet that stand."""
+    base: Array
+    """Position of the base, corrected [m], shape (batch, 3)."""
+    drift: Array
+    """What this image and the feet changed of the correction [m], shape (batch, 3)."""
+
+
+def new_map(batch: int, settings: MapSettings, like: Array) -> ElevationMap:
+    """A map that knows nothing, with library, type and device of `like`."""
+    xp, shape = namespace(like), (batch, settings.side, settings.side)
+    of: dict[str, Any] = {"dtype": like.dtype, "device": like.device}
+    zeros = [xp.zeros(shape, **of) for _ in range(4)]
+    return ElevationMap(
+        height=zeros[0],
+        variance=xp.full(shape, UNKNOWN_M2, **of),
+        high=zeros[1],
+        low=zeros[2],
+        seen_s=xp.full(shape, NEVER_S, **of),
+        told=zeros[3],
+        told_width=xp.full(shape, WIDEST, **of),
+        corner=xp.zeros((batch, 2), dtype=xp.int64, device=like.device),
+        correction=xp.zeros((batch, 3), **of),
+        images=xp.zeros((batch,), **of),
+    )
+
+
+def is_known(state: ElevationMap) -> Array:
+    """Where the map was measured, as truth values."""
+    return state.variance < 0.5 * UNKNOWN_M2
+
+
+def advanced(
+    state: ElevationMap, measured: Measurement, settings: MapSettings
+) -> tuple[ElevationMap, Surroundings]:
+    """The map after an image: moved to the base, corrected for drift, and with the new heights in it."""
+    before = state.correction
+    state = _moved(state, measured.now.position + before, settings)
+    new = _of_image(state, measured, settings)
+    if settings.matching:
+        change = drift(state.height, state.variance, is_known(state), new, settings)
+        state = state._replace(correction=state.correction - change)
+        new = _raised(new, -change[:, 2])
+    state = _fused(state, new, settings)._replace(images=state.images + 1.0)
+    state, feet = _with_feet(state, measured, settings)
+    xp, known = namespace(state.height), is_known(state)
+    latest = xp.where(new.count > 0.0, measured.exposed_s[:, None, None], state.seen_s)
+    state = state._replace(seen_s=latest)
+    base = measured.now.position + state.correction
+    guess, weight = _under_body(state, base, measured.body_height, settings)
+    whole = filled(xp.where(known, state.height, guess), xp.where(known, 1.0, weight))
+    return state, Surroundings(filled=whole, new=new, feet=feet, base=base, drift=state.correction - before)
+
+
+def _moved(state: ElevationMap, position: Array, settings: MapSettings) -> ElevationMap:
+    corner = window_corner(position, settings)
+    by = (corner - state.corner) * settings.sub
+    unknown = {"variance": UNKNOWN_M2, "seen_s": NEVER_S, "told_width": WIDEST}
+    cells = ("height", "variance", "high", "low", "seen_s", "told", "told_width")
+    kept = {name: moved(getattr(state, name), by, unknown.get(name, 0.0)) for name in cells}
+    return state._replace(corner=corner, **kept)
+
+
+def _of_image(state: ElevationMap, measured: Measurement, settings: MapSettings) -> CellHeights:
+    position = measured.exposed.position + state.correction
+    points = measured.points @ namespace(position).matrix_transpose(measured.exposed.rotation) + position[:, None, :]
+    deviation = settings.depth_noise * measured.depth**2
+    variance = deviation**2 + settings.point_noise_m**2
+    return sorted_into_cells(points, variance, measured.depth > 0.0, state.corner, settings)
+
+
+def _fused(state: ElevationMap, new: CellHeights, settings: MapSettings) -> ElevationMap:
+    """Kalman's mean of each cell that the image hit."""
+    xp = namespace(state.height)
+    hit, known, off = new.count > 0.0, is_known(state), new.mean - state.height
+    old = state.variance + xp.where(known, settings.surprise * off**2, 0.0)
+    gain = old / (old + new.variance)
+    height = state.height + gain * off
+    variance = xp.clip(gain * new.variance, settings.least_m**2, UNKNOWN_M2)
+    was_high = xp.where(known, height + FADES * (state.high - state.height), new.high)
+    was_low = xp.where(known, height + FADES * (state.low - state.height), new.low)
+    return state._replace(
+        height=xp.where(hit, height, state.height),
+        variance=xp.where(hit, variance, state.variance),
+        high=xp.where(hit, xp.maximum(new.high, was_high), state.high),
+        low=xp.where(hit, xp.minimum(new.low, was_low), state.low),
+    )
+
+
+def _with_feet(
+    state: ElevationMap, measured: Measurement, settings: MapSettings
+) -> tuple[ElevationMap, CellHeights]:
+    """Moves the pose towards where standing feet touch the map, and puts the ground under them into it."""
+    xp = namespace(state.height)
+    position = measured.now.position + state.correction
+    feet = measured.feet @ xp.matrix_transpose(measured.now.rotation) + position[:, None, :]
+    place = places(feet[..., :2], state.corner, settings)
+    known = sampled(xp.astype(is_known(state), feet.dtype), place) > 0.99
+    gap = feet[..., 2] - sampled(state.height, place)
+    counts = xp.astype(measured.standing & known & (xp.abs(gap) < settings.gate_m), feet.dtype)
+    mean = xp.sum(counts * gap, axis=-1) / xp.clip(xp.sum(counts, axis=-1), 1.0, None)
+    change = settings.foot_gain * mean
+    level = xp.zeros_like(change)
+    state = state._replace(correction=state.correction - xp.stack([level, level, change], -1))
+    soles = _soles(feet, settings) - xp.stack([level, level, change], -1)[:, None, :]
+    stands = xp.reshape(xp.broadcast_to(measured.standing[:, :, None], (*measured.standing.shape, _SOLE**2)),
+                        soles.shape[:2])  # fmt: skip
+    variance = xp.zeros_like(soles[..., 2]) + settings.foot_noise_m**2
+    cells = sorted_into_cells(soles, variance, stands, state.corner, settings)
+    return _fused(state, cells, settings), cells
+
+
+_SOLE = 3  # a foot of 2 to 3 cm covers three by three cells of 2 cm
+
+
+def _soles(feet: Array, settings: MapSettings) -> Array:
+    """Points of the ground that each foot covers, shape (batch, feet * 9, 3)."""
+    xp = namespace(feet)
+    steps = (xp.arange(_SOLE, dtype=feet.dtype, device=feet.device) - 1.0) * settings.fine_m
+    x, y = xp.meshgrid(steps, steps, indexing="ij")
+    offsets = xp.stack([xp.reshape(x, (-1,)), xp.reshape(y, (-1,)), xp.zeros_like(xp.reshape(x, (-1,)))], -1)
+    return xp.reshape(feet[:, :, None, :] + offsets[None, None], (feet.shape[0], -1, 3))
+
+
+def _raised(cells: CellHeights, by: Array) -> CellHeights:
+    by = by[:, None, None]
+    return cells._replace(mean=cells.mean + by, high=cells.high + by, low=cells.low + by)
+
+
+def _under_body(
+    state: ElevationMap, base: Array, body_height: Array, settings: MapSettings
+) -> tuple[Array, Array]:
+    """The guess that the ground under the base is as far below it as usual, and its weight by cell."""
+    xp = namespace(base)
+    x, y = centres(state.corner, settings, base)
+    under = (xp.abs(x - base[:, 0, None, None]) < BODY_M) & (xp.abs(y - base[:, 1, None, None]) < BODY_M)
+    return (base[:, 2] - body_height)[:, None, None], xp.where(under, BODY_WEIGHT, 0.0)

@@ -1,0 +1,19 @@
+"""The classical map's own answer: its heights, filled, with the half-widths that its variances give."""
+
+from saltus.arrays import Array, namespace
+from saltus.heightmap.scan.elevation import ElevationMap, Surroundings, is_known
+from saltus.heightmap.scan.planes import OLDEST_S, Heights
+from saltus.heightmap.scan.settings import MapSettings
+
+INTERVAL90 = 1.645
+"""Half of the 90 % interval of a normal distribution, in standard deviations."""
+GUESSED_M = 0.15
+"""Half-width of a height that was filled [m]."""
+
+
+def geometric_heights(state: ElevationMap, around: Surroundings, now_s: Array, settings: MapSettings) -> Heights:
+    """Heights of the map's cells without a network; `now_s` has shape (batch,)."""
+    xp = namespace(state.height)
+    age = xp.clip(now_s[:, None, None] - state.seen_s, 0.0, OLDEST_S)
+    deviation = (state.variance + (settings.drift * age) ** 2) ** 0.5
+    return Heights(around.filled, xp.where(is_known(state), INTERVAL90 * deviation, GUESSED_M))

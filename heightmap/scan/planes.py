@@ -1,0 +1,74 @@
+"""What the network is shown of the map, and what its answer means: plain numbers in SI units."""
+
+from typing import NamedTuple
+
+from saltus.arrays import Array, namespace
+from saltus.heightmap.scan.elevation import WIDEST, ElevationMap, Surroundings, is_known
+
+MEASURED = (
+    "known", "deviation", "age", "new", "new_count", "new_high", "new_low", "high", "low", "foot", "foot_count",
+)  # fmt: skip
+"""Planes of `Inputs.measured`: whether a cell was ever measured (1 or 0), standard deviation [m], time since its last
+point [s], then heights above `Inputs.filled` [m] of this image's points (mean, count, highest, lowest), of the highest
+and lowest lately, and of standing feet (mean, count). What is not there is 0."""
+MEMORY = ("told", "told_width")
+"""Planes of `Inputs.memory`: what the network told of the cell last, above `Inputs.filled`, and its half-width [m]."""
+NUMBERS = ("drift_x", "drift_y", "drift_z", "images", "feet")
+"""`Inputs.numbers`: how far this image and the feet moved the pose [m], how many images the map has, standing feet."""
+OLDEST_S, MOST_IMAGES = 3.0, 20.0
+"""What is older, or more, looks like this."""
+REACH_M = 2.0
+"""No height is farther than this from the ground under the robot; what is, looks like this."""
+
+
+class Inputs(NamedTuple):
+    """Inputs of the network; heights of each cell."""
+
+    filled: Array
+    """The map, filled where it knows nothing, above the ground under the base [m], shape (batch, side, side)."""
+    measured: Array
+    """Shape (batch, len(MEASURED), side, side)."""
+    memory: Array
+    """Shape (batch, 2, side, side)."""
+    numbers: Array
+    """Shape (batch, len(NUMBERS))."""
+
+
+class Heights(NamedTuple):
+    """What is told of each cell, in the odometry's world, or of each point of a grid, relative to the base."""
+
+    height: Array
+    """[m]."""
+    half_width: Array
+    """Half of the 90 % interval [m]."""
+
+
+def inputs_of(state: ElevationMap, around: Surroundings, now_s: Array, body_height: Array) -> Inputs:
+    """What the network is shown after an image; `now_s` and `body_height` have shape (batch,)."""
+    xp = namespace(state.height)
+    level = (around.base[:, 2] - body_height)[:, None, None]
+    known, hit, foot = is_known(state), around.new.count > 0.0, around.feet.count > 0.0
+    age = xp.clip(now_s[:, None, None] - state.seen_s, 0.0, OLDEST_S)
+
+    def above(height: Array, mask: Array) -> Array:
+        return xp.where(mask, height - around.filled, 0.0)
+
+    measured = [
+        xp.astype(known, age.dtype), xp.where(known, state.variance, 0.0) ** 0.5, age,
+        above(around.new.mean, hit), around.new.count, above(around.new.high, hit), above(around.new.low, hit),
+        above(state.high, known), above(state.low, known), above(around.feet.mean, foot), around.feet.count,
+    ]  # fmt: skip
+    told = xp.where(state.told_width < WIDEST, state.told - around.filled, 0.0)
+    images = xp.clip(state.images, 0.0, MOST_IMAGES)
+    feet = xp.sum(around.feet.count, axis=(1, 2))
+    return Inputs(
+        filled=xp.clip(around.filled - level, -REACH_M, REACH_M),
+        measured=xp.stack(measured, axis=1),
+        memory=xp.stack([xp.clip(told, -REACH_M, REACH_M), state.told_width], axis=1),
+        numbers=xp.concat([around.drift, xp.stack([images, feet], axis=-1)], axis=-1),
+    )
+
+
+def remembered(state: ElevationMap, told: Heights) -> ElevationMap:
+    """The map with what the network told, which it is shown at the next image."""
+    return state._replace(told=told.height, told_width=namespace(told.height).clip(told.half_width, 0.0, 0.99 * WIDEST))

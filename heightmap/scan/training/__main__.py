@@ -1,0 +1,75 @@
+"""`python -m saltus.heightmap.scan.training`: trains, evaluates and exports the network of the scan."""
+
+import argparse
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+
+from saltus.config import load_changes
+from saltus.errors import SaltusError
+from saltus.heightmap.scan.training.evaluation import evaluate, table_of, write_results
+from saltus.heightmap.scan.training.export import export
+from saltus.heightmap.scan.training.settings import ScanTrainSettings
+from saltus.heightmap.scan.training.train import Progress, train
+
+
+def main() -> int:
+    """Runs the command; errors are one line."""
+    parser = argparse.ArgumentParser(prog="python -m saltus.heightmap.scan.training", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("runs/scan"), help="folder of checkpoint, CSV, ONNX, tables")
+    parser.add_argument("--config", type=Path, help="TOML file with the settings that are to be other ones")
+    parser.add_argument("--seed", type=int, help="of weights and flights")
+    parser.add_argument("--minutes", type=float, help="how long to train")
+    parser.add_argument("--updates", type=int, help="how many updates to make, in place of --minutes")
+    parser.add_argument("--batch", type=int, help="robots at once")
+    parser.add_argument("--robots", type=int, default=512, help="robots of each row of the evaluation; 0: none")
+    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument("--compile", action="store_true", help="compile network and rays; pays after minutes")
+    given = parser.parse_args()
+    try:
+        return _run(given)
+    except SaltusError as error:
+        print(error, file=sys.stderr)
+        return 2
+
+
+def _run(given: argparse.Namespace) -> int:
+    settings = load_changes(ScanTrainSettings(), given.config) if given.config else ScanTrainSettings()
+    changes = {name: getattr(given, name) for name in ("seed", "batch") if getattr(given, name) is not None}
+    settings = replace(settings, **changes)
+    if (given.minutes is None) == (given.updates is None):
+        raise SaltusError("say how long to train, by --minutes or by --updates, e.g. --minutes 8")
+    device = torch.device(given.device)
+    torch.backends.cuda.matmul.allow_tf32 = torch.backends.cudnn.allow_tf32 = True
+    torch.backends.cudnn.benchmark = True
+    began, images = time.monotonic(), 0
+
+    def show(found: Progress) -> None:
+        nonlocal began, images
+        now = time.monotonic()
+        speed = (found.images - images) / (now - began)
+        began, images = now, found.images
+        print(
+            f"seed {settings.seed}  {found.seconds:6.0f} s  {found.update:7d} updates  {speed:7.0f} images/s  "
+            f"loss {found.loss:.4f}  seen {found.seen_mm:5.1f} mm  unseen {found.unseen_mm:6.1f} mm  "
+            f"inside {100 * found.inside_seen:4.1f} {100 * found.inside_all:4.1f} %  rate {found.rate:.1e}",
+            flush=True,
+        )  # fmt: skip
+
+    model = train(
+        settings, given.out, minutes=given.minutes, updates=given.updates, device=device, compiled=given.compile,
+        progress=show,
+    )  # fmt: skip
+    export(model.cpu(), settings, given.out / "scan.onnx")
+    if given.robots:
+        results = evaluate(model.to(device), settings, robots=given.robots, device=device)
+        write_results(results, given.out / "scan.json")
+        print(table_of(results), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

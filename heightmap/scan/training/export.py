@@ -1,0 +1,30 @@
+"""From a trained network of the scan to the ONNX file that is deployed."""
+
+from pathlib import Path
+
+import torch
+
+from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS
+from saltus.heightmap.scan.training.model import ScanModel, parameters
+from saltus.heightmap.scan.training.settings import ScanTrainSettings
+from saltus.onnx_export import write_onnx
+
+FORMAT = "saltus scan 1"
+INPUTS = ("filled", "measured", "memory", "numbers")
+OUTPUTS = ("height", "half_width")
+
+
+def export(model: ScanModel, settings: ScanTrainSettings, path: Path) -> None:
+    """Writes the network with what feeds it: the settings of its map as TOML, names of planes and numbers."""
+    side = settings.map.side
+    example = (
+        torch.zeros(1, side, side), torch.zeros(1, len(MEASURED), side, side), torch.ones(1, len(MEMORY), side, side),
+        torch.zeros(1, len(NUMBERS)),
+    )  # fmt: skip
+    write_onnx(
+        model.eval(), example, path, inputs=INPUTS, outputs=OUTPUTS,
+        metadata={
+            "format": FORMAT, "map": settings.map.to_toml(), "measured": MEASURED, "memory": MEMORY,
+            "numbers": NUMBERS, "seed": settings.seed, "parameters": parameters(model),
+        },
+    )  # fmt: skip

@@ -1,0 +1,211 @@
+"""Kinds of ground: each a law from draws to rasters of heights."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Self
+
+import torch
+from torch import Tensor
+
+from saltus.heightmap.scan.training.draws import Draws
+from saltus.heightmap.scan.training.settings import FlightSettings
+from saltus.heightmap.scan.training.shapes import edges_of, profile, slopes, smooth, with_boxes
+
+DEEP = ("stones", "stones_line", "ditches")
+"""Families whose trenches no base sinks into."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the law of each of n patches lies."""
+
+    x: Tensor
+    """Of the raster's cells [m], shape (1, raster, 1), and `y` of shape (1, 1, raster)."""
+    y: Tensor
+    u: Tensor
+    """Along the law's direction, at any yaw, from its origin [m], shape (n, raster, raster); `v` across."""
+    v: Tensor
+    shift: Tensor
+    """Where along u the middle of the law lies [m], shape (n,)."""
+    trench: Tensor
+    """Depth of trenches [m], shape (n,)."""
+    patch_m: float
+
+    @classmethod
+    def drawn(cls, n: int, settings: FlightSettings, draws: Draws) -> Self:
+        """Any yaw, an origin near the patch's middle, any depth of trenches."""
+        steps = (torch.arange(settings.raster, device=draws.device) + 0.5) * settings.raster_m - 0.5 * settings.patch_m
+        x, y = steps[None, :, None], steps[None, None, :]
+        yaw = draws.uniform(-math.pi, math.pi, n)[:, None, None]
+        along = draws.uniform(-0.5, 0.5, n), draws.uniform(-0.5, 0.5, n)
+        dx, dy = x - along[0][:, None, None], y - along[1][:, None, None]
+        return cls(
+            x=x, y=y, u=yaw.cos() * dx + yaw.sin() * dy, v=yaw.cos() * dy - yaw.sin() * dx,
+            shift=draws.uniform(-0.5, 0.5, n), trench=draws.log_uniform(*settings.trench_m, n),
+            patch_m=settings.patch_m,
+        )  # fmt: skip
+
+    @property
+    def n(self) -> int:
+        """How many patches."""
+        return len(self.shift)
+
+    def segments(self, shortest_m: float) -> int:
+        """How many segments of at least this length cover a patch from corner to corner."""
+        return math.ceil(1.6 * self.patch_m / shortest_m)
+
+
+def _flat(place: Place, draws: Draws) -> Tensor:
+    return torch.zeros_like(place.u)
+
+
+def _rubble(place: Place, draws: Draws) -> Tensor:
+    return with_boxes(torch.zeros_like(place.u), place, draws, count=48, side=(0.1, 1.0), tall=(0.02, 0.22))
+
+
+def _blocks(place: Place, draws: Draws) -> Tensor:
+    """Squares of a grid, each of its own height."""
+    side = draws.log_uniform(0.08, 0.7, place.n)[:, None, None]
+    spread = draws.uniform(0.02, 0.15, place.n)[:, None]
+    count = 64
+    i, j = ((c / side).floor().long() % count for c in (place.u, place.v))
+    table = draws.normal(1.0, place.n, count * count).clamp(-2.0, 2.0) * spread
+    return table.gather(1, (i * count + j).flatten(1)).view_as(place.u)
+
+
+def _strips(place: Place, draws: Draws) -> Tensor:
+    """Steps up and down across the way."""
+    k = place.segments(0.15)
+    runs = draws.uniform(0.15, 1.0, place.n, k)
+    height = draws.normal(1.0, place.n, k + 1).clamp(-2.0, 2.0) * draws.uniform(0.03, 0.2, place.n)[:, None]
+    return _between_sides(profile(place.u, edges_of(runs, place), height), place, draws)
+
+
+def _flights_of_stairs(place: Place, draws: Draws, u: Tensor) -> Tensor:
+    """Stairs up and down with landings; their middle is at height 0."""
+    k = place.segments(0.2)
+    run, rise = draws.uniform(0.2, 0.45, place.n, 1), draws.uniform(0.04, 0.25, place.n, 1)
+    turn = draws.chance(0.15, place.n, k + 1).cumsum(1)  # flights: every one leads up, down, or is a landing
+    way = draws.one_of((-1.0, 1.0, 1.0, -1.0, 0.0), place.n, k + 2).gather(1, turn.clamp(max=k + 1))
+    uneven = draws.normal(0.15, place.n, k) * draws.chance(0.3, place.n, 1)
+    rises = rise * way * (1.0 + draws.normal(0.15, place.n, k + 1) * draws.chance(0.3, place.n, 1))
+    height = rises.cumsum(1)
+    edges = edges_of(run * (1.0 + uneven).clamp(0.5, 1.5), place)
+    middle = torch.searchsorted(edges, torch.zeros_like(edges[:, :1]))
+    return profile(u, edges, height - height.gather(1, middle))
+
+
+def _stairs(place: Place, draws: Draws) -> Tensor:
+    return _between_sides(_flights_of_stairs(place, draws, place.u), place, draws)
+
+
+def _pyramid(place: Place, draws: Draws) -> Tensor:
+    """Stairs around a square in the middle, up or down on all four sides."""
+    return _flights_of_stairs(place, draws, torch.maximum(place.u.abs(), place.v.abs()))
+
+
+def _ramps(place: Place, draws: Draws) -> Tensor:
+    k = place.segments(0.4)
+    runs = draws.uniform(0.4, 2.0, place.n, k)
+    slope = draws.uniform(-0.5, 0.5, place.n, k) * draws.chance(0.7, place.n, k)
+    edges, height = edges_of(runs, place), (slope * runs).cumsum(1)
+    middle = height[:, k // 2, None]
+    return _between_sides(slopes(place.u, edges, height - middle), place, draws)
+
+
+def _stones(place: Place, draws: Draws) -> Tensor:
+    """Stones of a grid over a trench: moved, turned sizes, some missing."""
+    pitch = draws.uniform(0.25, 0.9, place.n)[:, None, None]
+    share = draws.uniform(0.5, 0.95, place.n)[:, None]
+    count = 32
+    i, j = ((c / pitch).floor() for c in (place.u, place.v))
+    cell = ((i.long() % count) * count + j.long() % count).flatten(1)
+
+    def by_stone(table: Tensor) -> Tensor:
+        return table.gather(1, cell).view_as(place.u)
+
+    def half(table: Tensor) -> Tensor:
+        return by_stone(0.5 * share * (1.0 - 0.3 * table))
+
+    def middle() -> Tensor:
+        return by_stone(0.5 + draws.uniform(-0.5, 0.5, place.n, count**2) * (1.0 - share))
+
+    a, b = place.u / pitch - i - middle(), place.v / pitch - j - middle()
+    sizes = [draws.uniform(0.0, 1.0, place.n, count**2) for _ in range(2)]
+    stands = by_stone(draws.chance(0.9, place.n, count**2).float()) > 0.5
+    inside = (a.abs() < half(sizes[0])) & (b.abs() < half(sizes[1])) & stands
+    spread = draws.uniform(0.0, 0.08, place.n)[:, None]
+    top = by_stone(draws.uniform(-1.0, 1.0, place.n, count**2) * spread)
+    return torch.where(inside, top, -place.trench[:, None, None])
+
+
+def _alternating(place: Place, draws: Draws, first: tuple[float, float], second: tuple[float, float]) -> Tensor:
+    """Edges of segments of two kinds by turns."""
+    k = 2 * place.segments(first[0] + second[0])
+    odd = torch.arange(k, device=draws.device) % 2
+    return edges_of(
+        torch.where(odd == 0, draws.uniform(*first, place.n, k), draws.uniform(*second, place.n, k)), place
+    )
+
+
+def _by_turns(place: Place, edges: Tensor, even: Tensor, odd: Tensor) -> Tensor:
+    """Heights by turns: of segments that begin at even edges, and of those that begin at odd ones."""
+    k = edges.shape[1] + 1
+    is_odd = torch.arange(k, device=edges.device) % 2 == 0  # segment i begins at edge i - 1
+    return profile(place.u, edges, torch.where(is_odd[None], odd, even))
+
+
+def _stones_line(place: Place, draws: Draws) -> Tensor:
+    """Stones across the whole way, with gaps between them."""
+    edges = _alternating(place, draws, (0.25, 0.8), (0.03, 0.6))
+    top = draws.normal(1.0, place.n, edges.shape[1] + 1).clamp(-2.0, 2.0) * draws.uniform(0.0, 0.06, place.n)[:, None]
+    return _by_turns(place, edges, top, -place.trench[:, None].expand_as(top))
+
+
+def _ditches(place: Place, draws: Draws) -> Tensor:
+    edges = _alternating(place, draws, (0.8, 2.5), (0.1, 1.1))
+    top = torch.zeros(place.n, edges.shape[1] + 1, device=draws.device)
+    return _by_turns(place, edges, top, -place.trench[:, None].expand_as(top))
+
+
+def _hurdles(place: Place, draws: Draws) -> Tensor:
+    edges = _alternating(place, draws, (0.4, 1.6), (0.03, 0.2))
+    tall = draws.uniform(0.04, 0.35, place.n, edges.shape[1] + 1)
+    return _between_sides(_by_turns(place, edges, torch.zeros_like(tall), tall), place, draws)
+
+
+def _walls(place: Place, draws: Draws) -> Tensor:
+    return with_boxes(torch.zeros_like(place.u), place, draws, count=8, side=(0.1, 3.0), tall=(0.2, 1.2))
+
+
+def _clutter(place: Place, draws: Draws) -> Tensor:
+    return with_boxes(torch.zeros_like(place.u), place, draws, count=40, side=(0.04, 0.4), tall=(0.02, 0.4))
+
+
+def _rough(place: Place, draws: Draws) -> Tensor:
+    raster = place.u.shape[-1]
+    fine, coarse = (max(4, round(place.patch_m / m)) for m in (0.1, 0.3))
+    spread = draws.uniform(0.005, 0.05, place.n)[:, None, None]
+    waves = smooth(draws.normal(1.0, place.n, coarse, coarse), raster)
+    return spread * (waves + 0.5 * smooth(draws.normal(1.0, place.n, fine, fine), raster))
+
+
+def _hills(place: Place, draws: Draws) -> Tensor:
+    waves = smooth(draws.normal(1.0, place.n, 9, 9), place.u.shape[-1])
+    return draws.uniform(0.05, 0.35, place.n)[:, None, None] * waves
+
+
+def _between_sides(height: Tensor, place: Place, draws: Draws) -> Tensor:
+    """A third of the courses end at their sides, on level ground."""
+    half = draws.uniform(0.4, 1.5, place.n)[:, None, None]
+    ends = draws.chance(0.33, place.n)[:, None, None] & (place.v.abs() > half)
+    return torch.where(ends, draws.uniform(-0.2, 0.0, place.n)[:, None, None], height)
+
+
+KINDS: dict[str, Callable[[Place, Draws], Tensor]] = {
+    "flat": _flat, "rubble": _rubble, "blocks": _blocks, "strips": _strips, "stairs": _stairs, "pyramid": _pyramid,
+    "ramps": _ramps, "stones": _stones, "stones_line": _stones_line, "ditches": _ditches, "hurdles": _hurdles,
+    "walls": _walls, "clutter": _clutter, "rough": _rough, "hills": _hills,
+}  # fmt: skip
+"""The law of each family."""

@@ -1,0 +1,164 @@
+"""Cameras that fly over random ground: images, odometry and feet as a robot gets them, and the truth."""
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
+
+import torch
+from torch import Tensor
+
+from saltus.heightmap.scan.cells import centres
+from saltus.heightmap.scan.elevation import ElevationMap, Measurement, Pose, Surroundings
+from saltus.heightmap.scan.settings import MapSettings
+from saltus.heightmap.scan.training.cameras import Cameras, draw_cameras, with_errors
+from saltus.heightmap.scan.training.draws import Draws
+from saltus.heightmap.scan.training.ground import Ground, draw_ground, heights_at
+from saltus.heightmap.scan.training.motion import FEET, Motion, draw_motion, in_base
+from saltus.heightmap.scan.training.odometry import Odometry, draw_odometry
+from saltus.heightmap.scan.training.rays import first_hits
+from saltus.heightmap.scan.training.settings import FlightSettings
+from saltus.heightmap.scan.training.tables import at, rotation, turned
+
+SEEN_M = 2.4
+"""Points that are farther ahead than this lie outside of every map [m]."""
+KINEMATICS_M = 0.004
+"""By how much a robot does not know where its foot is [m]."""
+HEIGHT_KNOWN_M = 0.04
+"""By how much a robot does not know its usual height [m]."""
+LOWEST_BODY_M = 0.16
+
+March = Callable[..., Tensor]
+"""`first_hits`, or the same compiled."""
+Batch = TypeVar("Batch", bound=tuple)
+
+
+class Flight(NamedTuple):
+    """What is drawn of a batch of robots, once per flight."""
+
+    ground: Ground
+    motion: Motion
+    odometry: Odometry
+    cameras: Cameras
+    rate_hz: Tensor
+    """Images a second, shape (robots,)."""
+    latency_s: Tensor
+    """From exposure to arrival, shape (robots,)."""
+    tells_feet: Tensor
+    """Whether the robot tells its feet, shape (robots,)."""
+    told_height: Tensor
+    """Of the body above the ground, as the robot knows it [m], shape (robots,)."""
+    image: Tensor
+    """Number of the next image, shape (robots,)."""
+
+
+class Shot(NamedTuple):
+    """One image of every robot."""
+
+    measured: Measurement
+    now_s: Tensor
+    """Time of its arrival since the flight began [s], shape (robots,)."""
+    hits: Tensor
+    """Where valid rays truly ended, in the world [m], shape (robots, n, 3)."""
+    position: Tensor
+    """Of the base now, in the world, truly [m], shape (robots, 3); and `angles` [rad]."""
+    angles: Tensor
+    believed_yaw: Tensor
+    """That of the odometry now [rad], shape (robots,)."""
+
+
+def draw_flight(robots: int, settings: FlightSettings, draws: Draws) -> Flight:
+    """Flights at their beginning."""
+    ground = draw_ground(robots, settings, draws)
+    rate = draws.log_uniform(*settings.rate_hz, robots)
+    latency = draws.uniform(*settings.latency_s, robots)
+    camera_height = draws.log_uniform(*settings.height_m, robots)
+    body_height = (camera_height - draws.uniform(*settings.above_m, robots)).clamp(min=LOWEST_BODY_M)
+    motion = draw_motion(ground, body_height, latency + settings.images / rate, settings, draws)
+    return Flight(
+        ground=ground,
+        motion=motion,
+        odometry=draw_odometry(motion, settings, draws),
+        cameras=draw_cameras(camera_height, body_height, settings, draws),
+        rate_hz=rate,
+        latency_s=latency,
+        tells_feet=draws.chance(settings.feet, robots),
+        told_height=body_height + draws.normal(HEIGHT_KNOWN_M, robots),
+        image=torch.zeros(robots, dtype=torch.long, device=draws.device),
+    )
+
+
+def redrawn(flight: Batch, rows: Tensor, other: Batch) -> Batch:
+    """Puts what is drawn of other robots in place of some, in place."""
+    for mine, new in zip(flight, other, strict=True):
+        if isinstance(mine, Tensor):
+            mine[rows] = new
+        else:
+            redrawn(mine, rows, new)
+    return flight
+
+
+def shoot(flight: Flight, settings: FlightSettings, draws: Draws, march: March = first_hits) -> Shot:
+    """The next image of every robot; the flight's number of images goes on."""
+    exposed_s = flight.image / flight.rate_hz
+    now_s = exposed_s + flight.latency_s
+    flight.image.add_(1)
+    points, depth, hits = _image(flight, exposed_s, settings, draws, march)
+    position, angles = (at(table, now_s) for table in flight.motion[:2])
+    feet, standing = _feet(flight, now_s, position, angles, draws)
+    believed = at(flight.odometry.angles, now_s)
+    now = Pose(at(flight.odometry.position, now_s), rotation(believed))
+    then = Pose(at(flight.odometry.position, exposed_s), rotation(at(flight.odometry.angles, exposed_s)))
+    measured = Measurement(points, depth, then, now, feet, standing, flight.told_height, exposed_s)
+    return Shot(measured, now_s, hits, position, angles, believed[:, 2])
+
+
+def _image(
+    flight: Flight, exposed_s: Tensor, settings: FlightSettings, draws: Draws, march: March
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Points in the base as measured [m], their depth [m] and where the rays truly ended [m]."""
+    cameras, n = flight.cameras, len(exposed_s)
+    base, turn = at(flight.motion.position, exposed_s), rotation(at(flight.motion.angles, exposed_s))
+    origin = base[:, None] + (turn[:, None] @ cameras.true_position[..., None])[..., 0]
+    rays = cameras.rays @ (turn[:, None] @ cameras.true_rotation).mT
+    count = rays.shape[2]
+    start = origin[:, :, None].expand_as(rays).flatten(1, 2)
+    rays = rays.flatten(1, 2)
+    far = torch.minimum(cameras.far[:, None], SEEN_M / rays[..., :2].norm(dim=-1).clamp(min=1e-3))
+    near = torch.full_like(far, 0.01)
+    true = march(flight.ground, start, rays, near, far, settings.raster_m, settings.samples)
+    image = true.view(n, 2, settings.rows, settings.columns // 2)
+    depth = with_errors(image, cameras, settings, draws).reshape(n, 2, count)
+    seen = cameras.rays * depth[..., None]
+    points = seen @ cameras.rotation.mT + cameras.position[:, :, None]
+    return points.flatten(1, 2), depth.flatten(1), start + true[..., None] * rays
+
+
+def _feet(
+    flight: Flight, now_s: Tensor, position: Tensor, angles: Tensor, draws: Draws
+) -> tuple[Tensor, Tensor]:
+    """Standing feet in the base [m], and which are told to stand."""
+    motion = flight.motion
+    place = (now_s / 0.01).round().long().clamp(max=motion.feet.shape[1] - 1)
+    robots = torch.arange(len(now_s), device=now_s.device)
+    feet = in_base(motion.feet[robots, place], position, angles)
+    return (
+        feet + draws.normal(KINEMATICS_M, len(now_s), FEET, 3),
+        motion.standing[robots, place] & flight.tells_feet[:, None],
+    )
+
+
+def true_heights(
+    flight: Flight, shot: Shot, state: ElevationMap, around: Surroundings, map_settings: MapSettings,
+    settings: FlightSettings,
+) -> Tensor:  # fmt: skip
+    """Heights of the map's cells as they truly are around the base, in the odometry's corrected world [m].
+
+    Heights are relative to the base, which the robot believes at `around.base` and at its believed yaw.
+    """
+    x, y = centres(state.corner, map_settings, around.base)
+    side = map_settings.side
+    offset = torch.stack(torch.broadcast_tensors(x - around.base[:, :1, None], y - around.base[:, 1:2, None]), -1)
+    place = turned(offset.reshape(len(offset), -1, 2), shot.angles[:, 2] - shot.believed_yaw)
+    place = place + shot.position[:, None, :2]
+    ground = heights_at(flight.ground.height, place[..., 0], place[..., 1], settings.raster_m)
+    rise = around.base[:, 2] - shot.position[:, 2]
+    return (ground + rise[:, None]).view(-1, side, side)

@@ -1,0 +1,56 @@
+"""Where rays meet the ground: marched along the raster, then bisected."""
+
+import torch
+from torch import Tensor
+
+from saltus.heightmap.scan.training.ground import Ground, heights_at, nearest_heights
+
+BISECTIONS = 8
+"""A bracket of 4 cm becomes one of 0.2 mm."""
+MARGIN_M = 0.01
+"""By this rays begin above the highest ground, and end below the lowest [m]."""
+_LEVEL = 1e-6  # a ray that is more level than this meets no ground that it does not stand before
+
+
+def first_hits(
+    ground: Ground, origin: Tensor, direction: Tensor, near: Tensor, far: Tensor, raster_m: float, samples: int
+) -> Tensor:
+    """How far along each ray the ground is, in lengths of its direction; 0 where there is none, or none outside of it.
+
+    Args:
+        ground: Of the robots.
+        origin: Of the rays [m], shape (robots, n, 3).
+        direction: Of any length, shape (robots, n, 3).
+        near: Where rays begin, shape (robots, n).
+        far: Where they end, shape (robots, n).
+        raster_m: Side of the raster's cells [m].
+        samples: Places between which a hit is looked for; an obstacle that is thinner along the ray may be missed.
+    """
+    height, top, bottom = ground.height, ground.top[:, None] + MARGIN_M, ground.bottom[:, None] - MARGIN_M
+    fall = direction[..., 2].clamp(max=-_LEVEL)
+    falls = direction[..., 2] < -_LEVEL
+    begin = torch.maximum(near, torch.where(falls, (top - origin[..., 2]) / fall, near))
+    end = torch.minimum(far, torch.where(falls, (bottom - origin[..., 2]) / fall, far))
+    step = (end - begin).clamp(min=0.0) / samples
+    index = _first_below(height, origin, direction, begin, step, raster_m, samples)
+    hit = (index > 0) & (index <= samples)
+    low = begin + (index.clamp(1, samples) - 1) * step
+    size = step
+    for _ in range(BISECTIONS):
+        size = 0.5 * size
+        middle = low + size
+        place = origin + middle[..., None] * direction
+        above = place[..., 2] > heights_at(height, place[..., 0], place[..., 1], raster_m)
+        low = torch.where(above, middle, low)
+    return torch.where(hit, low + 0.5 * size, 0.0)
+
+
+def _first_below(
+    height: Tensor, origin: Tensor, direction: Tensor, begin: Tensor, step: Tensor, raster_m: float, samples: int
+) -> Tensor:
+    """Number of the first sample that is in the ground; `samples` + 1 where none is."""
+    numbers = torch.arange(samples + 1, device=height.device, dtype=height.dtype)
+    along = begin[..., None] + step[..., None] * numbers
+    x, y, z = (origin[..., i, None] + along * direction[..., i, None] for i in range(3))
+    below = z <= nearest_heights(height, x, y, raster_m)
+    return torch.where(below, numbers, float(samples + 1)).amin(-1)

@@ -1,0 +1,139 @@
+"""Settings of flights, network and training of the scan."""
+
+from dataclasses import dataclass, field
+
+from saltus.config import Value, check_between
+from saltus.errors import ConfigError, nearest_hint
+from saltus.heightmap.scan.settings import MapSettings
+
+FAMILIES = (
+    "flat", "rubble", "blocks", "strips", "stairs", "pyramid", "ramps", "stones", "stones_line", "ditches", "hurdles",
+    "walls", "clutter", "rough", "hills",
+)  # fmt: skip
+"""Kinds of ground."""
+GAITS = ("walk", "trot", "bound", "hand")
+"""Kinds of motion."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlightSettings(Value):
+    """From what ground, motion, mounts, cameras and odometry are drawn.
+
+    Raises:
+        ConfigError: a number out of its range, or an unknown family or gait.
+    """
+
+    families: tuple[str, ...] = FAMILIES
+    """Kinds of ground, equally often."""
+    gaits: tuple[str, ...] = ("walk", "trot", "bound", "hand")
+    patch_m: float = 6.4
+    """Side of the ground of one robot, rasterised at `raster_m`; beyond it goes on as at its border [m]."""
+    raster_m: float = 0.01
+    trench_m: tuple[float, float] = (0.05, 1.5)
+    """Depths of trenches and ditches, drawn evenly in their logarithm [m]."""
+    rows: int = 48
+    """Rays of an image."""
+    columns: int = 64
+    samples: int = 96
+    """Places along a ray at which it is compared with the ground before the hit is bisected."""
+    images: int = 48
+    """Of a flight."""
+    rate_hz: tuple[float, float] = (10.0, 60.0)
+    """Images a second, drawn evenly in their logarithm."""
+    latency_s: tuple[float, float] = (0.02, 0.2)
+    height_m: tuple[float, float] = (0.15, 1.7)
+    """Of the camera above the ground [m], drawn evenly in its logarithm."""
+    above_m: tuple[float, float] = (-0.08, 0.25)
+    """By how much the camera is above the base [m]."""
+    ahead_m: tuple[float, float] = (-0.05, 0.35)
+    """By how far it is before the base's middle, towards where it looks [m]."""
+    down_deg: tuple[float, float] = (0.0, 85.0)
+    """By how much the camera looks down."""
+    aim_deg: float = 7.0
+    """Standard deviation of the direction in which a camera looks that is to look ahead."""
+    rolled: float = 0.25
+    """Share of cameras that are rolled by any angle up to 90 degrees."""
+    turned: float = 0.25
+    """Share of cameras that look to any side."""
+    pairs: float = 0.15
+    """Share of robots with a second camera, with half of the columns each."""
+    fov_deg: tuple[float, float] = (40.0, 125.0)
+    shape: tuple[float, float] = (0.5, 0.8)
+    """Height of the image by its width."""
+    pitch_deg: tuple[float, float] = (8.0, 50.0)
+    """Greatest pitch of a bounding robot."""
+    speed_mps: float = 1.5
+    """The fastest."""
+    feet: float = 0.5
+    """Share of robots that tell standing feet."""
+    errors: float = 1.0
+    """Of the images: 1 as drawn, 0 none."""
+    odometry: tuple[float, float] = (0.0, 2.2)
+    """Errors of the odometry, drawn evenly: 0 none, 1 usual (speed off by 3 %), 2 bad."""
+
+    def __post_init__(self) -> None:
+        for name, known in (("families", FAMILIES), ("gaits", GAITS)):
+            for value in getattr(self, name):
+                if value not in known:
+                    raise ConfigError(f"{name}: '{value}' is none: {nearest_hint(value, known)}")
+            if not getattr(self, name):
+                raise ConfigError(f"{name} is empty: name one at least")
+        share = (0.0, 1.0)
+        check_between(
+            self, patch_m=(1.0, 50.0), raster_m=(0.002, 0.1), trench_m=(0.001, 5.0), rows=(4, 1024), columns=(4, 1024),
+            samples=(4, 1024), images=(2, 10_000), rate_hz=(1.0, 200.0), latency_s=(0.0, 0.5), height_m=(0.05, 3.0),
+            down_deg=(-30.0, 90.0), above_m=(-1.0, 1.0), ahead_m=(-1.0, 1.0), aim_deg=(0.0, 180.0), shape=(0.1, 10.0),
+            rolled=share, turned=share, pairs=share, fov_deg=(5.0, 150.0),
+            pitch_deg=(0.0, 80.0), speed_mps=(0.0, 5.0), feet=share, errors=(0.0, 3.0), odometry=(0.0, 10.0),
+        )  # fmt: skip
+
+    @property
+    def raster(self) -> int:
+        """Cells along each side of the ground of one robot."""
+        return round(self.patch_m / self.raster_m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkSettings(Value):
+    """Sizes of the network.
+
+    Raises:
+        ConfigError: a size that no network has.
+    """
+
+    channels: tuple[int, int, int, int] = (32, 40, 56, 64)
+    """At the cells, and at each of three coarser levels."""
+    memory: bool = True
+    """It is shown what it told last; without, it is a residual on the map alone."""
+
+    def __post_init__(self) -> None:
+        check_between(self, channels=(1, 1024))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanTrainSettings(Value):
+    """One training.
+
+    Raises:
+        ConfigError: a number out of its range.
+    """
+
+    map: MapSettings = field(default_factory=MapSettings)
+    flight: FlightSettings = field(default_factory=FlightSettings)
+    network: NetworkSettings = field(default_factory=NetworkSettings)
+    batch: int = 256
+    """Robots at once; each of their images is an example."""
+    round: int = 192
+    """Updates from one set of flights to the next; a checkpoint goes on at the beginning of a round."""
+    learning_rate: float = 2e-3
+    weight_decay: float = 1e-4
+    gradient_norm: float = 1.0
+    average: float = 0.998
+    """What is left per update of the average of weights that is kept as the network."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_between(
+            self, batch=(1, 65_536), round=(1, 1_000_000), learning_rate=(0.0, 1.0), weight_decay=(0.0, 1.0),
+            gradient_norm=(1e-3, 1e6), average=(0.0, 1.0), seed=(0, 2**31),
+        )  # fmt: skip
