@@ -46,6 +46,7 @@ class PolicyActor:
         _check(robot, file)
         self.past_steps = _past_steps(file)
         """Which earlier calls the policy recalls, 1 is the last one; none where it was trained without a past."""
+        file.check({"features": [size_with(self.past_steps)]}, {"plan": [len(ACTIONS)]})
         self._bounds = ActionBounds(low=tuple(file.field("low")), high=tuple(file.field("high")))
         self._past = np.zeros((0, max(self.past_steps, default=0), RECALLED))
         self._latest = np.zeros((0, RECALLED))

@@ -2,18 +2,23 @@
 
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import onnxruntime
 
 from saltus.errors import ModelError
 from saltus.models import MODEL_ID_DIGITS
+from saltus.onnx_tensors import external_files
 
 CHECKSUM_SUFFIX = ".sha256"
 """Of the file beside a model that says what it must be, as `sha256sum` writes it."""
 MAX_BYTES = 64 << 20
 """Six times what is shipped at most: a larger file is another file."""
+_FLOAT32 = "tensor(float)"  # as ONNX Runtime writes it
+_TRIED_ROBOTS = 2  # a network that is exported for one robot only fails with two
 
 
 class ModelFile:
@@ -21,7 +26,8 @@ class ModelFile:
 
     Attributes:
         path: Where it was read.
-        model_id: First half of the sha256 of the very bytes that run, as hexadecimal digits.
+        data: Its bytes, all that runs: a model with weights in a second file is refused.
+        model_id: First half of their sha256, as hexadecimal digits.
         session: ONNX Runtime's.
         metadata: As text; `field` reads them.
 
@@ -29,8 +35,8 @@ class ModelFile:
     without complaint.
 
     Raises:
-        ModelError: the file is unreadable, of no sensible size, not what its checksum says, or not a network that can
-            be run.
+        ModelError: the file is unreadable, of no sensible size, not what its checksum says, has weights in a second
+            file, or is not a network that can be run.
     """
 
     def __init__(self, path: Path) -> None:
@@ -41,21 +47,18 @@ class ModelFile:
             raise ModelError(f"cannot read model {path}: {error.strerror}") from error
         if not 0 < len(data) <= MAX_BYTES:
             raise ModelError(f"model {path} has {len(data)} bytes: expected 1 to {MAX_BYTES}")
+        self.data = data
         sha256 = hashlib.sha256(data).hexdigest()
         _compare_checksum(path, sha256)
         self.model_id = sha256[:MODEL_ID_DIGITS]
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1
-        options.inter_op_num_threads = 1
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-        options.log_severity_level = 4  # what is wrong is raised; the runtime need not print it too
+        _refuse_external(path, data)
         try:
             self.session = onnxruntime.InferenceSession(
-                data, options, providers=["CPUExecutionProvider"], enable_fallback=0
+                data, _options(), providers=["CPUExecutionProvider"], enable_fallback=0
             )
             self.metadata: dict[str, str] = dict(self.session.get_modelmeta().custom_metadata_map)
-        except Exception as error:  # the runtime has no common base class of its errors; its texts may be none
-            raise ModelError(f"{path} is not a model that can be run: {str(error).splitlines()[0]}") from error
+        except Exception as error:  # the runtime has no common base class of its errors
+            raise ModelError(f"{path} is not a model that can be run: {_first_line(error)}") from error
 
     def field(self, name: str) -> Any:
         """One of its metadata, which are JSON; `ModelError` where it is missing."""
@@ -65,6 +68,80 @@ class ModelFile:
             return json.loads(self.metadata[name])
         except (ValueError, RecursionError) as error:
             raise ModelError(f"model {self.path} does not fit: '{name}' is not JSON") from error
+
+    def check(self, inputs: Mapping[str, Sequence[Any]], outputs: Mapping[str, Sequence[Any]]) -> None:
+        """Refuses a network that takes or returns anything else, and runs it once, on zeros.
+
+        Args:
+            inputs: Shape of each input, without the first dimension, which is that of robots and free.
+            outputs: Of each output that is read; there may be more.
+
+        All of them are float32.
+
+        Raises:
+            ModelError: it names the input or output, what it is and what it must be.
+        """
+        unfit = f"model {self.path} does not fit:"
+        taken = {value.name: value for value in self.session.get_inputs()}
+        returned = {value.name: value for value in self.session.get_outputs()}
+        for name, shape in (*inputs.items(), *outputs.items()):
+            value = (taken if name in inputs else returned).get(name)
+            if value is None:
+                raise ModelError(f"{unfit} it has no {'input' if name in inputs else 'output'} '{name}'")
+            if value.type != _FLOAT32:
+                kind = value.type.removeprefix("tensor(").removesuffix(")")
+                raise ModelError(f"{unfit} '{name}' is of type {kind}, not float: export the network in float32")
+            found = list(value.shape)
+            if not found or isinstance(found[0], int):
+                raise ModelError(f"{unfit} '{name}' has shape {found}: its first dimension, of robots, must be free")
+            if found[1:] != list(shape):
+                raise ModelError(f"{unfit} '{name}' has shape {found[1:]}, not {list(shape)}")
+            if not all(isinstance(size, int) for size in shape):
+                raise ModelError(f"{unfit} the size of '{name}' is not fixed")
+        for name in taken.keys() - inputs.keys():
+            raise ModelError(f"{unfit} it has an input '{name}', which nothing here fills")
+        self._try(inputs, outputs)
+
+    def _try(self, inputs: Mapping[str, Sequence[int]], outputs: Mapping[str, Sequence[int]]) -> None:
+        """Runs it once: what a file states about its shapes need not be true."""
+        given = {name: np.zeros((_TRIED_ROBOTS, *shape), np.float32) for name, shape in inputs.items()}
+        try:
+            answers = self.session.run(list(outputs), given)
+        except Exception as error:
+            raise ModelError(f"{self.path} is not a model that can be run: {_first_line(error)}") from error
+        for (name, shape), answer in zip(outputs.items(), answers, strict=True):
+            if answer.shape != (_TRIED_ROBOTS, *shape):
+                raise ModelError(
+                    f"model {self.path} does not fit: '{name}' came with shape {list(answer.shape)} for "
+                    f"{_TRIED_ROBOTS} robots, not {[_TRIED_ROBOTS, *shape]}"
+                )
+
+
+def _options() -> onnxruntime.SessionOptions:
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.inter_op_num_threads = 1
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.add_session_config_entry("session.load_model_format", "ONNX")  # its own format may name other files, too
+    options.log_severity_level = 4  # what is wrong is raised; the runtime need not print it too
+    return options
+
+
+def _refuse_external(path: Path, data: bytes) -> None:
+    try:
+        files = external_files(data)
+    except ValueError as error:
+        raise ModelError(f"{path} is not a model that can be run: {error}") from error
+    if files:
+        raise ModelError(
+            f"model {path} has weights in another file ({', '.join(map(repr, files))}), which its fingerprint does not "
+            f"cover: put them inside, in Python: import onnx; onnx.save(onnx.load('{path}'), 'whole.onnx', "
+            "save_as_external_data=False)"
+        )
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def checksum_path(path: Path) -> Path:

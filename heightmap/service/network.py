@@ -73,7 +73,7 @@ class HeightmapNetwork:
         self.model_id = file.model_id
         self._session = file.session
         _check_metadata(file, robot)
-        self.hidden_size = _checked_shapes(path, self._session)
+        self.hidden_size = _checked_hidden_size(file)
         self.warmup_frames = int(file.field("warmup_frames"))
         self._calls: dict[int, _Call] = {}
 
@@ -197,14 +197,9 @@ def _same(found: Any, wanted: Any) -> bool:
     return type(found) is type(wanted) and found == wanted
 
 
-def _checked_shapes(path: Path, session: Any) -> int:
-    """Size of the hidden state; every input and output must have the shape that the service feeds and reads."""
-    shapes = {value.name: list(value.shape[1:]) for value in (*session.get_inputs(), *session.get_outputs())}
-    hidden = shapes.get("hidden", [None])[0]
-    wanted = _shapes(hidden)
-    for name in (*INPUTS, *OUTPUTS):
-        if shapes.get(name) != wanted[name]:
-            raise ModelError(f"model {path} does not fit: '{name}' has shape {shapes.get(name)}, not {wanted[name]}")
-    if not isinstance(hidden, int):
-        raise ModelError(f"model {path} does not fit: the size of 'hidden' is not fixed")
-    return hidden
+def _checked_hidden_size(file: ModelFile) -> int:
+    """Size of the hidden state; every input and output must be what the service feeds and reads."""
+    given = {value.name: value.shape for value in file.session.get_inputs()}
+    shapes = _shapes(next(iter(given.get("hidden", [])[1:]), None))
+    file.check({name: shapes[name] for name in INPUTS}, {name: shapes[name] for name in OUTPUTS})
+    return int(shapes["hidden"][0])

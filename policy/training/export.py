@@ -85,7 +85,7 @@ def read_policy(path: Path) -> dict[str, Any]:
         raise ModelError(f"{path} is no motion policy")
     state = {"config": str(file.field("config"))}
     actor = _actor(config_of(state))
-    graph = onnx.load(path, load_external_data=False).graph
+    graph = onnx.load_model_from_string(file.data).graph
     values = {each.name: torch.from_numpy(onnx.numpy_helper.to_array(each).copy()) for each in graph.initializer}
     named = {name.removeprefix(_NETWORK): value for name, value in values.items() if name.startswith(_NETWORK)}
     divisors = [value for name, value in values.items() if not name.startswith(_NETWORK)]

@@ -47,7 +47,12 @@ class ImitationNetwork:
                 raise ModelError(f"{path}: '{name}' is {file.field(name)!r}, this program needs {wanted!r}")
         self.legs, self._session = LegKinematics(robot), file.session
         self.bounds = ActionBounds(low=tuple(file.field("low")), high=tuple(file.field("high")))
-        (self.hidden_size,) = (i.shape[1] for i in self._session.get_inputs() if i.name == "hidden")
+        shapes = {value.name: list(value.shape[1:]) for value in self._session.get_inputs()}
+        hidden = next(iter(shapes.get("hidden", [])), None)
+        file.check(
+            {name: shapes.get(name, []) for name in IMITATOR_INPUTS}, {"plan": [len(ACTIONS)], "hidden_out": [hidden]}
+        )
+        self.hidden_size: int = hidden
 
     def ticks(self, image: Singles, age_s: Floats, new: NDArray[np.bool_], state: Singles, hidden: Singles) -> Tick:
         """One tick of many robots: normalised plans, and zeros behind them, where a predictor has heights."""
