@@ -32,20 +32,23 @@ class LevelRobot:
 
     def states(self, robot: Robot, frames: Iterable[DepthFrame]) -> list[RobotState]:
         """One state for every frame, at the time at which a robot would have used it."""
+        still, latency_ns = self.state(robot), round(1e9 * CAMERA_LATENCY_S)
+        return [replace(still, step=i, time_ns=frame.time_ns + latency_ns) for i, frame in enumerate(frames)]
+
+    def state(self, robot: Robot) -> RobotState:
+        """How it stands, at the beginning of a run."""
         pitch = 0.0 if self.camera_pitch_deg is None else np.deg2rad(self.camera_pitch_deg) - robot.camera_pitch
         height = robot.stand_height if self.base_height_m is None else self.base_height_m
         zero = np.asarray(0.0)
         quaternion = rotations.quaternion_from_roll_pitch_yaw(zero, np.asarray(pitch), zero)
         joints = _joints(robot, quaternion, height)
-        latency_ns = round(1e9 * CAMERA_LATENCY_S)
-        still = replace(
+        return replace(
             standing_state(robot),
             quaternion_base_in_world=quaternion,
             joint_position=joints,
             base_height=height,
             leg_progress=np.full(4, 0.5),
         )
-        return [replace(still, step=i, time_ns=frame.time_ns + latency_ns) for i, frame in enumerate(frames)]
 
 
 def _joints(robot: Robot, quaternion: np.ndarray, height: float) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Writes small RealSense recordings, as the vendor's viewer would."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,9 @@ STORE = get_typestore(Stores.ROS1_NOETIC)
 TYPES = STORE.types
 
 
-def write_bag(path: Path, frames: int = 2, depth_mm: int = 600) -> Path:
-    """A wall in front of the camera, 30 images a second."""
+def write_bag(path: Path, frames: int = 2, depth_mm: int = 600, stamps_ns: Sequence[int] | None = None) -> Path:
+    """A wall in front of the camera, 30 images a second where nothing else is stamped."""
+    stamps_ns = stamps_ns or [i * 33_333_333 for i in range(frames)]
     header = TYPES["std_msgs/msg/Header"]
     stamp = TYPES["builtin_interfaces/msg/Time"]
     matrix = np.array([FOCAL_PX, 0.0, WIDTH / 2 - 0.5, 0.0, FOCAL_PX, HEIGHT / 2 - 0.5, 0.0, 0.0, 1.0])
@@ -34,8 +36,8 @@ def write_bag(path: Path, frames: int = 2, depth_mm: int = 600) -> Path:
             bag.write(bag.add_connection(topic, kind, typestore=STORE), 0, STORE.serialize_ros1(message, kind))
         kind = "sensor_msgs/msg/Image"
         images = bag.add_connection(f"{STREAM}/image/data", kind, typestore=STORE)
-        for i in range(frames):
-            time_ns = i * 33_333_333
-            message = TYPES[kind](header(i, stamp(0, time_ns), ""), HEIGHT, WIDTH, "mono16", 0, 2 * WIDTH, pixels)
-            bag.write(images, time_ns, STORE.serialize_ros1(message, kind))
+        for i, time_ns in enumerate(stamps_ns):
+            taken = stamp(*divmod(time_ns, 1_000_000_000))
+            message = TYPES[kind](header(i, taken, ""), HEIGHT, WIDTH, "mono16", 0, 2 * WIDTH, pixels)
+            bag.write(images, i * 33_333_333, STORE.serialize_ros1(message, kind))
     return path

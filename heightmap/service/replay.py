@@ -1,7 +1,9 @@
 """Runs the heightmap service over recorded depth again."""
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain, islice
 from typing import Protocol
 
 from saltus.heightmap.level_robot import LevelRobot
@@ -46,33 +48,65 @@ def replay_frames(
     return replay_predictor(HeightmapService(network, depth_topic(1e-9 * fastest_ns)), frames, states, arrival_ns)
 
 
-def replay_standing(network: HeightmapNetwork, frames: Sequence[DepthFrame], level: LevelRobot) -> list[Heightmap]:
-    """The heightmap after each image of a camera that stands still, from a model that is warm.
+def replay_level(
+    network: HeightmapNetwork, frames: Iterable[DepthFrame], level: LevelRobot
+) -> Iterator[tuple[DepthFrame, Heightmap]]:
+    """Each frame, in order of capture, with the heightmap before a robot that stands still and level.
 
-    Before a robot that stands the time between images tells nothing: they are shown at the camera's rate, and all of
-    them again and again until the model has seen as many as its warm-up takes.
+    Holds no frame longer than it takes to answer it.
     """
-    service = HeightmapService(network)
-    passes = 1 - -network.warmup_frames // len(frames)
-    shown = [
-        replace(frame, time_ns=round(1e9 * CAMERA_PERIOD_S * i), frame_id=i)
-        for i, frame in enumerate([*frames] * passes)
-    ]
-    arrival_ns = [frame.time_ns + round(1e9 * CAMERA_LATENCY_S) for frame in shown]
-    answers = replay_predictor(service, shown, level.states(network.robot, shown), arrival_ns)[-len(frames) :]
-    return [replace(answer, frame_id=frame.frame_id) for answer, frame in zip(answers, frames, strict=True)]
+    service, still, latency_ns = HeightmapService(network), level.state(network.robot), round(1e9 * CAMERA_LATENCY_S)
+    for step, frame in enumerate(frames):
+        now_ns = frame.time_ns + latency_ns
+        yield frame, service.step(replace(still, step=step, time_ns=now_ns), frame, now_ns)
+
+
+def replay_standing(
+    network: HeightmapNetwork, read: Callable[[], Iterable[DepthFrame]], level: LevelRobot
+) -> Iterator[tuple[DepthFrame, Heightmap]]:
+    """Each image of a camera that stands still with the heightmap after it, from a model that is warm.
+
+    Before a robot that stands the time between images tells nothing: they are shown at the camera's rate, the first of
+    them before all, again and again until the model has seen as many as its warm-up takes.
+
+    Args:
+        network: Of the service.
+        read: Reads the images from the first one on, each time that it is called.
+        level: The robot.
+    """
+    shown: deque[DepthFrame] = deque()
+
+    def evenly() -> Iterator[DepthFrame]:
+        for i, frame in enumerate(chain(islice(_again(read), network.warmup_frames), read())):
+            shown.append(frame)
+            yield replace(frame, time_ns=round(1e9 * CAMERA_PERIOD_S * i), frame_id=i)
+
+    for even, answer in replay_level(network, evenly(), level):
+        frame = shown.popleft()
+        if even.frame_id >= network.warmup_frames:
+            yield frame, replace(answer, frame_id=frame.frame_id)
+
+
+def _again(read: Callable[[], Iterable[DepthFrame]]) -> Iterator[DepthFrame]:
+    """What it reads, from the beginning again after the end; nothing where there is none."""
+    frame = None
+    while True:
+        for frame in read():
+            yield frame
+        if frame is None:
+            return
 
 
 def replay_predictor(
-    predictor: Predictor, frames: Sequence[DepthFrame], states: Sequence[RobotState], arrival_ns: Sequence[int]
+    predictor: Predictor, frames: Iterable[DepthFrame], states: Iterable[RobotState], arrival_ns: Iterable[int]
 ) -> list[Heightmap]:
-    """The same for any predictor; it has not been used before."""
+    """The same for any predictor; it has not been used before. No frame is held longer than it takes to answer it."""
     heightmaps = []
-    following = 0
+    arriving = zip(frames, arrival_ns, strict=True)
+    following = next(arriving, None)
     for state in states:
         newest = None
-        while following < len(frames) and arrival_ns[following] <= state.time_ns:
-            newest = frames[following]
-            following += 1
+        while following is not None and following[1] <= state.time_ns:
+            newest, following = following[0], next(arriving, None)
         heightmaps.append(predictor.step(state, newest, state.time_ns))
     return heightmaps

@@ -1,11 +1,13 @@
 """`saltus heightmap`: the service, and all that makes and measures its models."""
 
 import contextlib
+import itertools
 import sys
 import time
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -20,6 +22,10 @@ from saltus.config import DEFAULT_ROBOT, RunConfig
 from saltus.errors import RecordingError, SaltusError
 from saltus.flags import Flag, Group, Subcommands, shown
 from saltus.heightmap.level_robot import LevelRobot
+from saltus.wire.messages import DepthFrame, HeightmapStatus
+
+if TYPE_CHECKING:
+    from saltus.heightmap.service.network import HeightmapNetwork
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,40 +66,49 @@ class Serve:
         return serve("saltus.heightmap", self.run_dir, self.endpoint, *robots, peer=self.peer)
 
     def _serve_recording(self, recording: Path) -> int:
-        """Publishes depth and heightmaps of a recording at its own pace."""
+        """Publishes depth and heightmaps of a recording at its own pace, image by image."""
         from saltus.heightmap.service.network import HeightmapNetwork
-        from saltus.heightmap.service.replay import replay_frames
         from saltus.recordings.realsense import read_realsense
         from saltus.resources import resource
         from saltus.robots.loading import load_robot
         from saltus.runtime.run_folder import endpoint_of
-        from saltus.wire.messages import HeightmapStatus
         from saltus.wire.router import open_router
-        from saltus.wire.zenoh_bus import ZenohBus
 
-        frames = list(read_realsense(recording))
-        if not frames:
+        frames = read_realsense(recording)
+        first = next(frames, None)
+        if first is None:
             raise RecordingError(f"{recording} holds no depth image")
         if not self.assume_level:
             raise RecordingError(f"{recording} has no robot state: add --assume-level")
         network = HeightmapNetwork(load_robot(DEFAULT_ROBOT), resource("models/heightmap.onnx"))
-        heightmaps = replay_frames(network, frames, self.level)
         with contextlib.ExitStack() as resources:
             endpoint = self.endpoint or (endpoint_of(self.run_dir) if self.run_dir is not None else None)
             if endpoint is None:
                 endpoint, router = open_router()
                 resources.callback(router.close)
-            with ZenohBus(endpoint, self.prefix) as bus:
-                depth, heights = bus.publisher("camera/depth"), bus.publisher("heightmap/heightmap")
-                print(f"serving at {endpoint}, keys under {self.prefix}")
-                before_ns = frames[0].time_ns
-                for frame, heightmap in zip(frames, heightmaps, strict=True):
-                    time.sleep(1e-9 * max(frame.time_ns - before_ns, 0))
-                    before_ns = frame.time_ns
-                    depth.put(frame)
-                    heights.put(heightmap)
-                    print(f"frame {frame.frame_id}: {HeightmapStatus(heightmap.status).name.lower()}")
+            self._publish(endpoint, network, itertools.chain([first], frames))
         return 0
+
+    def _publish(self, endpoint: str, network: "HeightmapNetwork", frames: Iterator[DepthFrame]) -> None:
+        from saltus.heightmap.service.replay import replay_level
+        from saltus.heightmap.service.stamps import SteadyStamps
+        from saltus.wire.zenoh_bus import ZenohBus
+
+        stamps = SteadyStamps()
+        steady = (replace(frame, time_ns=stamps.step(frame.time_ns)) for frame in frames)
+        with ZenohBus(endpoint, self.prefix) as bus:
+            depth, heights = bus.publisher("camera/depth"), bus.publisher("heightmap/heightmap")
+            print(f"serving at {endpoint}, keys under {self.prefix}")
+            before_ns: int | None = None
+            for frame, heightmap in replay_level(network, steady, self.level):
+                if before_ns is not None:
+                    time.sleep(min(1e-9 * (frame.time_ns - before_ns), stamps.period_s))
+                before_ns = frame.time_ns
+                depth.put(frame)
+                heights.put(heightmap)
+                print(f"frame {frame.frame_id}: {HeightmapStatus(heightmap.status).name.lower()}")
+        if stamps.count:
+            print(f"saltus: {self.recording}: {stamps.note()}", file=sys.stderr)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,8 +1,10 @@
 """`saltus replay`: runs the heightmap service on recorded depth again and reports the difference."""
 
+import sys
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -61,61 +63,73 @@ class Replay:
         from saltus.recordings.realsense import read_realsense
         from saltus.robots.loading import load_robot
 
-        frames = list(read_realsense(self.recording))
-        if not frames:
+        first = next(read_realsense(self.recording), None)
+        if first is None:
             raise RecordingError(f"{self.recording} holds no depth image")
         if not self.assume_level:
             raise RecordingError(f"{self.recording} has no robot state: add --assume-level (see saltus replay --help)")
-        heightmaps = self._standing(load_robot(DEFAULT_ROBOT), model, frames)
+        invalid: list[float] = []
+        read = partial(read_realsense, self.recording)
+        profile, heightmaps = self._standing(load_robot(DEFAULT_ROBOT), model, read, invalid)
         table = {
             "recording": str(self.recording),
-            "frames": len(frames),
-            "size": f"{frames[0].depth.shape[1]}x{frames[0].depth.shape[0]}",
-            "depth_unit_m": frames[0].depth_unit_m,
-            "invalid_fraction": float(np.mean([np.mean(frame.depth == 0) for frame in frames])),
-            **_profile(heightmaps),
+            "frames": len(invalid),
+            "size": f"{first.depth.shape[1]}x{first.depth.shape[0]}",
+            "depth_unit_m": first.depth_unit_m,
+            "invalid_fraction": float(np.mean(invalid)),
+            **profile,
         }
         return table, heightmaps
 
     def _run(self, model: Path) -> tuple[dict[str, Any], list[Heightmap]]:
         from saltus.heightmap.evaluation.comparison import lost_note
         from saltus.heightmap.service.network import HeightmapNetwork
-        from saltus.heightmap.service.replay import replay_frames
+        from saltus.heightmap.service.replay import replay_predictor
+        from saltus.heightmap.service.service import HeightmapService
         from saltus.recordings.recording import read_recording
+        from saltus.wire.topics import depth_topic
 
         recording = read_recording(self.recording)
         lost = lost_note(recording.lost)
-        arrivals, frames = _frames(recording)
-        if not frames:
+        times = [(arrival_ns, envelope.capture_ns) for arrival_ns, envelope, _ in recording.payloads("camera/depth")]
+        if not times:
             raise RecordingError(f"{self.recording} has no depth image{lost}")
-        start = {"recording": str(self.recording), "lost": recording.lost, "frames": len(frames)}
+        start = {"recording": str(self.recording), "lost": recording.lost, "frames": len(times)}
         if self.assume_level:
-            heightmaps = self._standing(recording.robot, model, frames)
-            return {**start, **_profile(heightmaps)}, heightmaps
+            profile, heightmaps = self._standing(recording.robot, model, partial(_frames, recording), [])
+            return {**start, **profile}, heightmaps
         states = recording.of(RobotState)
         if not states:
             raise RecordingError(f"{self.recording} has no robot state{lost}: add --assume-level")
-        heightmaps = replay_frames(HeightmapNetwork(recording.robot, model), frames, states, arrivals)
-        return {**start, **_differences(recording, heightmaps)}, []
+        latency_s = 1e-9 * min(arrival_ns - capture_ns for arrival_ns, capture_ns in times)
+        service = HeightmapService(HeightmapNetwork(recording.robot, model), depth_topic(latency_s))
+        arrivals = (arrival_ns for arrival_ns, _ in times)
+        return {**start, **_differences(recording, replay_predictor(service, _frames(recording), states, arrivals))}, []
 
-    def _standing(self, robot: "Robot", model: Path, frames: list[DepthFrame]) -> list[Heightmap]:
+    def _standing(
+        self, robot: "Robot", model: Path, read: Callable[[], Iterator[DepthFrame]], invalid: list[float]
+    ) -> tuple[dict[str, Any], list[Heightmap]]:
+        """How a standing robot sees the images, and the last heightmap; appends each image's share without depth."""
         from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.heightmap.service.replay import replay_standing
+        from saltus.heightmap.service.stamps import SteadyStamps
 
-        return replay_standing(HeightmapNetwork(robot, model), frames, self.level)
+        stamps, statuses, last = SteadyStamps(), Counter[str](), None
+        for frame, last in replay_standing(HeightmapNetwork(robot, model), read, self.level):
+            stamps.step(frame.time_ns)
+            invalid.append(float(np.mean(frame.depth == 0)))
+            statuses[_status(last)] += 1
+        assert last is not None  # noqa: S101 - there is an image, or it has been said
+        if stamps.count:
+            print(f"saltus: {self.recording}: {stamps.note()}", file=sys.stderr)
+        arrays = {name: np.asarray(getattr(last, name)).tolist() for name in ("x", "height", "half_width_90")}
+        jumps = {"jumps": stamps.count, "largest_jump_s": stamps.largest_s}
+        return {"heightmaps": statuses.total(), "status": dict(statuses), **jumps, **arrays}, [last]
 
 
-def _frames(recording: "Recording") -> tuple[list[int], list[DepthFrame]]:
-    """Arrival of each image in the run's clock [ns], and the images."""
-    found = [(ns, frame) for ns, _, frame in recording.messages("camera/depth") if isinstance(frame, DepthFrame)]
-    return [ns for ns, _ in found], [frame for _, frame in found]
-
-
-def _profile(heightmaps: list[Heightmap]) -> dict[str, Any]:
-    """How many there are, and the last one."""
-    last = heightmaps[-1]
-    arrays = {name: np.asarray(getattr(last, name)).tolist() for name in ("x", "height", "half_width_90")}
-    return {"heightmaps": len(heightmaps), "status": _statuses(heightmaps), **arrays}
+def _frames(recording: "Recording") -> Iterator[DepthFrame]:
+    """Its images, one after the other."""
+    return (frame for _, _, frame in recording.messages("camera/depth") if isinstance(frame, DepthFrame))
 
 
 def _print_profile(heightmap: Heightmap) -> None:
@@ -143,7 +157,11 @@ def _differences(recording: "Recording", heightmaps: list[Heightmap]) -> dict[st
 
 
 def _statuses(heightmaps: list[Heightmap]) -> dict[str, int]:
-    return dict(Counter(HeightmapStatus(heightmap.status).name.lower() for heightmap in heightmaps))
+    return dict(Counter(map(_status, heightmaps)))
+
+
+def _status(heightmap: Heightmap) -> str:
+    return HeightmapStatus(heightmap.status).name.lower()
 
 
 def _error(heightmaps: Iterable[Heightmap], truths: dict[int, np.ndarray]) -> float | None:
