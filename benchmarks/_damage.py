@@ -99,8 +99,10 @@ def make_samples(folder: Path, robot: Robot) -> None:
     shutil.copy(resource("models/checkpoints/policy.pt"), folder)
     make_dataset(folder / "trained on", HELD_OUT)
     train(folder / "trained on", folder / "heightmap.pt", TrainConfig(updates=1, batch=2, window=50, device="cpu"))
-    (folder / "profile.toml").write_text(shipped_profiles()[robot.profile].read_text())
-    (folder / "camera.toml").write_text(load_camera("d435i").to_toml())
+    (folder / "profile.toml").write_text(
+        shipped_profiles()[robot.profile].read_text(encoding="utf-8"), encoding="utf-8"
+    )
+    (folder / "camera.toml").write_text(load_camera("d435i").to_toml(), encoding="utf-8")
 
 
 def samples(folder: Path, robot: Robot) -> dict[str, Sample]:
@@ -156,9 +158,9 @@ def report(path: Path) -> None:
 
 def read_shard(path: Path) -> None:
     """A shard whose manifest agrees with what it has become: nothing but its own reading can notice."""
-    table = json.loads((path.parent / MANIFEST).read_text())
+    table = json.loads((path.parent / MANIFEST).read_text(encoding="utf-8"))
     table["shards"][0]["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
-    (path.parent / MANIFEST).write_text(json.dumps(table))
+    (path.parent / MANIFEST).write_text(json.dumps(table), encoding="utf-8")
     validate(path.parent)
     read_dataset(path.parent)
 

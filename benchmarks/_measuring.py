@@ -65,7 +65,7 @@ def own_processes() -> list[int]:
 
 def processor_s(processes: Iterable[int]) -> float:
     """Processor time that processes have used."""
-    fields = [Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split() for pid in processes]
+    fields = [Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split() for pid in processes]
     return sum(int(f[11]) + int(f[12]) for f in fields) / os.sysconf("SC_CLK_TCK")
 
 
@@ -81,7 +81,7 @@ def hear_signals() -> None:
 
 def resident_mb(processes: Iterable[int]) -> float:
     """Memory of processes."""
-    pages = sum(int(Path(f"/proc/{pid}/statm").read_text().split()[1]) for pid in processes)
+    pages = sum(int(Path(f"/proc/{pid}/statm").read_text(encoding="utf-8").split()[1]) for pid in processes)
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
@@ -96,7 +96,7 @@ class Use(NamedTuple):
 
 def use_of(pid: int) -> Use:
     """What a process holds now."""
-    status = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
+    status = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text(encoding="utf-8").splitlines())
     memory_mb = int(status["RssAnon"].split()[0]) * 1024 / 1e6
     return Use(memory_mb, len([*Path(f"/proc/{pid}/fd").iterdir()]), int(status["Threads"]))
 

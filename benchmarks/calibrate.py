@@ -57,7 +57,9 @@ class Benchmark(Command):
         hidden = (CameraPitch(offset=float(pitch)), CameraHeight(offset=float(height)))
         with tempfile.TemporaryDirectory() as directory:
             folder = Path(directory)
-            (folder / "hidden.toml").write_text(profile_to_toml(replace(shipped, camera=(*shipped.camera, *hidden))))
+            (folder / "hidden.toml").write_text(
+                profile_to_toml(replace(shipped, camera=(*shipped.camera, *hidden))), encoding="utf-8"
+            )
             config = RunConfig(
                 terrain=TerrainConfig(terrain="flat"), planner="scripted", seed=seed, time_limit_s=STANDS_S,
                 profile=str(folder / "hidden.toml"),

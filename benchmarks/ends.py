@@ -98,7 +98,7 @@ class Benchmark(Command):
             return {"cut": self._cut()}
         rows = []
         if self.out is not None and self.out.is_file():
-            lines = [json.loads(line) for line in self.out.read_text().splitlines()]
+            lines = [json.loads(line) for line in self.out.read_text(encoding="utf-8").splitlines()]
             rows = [row for row in lines if row["what"] == self.what and row["number"] < self.times]
         try_one = {"disk": self._disk, "power": self._power, "orders": self._order}.get(self.what, self._signal)
         for number in progress(range(len(rows), self.times), self.what):
@@ -109,7 +109,7 @@ class Benchmark(Command):
                 row["wrong"] += "it sent other states than in the first order; "
             rows.append({"what": self.what, "number": number, **row})
             if self.out is not None:
-                with self.out.open("a") as file:
+                with self.out.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(rows[-1]) + "\n")
             if row["wrong"]:
                 tell(str(rows[-1]))
@@ -268,6 +268,7 @@ def start(arguments: tuple[str, ...]) -> "subprocess.Popen[str]":
         stderr=subprocess.PIPE,
         text=True,
         preexec_fn=hear_signals,
+        encoding="utf-8",
     )
 
 
@@ -276,7 +277,7 @@ def leftovers(out: Path) -> Iterator[str]:
     checks: dict[str, Callable[[Path], object]] = {
         "*.mcap": in_order,
         "checkpoint.pt": read_checkpoint,
-        "*.json": lambda path: json.loads(path.read_text()),
+        "*.json": lambda path: json.loads(path.read_text(encoding="utf-8")),
     }
     for pattern, check in checks.items():
         for path in out.rglob(pattern):
@@ -298,7 +299,9 @@ def leftovers(out: Path) -> Iterator[str]:
 def mounted(place: Path, *what: str) -> Iterator[None]:
     """A file system in a folder; needs root."""
     place.mkdir(exist_ok=True)
-    done = subprocess.run(["/bin/mount", *what, str(place)], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["/bin/mount", *what, str(place)], capture_output=True, text=True, check=False, encoding="utf-8"
+    )
     if done.returncode:
         raise SaltusError(f"no disk could be mounted (are you root?): {done.stderr.strip()}")
     try:

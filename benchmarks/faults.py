@@ -50,7 +50,7 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         """The worst case of each process."""
-        kept = [] if self.out is None or not self.out.is_file() else self.out.read_text().splitlines()
+        kept = [] if self.out is None or not self.out.is_file() else self.out.read_text(encoding="utf-8").splitlines()
         key = [self.terrain, self.planner, self.standbys]
         rows = [row for row in map(json.loads, kept) if row["course"] == key and "stale" in row]
         done = {(row["process"], row["seed"]): row for row in rows}
@@ -62,7 +62,7 @@ class Benchmark(Command):
                 done[process, seed] = row
                 tell(str(row))
                 if self.out is not None:
-                    with self.out.open("a") as file:
+                    with self.out.open("a", encoding="utf-8") as file:
                         file.write(json.dumps(row) + "\n")
             table[process] = summary([done[process, seed] for seed in seeds])
         return {"faults": {"terrain": self.terrain, "planner": self.planner, **table}}

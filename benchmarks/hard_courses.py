@@ -194,14 +194,14 @@ def _id(model: Path) -> str:
 
 def _append(path: Path, key: tuple[str, ...], trials: dict[int, dict[str, Any]]) -> None:
     lines = [json.dumps({"key": key, "seed": seed, **trial}) for seed, trial in trials.items()]
-    with path.open("a") as file:
+    with path.open("a", encoding="utf-8") as file:
         file.write("".join(f"{line}\n" for line in lines))
 
 
 def _read(path: Path) -> dict[tuple[Any, ...], dict[str, Any]]:
     """Trials by policy, heights, row and seed."""
     try:
-        lines = [json.loads(line) for line in path.read_text().splitlines()]
+        lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
         return {(*line.pop("key"), line.pop("seed")): line for line in lines}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ConfigError(f"{path} holds no trials of this benchmark: name another file with --out") from error

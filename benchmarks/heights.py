@@ -114,7 +114,7 @@ class Benchmark(Command):
             for key, found in zip(missing, counts, strict=True):
                 known[key] = found
                 if self.out is not None:
-                    with self.out.open("a") as file:
+                    with self.out.open("a", encoding="utf-8") as file:
                         file.write(json.dumps({"key": key, "counts": found}) + "\n")
         tables: dict[str, Any] = {
             name: table([known[key] for key in tasks if key[0] == name]) for name in self.sets if name != "desk"
@@ -251,7 +251,7 @@ def desk_rows(model: Path, frames: Sequence[DepthFrame]) -> dict[str, Any]:
 
 def _read(path: Path) -> dict[tuple[Any, ...], Any]:
     try:
-        lines = [json.loads(line) for line in path.read_text().splitlines()]
+        lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
         return {tuple(line["key"]): line["counts"] for line in lines}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ConfigError(f"{path} holds no batches of this benchmark: name another file with --out") from error

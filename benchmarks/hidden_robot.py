@@ -100,6 +100,8 @@ class Benchmark(Command):
         if self.out.exists():
             raise SaltusError(f"{self.out}: there is a file of this name already")
         self.out.write_text(
-            f"# Drawn by saltus bench hidden_robot -- --seed {self.seed}\n\n" + profile_to_toml(hidden_robot(self.seed))
+            f"# Drawn by saltus bench hidden_robot -- --seed {self.seed}\n\n"
+            + profile_to_toml(hidden_robot(self.seed)),
+            encoding="utf-8",
         )
         return {"hidden_robot": {"seed": self.seed, "out": str(self.out)}}

@@ -54,9 +54,9 @@ class Benchmark(Command):
             done = self.out / f"{self.first_seed + number}.json"
             if not done.exists():
                 row = self._found(number)
-                done.write_text(json.dumps(row))
+                done.write_text(json.dumps(row), encoding="utf-8")
                 tell(json.dumps(row))
-            rows.append(json.loads(done.read_text()))
+            rows.append(json.loads(done.read_text(encoding="utf-8")))
         ideal = Counter(row["ideal"] for row in rows)
         outcome = Counter(row["outcome"] for row in rows)
         return {
@@ -74,7 +74,7 @@ class Benchmark(Command):
         if not ideal.exists():
             jumped(terrain, seed, ideal)
         before = searched(ideal, self.out / "found" / ideal.name)
-        verdict = json.loads((self.out / "found" / ideal.name / "verdict.json").read_text())
+        verdict = json.loads((self.out / "found" / ideal.name / "verdict.json").read_text(encoding="utf-8"))
         value = _value(name, parameter, verdict["minimum_detectable"][name]["value"], np.random.default_rng(seed))
         if not log.exists():
             _write(terrain, seed, log, name, {parameter: value})
@@ -108,12 +108,12 @@ def _write(terrain: str, seed: int, folder: Path, name: str, values: dict[str, f
     """Runs a robot with an effect, which its log does not claim."""
     effect = EFFECTS[name](**values)
     profile = folder.with_suffix(".toml")
-    profile.write_text(profile_to_toml(IDEAL.having(effect)))
+    profile.write_text(profile_to_toml(IDEAL.having(effect)), encoding="utf-8")
     part = folder.with_suffix(".part")
     jumped(terrain, seed, part, str(profile))
-    meta = json.loads((part / "meta.json").read_text())
+    meta = json.loads((part / "meta.json").read_text(encoding="utf-8"))
     meta["camera"]["latency"] = 0.0
-    (part / "meta.json").write_text(json.dumps(meta))
+    (part / "meta.json").write_text(json.dumps(meta), encoding="utf-8")
     part.rename(folder)
 
 

@@ -35,7 +35,7 @@ class Benchmark(Command):
     """Folder of what is true of them."""
 
     def measure(self) -> dict[str, Any]:
-        truths = {path.stem: json.loads(path.read_text()) for path in sorted(self.truth.glob("*.json"))}
+        truths = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(self.truth.glob("*.json"))}
         if not truths:
             raise SaltusError(f"'{self.truth}' holds no truths: write some with saltus bench hidden_effects")
         results = []

@@ -85,7 +85,7 @@ class Benchmark(Command):
         """How often a robot bounds; its model and TOML make a folder as `--robot` takes it."""
         with tempfile.TemporaryDirectory() as folder:
             robot = Path(shutil.copytree(model, Path(folder) / model.name))
-            (robot / SUPPLEMENT_FILE).write_text(supplement)
+            (robot / SUPPLEMENT_FILE).write_text(supplement, encoding="utf-8")
             flat = TerrainConfig(terrain="flat")
             evaluation = Evaluation(robot=str(robot), course=flat, trials=self.trials, seed=self.seed)
             result = collect(evaluate(evaluation))

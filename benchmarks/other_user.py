@@ -97,7 +97,8 @@ def sessions(folder: Path) -> Iterator[Any]:
     settings = []
     with contextlib.suppress(zenoh.ZError, OSError):
         settings.append(zenoh.Config.from_file(str(folder / CLIENT_FILE)))
-    tcp, unix = (Path(f"/proc/net/{kind}").read_text().splitlines()[1:] for kind in ("tcp", "unix"))  # all may read it
+    all_may_read = (Path(f"/proc/net/{kind}") for kind in ("tcp", "unix"))
+    tcp, unix = (path.read_text(encoding="utf-8").splitlines()[1:] for path in all_may_read)
     fields = [line.split()[1:4] for line in tcp]
     endpoints = {f"tcp/127.0.0.1:{int(local.split(':')[1], 16)}" for local, _, state in fields if state == LISTENS}
     endpoints |= {f"{LOCAL}{path}" for path in (line.split()[-1] for line in unix) if "/saltus-" in path}

@@ -76,7 +76,7 @@ class Benchmark(Command):
             ROOT / "README.md",
             *sorted(ROOT.glob("models/*.md")),
         )
-        known = self.out.read_text().splitlines() if self.out is not None and self.out.is_file() else []
+        known = self.out.read_text(encoding="utf-8").splitlines() if self.out is not None and self.out.is_file() else []
         rows: list[Row] = [json.loads(line) for line in known]
         done = {row["page"] for row in rows}
         for page in progress([page for page in pages if commands(page)], "pages"):
@@ -86,7 +86,7 @@ class Benchmark(Command):
             found = [{"page": name, **row} for row in self._run(page, name)]
             rows += found
             if self.out is not None:
-                with self.out.open("a") as file:
+                with self.out.open("a", encoding="utf-8") as file:
                     file.writelines(json.dumps(row) + "\n" for row in found)
         return {
             "commands": len(rows),
@@ -127,7 +127,7 @@ class Benchmark(Command):
 
 def commands(page: Path) -> list[str]:
     """The commands of a page, in order, without their comments."""
-    text = re.sub(r"\\\n\s*", "", page.read_text())
+    text = re.sub(r"\\\n\s*", "", page.read_text(encoding="utf-8"))
     lines = [line.strip() for block in BLOCK.findall(text) for line in block.splitlines()]
     return [re.sub(r"\s+# .*", "", line) for line in lines if line.startswith(PROGRAMS)]
 
@@ -165,7 +165,7 @@ def stopped(process: subprocess.Popen[bytes]) -> int:
 
 def told(row: Row, code: int, log: Path) -> Row:
     """The row with its exit code, told on the way; where it failed with what it said last."""
-    said = log.read_text(errors="replace")
+    said = log.read_text(errors="replace", encoding="utf-8")
     failed = code >= FAILED or code < 0 or "Traceback (most recent call last)" in said
     tell(f"{code:4d} {row['seconds']:7.1f} s  {row['command']}")
     if failed:

@@ -117,7 +117,7 @@ class Benchmark(Command):
         if latency_s[0] == latency_s[1]:
             held = exported(with_age_held(model, latency_s[0]), self.out / name / "age_held.onnx")
             figures["age held"] = measured(held, self.runs, held_out)
-        (self.out / f"{name}.json").write_text(json.dumps(figures, indent=1) + "\n")
+        (self.out / f"{name}.json").write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
         return figures
 
 

@@ -78,12 +78,12 @@ class Benchmark(Command):
             rows.clear()
             for go in progress(range(first, first + max(0, round(left_s / self.go_s))), self.what):
                 for row in self._go(np.random.default_rng([self.seed, go])):
-                    with path.open("a") as file:
+                    with path.open("a", encoding="utf-8") as file:
                         file.write(json.dumps({"what": self.what, "go": go, **row}) + "\n")
             return {"soak": {"what": self.what, **summary(self._read(path), self.warm_up_s)}}
 
     def _read(self, path: Path) -> list[Row]:
-        lines = path.read_text().splitlines() if path.is_file() else []
+        lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
         return [row for row in map(json.loads, lines) if row["what"] == self.what]
 
     def _go(self, rng: np.random.Generator) -> Iterator[Row]:

@@ -46,7 +46,7 @@ class Benchmark(Pictured):
 
 def read_columns(path: Path) -> dict[str, Column]:
     """The columns of `progress.csv`."""
-    with path.open(newline="") as file:
+    with path.open(newline="", encoding="utf-8") as file:
         lines = list(csv.DictReader(file))
     return {name: np.array([float(line[name]) for line in lines]) for name in lines[0]}
 

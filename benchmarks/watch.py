@@ -100,7 +100,10 @@ class Page:
     def __init__(self, run_dir: Path, *, foxglove: bool) -> None:
         command = [sys.executable, "-P", "-m", "saltus.cli.main", "watch", str(run_dir), "--port", "0"]
         self._server = subprocess.Popen(
-            [*command, *(["--foxglove"] if foxglove else [])], stdout=subprocess.PIPE, text=True
+            [*command, *(["--foxglove"] if foxglove else [])],
+            stdout=subprocess.PIPE,
+            text=True,
+            encoding="utf-8",
         )
         assert self._server.stdout is not None
         found = re.search(r"(http|ws)://\S+", self._server.stdout.readline())
@@ -137,7 +140,7 @@ class Page:
         }
 
     def _processor_s(self) -> float:
-        fields = Path(f"/proc/{self._server.pid}/stat").read_text().rpartition(")")[2].split()
+        fields = Path(f"/proc/{self._server.pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")  # proc(5): utime and stime
 
 

@@ -14,7 +14,7 @@ def read_table(path: Path) -> list[dict[str, str]]:
     """The rows of a table; none where there is no table."""
     if not path.exists():
         return []
-    with path.open(newline="") as file:
+    with path.open(newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
 
 
@@ -30,7 +30,7 @@ def append_table(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
         _write(path, [*before, *rows])
         return
     try:
-        with path.open("a", newline="") as file:
+        with path.open("a", newline="", encoding="utf-8") as file:
             csv.DictWriter(file, known, restval=MISSING).writerows(rows)
     except OSError as error:
         raise SaltusError(f"cannot write {path}: {error.strerror}") from error
@@ -55,7 +55,7 @@ def _write(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
     names = list(dict.fromkeys(name for row in rows for name in row))
     unfinished = path.with_suffix(".part")
     try:
-        with unfinished.open("w", newline="") as file:
+        with unfinished.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, names, restval=MISSING)
             writer.writeheader()
             writer.writerows(rows)

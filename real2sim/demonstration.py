@@ -111,7 +111,7 @@ def demonstrate(robot: Robot, out: Path, *, seed: int = 0, progress: Progress | 
     profile = found.patch.applied_to(IDEAL, robot)
     if profile == IDEAL:
         raise SaltusError(f"the demonstration with seed {seed} ends here: {found.verdict.verdict}, nothing to apply")
-    (out / "profile.toml").write_text(profile_to_toml(profile))
+    (out / "profile.toml").write_text(profile_to_toml(profile), encoding="utf-8")
     again = find(logs, out / "again", profile=profile, seed=seed, progress=lambda stage, x: tell(f"again: {stage}", x))
     experiments = tuple(experiment_named(log.name) for log in logs)
     return Demonstration(hidden=hidden, experiments=experiments, found=found, profile=profile, again=again)

@@ -257,7 +257,7 @@ def _write(texts: Mapping[str, str | None], out: Path) -> None:
     parts = {name: out / f"{name}.part" for name in texts}
     try:
         for name, text in texts.items():
-            parts[name].write_text(text or "")
+            parts[name].write_text(text or "", encoding="utf-8")
         if texts.get("report.html"):
             from saltus.recordings.page import bring_plotly
 

@@ -227,7 +227,7 @@ def read_file(path: Path, make: Callable[[str], Config]) -> Config:
         ConfigError: the file cannot be read, is no text, or what `make` raises.
     """
     try:
-        with path.open() as file:
+        with path.open(encoding="utf-8-sig") as file:  # some editors begin a file with a mark
             text = file.read(TOML_MAX + 1)
         if len(text) > TOML_MAX:
             raise ConfigError(f"not valid TOML: it is longer than {TOML_MAX} characters")
@@ -235,7 +235,7 @@ def read_file(path: Path, make: Callable[[str], Config]) -> Config:
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not valid TOML: it is not text") from error
+        raise ConfigError(f"{path}: not valid TOML: it is not text in UTF-8 (save it as UTF-8)") from error
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
 

@@ -155,7 +155,7 @@ def put_model(written: Path, path: Path) -> None:
     One that is killed half-way leaves no wrong checksum.
     """
     checksum, partial = checksum_path(path), written.with_name(f"{written.name}{CHECKSUM_SUFFIX}")
-    partial.write_text(f"{hashlib.sha256(written.read_bytes()).hexdigest()}  {path.name}\n")
+    partial.write_text(f"{hashlib.sha256(written.read_bytes()).hexdigest()}  {path.name}\n", encoding="utf-8")
     checksum.unlink(missing_ok=True)
     written.replace(path)
     partial.replace(checksum)
@@ -164,7 +164,7 @@ def put_model(written: Path, path: Path) -> None:
 def _compare_checksum(path: Path, sha256: str) -> None:
     checksum = checksum_path(path)
     try:
-        words = checksum.read_text().split()
+        words = checksum.read_text(encoding="utf-8").split()
     except FileNotFoundError:
         return
     except (OSError, UnicodeDecodeError) as error:

@@ -12,7 +12,9 @@ def commit() -> str:
         return f"version {package_version('saltus')}"
     command = ["git", "describe", "--always", "--dirty=+", "--abbrev=40", "--exclude=*"]
     try:
-        described = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True, timeout=10)
+        described = subprocess.run(
+            command, cwd=root, capture_output=True, text=True, check=True, timeout=10, encoding="utf-8"
+        )
     except (OSError, subprocess.SubprocessError):
         return f"version {package_version('saltus')}"
     return described.stdout.strip()

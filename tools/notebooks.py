@@ -69,9 +69,9 @@ def main() -> None:
     arguments = parser.parse_args()
     places = {path.resolve(): (arguments.out or path.parent).resolve() / path.name for path in arguments.notebooks}
     for path, place in places.items():  # in full: cells may change the folder
-        notebook = json.loads(path.read_text())
+        notebook = json.loads(path.read_text(encoding="utf-8"))
         run(notebook)
-        place.write_text(json.dumps(notebook, indent=1, ensure_ascii=False) + "\n")
+        place.write_text(json.dumps(notebook, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

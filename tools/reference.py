@@ -220,4 +220,4 @@ def _wrapped(text: str) -> str:
 if __name__ == "__main__":
     FOLDER.mkdir(exist_ok=True)
     for file, text in pages().items():
-        (FOLDER / file).write_text(text)
+        (FOLDER / file).write_text(text, encoding="utf-8")

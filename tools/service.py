@@ -29,7 +29,7 @@ def service_requirements() -> list[str]:
 
     Who wants one version of another package is named by its own version, too: they come as a pair.
     """
-    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
     waiting = [each for each in map(Requirement, declared) if canonicalize_name(each.name) in NEEDED]
     found: dict[str, str] = {}
     while waiting:
@@ -49,4 +49,4 @@ def _is_needed(need: Requirement) -> bool:
 
 
 if __name__ == "__main__":
-    FILE.write_text(HEAD + "\n".join(service_requirements()) + "\n")
+    FILE.write_text(HEAD + "\n".join(service_requirements()) + "\n", encoding="utf-8")

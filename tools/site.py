@@ -37,7 +37,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         if not path.startswith(DOCS):
             files.append(File.generated(config, _in_site(path), content=_text(path)))
         if path.endswith(".md"):
-            linked = {_target(path, link) for _, link, _ in LINK.findall((ROOT / path).read_text())} - known
+            linked = {
+                _target(path, link) for _, link, _ in LINK.findall((ROOT / path).read_text(encoding="utf-8"))
+            } - known
             found = [other for other in linked if (ROOT / other).is_file() and not other.startswith(DOCS)]
             known.update(found)
             waiting.extend(found)
@@ -87,7 +89,7 @@ def _target(path: str, link: str) -> str:
 
 def _text(path: str) -> str:
     """The page of a file: itself, or its code."""
-    text = (ROOT / path).read_text()
+    text = (ROOT / path).read_text(encoding="utf-8")
     return text if path.endswith(".md") else f"# {path}\n\n```{Path(path).suffix[1:]}\n{text}```\n"
 
 
@@ -95,7 +97,7 @@ def _notebook(path: Path) -> Iterator[tuple[str, str | bytes]]:
     """The page of a notebook under docs/ and its pictures, each with its place in the site."""
     parts: list[str] = []
     pictures = 0
-    for cell in json.loads((ROOT / DOCS / path).read_text())["cells"]:
+    for cell in json.loads((ROOT / DOCS / path).read_text(encoding="utf-8"))["cells"]:
         source = "".join(cell["source"])
         parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
         for output in cell.get("outputs", ()):

@@ -72,14 +72,14 @@ def read_cases(verdicts: Path, truth: Path) -> list[Case]:
     Raises:
         RuntimeError: a verdict has changed since the hashes were written.
     """
-    hashes = json.loads((verdicts / "hashes.json").read_text())
+    hashes = json.loads((verdicts / "hashes.json").read_text(encoding="utf-8"))
     for name, expected in hashes.items():
         if digest(verdicts / name / "verdict.json") != expected:
             raise RuntimeError(f"the verdict on {name} is not the one that was sealed: identify again")
     return [
         Case(
-            truth=json.loads((truth / f"{name}.json").read_text()),
-            verdict=json.loads((verdicts / name / "verdict.json").read_text()),
+            truth=json.loads((truth / f"{name}.json").read_text(encoding="utf-8")),
+            verdict=json.loads((verdicts / name / "verdict.json").read_text(encoding="utf-8")),
             baselines=_optional(verdicts / name / "baselines.json", {}),
             seconds=_optional(verdicts / name / "seconds.json", None),
         )
@@ -88,4 +88,4 @@ def read_cases(verdicts: Path, truth: Path) -> list[Case]:
 
 
 def _optional(path: Path, default: Any) -> Any:
-    return json.loads(path.read_text()) if path.exists() else default
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else default

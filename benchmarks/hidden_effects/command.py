@@ -102,7 +102,7 @@ class Score(_Judged):
         marked = cases.read_cases(self.verdicts, self.truth)
         again = None if self.followup is None else cases.read_cases(self.followup, self.truth)
         table = score.table(marked, again)
-        (self.verdicts / "score.json").write_text(json.dumps(table, indent=1))
+        (self.verdicts / "score.json").write_text(json.dumps(table, indent=1), encoding="utf-8")
         confusion.write_confusion(marked, self.verdicts)
         return table
 

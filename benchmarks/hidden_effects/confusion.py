@@ -34,11 +34,11 @@ def matrix(cases: list[Case]) -> tuple[list[str], list[str], np.ndarray]:
 def write_confusion(cases: list[Case], directory: Path) -> None:
     """Writes confusion.csv, confusion.html and runs.csv, a line for each run."""
     rows, columns, counts = matrix(cases)
-    with (directory / "confusion.csv").open("w", newline="") as file:
+    with (directory / "confusion.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["true", *columns])
         writer.writerows([name, *line] for name, line in zip(rows, counts.tolist(), strict=True))
-    with (directory / "runs.csv").open("w", newline="") as file:
+    with (directory / "runs.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(
             ["run", "kind", "category", "counts", "separable", "true", "multiples", "verdict", "named", "sets"]

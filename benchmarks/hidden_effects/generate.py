@@ -68,7 +68,7 @@ def generate_run(run: Run, logs: Path, truth: Path, tuning: bool) -> str:
         **findings,
     }
     truth.mkdir(parents=True, exist_ok=True)
-    (truth / f"{run.name}.json").write_text(json.dumps(record, indent=1))
+    (truth / f"{run.name}.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
     return run.name
 
 

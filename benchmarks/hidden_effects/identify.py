@@ -41,7 +41,7 @@ def identify(logs: Path, verdicts: Path, find: Find, jobs: int, second: Path | N
             pool.shutdown(wait=False, cancel_futures=True)
     hashes = {name: digest(verdicts / name / "verdict.json") for name in names}
     verdicts.mkdir(parents=True, exist_ok=True)
-    (verdicts / "hashes.json").write_text(json.dumps(hashes, indent=1))
+    (verdicts / "hashes.json").write_text(json.dumps(hashes, indent=1), encoding="utf-8")
     return len(names)
 
 
@@ -55,7 +55,13 @@ def command(logs: tuple[Path, ...], out: Path) -> None:
     find = [sys.executable, "-P", "-m", "saltus.cli.main", "real2sim", "find", *map(str, logs), "--out", str(out)]
     call = [*find, "--json", "--no-report"]
     done = subprocess.run(
-        call, capture_output=True, text=True, timeout=LIMIT_S, env=os.environ | {"OMP_NUM_THREADS": "1"}, check=False
+        call,
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        check=False,
+        encoding="utf-8",
     )
     if -done.returncode in ENDINGS:
         raise KeyboardInterrupt
@@ -69,8 +75,8 @@ def _look(find: Find, logs: tuple[Path, ...], out: Path) -> str:
     try:
         find(logs, out)
     except Exception as error:  # whatever stops an identifier must not stop the benchmark
-        (out / "verdict.json").write_text(json.dumps({"verdict": "error", "message": str(error)}))
+        (out / "verdict.json").write_text(json.dumps({"verdict": "error", "message": str(error)}), encoding="utf-8")
     seconds = time.monotonic() - start
-    (out / "seconds.json").write_text(json.dumps(seconds))
-    said = json.loads((out / "verdict.json").read_text())
+    (out / "seconds.json").write_text(json.dumps(seconds), encoding="utf-8")
+    said = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
     return f"{said['verdict']} {[effect['name'] for effect in said.get('effects', [])]} {seconds:.0f} s"

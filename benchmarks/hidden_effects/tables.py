@@ -76,4 +76,4 @@ def write(files: RunFiles, directory: Path) -> None:
             pyarrow.csv.write_csv(table, directory / f"{name}.csv")
     if files.depth:
         np.savez(directory / "depth.npz", **files.depth)  # type: ignore[arg-type]
-    (directory / "meta.json").write_text(json.dumps(files.meta, indent=1))
+    (directory / "meta.json").write_text(json.dumps(files.meta, indent=1), encoding="utf-8")

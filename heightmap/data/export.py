@@ -67,7 +67,7 @@ def export(directory: Path, out: Path, done: Callable[[int], object] = lambda _:
                     file.write_table(_arrow(table), row_group_size=ROW_GROUP)
                     done(len(episode.height))
         _write_meta(made, rows, terrains, statistics)
-        (made / CROISSANT_FILE).write_text(json.dumps(croissant(records), indent=1) + "\n")
+        (made / CROISSANT_FILE).write_text(json.dumps(croissant(records), indent=1) + "\n", encoding="utf-8")
     return Exported(episodes=len(rows), ticks=_index(rows), terrains=tuple(terrains))
 
 
@@ -156,9 +156,9 @@ def _write_meta(
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet", "video_path": None,
         "features": features,
     }  # fmt: skip
-    (made / INFO_FILE).write_text(json.dumps(info, indent=1) + "\n")
+    (made / INFO_FILE).write_text(json.dumps(info, indent=1) + "\n", encoding="utf-8")
     stats = {column.name: statistics[column.name].table(column.shape) for column in COLUMNS}
-    (made / STATS_FILE).write_text(json.dumps(stats) + "\n")
+    (made / STATS_FILE).write_text(json.dumps(stats) + "\n", encoding="utf-8")
 
 
 def croissant(records: list[ShardRecord]) -> dict[str, Any]:

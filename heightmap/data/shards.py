@@ -242,7 +242,7 @@ def write_shard(directory: Path, episodes: Iterable[Episode], *, seed: int, conf
 def write_manifest(directory: Path, records: Iterable[ShardRecord]) -> None:
     """Replaces the manifest of a dataset, whole or not at all."""
     text = json.dumps({"format": _FORMAT, "shards": [asdict(record) for record in records]}, indent=1) + "\n"
-    write_whole(directory / MANIFEST, lambda temporary: temporary.write_text(text))
+    write_whole(directory / MANIFEST, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
 def layout() -> dict[str, Any]:
@@ -262,7 +262,7 @@ def read_manifest(directory: Path) -> list[ShardRecord]:
     if not path.exists():
         return []
     try:
-        table = json.loads(path.read_text())
+        table = json.loads(path.read_text(encoding="utf-8"))
         if table["format"] != _FORMAT:
             raise DatasetError(f"{path} has format '{table['format']}', this program reads '{_FORMAT}'")
         records = [from_table(ShardRecord, record) for record in table["shards"]]

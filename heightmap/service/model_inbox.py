@@ -69,7 +69,7 @@ class ModelInbox:
         place = _answer_path(self._path)
         with contextlib.suppress(OSError):
             partial = place.with_name(f".{place.name}.partial")
-            partial.write_text(text)
+            partial.write_text(text, encoding="utf-8")
             partial.replace(place)
 
     def close(self) -> None:
@@ -83,9 +83,11 @@ class ModelInbox:
         path = self._path
         _ask_for_checksum(path)
         command = [sys.executable, "-P", "-m", "saltus.heightmap.service.model_check", str(path)]
-        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONUTF8": "1"}
         pipe = subprocess.PIPE
-        with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment) as check:
+        with subprocess.Popen(
+            command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment, encoding="utf-8"
+        ) as check:
             self._process = check
             try:
                 model_id, complaint = check.communicate(self._robot.to_toml(), timeout=TIMEOUT_S)
@@ -146,7 +148,7 @@ def wait_for_answer(run_dir: Path) -> str:
     target = run_dir / FILE
     answer, heard, deadline_s = _answer_path(target), False, time.monotonic() + HEARD_S
     while time.monotonic() < deadline_s:
-        text = answer.read_text() if answer.exists() else ""
+        text = answer.read_text(encoding="utf-8") if answer.exists() else ""
         if text == ACCEPTED:
             return ""
         if text and text != CHECKING:

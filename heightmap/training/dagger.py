@@ -130,7 +130,7 @@ def begun_settings(directory: Path) -> DaggerConfig:
     """The settings that a run was begun with; `DatasetError` where its file is damaged."""
     path = directory / BEGUN
     try:
-        begun = json.loads(path.read_text())
+        begun = json.loads(path.read_text(encoding="utf-8"))
         return from_table(DaggerConfig, {name: value for name, value in begun.items() if name not in _DIGESTS})
     except (OSError, ValueError, AttributeError, ConfigError) as error:
         raise DatasetError(f"{path} is damaged: {error}") from error
@@ -147,11 +147,11 @@ def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: P
     }
     path = directory / BEGUN
     if not path.exists():
-        write_whole(path, lambda temporary: temporary.write_text(json.dumps(wanted, indent=1) + "\n"))
+        write_whole(path, lambda temporary: temporary.write_text(json.dumps(wanted, indent=1) + "\n", encoding="utf-8"))
         return
     try:
         older = {"profile": SHIPPED, "profile_sha256": _digest(SHIPPED)}  # runs that did not name it
-        begun = older | json.loads(path.read_text())
+        begun = older | json.loads(path.read_text(encoding="utf-8"))
         for name, value in wanted.items():
             if begun[name] != value:
                 raise DatasetError(f"{path}: this run was begun with {name} = {begun[name]}, not {value}")

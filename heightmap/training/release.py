@@ -125,7 +125,8 @@ def release(
         )
         put_model(candidate, model_path)
     card_path(model_path).write_text(
-        _card(robot, camera, result, training, records, f"{len(held_out)} of {measured_on}")
+        _card(robot, camera, result, training, records, f"{len(held_out)} of {measured_on}"),
+        encoding="utf-8",
     )
     return result
 

@@ -52,8 +52,8 @@ class TrainingRecord:
         """Where the checkpoint lies."""
         self._learner, self._start_s, self._say, self._log = learner, start_s, say, folder / LOG
         self._extra: Mapping[str, Any] = {"config": to_toml(config), "commit": commit}
-        (folder / "config.toml").write_text(self._extra["config"])
-        (folder / COMMIT).write_text(commit + "\n")
+        (folder / "config.toml").write_text(self._extra["config"], encoding="utf-8")
+        (folder / COMMIT).write_text(commit + "\n", encoding="utf-8")
         self._progress = Progress(folder, env, learner)
         self._reported = self._saved = time.monotonic()
         self.evaluation = self._evaluations(folder, config.env.curriculum, evaluate_s) if evaluate_s > 0.0 else None
@@ -63,7 +63,8 @@ class TrainingRecord:
     def say(self, line: str) -> None:
         """Tells people, and the log."""
         self._say(line)
-        with contextlib.suppress(OSError), self._log.open("a") as log:  # a line of the log is not worth the training
+        # A line of the log is not worth the training.
+        with contextlib.suppress(OSError), self._log.open("a", encoding="utf-8") as log:
             log.write(line + "\n")
 
     def step(self, losses: dict[str, float]) -> None:

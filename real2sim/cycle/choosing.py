@@ -114,7 +114,7 @@ def finds_drives(folder: CycleFolder) -> bool:
 
 def chosen(folder: CycleFolder) -> Choice | None:
     """What was tried so far; None where nothing was."""
-    return from_table(Choice, json.loads(folder.choice.read_text())) if folder.choice.exists() else None
+    return from_table(Choice, json.loads(folder.choice.read_text(encoding="utf-8"))) if folder.choice.exists() else None
 
 
 def taken_models(folder: CycleFolder) -> tuple[ModelKind, ...]:

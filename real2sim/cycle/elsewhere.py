@@ -90,13 +90,13 @@ def export_training(folder: CycleFolder, settings: CycleSettings, out: Path) -> 
         script, driver = _BEGIN, Path("policy.pt")
         if differs_beyond_camera(folder):
             script, driver = script + _POLICY, Path("policy") / CHECKPOINT
-            (made / "policy.toml").write_text(tomli_w.dumps(policy_changes(settings, Path(PROFILE))))
+            (made / "policy.toml").write_text(tomli_w.dumps(policy_changes(settings, Path(PROFILE))), encoding="utf-8")
         collection = device_collection(settings, driver, Path("heightmap.onnx"), Path(PROFILE))
-        (made / "collection.toml").write_text(to_toml(collection))
-        (made / "predictor.toml").write_text(to_toml(settings.predictor))
+        (made / "collection.toml").write_text(to_toml(collection), encoding="utf-8")
+        (made / "predictor.toml").write_text(to_toml(settings.predictor), encoding="utf-8")
         script = (script + _PREDICTOR).format(seed=settings.seed, minutes=settings.policy_minutes)
-        (made / "train.sh").write_text(script)
-        (made / "README.md").write_text(_README)
+        (made / "train.sh").write_text(script, encoding="utf-8")
+        (made / "README.md").write_text(_README, encoding="utf-8")
 
 
 def take_training(folder: CycleFolder, settings: CycleSettings, given: Path) -> tuple[ModelKind, ...]:

@@ -98,7 +98,7 @@ def find_effects(
         raise RecordingError(f"{sentence(found.verdict)}: see {folder.found / 'report.html'}")
     patched, _ = apply_what_can_be(found.patch, known)
     again = _look(folder.again, patched, settings.seed, tell, "again", logs) if patched != known else None
-    folder.profile.write_text(profile_to_toml(patched))
+    folder.profile.write_text(profile_to_toml(patched), encoding="utf-8")
     return found, again
 
 
@@ -126,12 +126,12 @@ def _look(out: Path, profile: Profile, seed: int, tell: Progress, name: str, log
         for compared in each.comparisons
         for gap in compared.findings.gaps
     ]
-    (out / _GAPS).write_text(json.dumps(gaps))
+    (out / _GAPS).write_text(json.dumps(gaps), encoding="utf-8")
     return judged
 
 
 def gaps_of(found: Path) -> dict[str, SignalGap]:
     """The gap of each sensor's signals by their names, as the search in this folder began; none where there is none."""
     path = found / _GAPS
-    gaps = json.loads(path.read_text()) if path.exists() else []
+    gaps = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     return {gap["signal"]: from_table(SignalGap, gap) for gap in gaps}

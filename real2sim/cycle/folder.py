@@ -129,7 +129,7 @@ def open_folder(root: Path, given: CycleSettings) -> tuple[CycleFolder, CycleSet
         _compare(folder, settings)
     ask_for_room(root)
     for path, text in (texts | {folder.settings: to_toml(settings)}).items():
-        path.write_text(text)
+        path.write_text(text, encoding="utf-8")
     return folder, settings
 
 

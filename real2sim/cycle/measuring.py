@@ -39,7 +39,7 @@ class Measured:
 def measured(folder: CycleFolder, when: When, course: str) -> Measured | None:
     """What was measured so far; None where nothing was."""
     path = _file(folder, when, course)
-    return from_table(Measured, json.loads(path.read_text())) if path.exists() else None
+    return from_table(Measured, json.loads(path.read_text(encoding="utf-8"))) if path.exists() else None
 
 
 def measure(folder: CycleFolder, settings: CycleSettings, when: When, course: str, tell: Progress) -> Measured:

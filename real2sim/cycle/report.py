@@ -54,7 +54,9 @@ def results(folder: CycleFolder) -> dict[str, Any]:
 
 def trained(folder: CycleFolder) -> dict[ModelKind, str]:
     """What became of each model; nothing where training is not over."""
-    became: dict[ModelKind, str] = json.loads(folder.trained.read_text()) if folder.trained.exists() else {}
+    became: dict[ModelKind, str] = (
+        json.loads(folder.trained.read_text(encoding="utf-8")) if folder.trained.exists() else {}
+    )
     return became
 
 
@@ -74,7 +76,7 @@ def write_cycle_report(folder: CycleFolder, settings: CycleSettings) -> None:
         "<h2>What these logs cannot show</h2>",
         _untestable(folder),
         "<h2>Provenance</h2>",
-        f"<pre>commit = {commit()}\n\n{html.escape(folder.settings.read_text())}</pre>",
+        f"<pre>commit = {commit()}\n\n{html.escape(folder.settings.read_text(encoding='utf-8'))}</pre>",
     ]
     write_page(folder.report, page("The cycle", "\n".join(parts), MORE_STYLE))
 
@@ -91,7 +93,7 @@ def _courses(folder: CycleFolder) -> Courses:
 
 def _verdict(found: Path) -> dict[str, Any] | None:
     path = found / "verdict.json"
-    verdict: dict[str, Any] | None = json.loads(path.read_text()) if path.exists() else None
+    verdict: dict[str, Any] | None = json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
     return verdict
 
 
@@ -230,8 +232,8 @@ def _strip(folder: CycleFolder, settings: CycleSettings, trials: Measured, when:
         (terrain,) = courses_of(COURSES[course], [seed])
         ended = trial.failure.replace("_", " ") or "success"
         pictures = picture_strip(load_robot(DEFAULT_ROBOT), terrain, trial.trace)
-        kept.write_text(f"<h3>{course}, seed {seed}, {when}: {ended}</h3>{pictures}")
-    return kept.read_text()
+        kept.write_text(f"<h3>{course}, seed {seed}, {when}: {ended}</h3>{pictures}", encoding="utf-8")
+    return kept.read_text(encoding="utf-8")
 
 
 def _untestable(folder: CycleFolder) -> str:

@@ -111,7 +111,7 @@ def _judged(ci90: tuple[float, float], true: float) -> str:
 
 
 def _why_not(folder: CycleFolder, name: str) -> str:
-    verdict = json.loads((folder.found / "verdict.json").read_text())
+    verdict = json.loads((folder.found / "verdict.json").read_text(encoding="utf-8"))
     untestable = {each["name"]: each["why"] for each in verdict["untestable"]}
     if name in untestable:
         return f"not found: these logs cannot show it: {untestable[name]}"

@@ -110,7 +110,10 @@ def _table(robot: Robot, members: Sequence[str], rigs: Sequence[dict[str, Any]])
 @cache
 def separations() -> dict[str, Separations]:
     """The measured table, by experiment."""
-    return {name: _separations(entry) for name, entry in json.loads(SEPARATIONS.read_text())["experiments"].items()}
+    return {
+        name: _separations(entry)
+        for name, entry in json.loads(SEPARATIONS.read_text(encoding="utf-8"))["experiments"].items()
+    }
 
 
 def _separations(entry: dict[str, dict[str, list[float]] | list[list[float]]]) -> Separations:

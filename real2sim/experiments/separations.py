@@ -127,7 +127,9 @@ def _short(value: float) -> float:
 def main(names: list[str]) -> None:
     """Measures experiments, all where none is named, and writes the table."""
     robot = load_robot(DEFAULT_ROBOT)
-    measured: dict[str, Any] = json.loads(SEPARATIONS.read_text())["experiments"] if SEPARATIONS.exists() else {}
+    measured: dict[str, Any] = (
+        json.loads(SEPARATIONS.read_text(encoding="utf-8"))["experiments"] if SEPARATIONS.exists() else {}
+    )
     for name in names or list(EXPERIMENTS):
         measured[name] = measure(EXPERIMENTS[name], robot)
         order = [known for known in EXPERIMENTS if known in measured]
@@ -135,7 +137,7 @@ def main(names: list[str]) -> None:
             "source": "python -m saltus.real2sim.experiments.separations",
             "experiments": {known: measured[known] for known in order},
         }
-        SEPARATIONS.write_text(json.dumps(table, indent=1) + "\n")
+        SEPARATIONS.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

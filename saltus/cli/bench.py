@@ -43,7 +43,8 @@ class Bench:
         files |= {path.parent.name: path for path in folder.glob("*/command.py")}
         if not self.name:
             for name, path in sorted(files.items()):
-                print(f"{name:16} {(ast.get_docstring(ast.parse(path.read_text())) or '').splitlines()[0]}")
+                said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+                print(f"{name:16} {said.splitlines()[0]}")
             return 0
         if self.name not in files:
             raise SaltusError(f"there is no benchmark '{self.name}': {nearest_hint(self.name, files)}")

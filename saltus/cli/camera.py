@@ -44,7 +44,7 @@ class Camera:
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
         terrain = make_terrain(self.course)
         folder = run_directory("camera", self.out)
-        (folder / "camera.toml").write_text(camera.to_toml())
+        (folder / "camera.toml").write_text(camera.to_toml(), encoding="utf-8")
         coverage = draw_camera(robot, terrain, camera, folder / "camera.png")
         image = camera.image
         sides = ((image.width, image.fx), (image.height, image.fy))

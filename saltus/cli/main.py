@@ -2,12 +2,14 @@
 
 import ast
 import errno
+import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import reduce
 from importlib import import_module
+from io import TextIOWrapper
 from operator import or_
 from pathlib import Path
 from typing import Annotated, Any, Protocol, cast
@@ -41,6 +43,24 @@ COMMANDS = {
 """The class of each command, in the module of `saltus.cli` that has its name; only the one that is run is imported."""
 
 INTERRUPTED = 130
+MUJOCO_GL = (
+    "",
+    "glfw",
+    "glx",
+    "egl",
+    "osmesa",
+    "on",
+    "enable",
+    "enabled",
+    "true",
+    "1",
+    "off",
+    "disable",
+    "disabled",
+    "false",
+    "0",
+)
+"""Values of this variable of the environment that MuJoCo knows (its mujoco/rendering/classic/gl_context.py)."""
 
 
 class Command(Protocol):
@@ -56,6 +76,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     SIGTERM and SIGHUP end it as Ctrl-C does, and then end this process by the same signal.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without a sign shows "?" in its place
     try:
         with ending_by_signals():
             return _run(sys.argv[1:] if arguments is None else arguments)
@@ -67,6 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str]) -> int:
     try:
+        _ask_for_mujoco_gl()
         if list(arguments) == ["--version"]:
             from saltus.provenance import commit, package_version
 
@@ -105,6 +129,18 @@ def _run(arguments: Sequence[str]) -> int:
         return BAD_INPUT
 
 
+def _ask_for_mujoco_gl() -> None:
+    """Refuses a value that MuJoCo fails at when it is imported, and turns off what Saltus does not draw with.
+
+    The engine would look for that library when it is imported, and not every installation has it.
+    """
+    told = os.environ.get("MUJOCO_GL", "")
+    if told.lower().strip() not in MUJOCO_GL:
+        allowed = ", ".join(filter(None, MUJOCO_GL))
+        raise SaltusError(f"MUJOCO_GL = {told}: MuJoCo takes {allowed}; unset it, Saltus does not need it")
+    os.environ["MUJOCO_GL"] = "off"
+
+
 def command_of(arguments: Sequence[str]) -> Command:
     """What is to be run; what follows the name of a benchmark is for that benchmark to read.
 
@@ -135,7 +171,7 @@ def _imported(name: str) -> type:
 
 def _described(name: str) -> type:
     """A stand-in for it that says the same in its first sentence, without what running it would import."""
-    source = ast.parse(Path(__file__).with_name(f"{name}.py").read_text())
+    source = ast.parse(Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8"))
     (found,) = (node for node in source.body if isinstance(node, ast.ClassDef) and node.name == COMMANDS[name])
     return dataclass(type(name, (), {"__doc__": (ast.get_docstring(found) or "").split("\n\n")[0]}))
 

@@ -62,7 +62,7 @@ class Fit:
 
         result = fit(load_frames(self.recording))
         folder = run_directory("render-fit", self.out)
-        (folder / "camera.toml").write_text(result.to_toml())
+        (folder / "camera.toml").write_text(result.to_toml(), encoding="utf-8")
         write_fit_plot(result, folder / "stereo.html")
         estimates = vars(result.parameters)
         for name, found in estimates.items():
@@ -96,7 +96,7 @@ class Calibrate:
 
         found = calibrate(self.recording)
         folder = run_directory("render-calibrate", self.out)
-        (folder / "camera.toml").write_text(found.camera.to_toml())
+        (folder / "camera.toml").write_text(found.camera.to_toml(), encoding="utf-8")
         write_calibration_plot(found, folder / "calibration.html")
         for row in rows_of(found):
             print(f"{row.name:8} {row.found:9.3f} {row.unit:4} +- {row.half_width_90:.3f}, claimed {row.claimed:.3f}")

@@ -1,6 +1,7 @@
 """Runs one process of the stack in the foreground."""
 
 import contextlib
+import os
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -29,7 +30,7 @@ def serve(module: str, run_dir: Path, endpoint: str | None, *more: str, peer: bo
     endpoint = endpoint or endpoint_of(run_dir)
     links = [PEER_FLAG] if peer else []
     command = [sys.executable, "-P", "-m", module, "--run-dir", str(run_dir), "--endpoint", endpoint, *links, *more]
-    with subprocess.Popen(command) as process:
+    with subprocess.Popen(command, env={**os.environ, "PYTHONUTF8": "1"}) as process:
         try:
             return process.wait()
         except KeyboardInterrupt:

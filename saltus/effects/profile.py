@@ -146,7 +146,7 @@ def save_profile(name: str, profile: Profile) -> Path:
     path = profiles_folder() / f"{name}.toml"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(profile_to_toml(profile))
+        path.write_text(profile_to_toml(profile), encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"cannot write the profile {path}: {error.strerror}") from error
     return path

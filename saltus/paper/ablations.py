@@ -144,14 +144,14 @@ def _training(files: tuple[Path, ...]) -> dict[str, Any]:
     told: dict[str, Any] = {"seed": int(files[0].parent.name.removeprefix("seed-"))}
     for kind, before, path in zip(("policy", "predictor"), ("", "predictor_"), files, strict=False):
         code = path.parent / COMMIT
-        told[f"{before}commit"] = code.read_text().strip() if code.exists() else "unknown"
+        told[f"{before}commit"] = code.read_text(encoding="utf-8").strip() if code.exists() else "unknown"
         told[kind] = model_id(path.read_bytes()) if path.exists() else _recorded_id(path)
     return told
 
 
 def _recorded_id(path: Path) -> str:
     """Name of a model whose checksum alone is there."""
-    return checksum_path(path).read_text().split()[0][:MODEL_ID_DIGITS]
+    return checksum_path(path).read_text(encoding="utf-8").split()[0][:MODEL_ID_DIGITS]
 
 
 def check_weights(name: str, trained: Path, known: Sequence[Places | None]) -> None:
@@ -295,7 +295,7 @@ def _progress(path: Path) -> dict[str, Floats]:
 def _columns(path: Path) -> dict[str, tuple[str, ...]]:
     """The columns of a training's table; `SaltusError` where there is none."""
     try:
-        names, *rows = (line.split(",") for line in path.read_text().splitlines())
+        names, *rows = (line.split(",") for line in path.read_text(encoding="utf-8").splitlines())
         return dict(zip(names, zip(*rows, strict=True), strict=True))
     except (OSError, ValueError) as error:
         raise SaltusError(f"cannot read {path}, the table of a training") from error

@@ -101,7 +101,7 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *,
         "numbers": _finite(made.numbers),
     }
     save(made.figure, folder / f"{row.name}.png")
-    (folder / f"{row.name}.json").write_text(json.dumps(result, indent=1) + "\n")
+    (folder / f"{row.name}.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     return result
 
 
@@ -160,7 +160,7 @@ def made_before(row: Row, folder: Path) -> dict[str, Any] | None:
 def _read(path: Path, row: Row) -> dict[str, Any]:
     """What `make` has written; `SaltusError` where the file holds something else."""
     try:
-        result: dict[str, Any] = json.loads(path.read_text())
+        result: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         if (
             result["row"] != row.name
             or not isinstance(result["numbers"], dict)

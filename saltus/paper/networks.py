@@ -113,7 +113,7 @@ def train_network(
     work = _Work(data=trained / "data" / f"seed-{seed}", own=trained / name / f"seed-{seed}", seed=seed,
                  teacher=teachers[0], commit=commit, effort=effort or NetworkEffort())  # fmt: skip
     work.own.mkdir(parents=True, exist_ok=True)
-    (work.own / COMMIT).write_text(f"{commit or this_commit()}\n")
+    (work.own / COMMIT).write_text(f"{commit or this_commit()}\n", encoding="utf-8")
     if name == PREDICTOR:
         return _rounds(work)
     if len(read_manifest(work.data)) < ROUNDS:

@@ -132,7 +132,7 @@ def train(name: str, seed: int, trained: Path, minutes: float, commit: str | Non
 def _profile(ablation: Ablation, folder: Path) -> Path:
     shipped = load_profile(SHIPPED, load_robot(DEFAULT_ROBOT))
     path = folder / "profile.toml"
-    path.write_text(profile_to_toml(shipped.without(*ablation.without)))
+    path.write_text(profile_to_toml(shipped.without(*ablation.without)), encoding="utf-8")
     return path
 
 
@@ -141,6 +141,6 @@ def _without_feedback(folder: Path) -> Path:
     robot = folder / "robot"
     shutil.copytree(shipped_folder(DEFAULT_ROBOT), robot, dirs_exist_ok=True)
     supplement = robot / SUPPLEMENT_FILE
-    head, tail = supplement.read_text().split(_FEEDBACK)
-    supplement.write_text(f"{head}{_FEEDBACK}0.0 #{tail}")
+    head, tail = supplement.read_text(encoding="utf-8").split(_FEEDBACK)
+    supplement.write_text(f"{head}{_FEEDBACK}0.0 #{tail}", encoding="utf-8")
     return robot

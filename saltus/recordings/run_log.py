@@ -135,9 +135,9 @@ def write_run_log(log: RunLog, directory: Path, robot: Robot | None = None) -> N
         if log.depth is not None:
             _write_depth(directory / "depth.npz", log.depth)
         if robot is not None and robot.name not in shipped_robots():
-            (directory / claim_of(robot)).write_text(robot.mjcf)
+            (directory / claim_of(robot)).write_text(robot.mjcf, encoding="utf-8")
         # last: without it a folder is no run log, so that one that could not be finished is not taken for one
-        (directory / "meta.json").write_text(json.dumps(log.meta, indent=2))
+        (directory / "meta.json").write_text(json.dumps(log.meta, indent=2), encoding="utf-8")
     except OSError as error:
         raise RecordingError(f"cannot write {directory}: {error.strerror or error}") from error
 
@@ -188,7 +188,7 @@ def read_claims(directory: Path) -> dict[str, Any]:
         instead = f"; `saltus real2sim import` makes one of the {recordings[0]} in it" if recordings else ""
         raise RecordingError(f"{directory} is not a run log: it has no meta.json{instead}")
     try:
-        meta = json.loads(path.read_text())
+        meta = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise RecordingError(f"{directory}: cannot read meta.json: {error}") from error
     if not isinstance(meta, dict):
@@ -252,7 +252,7 @@ def read_columns(path: Path, wanted: Sequence[str]) -> dict[str, Floats]:
 
 
 def _read_csv(path: Path, wanted: Sequence[str] | None = None) -> pa.Table:
-    with path.open() as file:
+    with path.open(encoding="utf-8") as file:
         header = [name.strip().strip('"') for name in file.readline().split(",")]
     if missing := [name for name in wanted or () if name not in header]:
         raise ValueError(f"column '{missing[0]}' is missing: {nearest_hint(missing[0], header)}")

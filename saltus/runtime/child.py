@@ -21,6 +21,7 @@ ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
     "PYTHONUNBUFFERED": "1",
+    "PYTHONUTF8": "1",  # its log is read as UTF-8, whatever the locale
     "MUJOCO_GL": "off",  # nobody draws here; to find a window system MuJoCo would start one more Python, for 0.07 s
     # Of the two receiving threads of the default one waits for the sockets and wakes the other for each message. Not
     # for the router: with one it drops large messages.
@@ -121,7 +122,7 @@ class Child:
     def log_tail(self) -> str:
         """The last lines that it wrote, indented, for the end of an error message."""
         try:
-            lines = self.log.read_text(errors="replace").splitlines()[-LOG_TAIL_LINES:]
+            lines = self.log.read_text(errors="replace", encoding="utf-8").splitlines()[-LOG_TAIL_LINES:]
         except OSError:
             lines = []
         return "".join(f"\n  {line}" for line in lines) or f"; {self.log} is empty"

@@ -36,7 +36,7 @@ def prefer_process(process: str) -> None:
     _set_slices(SLICE_NS)
     if os.getsid(0) == os.getpid():
         with contextlib.suppress(OSError):  # no right to, or a kernel without groups of sessions
-            AUTOGROUP.write_text(str(FIRST.get(process, PRIORITY)))
+            AUTOGROUP.write_text(str(FIRST.get(process, PRIORITY)), encoding="utf-8")
 
 
 def prefer_loop(process: str) -> None:

@@ -32,10 +32,10 @@ class RunFolder:
 
 def write_run(run_dir: Path, run_config: RunConfig, robot: Robot, terrain: Terrain, camera: DepthCamera) -> None:
     """Writes the files of a run that is about to begin."""
-    (run_dir / RUN_FILE).write_text(config.to_toml(run_config))
-    (run_dir / ROBOT_FILE).write_text(robot.to_toml())
-    (run_dir / TERRAIN_FILE).write_text(terrain.to_toml())
-    (run_dir / CAMERA_FILE).write_text(camera.to_toml())
+    (run_dir / RUN_FILE).write_text(config.to_toml(run_config), encoding="utf-8")
+    (run_dir / ROBOT_FILE).write_text(robot.to_toml(), encoding="utf-8")
+    (run_dir / TERRAIN_FILE).write_text(terrain.to_toml(), encoding="utf-8")
+    (run_dir / CAMERA_FILE).write_text(camera.to_toml(), encoding="utf-8")
 
 
 def read_run(run_dir: Path) -> RunFolder:

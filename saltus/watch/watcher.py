@@ -83,7 +83,7 @@ class Watcher:
     def _say(self) -> None:
         failed = self._started is not None and self._started.poll() not in (None, 0)
         if failed and all(source.world is None for source in self._sources):
-            lines = (self._folder / ERRORS_FILE).read_text(errors="replace").strip().splitlines()
+            lines = (self._folder / ERRORS_FILE).read_text(errors="replace", encoding="utf-8").strip().splitlines()
             self._page.say(lines[-1] if lines else "the run has ended", BAD)
         elif any(source.live is not None for source in self._sources):
             self._page.say("live")

@@ -65,7 +65,7 @@ def write_client(path: Path, endpoint: str, certificate: Certificate | None = No
     partial = path.with_name(f".{path.name}.partial")
     partial.unlink(missing_ok=True)  # one that is there may be readable by others
     partial.touch(mode=0o600)
-    partial.write_text(f"{json.dumps(settings)}\n")
+    partial.write_text(f"{json.dumps(settings)}\n", encoding="utf-8")
     partial.replace(path)  # who waits for the file finds all of it
 
 

@@ -222,7 +222,7 @@ def _read(folder: Path, name: str) -> Certificate:
 
 def _save(folder: Path, keys: Keys) -> None:
     new = _private_file(folder / f"{STATE}.new")
-    new.write_text(to_toml(keys))
+    new.write_text(to_toml(keys), encoding="utf-8")
     new.replace(folder / STATE)
 
 

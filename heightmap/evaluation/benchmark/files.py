@@ -96,7 +96,7 @@ def write_split(
             inputs=_sha256(partial / INPUTS), commit=commit(),
         )  # fmt: skip
         known = {name: value for name, value in vars(split).items() if name != "folder"}
-        (partial / SPLIT).write_text(json.dumps(known, indent=1) + "\n")
+        (partial / SPLIT).write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
     return split
 
 
@@ -114,7 +114,7 @@ def read_split(folder: Path) -> Split:
         BenchmarkError: there is none, it is of another version, or its inputs are not those that were written.
     """
     try:
-        split = Split(folder=folder, **json.loads((folder / SPLIT).read_text()))
+        split = Split(folder=folder, **json.loads((folder / SPLIT).read_text(encoding="utf-8")))
         inputs = _sha256(folder / INPUTS)
     except (OSError, ValueError, TypeError) as error:
         raise BenchmarkError(f"{folder} holds no split: saltus heightmap benchmark make --out {folder}") from error
