@@ -3,6 +3,10 @@
 Every recorded topic is a channel of CDR messages with its ROS 2 definition, one channel for each sender; the channel's
 metadata hold the sender's boot id. A record keeps the sequence, the capture time (publish time) and the arrival (log
 time), all in the run's clock, so that a replay can check order and age as live.
+
+A recording holds each message once. In lockstep a step is asked again where its answer takes long, and then answered
+again, under new numbers: what was said of a step before is not recorded a second time, and the sequence of what follows
+is less by one, so that a gap in it means a message that was lost.
 """
 
 import contextlib
@@ -14,6 +18,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 
@@ -103,6 +108,7 @@ class Recorder:
         """Lockstep: time of the newest step that was recorded."""
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, bytes], int] = {}
+        self._said: dict[tuple[str, bytes], _Said] = {}
         self._viewer = Viewer(robot, terrain)
         self._begun = False
         self._flushed_s = time.monotonic()
@@ -129,6 +135,11 @@ class Recorder:
         except MessageError as error:
             self.rejected[f"{topic.name}/{error.reason}"] += 1
             return
+        if self._clock.lockstep:
+            said = self._said.setdefault((raw.key, envelope.boot_id), _Said())
+            if said.before(message):
+                return
+            envelope = replace(envelope, sequence=envelope.sequence - said.again)
         arrival_ns = self._arrival_ns(raw, message)
         with WHOLE:
             self._add(f"/{raw.key}", TYPE_NAME[type(message)], envelope, arrival_ns, raw.payload)
@@ -215,6 +226,23 @@ class Recorder:
             text = definition_of(type_name).encode()
             self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", text)
         return self._schemas[type_name]
+
+
+class _Said:
+    """The step of lockstep, or the image, of which a sender spoke last under a key."""
+
+    def __init__(self) -> None:
+        self.again = 0
+        """Messages that had been said before."""
+        self._last: int | None = None
+
+    def before(self, message: Message) -> bool:
+        """Counts a message that was sent before; events and statuses, which have no number, never were."""
+        number: int | None = getattr(message, "step", getattr(message, "frame_id", None))
+        is_again = number is not None and number == self._last
+        self.again += is_again
+        self._last = number
+        return is_again
 
 
 @contextlib.contextmanager

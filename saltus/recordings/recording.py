@@ -331,7 +331,7 @@ def _reason(error: Exception) -> str:
 def digest(recording: Recording) -> str:
     """sha256 over capture time and payload of heightmaps, plans and robot states, in order; none may be missing.
 
-    A message that was resent in lockstep counts once. Two lockstep runs of one seed give the same digest.
+    Two lockstep runs of one seed give the same digest.
 
     Raises:
         RecordingError: a message is missing.
@@ -339,15 +339,12 @@ def digest(recording: Recording) -> str:
     total = hashlib.sha256()
     for topic in DIGEST_TOPICS:
         sequence: dict[bytes, int] = {}
-        seen_ns = -1
         for _, envelope, payload in recording.payloads(topic):
             expected = sequence.get(envelope.boot_id, 0) + 1
             if envelope.sequence != expected:
                 raise RecordingError(f"{recording.path}: {topic} {expected} is missing, {envelope.sequence} came")
             sequence[envelope.boot_id] = envelope.sequence
-            if envelope.capture_ns > seen_ns:
-                seen_ns = envelope.capture_ns
-                total.update(topic.encode() + seen_ns.to_bytes(8, "little") + payload)
+            total.update(topic.encode() + envelope.capture_ns.to_bytes(8, "little") + payload)
     return total.hexdigest()
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import io
 import json
 import re
 import signal
@@ -31,9 +32,10 @@ STANDS_STILL_S = 0.6
 HELD_S = 0.5
 
 
-def demo(capsys: pytest.CaptureFixture[str], *flags: str) -> dict[str, Any]:
-    main([*FLAGS, *flags])
-    table: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
+def demo(*flags: str) -> dict[str, Any]:
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        main([*FLAGS, *flags])
+    table: dict[str, Any] = json.loads(printed.getvalue().splitlines()[-1])
     return table
 
 
@@ -72,44 +74,45 @@ def nobody_else_runs() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("run")
+def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Folder and table of a run whose recorder hears nothing for half a second, again and again."""
+    folder = tmp_path_factory.mktemp("run")
+    with nobody_else_runs():
+        return folder, demo("--seed", "3", "--out", str(folder))
 
 
 def begin(run: Path) -> list[bytes]:
-    """What was true in the first steps of a run, as its messages have it; a step may be asked twice."""
+    """The truth of the first steps of a run."""
     truths = read_recording(run / "recording.mcap").payloads("plant/truth")
-    return list(dict.fromkeys(payload for _, _, payload in truths))[:BEGIN_STEPS]
+    return [payload for _, _, payload in truths][:BEGIN_STEPS]
 
 
 def test_two_lockstep_runs_of_a_seed_are_equal_and_another_seed_differs(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    first: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:
-    """Also where who records one hears nothing for half a second, and the processes of the other stand still for longer
-    than a link of real time bears, again and again.
-    """
-    with nobody_else_runs():
-        first = demo(capsys, "--seed", "3", "--out", str(folder))
+    """Also where the processes of one stand still for longer than a link of real time bears, again and again."""
+    folder, table = first
     command = [sys.executable, "-m", "saltus.cli.main", *FLAGS, "--seed", "3", "--out", str(tmp_path / "second")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as run:
         hold_one_after_another(psutil.Process(run.pid))
         second = json.loads(run.communicate()[0].splitlines()[-1])
     shorter = ["0.3" if word == TIME_LIMIT_S else word for word in FLAGS]
     main([*shorter, "--seed", "4", "--out", str(tmp_path / "other")])  # its begin tells
-    assert [first[name] for name in REPEATED] == [second[name] for name in REPEATED]
+    assert [table[name] for name in REPEATED] == [second[name] for name in REPEATED]
     assert begin(folder) == begin(tmp_path / "second") != begin(tmp_path / "other")
     assert len(begin(folder)) == len(begin(tmp_path / "other")) == BEGIN_STEPS
     assert load(RunConfig, folder / "run.toml").planner == "learned"
-    assert first["distance_m"] > 1.0  # 1 s of standing, then at more than 1 m/s
-    assert first["rejected"] == {}
+    assert table["distance_m"] > 1.0  # 1 s of standing, then at more than 1 m/s
+    assert table["rejected"] == {}
     rates = {"camera/depth": 50, "controller/state": 100, "heightmap/heightmap": 100, "policy/plan": 100}
     assert {topic: pytest.approx(rate, rel=0.02) for topic, rate in rates.items()} == {
-        topic: first["rates_hz"][topic] for topic in rates
+        topic: table["rates_hz"][topic] for topic in rates
     }
-    assert first["age_ms"]["camera/depth"]["p99"] <= 50 + 20 + 10 + 10  # late by 60 ms at most, held for 20, 10 a step
+    assert table["age_ms"]["camera/depth"]["p99"] <= 50 + 20 + 10 + 10  # late by 60 ms at most, held for 20, 10 a step
 
 
-def test_recording_and_report_are_there_and_whole(folder: Path) -> None:
+def test_recording_and_report_are_there_and_whole(first: tuple[Path, dict[str, Any]]) -> None:
+    folder, _ = first
     recording = read_recording(folder / "recording.mcap")
     assert recording.complete
     assert recording.lost == []
@@ -120,7 +123,10 @@ def test_recording_and_report_are_there_and_whole(folder: Path) -> None:
     opens_without_a_network(folder / "report.html")
 
 
-def test_replay_of_a_lockstep_run_gives_the_same_heightmaps(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_replay_of_a_lockstep_run_gives_the_same_heightmaps(
+    first: tuple[Path, dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, _ = first
     assert main(["replay", str(folder / "recording.mcap"), "--json"]) == 0
     table = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert table["compared"] == table["heightmaps"] > 200

@@ -6,6 +6,8 @@ import signal
 import struct
 import time
 import tracemalloc
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 from dataclasses import replace
 from io import BytesIO
@@ -37,6 +39,7 @@ from saltus.recordings.recorder import CHUNK_INDICES, Recorder, StoredIndex
 from saltus.recordings.recording import Recording, digest, rates_and_ages, read_recording
 from saltus.recordings.summary import sentence, summarise
 from saltus.wire import codec, messages
+from saltus.wire.bus import RawSample
 from saltus.wire.codec import Envelope
 from saltus.wire.schemas import TYPE_NAME
 from saltus.wire.topics import TOPICS
@@ -204,12 +207,37 @@ def test_the_digest_sees_every_bit_and_every_gap(whole: Recording, tmp_path: Pat
         digest(write(tmp_path / "gap.mcap", [*samples[:index], *samples[index + 1 :]]))
 
 
-def test_a_message_that_was_resent_counts_once(whole: Recording, tmp_path: Path) -> None:
-    samples = list(run_samples())
-    index = [i for i, s in enumerate(samples) if s.key == "controller/state"][-1]
-    sequence, capture_ns = struct.unpack_from("<qq", samples[index].attachment)
-    again = replace(samples[index], attachment=Envelope(sequence + 1, capture_ns, SENDER).to_bytes())
-    assert digest(write(tmp_path / "resent.mcap", [*samples, again])) == digest(whole)
+def asked_again(samples: Iterable[RawSample], seed: int) -> Iterator[RawSample]:
+    """Each message up to three times, under a new number each time; statuses are not answers, and come once."""
+    rng, numbers = np.random.default_rng(seed), Counter[str]()
+    for sample in samples:
+        _, capture_ns = struct.unpack_from("<qq", sample.attachment)
+        for _ in range(1 if sample.key.startswith("status") else rng.integers(1, 4)):
+            numbers[sample.key] += 1
+            yield replace(sample, attachment=Envelope(numbers[sample.key], capture_ns, SENDER).to_bytes())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_recording_holds_each_message_once_however_often_a_step_was_asked(
+    whole: Recording, tmp_path: Path, seed: int
+) -> None:
+    samples = list(asked_again(run_samples(), seed))
+    recording = write(tmp_path / "asked.mcap", samples)
+    assert len(samples) > 1.5 * len(list(run_samples()))
+    assert payloads(recording) == payloads(whole)
+    assert recording.topics() == whole.topics()
+    assert digest(recording) == digest(whole)
+    assert all(timing.lost == 0 for timing in rates_and_ages(recording).values())
+    plans = [s for s in samples if s.key == "policy/plan"]
+    lost = [s for s in plans if codec.decode(messages.MotionPlan, s.payload).step == 7]
+    gone = [s for s in samples if s not in lost]
+    with pytest.raises(RecordingError, match="policy/plan 8 is missing"):
+        digest(write(tmp_path / "lost.mcap", gone))
+
+
+def test_in_real_time_all_is_recorded_that_is_sent(tmp_path: Path) -> None:
+    samples = list(asked_again(run_samples(), 0))
+    assert len(payloads(write(tmp_path / "sent.mcap", samples, "realtime"))) == len(samples)
 
 
 def test_rates_and_ages_in_real_time(tmp_path: Path) -> None:
