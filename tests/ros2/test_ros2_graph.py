@@ -188,10 +188,19 @@ def test_a_robot_that_speaks_ros_is_given_heights(tmp_path: Path, ros_port: int)
         assert frame is not None
         while not next(said).startswith("the robot's state and images are complete"):
             pass
-        for _ in range(100):
-            answers.put(heightmap)
-            time.sleep(0.01)
-        read = read_all(reader, {topic, "/tf"})
+        over = threading.Event()
+
+        def answer() -> None:
+            while not over.wait(0.01):
+                answers.put(heightmap)
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        try:
+            read = read_all(reader, {topic, "/tf"})
+        finally:
+            over.set()
+            thread.join()
     check_taken(state.message, frame.message)
     np.testing.assert_allclose(read[topic]["data"][0]["data"][:30], heightmap.height[::-1], rtol=1e-6)
     frames_read = {each["child_frame_id"]: each["header"]["frame_id"] for each in read["/tf"]["transforms"]}

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from saltus.config import RunConfig
 from saltus.watch.onlooker import UNSHARED_NS, WAITED_NS, Onlooker
 from saltus.wire import codec, sharing
 from saltus.wire.bus import RawSample, sender_of
@@ -19,7 +20,8 @@ from saltus.wire.router import open_router
 from saltus.wire.sharing import Sharer, unpacked
 from saltus.wire.zenoh_bus import ZenohBus
 
-PREFIX = "robot/0"
+RUN = RunConfig(pace="lockstep")  # nothing is lost on its links, however busy the computer: senders wait
+PREFIX = RUN.prefix
 TIMEOUT_S = 20.0
 MS = 1_000_000
 UNSHARED_S = 1e-9 * UNSHARED_NS
@@ -28,8 +30,8 @@ UNSHARED_S = 1e-9 * UNSHARED_NS
 @pytest.fixture
 def bus() -> Iterator[ZenohBus]:
     """A bus over a router of its own; a client beside it has what is needed of the endpoint."""
-    endpoint, router = open_router()
-    with contextlib.closing(router), ZenohBus(endpoint, PREFIX) as made:
+    endpoint, router = open_router(speed=RUN.link_speed)
+    with contextlib.closing(router), ZenohBus.of_run(endpoint, RUN) as made:
         made.endpoint = endpoint  # type: ignore[attr-defined]
         yield made
 
@@ -125,7 +127,7 @@ def test_a_batch_that_was_cut_or_changed_raises_nothing() -> None:
 
 
 def test_an_onlooker_hears_by_its_supervisor_and_others_hear_no_batches(bus: ZenohBus) -> None:
-    with ZenohBus(bus.endpoint, PREFIX) as page:  # type: ignore[attr-defined]
+    with ZenohBus.of_run(bus.endpoint, RUN) as page:  # type: ignore[attr-defined]
         heard, everything = bus.stream(), page.stream()
         sharer, looks_on, publisher = bus.sharer(), Onlooker(page, 1000), bus.publisher("done", "render")
         got, direct = list[RawSample](), list[RawSample]()
@@ -157,7 +159,7 @@ def test_an_onlooker_hears_by_its_supervisor_and_others_hear_no_batches(bus: Zen
 def test_a_supervisor_that_has_nothing_to_say_is_there_and_without_one_an_onlooker_listens_itself(
     bus: ZenohBus,
 ) -> None:
-    with ZenohBus(bus.endpoint, PREFIX) as page:  # type: ignore[attr-defined]
+    with ZenohBus.of_run(bus.endpoint, RUN) as page:  # type: ignore[attr-defined]
         looks_on, sharer, publisher = Onlooker(page, 1000), bus.sharer(), bus.publisher("done", "render")
         end_s = time.monotonic() + 2.0 * UNSHARED_S
         while time.monotonic() < end_s:
@@ -184,7 +186,7 @@ def test_who_listened_for_itself_hears_by_a_supervisor_that_hands_on_and_nothing
     bus: ZenohBus,
 ) -> None:
     """As when a page is there before the supervisor has loaded its processes."""
-    with ZenohBus(bus.endpoint, PREFIX) as page:  # type: ignore[attr-defined]
+    with ZenohBus.of_run(bus.endpoint, RUN) as page:  # type: ignore[attr-defined]
         heard, looks_on, publisher = bus.stream(), Onlooker(page, 1000), bus.publisher("done", "render")
         sharer, got, number = bus.sharer(), list[int](), 0
 
