@@ -3,6 +3,7 @@
 import functools
 import gc
 import os
+import random
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,9 +31,20 @@ _docstrings._ClassTokenization.make = staticmethod(functools.cache(_docstrings._
 gc.disable()  # nothing of what is imported and collected becomes garbage
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """For tools/stress_tests.py."""
+    parser.addoption("--order", type=int, help="seed of a random order of files, and of the tests of each")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """The many quick files of tests/saltus come last: no worker of a parallel run waits long for the other's last."""
     items.sort(key=lambda item: QUICK in item.path.parents)
+    seed: int | None = config.getoption("--order")
+    if seed is not None:
+        order = random.Random(seed)  # noqa: S311
+        order.shuffle(items)
+        places = {path: order.random() for path in dict.fromkeys(item.path for item in items)}
+        items.sort(key=lambda item: places[item.path])
 
 
 def pytest_collection_finish() -> None:

@@ -1,0 +1,205 @@
+"""Runs the tests so that what rests on their order, on each other or on an idle computer shows.
+
+python tools/stress_tests.py                          # all three phases
+python tools/stress_tests.py --phases alone --jobs 2  # each file of tests alone
+python tools/stress_tests.py --only tests/saltus      # files below a folder, or one file
+
+Phases: `alone`, each file by itself; `order`, all files and the tests of each in random orders;
+`busy`, all files beside programs that compute at normal priority. What passed is kept in
+runs/stress_tests/done.json and not run again, however often this is interrupted; what failed is.
+`--again` forgets what passed.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "runs" / "stress_tests"
+DONE = FOLDER / "done.json"
+PHASES = ("alone", "order", "busy")
+PART = 68  # files of a random order in one process: as a worker of `make test` gets
+LIMIT_S = 5400.0  # for a process; a part takes half an hour beside six busy programs
+LOOP = "total = 0\nfor _ in range(20_000_000):\n    total += 1"
+SPIN = "import os\nparent = os.getppid()\nwhile os.getppid() == parent:\n    sum(range(10**6))"
+"""A busy program, which ends with who started it."""
+FAILURE = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Files that one process of pytest runs."""
+
+    name: str
+    """Begins with the phase."""
+    files: tuple[str, ...]
+    seed: int | None = None
+    """Of their order, None for the usual one."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a piece."""
+
+    passed: bool
+    failed: list[str]
+    """Tests; empty also where pytest itself did not come to its end."""
+    processor_s: float
+    """User and system time, with that of the processes that tests started and waited for."""
+    wall_s: float
+    commit: str
+
+
+def pieces(phases: list[str], only: list[str], orders: int, times: int) -> list[Piece]:
+    """What is to be run, in its order."""
+    files = [str(path.relative_to(ROOT)) for path in sorted((ROOT / "tests").rglob("test_*.py"))]
+    files = [file for file in files if not only or any(file.startswith(each) for each in only)]
+    found: list[Piece] = []
+    where = "".join(f" of {each}" for each in only)
+    if "alone" in phases:
+        found += [Piece(f"alone {file}", (file,)) for file in files]
+    if "order" in phases:
+        for seed in range(orders):
+            shuffled = random.Random(seed).sample(files, len(files))  # noqa: S311
+            found += _parts(f"order {seed}", shuffled, where, seed)
+    if "busy" in phases:
+        for again in range(times):
+            found += _parts(f"busy {again}", files, where)
+    return found
+
+
+def _parts(name: str, files: list[str], where: str, seed: int | None = None) -> Iterator[Piece]:
+    for number, begin in enumerate(range(0, len(files), PART)):
+        part = tuple(files[begin : begin + PART])
+        yield Piece(f"{name} part {number}{where}", part, seed)
+
+
+def run(piece: Piece, commit: str) -> Outcome:
+    """Runs one piece; its output is in a file of its name."""
+    log = FOLDER / f"{re.sub(r'[ /]', '-', piece.name)}.log"
+    order = [] if piece.seed is None else ["--order", str(piece.seed)]
+    command = [sys.executable, "-m", "pytest", "-q", "-rfE", *order, *piece.files]
+    begun_s = time.monotonic()
+    with log.open("w") as said:
+        both = {"stdout": said, "stderr": subprocess.STDOUT}
+        process = subprocess.Popen(command, cwd=ROOT, start_new_session=True, **both)
+        end = threading.Timer(LIMIT_S, os.killpg, (process.pid, signal.SIGKILL))
+        end.start()
+        _, status, used = os.wait4(process.pid, 0)
+        end.cancel()
+    process.returncode = os.waitstatus_to_exitcode(status)
+    return Outcome(
+        passed=process.returncode == 0,
+        failed=FAILURE.findall(log.read_text(errors="replace")),
+        processor_s=round(used.ru_utime + used.ru_stime, 1),
+        wall_s=round(time.monotonic() - begun_s, 1),
+        commit=commit,
+    )
+
+
+@contextlib.contextmanager
+def busy_programs(number: int) -> Iterator[None]:
+    """So many programs compute meanwhile."""
+    programs = [subprocess.Popen([sys.executable, "-c", SPIN]) for _ in range(number)]
+    try:
+        yield
+    finally:
+        for program in programs:
+            program.kill()
+            program.wait()
+
+
+def reference_s() -> float:
+    """Processor time of 20 million additions: by it those of two computers compare."""
+    begun_s = time.process_time()
+    exec(LOOP, {})  # noqa: S102 - among global names, as CONTRIBUTING.md states it
+    return time.process_time() - begun_s
+
+
+def read_done() -> dict[str, Outcome]:
+    """The outcomes of earlier calls, by the name of their piece."""
+    if not DONE.exists():
+        return {}
+    return {name: Outcome(**outcome) for name, outcome in json.loads(DONE.read_text()).items()}
+
+
+def write_done(done: dict[str, Outcome]) -> None:
+    """Replaces the file as a whole: this may be interrupted at any time."""
+    partial = DONE.with_suffix(".partial")
+    partial.write_text(json.dumps({name: asdict(each) for name, each in done.items()}, indent=1))
+    partial.replace(DONE)
+
+
+def table(wanted: list[Piece], done: dict[str, Outcome]) -> str:
+    """What passed, what did not, and what is not yet run."""
+    lines = ["phase    pieces  passed  failed  left  processor s"]
+    for phase in dict.fromkeys(piece.name.split()[0] for piece in wanted):
+        names = [piece.name for piece in wanted if piece.name.split()[0] == phase]
+        here = [done[name] for name in names if name in done]
+        passed = sum(each.passed for each in here)
+        used_s = sum(each.processor_s for each in here)
+        counts = f"{len(names):6}  {passed:6}  {len(here) - passed:6}  {len(names) - len(here):4}"
+        lines.append(f"{phase:7}  {counts}  {used_s:11.0f}")
+    for piece in wanted:
+        outcome = done.get(piece.name)
+        if outcome is not None and not outcome.passed:
+            what = outcome.failed or ["pytest did not come to its end"]
+            lines += [f"failed: {piece.name}: {test}" for test in what]
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Runs what the command line names and is not done; 1 where a test failed."""
+    plain = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=plain)
+    parser.add_argument("--phases", nargs="+", choices=PHASES, default=list(PHASES))
+    parser.add_argument("--only", nargs="+", default=[], help="files or folders, as tests/saltus")
+    parser.add_argument("--orders", type=int, default=3, help="random orders, of seeds 0, 1, ...")
+    parser.add_argument("--times", type=int, default=3, help="runs beside busy programs")
+    parser.add_argument("--programs", type=int, default=6, help="that are busy")
+    parser.add_argument("--jobs", type=int, default=1, help="processes of pytest at once")
+    parser.add_argument("--again", action="store_true", help="forget what passed")
+    asked = parser.parse_args()
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    wanted = pieces(asked.phases, asked.only, asked.orders, asked.times)
+    done = {} if asked.again else read_done()
+    head = ["git", "rev-parse", "--short", "HEAD"]
+    commit = subprocess.check_output(head, cwd=ROOT, text=True)
+    print(f"20 million additions: {reference_s():.2f} s of processor time", flush=True)
+    lock = threading.Lock()
+
+    def take(piece: Piece) -> None:
+        outcome = run(piece, commit.strip())
+        with lock:
+            done[piece.name] = outcome
+            write_done(done)
+            how = "passed" if outcome.passed else "FAILED"
+            print(f"{how} {piece.name}: {outcome.processor_s:.0f} s of processor time", flush=True)
+
+    for phase in asked.phases:
+        left = [
+            piece
+            for piece in wanted
+            if piece.name.startswith(phase) and not (piece.name in done and done[piece.name].passed)
+        ]
+        programs = asked.programs if phase == "busy" and left else 0
+        with busy_programs(programs), ThreadPoolExecutor(asked.jobs) as workers:
+            list(workers.map(take, left))
+    print(table(wanted, done))
+    return 0 if all(piece.name in done and done[piece.name].passed for piece in wanted) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
