@@ -1,0 +1,20 @@
+"""The tree is small: a training that reaches a GPU takes it along, and so does each clone."""
+
+import subprocess
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+MOST_BYTES = 25_000_000
+"""The shipped networks and their checkpoints take 20 MB. Weights of ablations are made again by their command."""
+
+
+def tracked() -> list[Path]:
+    """The files of the tree; none where it is not one of git, as of an sdist."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False)
+    return [ROOT / name for name in listed.stdout.split("\0") if name]
+
+
+def test_the_tree_is_small() -> None:
+    sizes = {path: path.lstat().st_size for path in tracked() if path.exists()}
+    largest = sorted(sizes, key=lambda path: -sizes[path])[:5]
+    assert sum(sizes.values()) < MOST_BYTES, [f"{path.relative_to(ROOT)}: {sizes[path]}" for path in largest]
