@@ -6,6 +6,9 @@ from collections.abc import Iterable
 _SURE = 0.8
 """Similarity from which on a name is a misspelt other one, and not another word with a part of it."""
 
+_LISTED = 12
+"""Names that one line lists; as many as a robot has joints."""
+
 
 class SaltusError(Exception):
     """Base of every error that Saltus raises on purpose. The CLI prints it as one line and exits with code 2."""
@@ -42,4 +45,11 @@ def nearest_hint(name: str, choices: Iterable[str]) -> str:
     if close:
         is_sure = difflib.SequenceMatcher(None, close[0], name).ratio() >= _SURE
         return f"did you mean {' or '.join(repr(each) for each in close[: 1 if is_sure else 2])}?"
-    return "choose one of: " + ", ".join(known)
+    return f"choose one of: {shortened(known)}"
+
+
+def shortened(names: Iterable[str]) -> str:
+    """Names in a message: the first of them and how many more there are."""
+    known = list(names)
+    more = len(known) - _LISTED
+    return ", ".join(known) if more <= 1 else f"{', '.join(known[:_LISTED])} and {more} more"

@@ -1,21 +1,28 @@
 """Makes run logs of recordings of others: bags of ROS and tables of joints."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from saltus.errors import RecordingError, nearest_hint
-from saltus.real2sim.importers.table import read_table
+from saltus.real2sim.importers.absent import without_absent
+from saltus.real2sim.importers.kinds import kind_of
+from saltus.real2sim.importers.table import READERS, read_table
 from saltus.real2sim.screening.clock import clock_faults
 from saltus.real2sim.screening.joints import unit_faults
 from saltus.recordings.description import Description
 from saltus.recordings.rosbag import read_rosbag
 from saltus.recordings.run_claims import GAINS, SCHEMA, check_claims, claim_of
-from saltus.recordings.run_log import JOINT_SIGNALS, RunLog, write_run_log
+from saltus.recordings.run_log import JOINT_SIGNALS, REQUIRED_SIGNALS, RunLog, write_run_log
 from saltus.robots.robot import JOINTS, Robot
 
 WORTH_SAYING = ("q_des", "kp", "kd", "dq", "tau_est", "imu", "base", "depth")
 """Parts of a log whose absence makes effects untestable."""
+OPTIONAL = (*(signal for signal in JOINT_SIGNALS if signal not in REQUIRED_SIGNALS), "imu", "base", "depth")
+"""What may be left out of a log."""
+LEFT_OUT = ("not_a_number", "too_large")
+"""Faults of one signal, without which a log may be sound."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,10 +35,10 @@ class Imported:
 
 
 def import_recording(recording: Path, out: Path, description: Description, robot: Robot) -> Imported:
-    """Writes a bag or a table as a run log, or as one for each leg into folders below `out`.
+    """Writes a bag or a table as a run log, or as several into folders below `out`: for each leg, or of an archive.
 
     Args:
-        recording: Folder or file of a rosbag2, a ROS 1 bag, or a CSV.
+        recording: Folder or file of a rosbag2, a ROS 1 bag, or a table: text, Parquet or npz.
         out: Folder of the log.
         description: What the recording does not say of itself.
         robot: The robot that was recorded. Joints are put in its order, and counted its way.
@@ -40,25 +47,39 @@ def import_recording(recording: Path, out: Path, description: Description, robot
         RecordingError: it cannot be read; joints that the robot does not have; times that run backwards, or angles that
             no joint reaches; claims that cannot be.
     """
-    notes: list[str] = []
-    if recording.suffix == ".csv":
-        if description.columns is None:
-            raise RecordingError(f"{recording}: name its columns in the [columns] of a file, with --description")
-        parts = read_table(recording, description.columns, description.joint_names)
-    else:
-        log, notes = read_rosbag(recording, description.topics)
+    _check_left_out(description.leave_out)
+    kind = kind_of(recording)
+    if kind not in READERS:
+        log, notes = read_rosbag(recording, description.topics, description.leave_out)
         names = [description.joint_names.get(name, name) for name in log.meta["joints"]]
         parts = {"": replace(log, meta=log.meta | {"joints": names})}
-    logs = {out / name: _completed(log, recording, description, robot) for name, log in parts.items()}
+    elif description.columns is None:
+        raise RecordingError(f"{recording}: name its columns in the [columns] of a file, with --description")
+    else:
+        columns, names = description.columns, description.joint_names
+        parts, notes = read_table(recording, kind, columns, names, description.leave_out)
+    logs: dict[Path, RunLog] = {}
+    for name, part in parts.items():
+        logs[out / name], told = _completed(part, recording, description, robot)
+        notes += [note for note in told if note not in notes]
     for folder, log in logs.items():
         write_run_log(log, folder, robot)
     return Imported(logs=tuple(logs), notes=(*notes, *_lacking(next(iter(logs.values())), description)))
 
 
-def _completed(log: RunLog, recording: Path, description: Description, robot: Robot) -> RunLog:
-    """The log with all claims, in the robot's order; one that contradicts itself is refused."""
+def _check_left_out(names: Iterable[str]) -> None:
+    for name in names:
+        if name not in OPTIONAL:
+            raise RecordingError(f"leave_out has '{name}', which no log may lack or none has: {nearest_hint(name, OPTIONAL)}")
+
+
+def _completed(
+    log: RunLog, recording: Path, description: Description, robot: Robot
+) -> tuple[RunLog, list[str]]:
+    """The log with all claims, in the robot's order, and notes; one that contradicts itself is refused."""
     claims = description.claims
     joints, log = _on_robot(log, robot)
+    log, notes = without_absent(replace(log, meta=log.meta | {"joints": joints}), recording)
     meta: dict[str, Any] = {
         "schema": SCHEMA,
         "robot": claim_of(robot),
@@ -80,8 +101,9 @@ def _completed(log: RunLog, recording: Path, description: Description, robot: Ro
     log = replace(log, meta=meta)
     faults = [fault for fault in (*clock_faults(log), *unit_faults(log)) if fault.is_fatal]
     if faults:
-        raise RecordingError(f"{recording}: {faults[0].text}")
-    return log
+        cure = "; or leave it out of the log: leave_out, in the description" if faults[0].name in LEFT_OUT else ""
+        raise RecordingError(f"{recording}: {faults[0].text}{cure}")
+    return log, notes
 
 
 def _on_robot(log: RunLog, robot: Robot) -> tuple[list[str], RunLog]:

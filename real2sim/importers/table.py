@@ -1,8 +1,9 @@
-"""Reads a table of joints (CSV) as run logs: columns, units and order by a short description."""
+"""Reads a table of joints (text, Parquet or npz) as run logs: columns, units and order by a short description."""
 
 import itertools
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,10 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.errors import RecordingError, nearest_hint
 from saltus.real2sim.screening.row_times import evenly, rate_scale, state_times
+from saltus.recordings.columns import names_in_archive, read_archive, read_parquet, read_text
 from saltus.recordings.description import Columns
 from saltus.recordings.run_claims import CONTROL_DT, GAINS
-from saltus.recordings.run_log import JOINT_SIGNALS, JointTable, RunLog, read_columns
+from saltus.recordings.run_log import JOINT_SIGNALS, JointTable, RunLog, period_of
 from saltus.robots.robot import JOINTS
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -23,22 +25,63 @@ ANGLES = ("q", "dq", "q_des", "dq_des")
 SETTLED_S = 0.25  # after touching a stop: e^-3 of the touch is left at a stop of 340 Nm/rad (Go2) under a kd of 0.5
 SHORTEST_S = 1.0  # of a stretch: the first 0.25 s of a replay only settle
 SEGMENT_S = 5.0  # of what a stretch is cut into: several periods of any motion
+READERS = {"text": read_text, "Parquet": read_parquet, "npz": read_archive}
+"""Of the kinds of tables."""
+LOG = "{log}"
+"""In a name of [columns]: what tells the logs of one archive apart."""
 
 
-def read_table(path: Path, columns: Columns, joint_names: dict[str, str]) -> dict[str, RunLog]:
-    """One log without a name, or, where joints lean on stops, one for each leg that moves freely for a while.
+def read_table(
+    path: Path, kind: str, columns: Columns, joint_names: dict[str, str], left_out: Iterable[str] = ()
+) -> tuple[dict[str, RunLog], list[str]]:
+    """One log without a name, one for each that an archive holds, or, where joints lean on stops, one for each leg that
+    moves freely for a while; and notes.
 
     `meta` of a log has joints, by their names in `joint_names`, control_dt, and segments where stretches are left out.
+
+    Args:
+        path: A table of a kind of `READERS`.
+        kind: Which.
+        columns: What stands where.
+        joint_names: The table's name of a joint, and that of the robot.
+        left_out: Signals that are not read.
 
     Raises:
         RecordingError: a column that is missing or holds text, or a description that does not say enough.
     """
-    columns = _with_joints(columns, joint_names)
+    columns = replace(_with_joints(columns, joint_names), **dict.fromkeys(set(left_out) & {*JOINT_SIGNALS}))
+    if LOG not in columns.q:
+        return _read_one(path, kind, columns, joint_names)
+    found = re.compile(re.escape(columns.q.partition(LOG)[0]) + "(.+)" + re.escape(columns.q.partition(LOG)[2]))
+    if kind != "npz":
+        raise RecordingError(f'[columns] q = "{columns.q}": {LOG} tells apart the logs of an npz, and {path} is none')
+    names = [match[1] for name in names_in_archive(path) if (match := found.fullmatch(name))]
+    if not names:
+        raise RecordingError(f'{path}: no array is named like [columns] q = "{columns.q}"')
+    logs: dict[str, RunLog] = {}
+    notes: list[str] = []
+    for name in names:
+        own = {key: value.replace(LOG, name) for key, value in vars(columns).items() if isinstance(value, str)}
+        parts, told = _read_one(path, kind, replace(columns, **own), joint_names)
+        logs |= {f"{name}/{part}".rstrip("/"): log for part, log in parts.items()}
+        notes += [note for note in told if note not in notes]
+    return logs, notes
+
+
+def _read_one(
+    path: Path, kind: str, columns: Columns, joint_names: dict[str, str]
+) -> tuple[dict[str, RunLog], list[str]]:
     joints = [joint_names.get(name, name) for name in columns.joints]
-    time_s, signals = _read(path, columns)
+    time_s, signals, notes = _read(path, kind, columns)
+    return _logs(path, columns, joints, time_s, signals), notes
+
+
+def _logs(
+    path: Path, columns: Columns, joints: Sequence[str], time_s: Floats, signals: dict[str, Floats]
+) -> dict[str, RunLog]:
     if len(time_s) < 2:
         raise RecordingError(f"{path} has one row only")
-    row_s = 1.0 / columns.rate_hz if columns.rate_hz is not None else float(np.median(np.diff(time_s)))
+    row_s = 1.0 / columns.rate_hz if columns.rate_hz is not None else period_of(time_s)
     low, high, _ = CONTROL_DT
     if not low <= abs(row_s) <= high:  # times that run backwards are refused as such
         key = "time_unit" if columns.time is not None else "rate_hz"
@@ -84,30 +127,53 @@ def _with_joints(columns: Columns, joint_names: dict[str, str]) -> Columns:
     return replace(columns, joints=joints)
 
 
-def _read(path: Path, columns: Columns) -> tuple[Floats, dict[str, Floats]]:
-    """Times from the first row on [s], and signals in SI units, shape (rows, joints) each."""
+def _read(path: Path, kind: str, columns: Columns) -> tuple[Floats, dict[str, Floats], list[str]]:
+    """Times from the first row on [s], signals in SI units, shape (rows, joints) each, and notes."""
     if (columns.time is None) == (columns.rate_hz is None):
         raise RecordingError("[columns] needs either time, a column, or rate_hz, of rows that are evenly spaced")
-    named = {signal: _names(columns, signal) for signal in JOINT_SIGNALS if getattr(columns, signal) is not None}
+    named = {signal: _names(columns, signal, kind) for signal in JOINT_SIGNALS if getattr(columns, signal) is not None}
     wanted = [*([columns.time] if columns.time is not None else []), *itertools.chain(*named.values())]
-    values = read_columns(path, wanted)
-    unit = {signal: math.radians(1.0) if columns.angle == "deg" and signal in ANGLES else 1.0 for signal in named}
-    signals = {s: unit[s] * np.stack([values[name] for name in names], axis=1) for s, names in named.items()}
+    read = READERS[kind](path, wanted)
+    signals = {signal: _together(path, read.values, names, columns) for signal, names in named.items()}
+    for signal in set(ANGLES) & set(signals) if columns.angle == "deg" else ():
+        signals[signal] = math.radians(1.0) * signals[signal]
+    rows = {name: len(values) for name, values in read.values.items()}
+    if len(set(rows.values())) > 1:
+        raise RecordingError(f"{path}: columns of unequal length: " + ", ".join(f"{n} {rows[n]}" for n in list(rows)[:4]))
     if columns.time is not None:
-        time = values[columns.time]
-        return np.asarray(SECONDS[columns.time_unit] * (time - time[0]), dtype=np.float64), signals
+        time = read.values[columns.time].ravel()
+        return np.asarray(SECONDS[columns.time_unit] * (time - time[0]), dtype=np.float64), signals, list(read.notes)
     assert columns.rate_hz is not None  # noqa: S101 - as checked above
     if not columns.rate_hz > 0.0:
         raise RecordingError(f"[columns] rate_hz = {columns.rate_hz:g}: it must be more than 0")
-    return np.arange(len(signals["q"])) * np.float64(1.0 / columns.rate_hz), signals
+    return np.arange(len(signals["q"])) * np.float64(1.0 / columns.rate_hz), signals, list(read.notes)
 
 
-def _names(columns: Columns, signal: str) -> list[str]:
+def _names(columns: Columns, signal: str, kind: str) -> list[str]:
+    """Names of a signal's columns, one for each joint; or one for all of them."""
     pattern = getattr(columns, signal)
     try:
-        return [pattern.format(joint=joint, number=number) for number, joint in enumerate(columns.joints)]
+        names = [pattern.format(joint=joint, number=number) for number, joint in enumerate(columns.joints)]
     except (KeyError, IndexError, ValueError) as error:
         raise RecordingError(f'[columns] {signal} = "{pattern}": within {{}} go joint or number') from error
+    if len(set(names)) == 1 < len(names) and kind != "npz" and signal not in GAINS:
+        raise RecordingError(f'[columns] {signal} = "{pattern}" names one column for all joints: put {{number}} or {{joint}} in')
+    return list(dict.fromkeys(names))
+
+
+def _together(path: Path, values: dict[str, Floats], names: Sequence[str], columns: Columns) -> Floats:
+    """A signal of all joints, shape (rows, joints), out of its columns."""
+    count = len(columns.joints)
+    whole = values[names[0]]
+    if len(names) == 1 and whole.ndim == 2:
+        if whole.shape[1] != count:
+            raise RecordingError(f"{path}: '{names[0]}' is of {whole.shape[1]} joints, [columns] joints names {count}")
+        return whole
+    if wrong := [name for name in names if values[name].ndim != 1]:
+        raise RecordingError(f"{path}: '{wrong[0]}' has many columns, of which [columns] may name the whole alone")
+    if len(names) not in (1, count):
+        raise RecordingError(f"{path}: {len(names)} columns for {count} joints: two joints have one name")
+    return np.stack([values[name] for name in names] * (count // len(names)), axis=1)
 
 
 def _leaning(q: Floats, joints: Sequence[str], ranges: dict[str, tuple[float, float]]) -> NDArray[np.bool_]:

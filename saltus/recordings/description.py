@@ -1,4 +1,4 @@
-"""The short TOML that says what a bag or a table of others does not say of itself (docs/real2sim.md)."""
+"""The short TOML that says what a bag or a table of others does not say of itself (docs/tutorials/log.md)."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
@@ -28,7 +28,11 @@ class Topics:
 
 @dataclass(frozen=True, kw_only=True)
 class Columns:
-    """Columns of a table. In that of a signal, {joint} stands for a joint's name, {number} for its place, from 0."""
+    """Columns of a table. In that of a signal, {joint} stands for a joint's name, {number} for its place, from 0.
+
+    In an npz, a name without them is that of an array of all joints, shape (rows, joints), and {log} stands for what
+    tells several logs in one archive apart.
+    """
 
     q: str
     """Measured angles; "jpos{number}" for example."""
@@ -65,6 +69,9 @@ class Description:
     """What meta.json of the run log is to claim: base, kp, kd, terrain and so on."""
     topics: Topics = field(default_factory=Topics)
     """Of a bag."""
+    leave_out: tuple[str, ...] = ()
+    """What the log is not to have, though the recording has it: of dq, q_des, dq_des, tau_ff, tau_est, kp, kd, imu,
+    base, depth."""
     joint_names: dict[str, str] = field(default_factory=dict)
     """The recording's name of a joint, and that of the robot; empty for what is no joint of the robot's legs."""
     columns: Columns | None = None

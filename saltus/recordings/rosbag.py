@@ -45,7 +45,7 @@ class _Received:
 _Messages = Sequence[_Received]
 
 
-def read_rosbag(path: Path, topics: Topics) -> tuple[RunLog, list[str]]:
+def read_rosbag(path: Path, topics: Topics, left_out: Sequence[str] = ()) -> tuple[RunLog, list[str]]:
     """Reads the joints and whatever else there is.
 
     Returns:

@@ -3,7 +3,8 @@
     meta.json, joints.csv, imu.csv, base.csv, feet.csv, depth.npz
 
 SI units; `t` in seconds on one monotonic clock; world z up; quaternions (w, x, y, z), body to world. Everything but
-`meta.json` and `joints.csv` may be missing; a table may be Parquet with the same columns, e.g. `joints.parquet`.
+`meta.json` and `joints.csv` may be missing; a table may be Parquet with the same columns, e.g. `joints.parquet`, or an
+archive of numpy (`joints.npz`) with an array for each column, or, of joints, one of shape (rows, joints) for each signal.
 Reading checks the form only: columns and types. Whether the contents make sense is for
 `saltus.real2sim.screening.screen` to say.
 """
@@ -18,12 +19,12 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
-import pyarrow.parquet
 from numpy.typing import NDArray
 
 from saltus.archive import check_archive
 from saltus.arrays import Floats, Indices
-from saltus.errors import RecordingError, nearest_hint
+from saltus.errors import RecordingError
+from saltus.recordings.columns import read_archive, read_parquet, read_text
 from saltus.recordings.run_claims import check_claims, claim_of
 from saltus.robots.robot import LEGS, Robot
 from saltus.robots.shipped import shipped_robots
@@ -43,6 +44,10 @@ DEPTH_ARRAYS = {
     "depth": (3, "iu", "images of whole millimetres, (frames, rows, columns)"),
 }
 """Arrays of depth.npz: number of dimensions, kinds of numbers, and what they are."""
+MANY_ROWS = 100
+"""Over which a period is measured: a rounding of the times to the period itself then changes it by 1 % at most."""
+FORMS = {"parquet": read_parquet, "npz": read_archive, "csv": read_text}
+"""How the tables are read, by the ending of their files; the first that is there is taken."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,6 +109,15 @@ class RunLog:
     base: Table | None = None
     feet: Table | None = None
     depth: DepthTable | None = None
+
+
+def period_of(time_s: Floats) -> float:
+    """The usual time between rows [s], also where their times are rounded more coarsely than it.
+
+    The median of single steps would be 1 ms of rows at 800 Hz with whole milliseconds: it is taken over many rows.
+    """
+    many = min(MANY_ROWS, len(time_s) - 1)
+    return float(np.median((time_s[many:] - time_s[:-many]) / many))
 
 
 def write_run_log(log: RunLog, directory: Path, robot: Robot | None = None) -> None:
@@ -216,83 +230,53 @@ def _write_depth(path: Path, depth: DepthTable) -> None:
     np.savez_compressed(path, **arrays)
 
 
-def _read_table(directory: Path, name: str) -> tuple[Path, list[str], Floats] | None:
-    """File, names of its columns and rows of a table, whichever of the two forms is there."""
-    parquet, csv = directory / f"{name}.parquet", directory / f"{name}.csv"
-    path = parquet if parquet.exists() else csv
-    if not path.exists():
-        return None
-    try:
-        table = pyarrow.parquet.read_table(path) if path is parquet else _read_csv(path)
-        columns = [column.cast(pa.float64()).to_numpy() for column in table.columns]
-    except (OSError, ValueError, pa.ArrowException) as error:
-        raise RecordingError(f"cannot read {path}: {str(error).splitlines()[0]}") from error
-    header = [column.strip() for column in table.column_names]
-    if "t" not in header:
-        raise RecordingError(f"{path}: column 't' is missing")
-    if not table.num_rows:
-        raise RecordingError(f"{path} has no rows")
-    return path, header, np.column_stack(columns)
-
-
-def read_columns(path: Path, wanted: Sequence[str]) -> dict[str, Floats]:
-    """Columns of a CSV of any kind by their names, shape (rows,) each.
-
-    Raises:
-        RecordingError: it cannot be read, lacks a column or rows, or a column holds text.
-    """
-    try:
-        table = _read_csv(path, list(dict.fromkeys(wanted)))
-        columns = {name: table[name].to_numpy() for name in wanted}
-    except (OSError, ValueError, KeyError, pa.ArrowException) as error:  # KeyError: two columns of one name
-        raise RecordingError(f"cannot read {path}: {str(error).splitlines()[0]}") from error
-    if not table.num_rows:
-        raise RecordingError(f"{path} has no rows")
-    return columns
-
-
-def _read_csv(path: Path, wanted: Sequence[str] | None = None) -> pa.Table:
-    with path.open(encoding="utf-8") as file:
-        header = [name.strip().strip('"') for name in file.readline().split(",")]
-    if missing := [name for name in wanted or () if name not in header]:
-        raise ValueError(f"column '{missing[0]}' is missing: {nearest_hint(missing[0], header)}")
-    convert = pyarrow.csv.ConvertOptions(
-        column_types=dict.fromkeys(header, pa.float64()), include_columns=wanted or header
-    )
-    # With threads and memory of its own Arrow keeps 40 MB after two hundred small logs; 30,000 rows come no faster.
-    read = pyarrow.csv.ReadOptions(column_names=header, skip_rows=1, use_threads=False)
-    pool = pa.system_memory_pool()
-    return pyarrow.csv.read_csv(path, read_options=read, convert_options=convert, memory_pool=pool)
+def _read_table(directory: Path, name: str) -> tuple[Path, dict[str, Floats]] | None:
+    """File and columns of a table, whichever of its forms is there."""
+    for ending, read in FORMS.items():
+        path = directory / f"{name}.{ending}"
+        if path.exists():
+            found = read(path)
+            columns = found.values
+            if found.notes:
+                raise RecordingError(f"{path}: {found.notes[0].replace('left out', 'must be deleted')}")
+            if "t" not in columns:
+                raise RecordingError(f"{path}: column 't' is missing")
+            if lengths := {len(values) for values in columns.values()} - {len(columns["t"])}:
+                raise RecordingError(f"{path}: 't' has {len(columns['t'])} rows, another column {lengths.pop()}")
+            return path, columns
+    return None
 
 
 def _read_optional(directory: Path, name: str, columns: Sequence[str]) -> Table | None:
     read = _read_table(directory, name)
     if read is None:
         return None
-    path, header, rows = read
-    missing = [column for column in columns if column not in header]
-    if missing:
-        raise RecordingError(f"{path}: column '{missing[0]}' is missing")
-    order = [header.index(column) for column in columns]
-    return Table(time_s=rows[:, header.index("t")], values=rows[:, order])
+    path, there = read
+    for column in columns:
+        if column not in there:
+            raise RecordingError(f"{path}: column '{column}' is missing")
+    return Table(time_s=there["t"], values=np.column_stack([there[column] for column in columns]))
 
 
 def _read_joints(directory: Path, joints: list[str]) -> JointTable:
     read = _read_table(directory, "joints")
     if read is None:
         raise RecordingError(f"{directory}: joints.csv is missing")
-    path, header, rows = read
+    path, there = read
     signals: dict[str, Floats | None] = {}
     for signal in JOINT_SIGNALS:
         columns = [f"{signal}_{joint}" for joint in joints]
-        missing = [name for name in columns if name not in header]
-        if not missing:
-            signals[signal] = rows[:, [header.index(name) for name in columns]]
+        missing = [name for name in columns if name not in there]
+        whole = there.get(signal)  # of an archive: all joints in one array
+        if whole is not None and whole.shape[1:] == (len(joints),):
+            signals[signal] = whole
+        elif not missing:
+            signals[signal] = np.column_stack([there[name] for name in columns])
         elif signal in REQUIRED_SIGNALS or len(missing) < len(columns):
             raise RecordingError(f"{path}: column '{missing[0]}' is missing")
         else:
             signals[signal] = None
-    return JointTable(time_s=rows[:, header.index("t")], **signals)  # type: ignore[arg-type]
+    return JointTable(time_s=there["t"], **signals)  # type: ignore[arg-type]
 
 
 def _read_depth(path: Path) -> DepthTable | None:

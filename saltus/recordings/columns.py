@@ -1,0 +1,278 @@
+"""Columns of numbers as people keep them: text with any separator and decimal sign, Parquet, archives of numpy."""
+
+import codecs
+import csv
+import io
+import re
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+from numpy.typing import NDArray
+
+from saltus.archive import check_archive
+from saltus.arrays import Floats
+from saltus.errors import RecordingError, nearest_hint
+
+HEAD_BYTES = 2**18  # of a text, in which its names and first rows stand
+BYTE_ORDER_MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
+SEPARATORS = (";", "\t", "|", ",", " ")
+"""The first that cuts the names and the first row into equally many parts. A comma comes late: it may be the decimal
+sign. A space stands for any number of spaces."""
+COMMENT = ("#", "%", "//")
+DECIMAL_SIGNS = (".", ",")
+NUMBER = re.compile(r"\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?\s*|\s*[-+]?(nan|inf)\s*|\s*", re.IGNORECASE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Columns:
+    """Columns of a file by their names, shape (rows,) each, or (rows, joints) of an archive."""
+
+    values: dict[str, Floats]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Form:
+    """How a text is written."""
+
+    names: list[str]
+    separator: str
+    encoding: str
+    skipped: int
+    """Lines before the first row."""
+
+
+def read_text(path: Path, wanted: Sequence[str] | None = None) -> Columns:
+    """Columns of a text: CSV with commas, semicolons, tabs or spaces, decimal point or comma, with or without a mark
+    of its encoding, and with comments before the line of names.
+
+    Args:
+        path: Any file.
+        wanted: Names of columns; all that have one by default.
+
+    Raises:
+        RecordingError: it cannot be read, lacks a column, names one twice, has no rows, or a column holds text.
+    """
+    try:
+        form = _form(path)
+        places = _places(form.names, wanted)
+        table, notes = _parsed(path, form, list(places.values()))
+        values = {name: table[str(place)].to_numpy() for name, place in places.items()}
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise RecordingError(f"cannot read {path}: {str(error).splitlines()[0]}") from error
+    if not table.num_rows:
+        raise RecordingError(f"{path} has no rows")
+    return Columns(values=values, notes=notes)
+
+
+def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> Columns:
+    """Columns of a Parquet file.
+
+    Raises:
+        RecordingError: it cannot be read, lacks a column, names one twice, has no rows, or a column holds text.
+    """
+    try:
+        table = pyarrow.parquet.read_table(path)
+        places = _places([name.strip() for name in table.column_names], wanted)
+        values = {name: table.column(place).cast(pa.float64()).to_numpy() for name, place in places.items()}
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise RecordingError(f"cannot read {path}: {str(error).splitlines()[0]}") from error
+    if not table.num_rows:
+        raise RecordingError(f"{path} has no rows")
+    return Columns(values=values)
+
+
+def names_in_archive(path: Path) -> list[str]:
+    """Names of the arrays of an npz.
+
+    Raises:
+        RecordingError: it is none.
+    """
+    with _opened(path) as archive:
+        return list(archive.files)
+
+
+def read_archive(path: Path, wanted: Sequence[str] | None = None) -> Columns:
+    """Arrays of an npz, as numpy.savez writes it; by default all that hold numbers, one or many to a row.
+
+    Raises:
+        RecordingError: it is none or damaged, lacks an array, or one holds something else than rows of numbers.
+    """
+    with _opened(path) as archive:
+        names = list(archive.files)
+        if missing := [name for name in wanted or () if name not in names]:
+            raise RecordingError(f"cannot read {path}: array '{missing[0]}' is missing: {nearest_hint(missing[0], names)}")
+        try:
+            arrays = {name: archive[name] for name in wanted or names}
+        except Exception as error:  # damaged bytes fail in many ways, and so do objects
+            raise RecordingError(f"cannot read {path}: {str(error).splitlines()[0]}") from error
+    values: dict[str, Floats] = {}
+    for name, array in arrays.items():
+        if array.dtype.kind in "fiub" and array.ndim in (1, 2):
+            values[name] = array.astype(np.float64)
+        elif wanted is not None:
+            found = f"is {array.dtype} of shape {array.shape}"
+            raise RecordingError(f"{path}: '{name}' {found}; it must hold numbers, one or one for each joint to a row")
+    return Columns(values=values)
+
+
+def _opened(path: Path) -> Any:
+    if not zipfile.is_zipfile(path):
+        raise RecordingError(f"cannot read {path}: it is no archive of arrays, as numpy.savez writes it, or is cut off")
+    try:
+        check_archive(path)
+        return np.load(path, allow_pickle=False)
+    except Exception as error:  # a damaged archive fails in many ways
+        raise RecordingError(f"cannot read {path}: {str(error).splitlines()[0]}") from error
+
+
+def _places(names: Sequence[str], wanted: Sequence[str] | None) -> dict[str, int]:
+    """Where each wanted column stands."""
+    wanted = [name for name in dict.fromkeys(names) if name] if wanted is None else list(dict.fromkeys(wanted))
+    for name in wanted:
+        if name not in names:
+            raise ValueError(f"column '{name}' is missing: {nearest_hint(name, names)}")
+        if names.count(name) > 1:
+            raise ValueError(f"{names.count(name)} columns are named '{name}': which is meant? Rename all but one")
+    return {name: names.index(name) for name in wanted}
+
+
+def _form(path: Path) -> _Form:
+    """How a text is written, by its first lines."""
+    encoding, lines = _first_lines(path)
+    at = next((i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENT)), None)
+    if at is None:
+        raise ValueError("it has no line with names of columns")
+    told = lines[at].strip().strip('"').lower()
+    separator = told[4] if told.startswith("sep=") and len(told) == 5 else None  # as Excel writes it
+    at += separator is not None
+    header, first, skipped = lines[at] if at < len(lines) else "", "", at + 1
+    if _is_row(header):
+        if not at or not lines[at - 1].lstrip().startswith(COMMENT):
+            raise ValueError("its first line has no names of columns; put one before it")
+        header, first, skipped = lines[at - 1].lstrip(" #%/"), header, at  # as numpy.savetxt writes names
+    else:
+        first = next((line for line in lines[at + 1 :] if line.strip()), "")
+    separator = separator or _separator(header, first)
+    names = _cut(header, separator)
+    # a logger may end its rows, but not its names, with a separator
+    names += [""] * (len(_cut(first, separator)) == len(names) + 1)
+    return _Form(names=names, separator=separator, encoding=encoding, skipped=skipped)
+
+
+def _first_lines(path: Path) -> tuple[str, list[str]]:
+    """Encoding of a text, and the lines that its beginning holds."""
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    mark, encoding = next(((m, e) for m, e in BYTE_ORDER_MARKS.items() if head.startswith(m)), (b"", "utf-8"))
+    try:
+        text = codecs.getincrementaldecoder(encoding)().decode(head[len(mark) :], final=len(head) < HEAD_BYTES)
+    except UnicodeDecodeError:
+        text, encoding = head.decode("latin-1"), "latin-1"  # as Windows writes degrees and Greek letters
+    if "\0" in text:
+        raise ValueError("it is no text")
+    return encoding, text.splitlines()
+
+
+def _is_row(line: str) -> bool:
+    """Whether a line holds numbers alone."""
+    return any(all(NUMBER.fullmatch(part) for part in _cut(line, separator)) for separator in SEPARATORS)
+
+
+def _separator(header: str, first: str) -> str:
+    for separator in SEPARATORS:
+        names, values = _cut(header, separator), _cut(first, separator)
+        if len(names) > 1 and (not first or len(values) - len(names) in (0, 1)):
+            return separator
+    if "," in header and first.count(",") > header.count(","):
+        raise ValueError(
+            f"{header.count(',') + 1} names, but {first.count(',') + 1} parts of the first row: if its decimal signs "
+            "are commas, write it with semicolons between columns"
+        )
+    return ","
+
+
+def _cut(line: str, separator: str) -> list[str]:
+    """Parts of a line, without spaces and quotes around them."""
+    if separator == " ":
+        return line.split()
+    parts = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    return [part.strip().strip('"') for part in parts]
+
+
+def _parsed(path: Path, form: _Form, places: list[int]) -> tuple[pa.Table, tuple[str, ...]]:
+    """The columns at some places, named by their numbers, as two may have one name."""
+    odd: list[Any] = []
+
+    def set_aside(row: Any) -> str:
+        odd.append(row)
+        return "skip"
+
+    # With threads and memory of its own Arrow keeps 40 MB after two hundred small logs; 30,000 rows come no faster.
+    read = pyarrow.csv.ReadOptions(
+        column_names=[str(place) for place in range(len(form.names))], skip_rows=form.skipped, use_threads=False
+    )
+    delimiter = "," if form.separator == " " else form.separator
+    parse = pyarrow.csv.ParseOptions(delimiter=delimiter, invalid_row_handler=set_aside)
+    names, failures = [str(place) for place in places], []
+    for sign in DECIMAL_SIGNS:
+        odd.clear()
+        convert = pyarrow.csv.ConvertOptions(
+            column_types=dict.fromkeys(names, pa.float64()), include_columns=names, decimal_point=sign
+        )
+        try:
+            table = pyarrow.csv.read_csv(_source(path, form), read, parse, convert, memory_pool=pa.system_memory_pool())
+        except pa.ArrowInvalid as error:
+            failures.append(error)
+        else:
+            return table, _cut_off(path, odd, form)
+    raise ValueError(_of_column(str(failures[0]), form)) from failures[0]
+
+
+def _source(path: Path, form: _Form) -> Any:
+    """A text as Arrow reads it: bytes of UTF-8 or of ASCII, one separator between columns."""
+    if form.separator != " " and not form.encoding.startswith("utf-16"):
+        return path
+    lines = path.read_text(encoding=form.encoding).splitlines()
+    if form.separator == " ":
+        lines = [",".join(line.split()) for line in lines]
+    return io.BytesIO("\n".join(lines).encode())
+
+
+def _cut_off(path: Path, odd: list[Any], form: _Form) -> tuple[str, ...]:
+    """A note on a last row that was not written to its end; other rows of another length are refused."""
+    if not odd:
+        return ()
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - HEAD_BYTES))
+        last = file.read()
+    if len(odd) == 1 and not last.endswith((b"\n", b"\r", b"\n\0")) and _holds(last, odd[0].text, form):
+        return (f"the last row of {path.name} is cut off, and left out",)
+    row = odd[0]
+    raise ValueError(
+        f"row {row.number - form.skipped} has {row.actual_columns} columns, the line of names {row.expected_columns}"
+        + (f", and {len(odd) - 1} more are like it" if len(odd) > 1 else "")
+    )
+
+
+def _holds(end: bytes, row: str, form: _Form) -> bool:
+    """Whether a text ends with a row."""
+    last = end.decode(form.encoding, errors="replace").splitlines()[-1]
+    return last.split() == row.replace(",", " ").split() if form.separator == " " else last == row.rstrip("\r\n")
+
+
+def _of_column(said: str, form: _Form) -> str:
+    """What Arrow says of a column, with the column's name in place of its number."""
+    found = re.match(r"In CSV column #(\d+): (?:Row #(\d+): )?CSV conversion error to double: (.*)", said, re.DOTALL)
+    if not found:
+        return said
+    row = int(found[2]) - form.skipped if found[2] else 0
+    text = f"column '{form.names[int(found[1])]}'{f', row {row}' if row else ''}: {found[3].splitlines()[0]}"
+    return f"{text}; is it a row of units? Delete it" if row == 1 else f"{text}; it must hold numbers"
