@@ -9,7 +9,7 @@ from saltus.errors import RecordingError, nearest_hint
 from saltus.real2sim.importers.absent import without_absent
 from saltus.real2sim.importers.kinds import kind_of
 from saltus.real2sim.importers.table import READERS, read_table
-from saltus.real2sim.screening.clock import clock_faults
+from saltus.real2sim.screening.clock import MIN_ROWS, clock_faults
 from saltus.real2sim.screening.joints import unit_faults
 from saltus.recordings.description import Description
 from saltus.recordings.rosbag import read_rosbag
@@ -50,7 +50,7 @@ def import_recording(recording: Path, out: Path, description: Description, robot
     _check_left_out(description.leave_out)
     kind = kind_of(recording)
     if kind not in READERS:
-        log, notes = read_rosbag(recording, description.topics, description.leave_out)
+        log, notes = read_rosbag(recording, description.topics, description.leave_out, _image_size(description))
         names = [description.joint_names.get(name, name) for name in log.meta["joints"]]
         parts = {"": replace(log, meta=log.meta | {"joints": names})}
     elif description.columns is None:
@@ -60,22 +60,36 @@ def import_recording(recording: Path, out: Path, description: Description, robot
         parts, notes = read_table(recording, kind, columns, names, description.leave_out)
     logs: dict[Path, RunLog] = {}
     for name, part in parts.items():
+        if len(parts) > 1 and len(part.joints.time_s) < MIN_ROWS:
+            notes.append(
+                f"{name}: {len(part.joints.time_s)} rows are too few to compare with anything, and are left out"
+            )
+            continue
         logs[out / name], told = _completed(part, recording, description, robot)
         notes += [note for note in told if note not in notes]
+    if not logs:
+        raise RecordingError(f"{recording}: none of its {len(parts)} logs has {MIN_ROWS} rows")
     for folder, log in logs.items():
         write_run_log(log, folder, robot)
     return Imported(logs=tuple(logs), notes=(*notes, *_lacking(next(iter(logs.values())), description)))
 
 
+def _image_size(description: Description) -> tuple[int, int] | None:
+    """Width and height of the images that a description claims."""
+    camera = description.claims.get("camera")
+    width, height = (camera.get("width"), camera.get("height")) if isinstance(camera, dict) else (None, None)
+    return (width, height) if isinstance(width, int) and isinstance(height, int) else None
+
+
 def _check_left_out(names: Iterable[str]) -> None:
     for name in names:
         if name not in OPTIONAL:
-            raise RecordingError(f"leave_out has '{name}', which no log may lack or none has: {nearest_hint(name, OPTIONAL)}")
+            raise RecordingError(
+                f"leave_out has '{name}', which no log may lack or none has: {nearest_hint(name, OPTIONAL)}"
+            )
 
 
-def _completed(
-    log: RunLog, recording: Path, description: Description, robot: Robot
-) -> tuple[RunLog, list[str]]:
+def _completed(log: RunLog, recording: Path, description: Description, robot: Robot) -> tuple[RunLog, list[str]]:
     """The log with all claims, in the robot's order, and notes; one that contradicts itself is refused."""
     claims = description.claims
     joints, log = _on_robot(log, robot)

@@ -49,7 +49,9 @@ def kind_of(path: Path) -> Kind:
         raise RecordingError(f"{path} is empty")
     for beginning, what in OF_OTHERS.items():
         if head.startswith(beginning):
-            raise RecordingError(f"{path} is {what}; `import` reads {KINDS}: numpy.savez(file, t=..., q=...) writes one")
+            raise RecordingError(
+                f"{path} is {what}; `import` reads {KINDS}: numpy.savez(file, t=..., q=...) writes one"
+            )
     kind = next((kind for beginning, kind in BEGINNINGS.items() if head.startswith(beginning)), "text")
     if kind == "npz":
         _check_npz(path)

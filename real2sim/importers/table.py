@@ -34,10 +34,11 @@ LOG = "{log}"
 def read_table(
     path: Path, kind: str, columns: Columns, joint_names: dict[str, str], left_out: Iterable[str] = ()
 ) -> tuple[dict[str, RunLog], list[str]]:
-    """One log without a name, one for each that an archive holds, or, where joints lean on stops, one for each leg that
-    moves freely for a while; and notes.
+    """The logs of a table by their names, and notes.
 
-    `meta` of a log has joints, by their names in `joint_names`, control_dt, and segments where stretches are left out.
+    There is one without a name, one for each that an archive holds, or, where joints lean on stops, one for each leg
+    that moves freely for a while. `meta` of a log has joints, by their names in `joint_names`, control_dt, and
+    segments where stretches are left out.
 
     Args:
         path: A table of a kind of `READERS`.
@@ -139,7 +140,9 @@ def _read(path: Path, kind: str, columns: Columns) -> tuple[Floats, dict[str, Fl
         signals[signal] = math.radians(1.0) * signals[signal]
     rows = {name: len(values) for name, values in read.values.items()}
     if len(set(rows.values())) > 1:
-        raise RecordingError(f"{path}: columns of unequal length: " + ", ".join(f"{n} {rows[n]}" for n in list(rows)[:4]))
+        raise RecordingError(
+            f"{path}: columns of unequal length: " + ", ".join(f"{n} {rows[n]}" for n in list(rows)[:4])
+        )
     if columns.time is not None:
         time = read.values[columns.time].ravel()
         return np.asarray(SECONDS[columns.time_unit] * (time - time[0]), dtype=np.float64), signals, list(read.notes)
@@ -157,7 +160,9 @@ def _names(columns: Columns, signal: str, kind: str) -> list[str]:
     except (KeyError, IndexError, ValueError) as error:
         raise RecordingError(f'[columns] {signal} = "{pattern}": within {{}} go joint or number') from error
     if len(set(names)) == 1 < len(names) and kind != "npz" and signal not in GAINS:
-        raise RecordingError(f'[columns] {signal} = "{pattern}" names one column for all joints: put {{number}} or {{joint}} in')
+        raise RecordingError(
+            f'[columns] {signal} = "{pattern}" names one column for all joints: put {{number}} or {{joint}} in'
+        )
     return list(dict.fromkeys(names))
 
 

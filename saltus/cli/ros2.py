@@ -50,7 +50,7 @@ class Ros2:
     take: Flag = False
     """Take in a robot's depth images, joints, IMU and odometry."""
     depth: str = "/camera/depth/image_rect_raw"
-    """Taken with --take: sensor_msgs/Image, 16UC1 in millimetres or 32FC1 in metres."""
+    """Taken with --take: sensor_msgs/Image, 16UC1 in millimetres or 32FC1 in metres; or a topic .../compressedDepth."""
     camera_info: str = "/camera/depth/camera_info"
     """Taken with --take: sensor_msgs/CameraInfo of these images."""
     joints: str = "/joint_states"
@@ -85,7 +85,7 @@ class Ros2:
         if self.take and config.epoch_ns:
             raise SaltusError(f"{self.run_dir} has a robot of its own: --take needs a folder of saltus router")
         wall = WallClock(config)
-        intake = Intake(robot, wall, self.joint_names, arrival=self.arrival_times)
+        intake = Intake(robot, wall, self.joint_names, arrival=self.arrival_times, depth=self.depth)
         exporter = Exporter(robot, wall, base=self.base_frame, whole=not self.take)
         with (
             ZenohBus(self.endpoint or endpoint_of(self.run_dir), self.prefix or config.prefix) as bus,

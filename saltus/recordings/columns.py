@@ -14,7 +14,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
-from numpy.typing import NDArray
 
 from saltus.archive import check_archive
 from saltus.arrays import Floats
@@ -50,8 +49,7 @@ class _Form:
 
 
 def read_text(path: Path, wanted: Sequence[str] | None = None) -> Columns:
-    """Columns of a text: CSV with commas, semicolons, tabs or spaces, decimal point or comma, with or without a mark
-    of its encoding, and with comments before the line of names.
+    """Columns of a text (CSV), whatever its separator, decimal sign and encoding, also with comments before the names.
 
     Args:
         path: Any file.
@@ -108,7 +106,9 @@ def read_archive(path: Path, wanted: Sequence[str] | None = None) -> Columns:
     with _opened(path) as archive:
         names = list(archive.files)
         if missing := [name for name in wanted or () if name not in names]:
-            raise RecordingError(f"cannot read {path}: array '{missing[0]}' is missing: {nearest_hint(missing[0], names)}")
+            raise RecordingError(
+                f"cannot read {path}: array '{missing[0]}' is missing: {nearest_hint(missing[0], names)}"
+            )
         try:
             arrays = {name: archive[name] for name in wanted or names}
         except Exception as error:  # damaged bytes fail in many ways, and so do objects

@@ -1,25 +1,39 @@
-"""Reads the depth stream of a RealSense recording (ROS 1 bag, as the vendor's viewer and SDK write it)."""
+"""Reads the depth stream of a RealSense recording, as the vendor's viewer and SDK write it.
+
+That is a bag of ROS 1, or since 2026 a database of rosbag2 (.db3), in which texts say the intrinsics and the unit.
+"""
 
 import logging
 from collections.abc import Iterator
-from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from rosbags.rosbag1 import Reader
-from rosbags.typesys import Stores, get_typestore
+import zstandard
+from rosbags.highlevel import AnyReader
 
-from saltus.errors import RecordingError
+from saltus.errors import MessageError, RecordingError, shortened
+from saltus.recordings.bag_files import opened
+from saltus.recordings.images import Intrinsics, intrinsics, pixels_of
 from saltus.wire.codec import CENTRE_MAX_PX, DEPTH_UNIT_MAX_M, FOCAL_MAX_PX
 from saltus.wire.messages import DepthFrame
 
 _LOG = logging.getLogger(__name__)
-DEPTH_ENCODINGS = {"mono16": "u2", "16UC1": "u2", "32FC1": "f4"}
 _IMAGE = "/image/data"
 _DEFAULT_UNIT_M = 0.001  # librealsense's default depth unit of the D400 family
-PIXEL_CENTRE = 0.5  # a camera_info's principal point counts from the centre of the first pixel, ours from its corner
+_ZSTD = b"\x28\xb5\x2f\xfd"  # a .db3 may hold compressed messages, each by itself
+_UNPACKED_MAX = 2**28  # bytes: what the SDK's own reader accepts
+
+
+@dataclass(frozen=True)
+class _Camera:
+    """What a recording says once of its depth camera."""
+
+    lens: Intrinsics
+    width: int
+    height: int
+    unit_m: float
 
 
 def read_realsense(path: Path) -> Iterator[DepthFrame]:
@@ -30,102 +44,85 @@ def read_realsense(path: Path) -> Iterator[DepthFrame]:
     would mean "nothing within range" there, so it becomes 65534.
 
     Raises:
-        RecordingError: not a readable bag, or one without a depth stream or its intrinsics.
+        RecordingError: not a readable recording, or one without a depth stream or its intrinsics.
     """
     if not path.is_file():
         raise RecordingError(f"cannot read the RealSense recording {path}: there is no such file")
-    with reading(path, "RealSense recording"), Reader(path) as reader:
+    with opened(path, "RealSense recording") as reader:
         yield from _frames(reader, path)
 
 
-@contextmanager
-def reading(path: Path, kind: str) -> Iterator[None]:
-    """Says of whatever goes wrong with a file that it cannot be read, or is none of its kind.
-
-    Raises:
-        RecordingError: with one line.
-    """
-    try:
-        yield
-    except RecordingError:
-        raise
-    except OSError as error:
-        raise RecordingError(f"cannot read the {kind} {path}: {error}") from error
-    except Exception as error:  # damaged bytes fail in many ways; all mean the same
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise RecordingError(f"{path} is no {kind}, or damaged: {reason}") from error
-
-
-def _frames(reader: Reader, path: Path) -> Iterator[DepthFrame]:
-    store = get_typestore(Stores.ROS1_NOETIC)
+def _frames(reader: AnyReader, path: Path) -> Iterator[DepthFrame]:
     connections = [c for c in reader.connections if c.topic.endswith(_IMAGE) and "/Depth_" in c.topic]
     if not connections:
-        raise RecordingError(f"{path} holds no depth stream; it has: {sorted(reader.topics)}")
-    stream = connections[0].topic.removesuffix(_IMAGE)
+        there = shortened(sorted({c.topic for c in reader.connections}))
+        raise RecordingError(f"{path} holds no depth stream; it has: {there}")
+    camera = _camera(reader, path, connections[0].topic.removesuffix(_IMAGE))
+    for frame_id, (connection, _, raw) in enumerate(reader.messages(connections[:1])):
+        image: Any = reader.deserialize(_unpacked(raw), connection.msgtype)
+        if (image.width, image.height) != (camera.width, camera.height):
+            raise RecordingError(
+                f"{path}: images of {image.width}x{image.height} do not match the intrinsics, which are for "
+                f"{camera.width}x{camera.height}"
+            )
+        try:
+            pixels = pixels_of(image)
+        except MessageError as error:
+            raise RecordingError(f"{path}: {error}") from error
+        stamp = image.header.stamp
+        yield DepthFrame(
+            time_ns=int(stamp.sec) * 10**9 + int(stamp.nanosec),
+            frame_id=frame_id,
+            depth=np.minimum(pixels, 65534).astype(np.uint16),
+            depth_unit_m=camera.unit_m,
+            **vars(camera.lens),
+        )
+
+
+def _camera(reader: AnyReader, path: Path, stream: str) -> _Camera:
     sensor = stream.rsplit("/", 1)[0]
-    info = _first(reader, store, f"{stream}/info/camera_info")
-    if info is None:
-        raise RecordingError(f"{path} holds no intrinsics: '{stream}/info/camera_info' is missing")
-    option = _first(reader, store, f"{sensor}/option/Depth Units/value")
+    option = _first(reader, f"{sensor}/option/Depth Units/value", f"{sensor}/option/Depth_Units/value")
     if option is None:
         _LOG.warning("%s does not state its depth unit: taking %g m", path, _DEFAULT_UNIT_M)
-    # The option is a float32: 0.001 reads as 0.0010000000475.
-    unit = _DEFAULT_UNIT_M if option is None else round(float(option.data), 9)
+    info = _first(reader, f"{stream}/info/camera_info", f"{stream}/camera_info")
+    if info is None:
+        raise RecordingError(f"{path} holds no intrinsics: '{stream}/info/camera_info' is missing")
+    try:
+        # The option is a float32, or a text: 0.001 reads as 0.0010000000475.
+        unit = _DEFAULT_UNIT_M if option is None else round(float(option.data), 9)
+        if hasattr(info, "data"):
+            told = dict(pair.split("=", 1) for pair in info.data.rstrip(";").split(";"))
+            width, height = int(told["width"]), int(told["height"])
+            lens = Intrinsics(
+                *(float(told[key]) for key in ("fx", "fy")), *(0.5 + float(told[key]) for key in ("ppx", "ppy"))
+            )
+        else:
+            width, height = int(info.width), int(info.height)
+            lens = intrinsics(info, width, height, rectified=False)
+    except (MessageError, ValueError, KeyError) as error:
+        raise RecordingError(f"{path}: its intrinsics or its depth unit cannot be read: {error}") from error
     for name, value, most in (
-        ("depth unit", unit, DEPTH_UNIT_MAX_M), ("fx", info.K[0], FOCAL_MAX_PX), ("fy", info.K[4], FOCAL_MAX_PX),
-        ("cx", info.K[2], CENTRE_MAX_PX), ("cy", info.K[5], CENTRE_MAX_PX),
+        ("depth unit", unit, DEPTH_UNIT_MAX_M), ("fx", lens.fx, FOCAL_MAX_PX), ("fy", lens.fy, FOCAL_MAX_PX),
+        ("cx", lens.cx, CENTRE_MAX_PX), ("cy", lens.cy, CENTRE_MAX_PX),
     ):  # fmt: skip
         if not 0.0 < value <= most:
             raise RecordingError(f"{path} is damaged: its {name} is {value:g}, allowed are 0 to {most:g}")
-    for frame_id, (connection, _, raw) in enumerate(reader.messages(connections[:1])):
-        image = store.deserialize_ros1(raw, connection.msgtype)
-        if (image.width, image.height) != (info.width, info.height):
-            raise RecordingError(
-                f"{path}: images of {image.width}x{image.height} do not match the intrinsics, which are for "
-                f"{info.width}x{info.height}"
-            )
-        yield DepthFrame(
-            time_ns=nanoseconds(image.header.stamp),
-            frame_id=frame_id,
-            depth=pixels(image, path),
-            depth_unit_m=unit,
-            fx=float(info.K[0]),
-            fy=float(info.K[4]),
-            cx=float(info.K[2]) + PIXEL_CENTRE,
-            cy=float(info.K[5]) + PIXEL_CENTRE,
-        )
+    return _Camera(lens, width, height, unit)
 
 
-def _first(reader: Reader, store: Any, topic: str) -> Any | None:
-    """The first message of a topic; None where there is none."""
-    connections = [c for c in reader.connections if c.topic == topic]
-    if not connections:  # an empty choice means all of them to the reader
-        return None
-    connection, _, raw = next(reader.messages(connections))
-    return store.deserialize_ros1(raw, connection.msgtype)
+def _first(reader: AnyReader, *topics: str) -> Any | None:
+    """The first message of the first of these topics that is there; None where none is."""
+    for topic in topics:
+        connections = [c for c in reader.connections if c.topic == topic and c.msgcount]
+        if connections:  # an empty choice means all of them to the reader
+            connection, _, raw = next(reader.messages(connections))
+            return reader.deserialize(_unpacked(raw), connection.msgtype)
+    return None
 
 
-def nanoseconds(stamp: Any) -> int:
-    """Of the time in a message's header."""
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-
-
-def pixels(image: Any, path: Path) -> NDArray[np.uint16]:
-    """Depth in an image message, shape (height, width): of 16 bits as it is, of 32 bits, which is in metres, in mm.
-
-    Raises:
-        RecordingError: another encoding, or an image of another size than it says.
-    """
-    if image.encoding not in DEPTH_ENCODINGS:
-        raise RecordingError(f"{path}: depth encoding '{image.encoding}' is not one of {', '.join(DEPTH_ENCODINGS)}")
-    kind = np.dtype(DEPTH_ENCODINGS[image.encoding]).newbyteorder(">" if image.is_bigendian else "<")
-    used = kind.itemsize * image.width
-    if image.step < used or len(image.data) != image.height * image.step:
-        raise RecordingError(
-            f"{path}: an image of {image.width}x{image.height} has {len(image.data)} bytes, {image.step} to a row"
-        )
-    rows = np.frombuffer(image.data, np.uint8).reshape(image.height, image.step)
-    depth = np.ascontiguousarray(rows[:, :used]).view(kind)
-    if kind.kind == "f":
-        depth = np.rint(1e3 * np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0))
-    return np.clip(depth, 0, 65534).astype(np.uint16)
+def _unpacked(raw: Any) -> bytes:
+    data = bytes(raw)
+    if not data.startswith(_ZSTD):
+        return data
+    with zstandard.ZstdDecompressor(max_window_size=_UNPACKED_MAX).stream_reader(data) as stream:
+        return stream.read(_UNPACKED_MAX)

@@ -4,38 +4,35 @@ Times of measurements are the headers' stamps, or, where they are empty, those a
 count from the first message of joints: seconds since 1970 would leave doubles a quarter of a microsecond.
 """
 
-from collections import defaultdict
-from collections.abc import Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
+from saltus.archive import ARCHIVE_MAX
 from saltus.arrays import Floats
-from saltus.errors import RecordingError, nearest_hint
+from saltus.errors import MessageError, RecordingError
+from saltus.recordings.bag_files import opened
+from saltus.recordings.bag_topics import COMMANDS, choose
 from saltus.recordings.description import Topics
-from saltus.recordings.realsense import DEPTH_ENCODINGS, PIXEL_CENTRE, nanoseconds, pixels, reading
-from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table
+from saltus.recordings.images import NOTHING, intrinsics, is_rectified, matrices_differ, millimetres, pixels_of
+from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, period_of
 from saltus.rotations import rotation_matrix
 
-TYPES = {
-    "joints": "sensor_msgs/msg/JointState",
-    "commands": "sensor_msgs/msg/JointState",
-    "imu": "sensor_msgs/msg/Imu",
-    "base": "nav_msgs/msg/Odometry",
-    "depth": "sensor_msgs/msg/Image",
-    "camera_info": "sensor_msgs/msg/CameraInfo",
-}
 OLDEST_IMAGE_S = 10.0  # an image that is older at its arrival was stamped by another clock
+NANO = 10**9
+CAMERAS_MAX = 16  # calibrations of a topic that are looked at; one that changes has a few
 
 
 @dataclass(frozen=True)
 class _Received:
-    """One message."""
+    """One message, or what is kept of it."""
 
     arrival_s: float
     time_s: float
@@ -45,8 +42,16 @@ class _Received:
 _Messages = Sequence[_Received]
 
 
-def read_rosbag(path: Path, topics: Topics, left_out: Sequence[str] = ()) -> tuple[RunLog, list[str]]:
+def read_rosbag(
+    path: Path, topics: Topics, left_out: Sequence[str] = (), size: tuple[int, int] | None = None
+) -> tuple[RunLog, list[str]]:
     """Reads the joints and whatever else there is.
+
+    Args:
+        path: File or folder.
+        topics: Names of topics, where types do not tell.
+        left_out: Signals and parts that the log is not to have.
+        size: Width and height of the depth images that count, where there are several; by default the most frequent.
 
     Returns:
         A log whose `meta` has what the bag says: joints, control_dt, and intrinsics and rate of the camera. Notes on
@@ -55,17 +60,18 @@ def read_rosbag(path: Path, topics: Topics, left_out: Sequence[str] = ()) -> tup
     Raises:
         RecordingError: no bag; no topic of joints; a topic that is not there, of another type, or one of several.
     """
-    types = get_typestore(Stores.ROS2_JAZZY)  # of a bag that does not hold its own
-    with reading(path, "recording of ROS"), AnyReader([path], default_typestore=types) as reader:
-        chosen = _choose(reader, path, topics)
-        received = _receive(reader, path, chosen)
-    notes = [", ".join(f"{part} from {topic}" for part, topic in chosen.items())]
-    names, joints = _joints(chosen, received)
-    depth = _depth(path, received.get("depth", ()), notes)
+    notes: list[str] = []
+    with opened(path) as reader:
+        chosen = choose(reader, path, topics, left_out, notes)
+        received = _receive(reader, path, chosen, notes)
+    notes.insert(0, ", ".join(f"{part} from {topic}" for part, topic in chosen.items()))
+    names, joints = _joints(chosen, received, left_out)
+    depth = _depth(path, received.pop("depth", []), size, notes)
     told = received["commands"] if len(received.get("commands", ())) > 1 else received["joints"]
-    meta: dict[str, Any] = {"joints": names, "control_dt": float(np.median(np.diff(_times(told))))}
+    meta: dict[str, Any] = {"joints": names, "control_dt": period_of(_times(told))}
     if depth is not None and "camera_info" in received:
-        meta["camera"] = _camera(received["camera_info"][0].message, depth)
+        camera = _camera([each.message for each in received["camera_info"]], chosen["depth"], depth, notes)
+        meta |= {} if camera is None else {"camera": camera}
     log = RunLog(
         meta=meta,
         joints=joints,
@@ -76,87 +82,114 @@ def read_rosbag(path: Path, topics: Topics, left_out: Sequence[str] = ()) -> tup
     return log, notes
 
 
-def _choose(reader: AnyReader, path: Path, topics: Topics) -> dict[str, str]:
-    """The topic of each part that is there."""
-    types = {c.topic: c.msgtype for c in reader.connections if c.msgcount}
-    if not types:
-        raise RecordingError(f"{path} holds no messages")
-    chosen: dict[str, str] = {}
-    for part, given in vars(topics).items():
-        if given is not None and types.get(given) != TYPES[part]:
-            found = f"is of type {types[given]}" if given in types else f"is not there: {nearest_hint(given, types)}"
-            raise RecordingError(f"{path}: {part} are to come from {given} ({TYPES[part]}), which {found}")
-    taken = {given for given in vars(topics).values() if given is not None}
-    for part, given in vars(topics).items():
-        of_type = [topic for topic, kind in types.items() if kind == TYPES[part] and topic not in taken]
-        if part == "depth" and len(of_type) > 1:
-            of_type = [topic for topic in of_type if _first(reader, topic).encoding in DEPTH_ENCODINGS]
-        if part == "camera_info" and len(of_type) > 1:
-            of_type = [topic for topic in of_type if _folder(topic) == _folder(chosen.get("depth", ""))]
-        if given is None and len(of_type) > 1:
-            raise RecordingError(
-                f"{path}: {part} may come from {' or '.join(sorted(of_type))}: name one with --topics.{part}"
-            )
-        if given or of_type:
-            chosen[part] = given or of_type[0]
-            taken.add(chosen[part])
-    if "joints" not in chosen:
-        raise _without_joints(path, types)
-    return chosen
-
-
-def _without_joints(path: Path, types: dict[str, str]) -> RecordingError:
-    if path.suffix == ".bag" and TYPES["depth"] in types.values():
-        return RecordingError(
-            f"{path} holds images without joints and poses, with which `find` compares nothing: "
-            f"`saltus render fit {path}` fits the camera's errors to them"
-        )
-    return RecordingError(f"{path} holds no {TYPES['joints']}; it has: {', '.join(sorted(types))}")
-
-
-def _folder(topic: str) -> str:
-    return topic.rpartition("/")[0]
-
-
-def _first(reader: AnyReader, topic: str) -> Any:
-    connections = [c for c in reader.connections if c.topic == topic]
-    connection, _, raw = next(reader.messages(connections))
-    return reader.deserialize(raw, connection.msgtype)
-
-
-def _receive(reader: AnyReader, path: Path, chosen: dict[str, str]) -> dict[str, list[_Received]]:
-    """Messages of each part."""
+def _receive(reader: AnyReader, path: Path, chosen: dict[str, str], notes: list[str]) -> dict[str, list[_Received]]:
+    """Messages of each part; of images and calibrations what is kept of them."""
     part_of = {topic: part for part, topic in chosen.items()}
     connections = [c for c in reader.connections if c.topic in part_of]
     total = sum(c.msgcount for c in connections)
-    received: dict[str, list[tuple[int, int, Any]]] = defaultdict(list)
+    received: dict[str, _Rows] = defaultdict(list)
+    images = _Images(path)
+    keep: dict[str, Callable[[Any], Any]] = {"depth": images.kept}
     for connection, arrival_ns, raw in tqdm(
         reader.messages(connections), desc=path.name, total=total, disable=None, leave=False
     ):
         message: Any = reader.deserialize(raw, connection.msgtype)
-        received[part_of[connection.topic]].append((arrival_ns, nanoseconds(message.header.stamp), message))
-    arrival_ns, stamp_ns, _ = received["joints"][0]
-    return {part: _timed(rows, stamp_ns or arrival_ns) for part, rows in received.items()}
+        part, stamp = part_of[connection.topic], message.header.stamp
+        if part == "camera_info" and len(received[part]) >= CAMERAS_MAX:
+            continue
+        kept = keep.get(part, _same)(message)
+        if kept is not None:
+            received[part].append((arrival_ns, int(stamp.sec) * 10**9 + int(stamp.nanosec), kept))
+    images.tell(notes)
+    if not received["joints"]:
+        raise RecordingError(f"{path}: {chosen['joints']} holds no messages: its metadata say more than there is")
+    kept_of = {part: _stamped(rows, chosen[part], notes) for part, rows in received.items()}
+    arrival_ns, stamp_ns, _ = kept_of["joints"][0]
+    return {part: _timed(rows, stamp_ns or arrival_ns) for part, rows in kept_of.items()}
 
 
-def _timed(rows: Sequence[tuple[int, int, Any]], start_ns: int) -> list[_Received]:
-    """Messages of one topic from their arrivals and stamps [ns]."""
-    is_stamped = any(stamp for _, stamp, _ in rows)
+def _same(message: Any) -> Any:
+    return message
+
+
+class _Images:
+    """Makes millimetres of images as they come, so that no more than these are held."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._bytes = self._kept = 0
+        self._refused: Counter[str] = Counter()
+
+    def kept(self, image: Any) -> NDArray[np.uint16] | None:
+        """Pixels in whole millimetres; None for an image that cannot be read."""
+        try:
+            pixels = _measured(millimetres(pixels_of(image)))
+        except MessageError as error:
+            self._refused[str(error)] += 1
+            return None
+        self._kept += 1
+        self._bytes += pixels.nbytes
+        if self._bytes > ARCHIVE_MAX:
+            raise RecordingError(
+                f"{self._path}: its depth images take more than {ARCHIVE_MAX / 2**30:g} GiB: cut the bag, or say "
+                'leave_out = ["depth"] in the description'
+            )
+        return pixels
+
+    def tell(self, notes: list[str]) -> None:
+        """Notes on images that could not be read; an error where none could."""
+        for reason, count in self._refused.most_common():
+            if not self._kept:
+                raise RecordingError(
+                    f'{self._path}: none of its depth images can be read: {reason}; or leave_out = ["depth"]'
+                )
+            notes.append(f"{count} of {count + self._kept} depth images are left out: {reason}")
+
+
+def _measured(depth: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Depth of a run log, which has no sign for "nothing within range" but that of no depth."""
+    return np.where(depth == NOTHING, 0, depth).astype(np.uint16)
+
+
+_Rows = list[tuple[int, int, Any]]
+"""Arrival and stamp [ns], and what is kept of a message."""
+
+
+def _stamped(rows: _Rows, topic: str, notes: list[str]) -> _Rows:
+    """Messages of one topic without those that bear no stamp, unless none has one.
+
+    Simulated time begins at 0: a first stamp of 0 is one if others follow within a second.
+    """
+    if not any(stamp for _, stamp, _ in rows):
+        return rows
+    begin = next(place for place, (_, stamp, _) in enumerate(rows) if stamp)
+    from_zero = rows[begin][1] < NANO
+    kept = [row for place, row in enumerate(rows) if row[1] or (from_zero and place < begin)]
+    if len(kept) < len(rows):
+        notes.append(f"{topic}: {len(rows) - len(kept)} of {len(rows)} messages bear no stamp, and are left out")
+    return kept
+
+
+def _timed(rows: _Rows, start_ns: int) -> list[_Received]:
+    """Messages of one topic, timed from a start on; those of a topic without stamps by their arrivals."""
+    has_stamps = any(stamp for _, stamp, _ in rows)
     return [
-        _Received(1e-9 * (arrival - start_ns), 1e-9 * ((stamp if is_stamped else arrival) - start_ns), each)
+        _Received(1e-9 * (arrival - start_ns), 1e-9 * ((stamp if has_stamps else arrival) - start_ns), each)
         for arrival, stamp, each in rows
     ]
 
 
-def _joints(chosen: dict[str, str], received: dict[str, list[_Received]]) -> tuple[list[str], JointTable]:
+def _joints(
+    chosen: dict[str, str], received: dict[str, list[_Received]], left_out: Sequence[str]
+) -> tuple[list[str], JointTable]:
     """Names of the joints, and rows from the first command on."""
     names = list(received["joints"][0].message.name)
-    signals = _signals(received["joints"], chosen["joints"], names, ("q", "dq", "tau_est"))
+    signals = _signals(received["joints"], chosen["joints"], names, ("q", "dq", "tau_est"), left_out)
     time_s = _times(received["joints"])
     if "q" not in signals or len(time_s) < 2:
         raise RecordingError(f"{chosen['joints']} has {'one message only' if 'q' in signals else 'no positions'}")
     if "commands" in received:
-        told = _signals(received["commands"], chosen["commands"], names, ("q_des", "dq_des", "tau_ff"))
+        told = _signals(received["commands"], chosen["commands"], names, COMMANDS, left_out)
         sent_s = _times(received["commands"])
         if (np.diff(sent_s) < 0.0).any():
             raise RecordingError(f"{chosen['commands']}: time runs backwards")
@@ -170,10 +203,13 @@ def _joints(chosen: dict[str, str], received: dict[str, list[_Received]]) -> tup
     return names, JointTable(time_s=time_s, **signals)
 
 
-def _signals(messages: _Messages, topic: str, names: Sequence[str], signals: Sequence[str]) -> dict[str, Floats]:
+def _signals(
+    messages: _Messages, topic: str, names: Sequence[str], signals: Sequence[str], left_out: Sequence[str]
+) -> dict[str, Floats]:
     """What joint messages hold of `signals`, in the order of `names`, shape (messages, joints) each."""
     fields = dict(zip(signals, ("position", "velocity", "effort"), strict=True))
-    held = {signal: field for signal, field in fields.items() if len(getattr(messages[0].message, field))}
+    first = messages[0].message
+    held = {s: field for s, field in fields.items() if s not in left_out and len(getattr(first, field))}
     rows = {signal: np.empty((len(messages), len(names))) for signal in held}
     orders: dict[tuple[str, ...], list[int]] = {}
     for row, each in enumerate(messages):
@@ -217,28 +253,64 @@ def _base(messages: _Messages) -> Table | None:
     return Table(time_s=_times(messages), values=np.concatenate([positions, quaternions, velocity], axis=1))
 
 
-def _depth(path: Path, messages: _Messages, notes: list[str]) -> DepthTable | None:
+def _depth(path: Path, messages: list[_Received], size: tuple[int, int] | None, notes: list[str]) -> DepthTable | None:
+    """Images of one size, taken before they came and by the clock of the bag."""
     if not messages:
         return None
+    sizes = Counter(each.message.shape for each in messages)
+    shape = sizes.most_common(1)[0][0] if size is None else size[::-1]
+    if not sizes[shape]:
+        there = ", ".join(f"{width}x{height}" for height, width in sizes)
+        raise RecordingError(
+            f"{path}: [claims.camera] is of {size[0]}x{size[1]} pixels, images are {there}" if size else ""
+        )
+    for (height, width), count in sizes.items():
+        if (height, width) != shape:
+            notes.append(f"{count} of {len(messages)} depth images are {width}x{height}, and are left out")
+    messages = [each for each in messages if each.message.shape == shape]
     arrival_s, capture_s = np.array([each.arrival_s for each in messages]), _times(messages)
-    age_s = float(np.median(arrival_s - capture_s))
-    if not 0.0 <= age_s <= OLDEST_IMAGE_S:
-        notes.append(f"images were stamped {age_s:.3g} s before they came, by another clock, and are left out")
+    age_s = arrival_s - capture_s
+    right = (age_s >= 0.0) & (age_s <= OLDEST_IMAGE_S)
+    if not 0.0 <= np.median(age_s) <= OLDEST_IMAGE_S:
+        median = float(np.median(age_s))
+        notes.append(f"images were stamped {median:.3g} s before they came, by another clock, and are left out")
         return None
+    if not right.all():
+        count = int(np.sum(~right))
+        notes.append(
+            f"{count} of {len(right)} depth images are stamped later than they came, or far earlier, and are left out"
+        )
+    stamped = bool(np.any(age_s))
+    if not stamped:
+        notes.append("images bear no stamps: how old they are when they come is not known")
+    depth = np.empty((int(right.sum()), *shape), np.uint16)
+    for row, place in enumerate(np.flatnonzero(right)):
+        depth[row] = messages[place].message
     return DepthTable(
-        arrival_s=arrival_s,
-        capture_s=capture_s,
-        frame_id=np.arange(len(messages)),
-        depth_mm=np.stack([pixels(each.message, path) for each in messages]),
+        arrival_s=arrival_s[right],
+        capture_s=capture_s[right] if stamped else None,
+        frame_id=np.arange(len(depth)),
+        depth_mm=depth,
     )
 
 
-def _camera(info: Any, depth: DepthTable) -> dict[str, Any]:
-    k = info.K if hasattr(info, "K") else info.k  # ROS 1 has capitals
-    rate = 1.0 / float(np.median(np.diff(depth.arrival_s))) if len(depth.arrival_s) > 1 else 0.0
-    fx, cx, fy, cy = (float(k[i]) for i in (0, 2, 4, 5))
-    centre = {"cx": cx + PIXEL_CENTRE, "cy": cy + PIXEL_CENTRE}
-    return {"fx": fx, "fy": fy, **centre, "width": int(info.width), "height": int(info.height), "rate": rate}
+def _camera(infos: Sequence[Any], topic: str, depth: DepthTable, notes: list[str]) -> dict[str, Any] | None:
+    """The first calibration that fits the images."""
+    height, width = depth.depth_mm.shape[1:]
+    rate = 1.0 / period_of(depth.arrival_s) if len(depth.arrival_s) > 1 else 0.0
+    reason = ""
+    for info in infos:
+        try:
+            found = intrinsics(info, width, height, rectified=is_rectified(topic))
+        except MessageError as error:
+            reason = reason or str(error)
+            continue
+        if matrices_differ(info):
+            chosen, kind = ("P", "rectified") if is_rectified(topic) else ("K", "raw, so that its lens distorts")
+            notes.append(f"K and P of the camera differ: {chosen} is taken, as {topic} is {kind}")
+        return {**vars(found), "width": width, "height": height, "rate": rate}
+    notes.append(f"the camera is not known: {reason}; say fx, fy, cx, cy, width, height in [claims.camera]")
+    return None
 
 
 def _xyz(vector: Any) -> tuple[float, float, float]:

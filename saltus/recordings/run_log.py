@@ -3,8 +3,8 @@
     meta.json, joints.csv, imu.csv, base.csv, feet.csv, depth.npz
 
 SI units; `t` in seconds on one monotonic clock; world z up; quaternions (w, x, y, z), body to world. Everything but
-`meta.json` and `joints.csv` may be missing; a table may be Parquet with the same columns, e.g. `joints.parquet`, or an
-archive of numpy (`joints.npz`) with an array for each column, or, of joints, one of shape (rows, joints) for each signal.
+`meta.json` and `joints.csv` may be missing. A table may be Parquet with the same columns, e.g. `joints.parquet`, or an
+archive of numpy, `joints.npz`, with an array for each column, or for each signal one of shape (rows, joints).
 Reading checks the form only: columns and types. Whether the contents make sense is for
 `saltus.real2sim.screening.screen` to say.
 """

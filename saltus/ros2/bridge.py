@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from saltus.clock import RunClock
 from saltus.constants import POLICY_DT
 from saltus.recordings import ros_messages as ros
-from saltus.ros2.incoming import TYPES, Intake
+from saltus.ros2.incoming import Intake, types_of
 from saltus.ros2.outgoing import TRANSFORMS, Exporter, Outgoing
 from saltus.wire.bus import Bus, Slot
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
@@ -71,9 +71,10 @@ class Receiver:
         self._counted: dict[str, int] = {}
         self._image_s, self._told_s = -math.inf, -math.inf
         self._next_s = time.monotonic()
-        self._slots = {kind: Slot(bus.bell) for kind in TYPES}
+        types = types_of(topics["depth"])
+        self._slots = {kind: Slot(bus.bell) for kind in types}
         for kind, slot in self._slots.items():
-            node.subscribe(topics[kind], TYPES[kind], ros.hash_of(TYPES[kind]), slot)
+            node.subscribe(topics[kind], types[kind], ros.hash_of(types[kind]), slot)
         self._states, self._frames = bus.publisher("controller/state"), bus.publisher("camera/depth")
 
     def step(self) -> float:

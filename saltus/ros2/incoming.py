@@ -12,6 +12,7 @@ import numpy as np
 
 from saltus.errors import ConfigError, MessageError, nearest_hint
 from saltus.recordings import ros_messages as ros
+from saltus.recordings.images import COMPRESSED, MILLIMETRE, intrinsics, is_rectified, millimetres, pixels_of
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot
 from saltus.ros2.wall_clock import WallClock
@@ -19,8 +20,6 @@ from saltus.rotations import rotation_matrix
 from saltus.wire.messages import ControllerMode, DepthFrame, Floats, RobotState
 from saltus.wire.topics import TOPICS
 
-MILLIMETRE = 0.001
-NOTHING = np.iinfo(np.uint16).max  # in a depth image: nothing within range
 HELD_S = TOPICS["controller/state"].invalid_age_s
 """A reading that is older is not used: nor would a state of that age be."""
 NO_ATTITUDE = -1.0  # sensor_msgs/msg/Imu: first entry of the covariance of an orientation that it does not have
@@ -32,6 +31,13 @@ TYPES = {
     "odometry": "nav_msgs/msg/Odometry",
 }
 """What is taken from ROS: the type of each."""
+DEPTH = "/camera/depth/image_rect_raw"
+"""Topic of the depth images, if nobody names another."""
+
+
+def types_of(depth: str) -> dict[str, str]:
+    """The type of each kind, of a robot whose depth images come on a topic: by its name they may be compressed."""
+    return TYPES | {"depth": COMPRESSED} if depth.endswith("/compressedDepth") else TYPES
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +58,15 @@ class Intake:
         clock: Turns their stamps into times of the run.
         joints: Names of their joints.
         arrival: Take messages to be true when they arrive, for robots whose stamps are no wall clock.
+        depth: Topic of the depth images. Its name says whether they are compressed, and whether they are rectified.
 
     Raises:
         ConfigError: other than twelve names of joints, or one twice.
     """
 
-    def __init__(self, robot: Robot, clock: WallClock, joints: tuple[str, ...] = (), *, arrival: bool = False) -> None:
+    def __init__(
+        self, robot: Robot, clock: WallClock, joints: tuple[str, ...] = (), *, arrival: bool = False, depth: str = DEPTH
+    ) -> None:
         if joints and len(set(joints)) != len(JOINTS):
             known = ", ".join(JOINTS)
             raise ConfigError(f"{len(set(joints))} names of joints, where a robot has {len(JOINTS)}: {known}")
@@ -68,13 +77,14 @@ class Intake:
         self._legs = LegKinematics(robot)
         self._clock = clock
         self._arrival = arrival
+        self._types, self._rectified = types_of(depth), is_rectified(depth)
         self._newest: dict[str, Reading] = {}
         self._frames = self._steps = 0
 
     def take(self, kind: str, payload: bytes, now_ns: int) -> DepthFrame | None:
         """Takes a message of a kind of `TYPES` at a time of the run; returns an image where it brings one."""
         try:
-            message = ros.decode(TYPES[kind], payload)
+            message = ros.decode(self._types[kind], payload)
             time_ns = now_ns if self._arrival else self._clock.run_ns(ros.time_of(message.header.stamp))
             if not -HELD_S < 1e-9 * (now_ns - time_ns) < 1e3 * HELD_S:
                 raise MessageError("clock", f"{1e-9 * (now_ns - time_ns):.1f} s old")
@@ -132,15 +142,13 @@ class Intake:
     def _image(self, image: Any, time_ns: int) -> DepthFrame:
         if "camera_info" not in self._newest:
             raise MessageError("no_camera_info")
-        info = self._newest["camera_info"].message
-        if (info.width, info.height) != (image.width, image.height):
-            raise MessageError("camera_info", f"for {info.width}x{info.height}")
-        depth = depth_of(image)
+        depth = millimetres(pixels_of(image))
+        info, (height, width) = self._newest["camera_info"].message, depth.shape
+        lens = intrinsics(info, width, height, rectified=self._rectified)
         self._frames += 1
         return DepthFrame(
-            time_ns=time_ns, frame_id=self._frames - 1, depth=depth, depth_unit_m=MILLIMETRE,
-            fx=float(info.k[0]), fy=float(info.k[4]), cx=float(info.k[2]) + 0.5, cy=float(info.k[5]) + 0.5,
-        )  # fmt: skip
+            time_ns=time_ns, frame_id=self._frames - 1, depth=depth, depth_unit_m=MILLIMETRE, **vars(lens)
+        )
 
     def _order(self, joints: Any) -> list[int]:
         """Where each of our joints is among theirs."""
@@ -158,27 +166,6 @@ class Intake:
         if len(values) <= max(order):
             return np.zeros(len(JOINTS))
         return np.asarray(np.asarray(values, dtype=np.float64)[order] * self._robot.joint_sign)
-
-
-def depth_of(image: Any) -> Any:
-    """Millimetres of a `sensor_msgs/msg/Image`, uint16: 0 is invalid, 65535 is nothing within range (REP 118).
-
-    Raises:
-        MessageError: it is no depth image, or has another size than it says.
-    """
-    kinds: dict[str, np.dtype[Any]] = {"16UC1": np.dtype("<u2"), "mono16": np.dtype("<u2"), "32FC1": np.dtype("<f4")}
-    kind = kinds.get(image.encoding)
-    if kind is None or image.is_bigendian:
-        raise MessageError("encoding", f"'{image.encoding}', not one of {', '.join(kinds)}")
-    width = kind.itemsize * image.width
-    if not image.width or not image.height or image.step < width or len(image.data) != image.step * image.height:
-        raise MessageError("size", f"{len(image.data)} bytes for {image.width}x{image.height}")
-    rows = np.asarray(image.data, np.uint8).reshape(image.height, image.step)[:, :width]
-    pixels = np.ascontiguousarray(rows).view(kind)
-    if kind.kind == "u":
-        return pixels.astype(np.uint16)
-    metres = np.where(np.isnan(pixels) | (pixels < 0.0), 0.0, pixels)
-    return np.where(np.isinf(metres), NOTHING, np.minimum(np.rint(metres / MILLIMETRE), NOTHING)).astype(np.uint16)
 
 
 def _vector(vector: Any) -> Floats:

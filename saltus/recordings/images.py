@@ -1,0 +1,156 @@
+"""Depth images and calibrations as ROS carries them, raw or compressed: pixels, and the camera that took them.
+
+A recording and a live robot are read by the same lines. Whatever a message claims is checked before it is believed.
+"""
+
+import re
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.errors import MessageError
+
+IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+ENCODINGS = {"mono16": "u2", "16UC1": "u2", "32FC1": "f4"}
+"""Of depth images. Whole numbers count a unit, which is a millimetre (REP 118) unless somebody says otherwise; others
+are metres."""
+MILLIMETRE = 0.001
+NOTHING = 65535  # in whole millimetres: nothing within range
+PIXEL_CENTRE = 0.5  # a camera_info's principal point counts from the centre of the first pixel, ours from its corner
+PIXELS_MAX = 2**24  # of a compressed image: its few bytes could claim any size
+TRANSPORTS = ("/compressedDepth", "/compressed")
+"""Endings of topics whose images are those of the topic without."""
+PNG = b"\x89PNG\r\n\x1a\n"
+INVERSE = struct.Struct("<iff")  # before a compressedDepth image: a number that means nothing, and two of the inverse
+
+
+def base_topic(topic: str) -> str:
+    """The topic of the raw images, of one that may carry them compressed."""
+    for ending in TRANSPORTS:
+        topic = topic.removesuffix(ending)
+    return topic
+
+
+def is_rectified(topic: str) -> bool:
+    """Whether images are rectified, by ROS's words for it; depth that says neither "rect" nor "raw" mostly is."""
+    words = re.split(r"[\W_]+", base_topic(topic).rpartition("/")[2].lower())
+    return "rect" in words or "rectified" in words or "raw" not in words
+
+
+def encoding_of(image: Any) -> str:
+    """Encoding of an Image; of a CompressedImage that of its pixels, and how they are compressed where that matters."""
+    if hasattr(image, "encoding"):
+        return str(image.encoding)
+    encoding, _, form = str(image.format).partition(";")
+    return f"{encoding.strip()} by {form.split()[-1]}" if "rvl" in form.lower() else encoding.strip()
+
+
+def is_depth(image: Any) -> bool:
+    """Whether the pixels of an Image or a CompressedImage are depth."""
+    if hasattr(image, "encoding"):
+        return image.encoding in ENCODINGS
+    return "compressedDepth" in image.format or encoding_of(image) in ENCODINGS
+
+
+def pixels_of(image: Any) -> NDArray[Any]:
+    """Pixels of an Image or a CompressedImage, shape (height, width): uint16, or float32 in metres.
+
+    Raises:
+        MessageError: it is no depth image, or has another size than it says.
+    """
+    if not hasattr(image, "encoding"):
+        return _unpacked(image)
+    if image.encoding not in ENCODINGS:
+        raise MessageError("encoding", f"'{image.encoding}', not one of {', '.join(ENCODINGS)}")
+    kind = np.dtype(ENCODINGS[image.encoding]).newbyteorder(">" if image.is_bigendian else "<")
+    used = kind.itemsize * image.width
+    if not image.width or not image.height or image.step < used or len(image.data) != image.step * image.height:
+        raise MessageError("size", f"{len(image.data)} bytes, {image.step} to a row, for {image.width}x{image.height}")
+    rows = np.frombuffer(image.data, np.uint8).reshape(image.height, image.step)[:, :used]
+    return np.ascontiguousarray(rows).view(kind).astype(kind.newbyteorder("="), copy=False)
+
+
+def millimetres(pixels: NDArray[Any], unit_m: float = MILLIMETRE) -> NDArray[np.uint16]:
+    """Whole millimetres of pixels: 0 where there is no depth, `NOTHING` where nothing is within range (REP 118).
+
+    Args:
+        pixels: As `pixels_of` gives them.
+        unit_m: What a whole number counts [m].
+    """
+    if pixels.dtype.kind == "u" and unit_m == MILLIMETRE:
+        return pixels.astype(np.uint16)
+    metres = pixels * np.float64(unit_m if pixels.dtype.kind == "u" else 1.0)
+    metres = np.where(np.isnan(metres) | (metres < 0.0), 0.0, metres)
+    whole = np.minimum(np.rint(np.where(np.isinf(metres), 0.0, metres) / MILLIMETRE), NOTHING - 1)
+    return np.where(np.isinf(metres), NOTHING, whole).astype(np.uint16)
+
+
+def _unpacked(image: Any) -> NDArray[Any]:
+    """Pixels of a CompressedImage of the transports `compressedDepth` and, as PNG, `compressed`."""
+    data, encoding = bytes(image.data), encoding_of(image)
+    at = data.find(PNG, 0, INVERSE.size + len(PNG))
+    if at < 0:
+        raise MessageError("encoding", f"'{image.format}', of which only PNG is read: have the publisher write PNG")
+    width, height = struct.unpack(">II", data[at + 16 : at + 24].ljust(8, b"\0"))
+    if not 0 < width * height <= PIXELS_MAX:
+        raise MessageError("size", f"{width}x{height} claimed by {len(data)} bytes")
+    whole = cv2.imdecode(np.frombuffer(data[at:], np.uint8), cv2.IMREAD_UNCHANGED)
+    if whole is None or whole.dtype != np.uint16 or whole.ndim != 2:
+        raise MessageError("encoding", f"'{image.format}': no PNG of 16 bits, or a damaged one")
+    if encoding != "32FC1":
+        return np.asarray(whole)
+    if at != INVERSE.size:
+        raise MessageError("encoding", f"'{image.format}' without the head that says how depth was made inverse")
+    _, scale, offset = INVERSE.unpack_from(data)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        metres = np.float32(scale) / (whole.astype(np.float32) - np.float32(offset))
+    return np.where(whole == 0, np.float32(np.nan), metres)
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """A pin-hole camera [px]; the centre counts from the corner of the first pixel."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+
+def intrinsics(info: Any, width: int, height: int, *, rectified: bool) -> Intrinsics:
+    """The camera of images of a size, out of a `sensor_msgs/msg/CameraInfo` of ROS 1 or 2.
+
+    Rectified images have the projection P, others the matrix K. Both are of the whole sensor; binning and the region of
+    interest are taken into account where the images are of the size that they make of it.
+
+    Raises:
+        MessageError: it is for images of another size, or its focal lengths are zero.
+    """
+    k, p = (np.asarray(getattr(info, name, getattr(info, name.upper(), ())), np.float64) for name in "kp")
+    of_k, of_p = (k[0], k[4], k[2], k[5]), (p[0], p[5], p[2], p[6])
+    chosen = next((m for m in ((of_p, of_k) if rectified else (of_k, of_p)) if m[0] > 0.0 and m[1] > 0.0), None)
+    if chosen is None:
+        raise MessageError("camera_info", "its focal lengths are 0: the camera is not calibrated")
+    fx, fy, cx, cy = (float(value) for value in chosen)
+    cx, cy = cx + PIXEL_CENTRE, cy + PIXEL_CENTRE
+    roi = info.roi
+    bins = max(1, int(info.binning_x)), max(1, int(info.binning_y))
+    region = (int(roi.width) or int(info.width), int(roi.height) or int(info.height))
+    if (width, height) == (region[0] // bins[0], region[1] // bins[1]):
+        if roi.width and roi.height:
+            cx, cy = cx - roi.x_offset, cy - roi.y_offset
+        return Intrinsics(fx / bins[0], fy / bins[1], cx / bins[0], cy / bins[1])
+    if (width, height) != (info.width, info.height):
+        raise MessageError("camera_info", f"for {info.width}x{info.height}, the images are {width}x{height}")
+    return Intrinsics(fx, fy, cx, cy)
+
+
+def matrices_differ(info: Any) -> bool:
+    """Whether K and P of a CameraInfo, both set, are two cameras: the lens distorts."""
+    k, p = (np.asarray(getattr(info, name, getattr(info, name.upper(), ())), np.float64) for name in "kp")
+    both = k[0] > 0.0 and p[0] > 0.0
+    return both and not np.allclose([k[0], k[4], k[2], k[5]], [p[0], p[5], p[2], p[6]], rtol=1e-3)
