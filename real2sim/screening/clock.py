@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.real2sim.problem.log import rows_between, segments_of
 from saltus.real2sim.screening.fault import Fault
-from saltus.recordings.run_log import JOINT_SIGNALS, RunLog
+from saltus.real2sim.screening.gaps import LONG, lost_rows
+from saltus.recordings.run_log import JOINT_SIGNALS, RunLog, period_of
 
 LARGEST_VALUE = 1e6  # in SI units: larger than any reading of a joint, IMU, base or foot
 LARGEST_TIME_S = 1e11  # s: clocks count from their start or from 1970
 MIN_ROWS = 20  # fewer rows have no useful median
-LOST_ROW = 1.6  # times the median step: jitter is smaller, one lost row makes it 2
 MAX_LOST = 0.01  # share of lost rows: one in a hundred is a hole in every short window
 MAX_GAP_S = 0.1  # longest gap: longer than any delay that is searched for
 MAX_REPEATED = 0.01
@@ -89,7 +89,7 @@ def _order(name: str, time_s: Floats) -> Iterator[Fault]:
 
 def _steps(log: RunLog) -> Iterator[Fault]:
     """Compares the time between rows with the claimed time between commands."""
-    claimed, found = float(log.meta["control_dt"]), float(np.median(np.diff(log.joints.time_s)))
+    claimed, found = float(log.meta["control_dt"]), period_of(log.joints.time_s)
     if found > CONTROL_DT_OFF * claimed:
         text = f"joints: rows are {1e3 * found:.4g} ms apart, control_dt claims {1e3 * claimed:.4g} ms"
         yield Fault(name="control_dt", text=text)
@@ -108,13 +108,10 @@ def _steps(log: RunLog) -> Iterator[Fault]:
 def _lost(log: RunLog) -> Iterator[Fault]:
     """Missing rows within segments; between segments a logger may pause."""
     time_s = log.joints.time_s
-    usual = float(np.median(np.diff(time_s)))
     lost, longest, between = 0, 0.0, rows_between(time_s)
     for segment in segments_of(log):
-        steps = np.diff(time_s[between(segment.start_s, np.nextafter(segment.end_s, np.inf))])
-        gaps = steps[steps > LOST_ROW * usual]
-        lost += int(np.sum(np.rint(gaps / usual) - 1))
-        longest = max(longest, float(gaps.max(initial=0.0)))
+        count, gap = lost_rows(time_s[between(segment.start_s, np.nextafter(segment.end_s, np.inf))])
+        lost, longest = lost + count, max(longest, gap)
     if lost:
         text = f"joints: {lost} rows ({lost / len(time_s):.1%}) are missing, the longest gap is {1e3 * longest:.0f} ms"
         fatal = lost > MAX_LOST * len(time_s) or longest > MAX_GAP_S
@@ -126,10 +123,10 @@ def _jumps(log: RunLog) -> Iterator[Fault]:
     time_s = log.joints.time_s
     if len(time_s) < MIN_ROWS:
         return
-    beyond, usual_s = _beyond_speed(log), float(np.median(np.diff(time_s)))
+    beyond, usual_s = _beyond_speed(log), period_of(time_s)
     # a pause of the logger shows in the clock, and one joint alone may have an encoder fault
     count = min(2, beyond.shape[1])
-    at = (np.sum(beyond > 0.0, axis=1) >= count) & (np.diff(time_s) <= LOST_ROW * usual_s)
+    at = (np.sum(beyond > 0.0, axis=1) >= count) & (np.diff(time_s) <= LONG * usual_s)
     if at.any():
         text = (
             f"joints: {int(at.sum())} times several joints jump between two rows, farthest by "
@@ -145,7 +142,7 @@ def _beyond_speed(log: RunLog) -> Floats:
     rows = np.arange(len(moved))
     others = [moved[np.clip(rows + k, 0, len(moved) - 1)] for k in range(-NEAR, NEAR + 1) if k != 0]
     if dq is not None:
-        row_s = float(np.median(np.diff(log.joints.time_s)))
+        row_s = period_of(log.joints.time_s)
         others += [row_s * dq[np.clip(rows + k, 0, len(moved))] for k in range(1 - NEAR, NEAR + 1)]
     low, high = np.min(others, axis=0), np.max(others, axis=0)
     outside = np.maximum(0.0, np.maximum(moved - high, low - moved))
