@@ -135,10 +135,15 @@ def _shapes(hidden_size: Any) -> dict[str, list[Any]]:
 
 def _check_metadata(file: ModelFile, robot: Robot) -> None:
     """Refuses a model whose meaning differs from what this program would feed and read."""
-    camera = file.field("camera")
+    camera, made_for = file.field("camera"), file.field("robot")
+    if made_for != robot.name:
+        raise ModelError(
+            f"model {file.path} does not fit: its 'robot' is {made_for!r}, and heights are wanted for {robot.name!r}; "
+            "Saltus ships and trains heights for the Go1 alone. Of another robot it simulates walking on true heights "
+            "(saltus policy eval --planner scripted) and compares logs (saltus real2sim): docs/robots.md"
+        )
     expected: dict[str, Any] = {
         "format": FORMAT,
-        "robot": robot.name,
         "grid_m": HEIGHTMAP_X.tolist(),
         "camera": camera_metadata(robot) | _mount(camera),
         "proprioception": list(PROPRIOCEPTION),

@@ -1,6 +1,7 @@
 """`saltus camera`: what a depth camera is and sees."""
 
 import math
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -36,7 +37,7 @@ class Camera:
     """Print the values as one JSON object on the last line."""
 
     def run(self) -> int:
-        """Draws and prints; 0."""
+        """Draws and prints; 1 where it sees no point of the heightmap."""
         from saltus.render.camera_plot import draw_camera
         from saltus.robots.loading import load_robot
         from saltus.terrain.curriculum import make_terrain
@@ -66,4 +67,12 @@ class Camera:
         print_figures(table)
         if self.json:
             print_json(table)
-        return 0
+        if coverage.visible.any():
+            return 0
+        print(
+            f"saltus: this camera sees none of the {len(HEIGHTMAP_X)} points of the heightmap, from {HEIGHTMAP_X[0]:g} "
+            f"to {HEIGHTMAP_X[-1]:g} m ahead: does it look down, and wide enough? camera_pitch is "
+            f"{coverage.pitch:.3g} rad, positive where it looks down; {table['picture']} shows its view",
+            file=sys.stderr,
+        )
+        return 1

@@ -12,6 +12,8 @@ import tyro
 from saltus.errors import SaltusError, nearest_hint
 
 BAD_INPUT = 2
+ROBOT_FLAGS = ("--robot", "--loop.robot")
+ROBOTS_PAGE = "docs/robots.md says what takes another"
 LARGEST_SEED = 2**63 - 1
 
 
@@ -88,9 +90,11 @@ def _unknown(word: str, text: str) -> str:
         return f"there is no command '{word}': {nearest_hint(word, known)}"
     entries = re.split(r" (?=--[a-z][\w.-]* [A-Z{\[])", text.split(" For full")[0])[1:]
     commands_of = {entry.split()[0]: re.findall(r"in (saltus .*?) --help", entry) for entry in reversed(entries)}
+    if word in ROBOT_FLAGS and "--robots PREFIX" not in text:
+        return f"'{word}' is no flag here: this is for the Go1, or the robot of a recording or run ({ROBOTS_PAGE})"
     asked = re.search(r"\(applied to (.*?)\)", text)
     own = {flag for flag, commands in commands_of.items() if asked and asked[1] in commands}
-    if word in commands_of and not own:
+    if commands_of.get(word) and not own:
         return f"{word} is a flag of {', '.join(commands_of[word])}"
     flags = own or set(commands_of)
     return f"'{word}' is not understood{f': {nearest_hint(word, flags)}' if flags else ''} (see --help)"

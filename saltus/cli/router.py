@@ -1,6 +1,7 @@
 """`saltus router`: what services, recorders and one's own programs connect to."""
 
 import contextlib
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Annotated
 from saltus.cli.output import run_directory
 from saltus.cli.run_options import NetworkOptions, mounted_camera
 from saltus.config import DEFAULT_ROBOT, RunConfig, TerrainConfig
+from saltus.errors import ModelError
 from saltus.flags import shown
 
 LOOK_S = 0.2
@@ -40,6 +42,8 @@ class Router(NetworkOptions):
 
     def run(self) -> int:
         """Runs until Ctrl-C."""
+        from saltus.heightmap.service.network import HeightmapNetwork
+        from saltus.models import model_path
         from saltus.robots.loading import load_robot
         from saltus.runtime.run_folder import CLIENT_FILE, write_run
         from saltus.terrain.curriculum import make_terrain
@@ -48,12 +52,13 @@ class Router(NetworkOptions):
 
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
         terrain = TerrainConfig(terrain="flat")
-        model = None
-        if self.heightmap_model is not None:
-            from saltus.heightmap.service.network import HeightmapNetwork
-
-            HeightmapNetwork(robot, self.heightmap_model)  # what is wrong with it is said at once
-            model = str(self.heightmap_model.absolute())
+        model = None if self.heightmap_model is None else str(self.heightmap_model.absolute())
+        try:  # what is wrong with it is said at once
+            HeightmapNetwork(robot, model_path("heightmap", self.heightmap_model))
+        except ModelError as error:
+            if model is not None:
+                raise
+            print(f"saltus: nothing can serve heights here: {error}", file=sys.stderr, flush=True)
         config = RunConfig(
             robot=self.robot, prefix=self.prefix, terrain=terrain, camera=self.camera, pace="realtime",
             heightmap_model=model,

@@ -97,10 +97,10 @@ class RunOptions:
         compensation_for(self.known, robot)
         policy, heightmap = (None if path is None else str(path) for path in (self.policy_model, self.heightmap_model))
         is_other = self.robot != DEFAULT_ROBOT  # for which the shipped models were not made
-        if policy is not None or is_other:
-            make_planner(self.planner, robot, policy)
         if heightmap is not None or is_other or camera.camera_position or camera.camera_pitch is not None:
             HeightmapNetwork(robot, model_path("heightmap", heightmap))
+        if policy is not None or is_other:
+            make_planner(self.planner, robot, policy)
         config = RunConfig(
             robot=self.robot, terrain=self.course, seed=self.seed, pace=self.pace, camera=self.camera,
             renderer=self.renderer, profile=self.profile, known=self.known, planner=self.planner,

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
-from saltus.config import RunConfig, load
 from saltus.flags import Flag, shown
 
 END_S = 5.0  # a robot lands and stands within 1.5 s
@@ -23,10 +22,9 @@ def serve(module: str, run_dir: Path, endpoint: str | None, *more: str, peer: bo
         ConfigError: the folder holds no run.
     """
     from saltus.runtime.process import PEER_FLAG
-    from saltus.runtime.run_folder import RUN_FILE, endpoint_of
+    from saltus.runtime.run_folder import endpoint_of, read_config
 
-    load(RunConfig, run_dir / RUN_FILE)
-
+    read_config(run_dir)
     endpoint = endpoint or endpoint_of(run_dir)
     links = [PEER_FLAG] if peer else []
     command = [sys.executable, "-P", "-m", module, "--run-dir", str(run_dir), "--endpoint", endpoint, *links, *more]

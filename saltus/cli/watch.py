@@ -5,7 +5,7 @@ import importlib.util
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,6 +66,7 @@ class Watch:
             server = Server(PORT if self.port is None else self.port)
             watcher = Watcher(Page(server), sources, starters)
             print(f"watch at {server.address} until Ctrl-C", flush=True)
+            tell_of_no_run(self.runs)
             try:
                 watcher.run()
             finally:
@@ -84,6 +85,7 @@ class Watch:
         source = Source(self.runs[0], *self.robots)
         os.nice(NICENESS)
         studio = Studio(source, FOXGLOVE_PORT if self.port is None else self.port)
+        tell_of_no_run(self.runs)
         print(f"open the connection {studio.address} in Foxglove, and import the layout {LAYOUT}")
         print("every program and web page on this machine can read it; Ctrl-C ends it", flush=True)
         try:
@@ -92,6 +94,20 @@ class Watch:
         finally:
             studio.close()
         return 0
+
+
+def tell_of_no_run(paths: Sequence[Path]) -> None:
+    """Says which of what is to be watched is not there, and so is waited for."""
+    from saltus.recordings.recorder import RECORDING_FILE
+    from saltus.runtime.run_folder import RUN_FILE
+
+    for path in paths:
+        if not path.is_file() and not any((path / name).exists() for name in (RUN_FILE, RECORDING_FILE)):
+            there = "there is no run in" if path.is_dir() else "there is no"
+            print(
+                f"saltus: {there} '{path}' yet: waiting for one to begin there, e.g. saltus up --out {path}",
+                file=sys.stderr, flush=True,
+            )  # fmt: skip
 
 
 def ask_for_viser() -> None:

@@ -4,7 +4,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from saltus.errors import ConfigError, nearest_hint
+from saltus.errors import ConfigError
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder, shipped_robots
 from saltus.robots.supplement import load_supplement
@@ -31,15 +31,37 @@ def derive_robot(name_or_path: str, supplement: Path | None = None) -> "Derivati
 
     path = shipped_folder(name_or_path) if name_or_path in shipped_robots() else Path(name_or_path)
     if path.is_dir():
-        path = path / SUPPLEMENT_FILE
+        path = _supplement_of(path)
     if path.suffix == ".toml":
         supplement, path = supplement or path, _model_of(path)
     if path.suffix not in MODEL_SUFFIXES or not path.is_file():
-        known = shipped_robots()
-        raise ConfigError(
-            f"no robot '{name_or_path}': {nearest_hint(name_or_path, known)}; or give an MJCF or a folder"
-        )
+        raise ConfigError(_no_robot(name_or_path, path))
     return derive(path, supplement)
+
+
+def _no_robot(name_or_path: str, path: Path) -> str:
+    """Why there is none, and what to give."""
+    if path.suffix in MODEL_SUFFIXES:
+        named = "" if str(path) == name_or_path else f", which '{name_or_path}' names"
+        return f"no robot '{name_or_path}': there is no file '{path}'{named}"
+    ships = ", ".join(shipped_robots())
+    return (
+        f"no robot '{name_or_path}': Saltus ships {ships}; of another give the path of its MJCF (.xml), or of a folder "
+        "with a robot.toml (docs/robots.md)"
+    )
+
+
+def _supplement_of(folder: Path) -> Path:
+    """Its robot.toml."""
+    path = folder / SUPPLEMENT_FILE
+    if not path.is_file():
+        models = sorted(each.name for each in folder.iterdir() if each.suffix in MODEL_SUFFIXES)
+        instead = f"name its model, {folder / models[0]}" if models else "put the robot's MJCF there"
+        raise ConfigError(
+            f"there is no {path}: {instead}, or write {SUPPLEMENT_FILE} with the line mjcf = "
+            f'"{models[0] if models else "robot.xml"}" (docs/robots.md)'
+        )
+    return path
 
 
 @cache

@@ -81,9 +81,13 @@ def read_structure(path: str) -> Structure:
 
 def _base(model: mujoco.MjModel) -> int:
     floating = [int(model.jnt_bodyid[j]) for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE]
-    if len(floating) != 1:
-        count = "no body" if not floating else ", ".join(_name(model, body) for body in floating)
-        raise ModelError(f"{count} with a free joint: the trunk of one robot must float, add <freejoint/> to it")
+    if not floating:
+        raise ModelError("no body with a free joint: the trunk of the robot must float, add <freejoint/> to it")
+    if len(floating) > 1:
+        names = ", ".join(_name(model, body) for body in floating)
+        raise ModelError(
+            f"{names} have a free joint each: give a model of the robot alone, whose trunk has the only one"
+        )
     return floating[0]
 
 

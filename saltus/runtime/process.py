@@ -32,7 +32,7 @@ from saltus.robots.robot import Robot
 from saltus.runtime import cue
 from saltus.runtime.memory import kept_small
 from saltus.runtime.priority import prefer_loop, prefer_process
-from saltus.runtime.run_folder import CAMERA_FILE, ROBOT_FILE, RUN_FILE, TERRAIN_FILE
+from saltus.runtime.run_folder import CAMERA_FILE, ROBOT_FILE, TERRAIN_FILE, read_config
 from saltus.terrain.terrain import Terrain
 from saltus.wire.bus import Bus
 from saltus.wire.messages import Event, ProcessStatus
@@ -194,7 +194,7 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
     )
     options = parser.parse_args(arguments)
     try:
-        run_config = config.load(RunConfig, options.run_dir / RUN_FILE)
+        run_config = read_config(options.run_dir)
         if options.cued and run_config.pace == "realtime":  # while it loads, too: one that has died must be back soon
             prefer_process(name)
         with kept_small(), ZenohBus.of_run(options.endpoint, run_config, peer=options.peer) as bus:

@@ -6,6 +6,7 @@ from pathlib import Path
 from saltus import config
 from saltus.config import RunConfig
 from saltus.depth_camera import DepthCamera
+from saltus.errors import ConfigError
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
 from saltus.wire.joining import read_client
@@ -45,11 +46,26 @@ def read_run(run_dir: Path) -> RunFolder:
         ConfigError: one cannot be read.
     """
     return RunFolder(
-        config=config.load(RunConfig, run_dir / RUN_FILE),
+        config=read_config(run_dir),
         robot=config.load(Robot, run_dir / ROBOT_FILE),
         terrain=config.load(Terrain, run_dir / TERRAIN_FILE),
         camera=config.load(DepthCamera, run_dir / CAMERA_FILE),
     )
+
+
+def read_config(run_dir: Path) -> RunConfig:
+    """Reads what the run is.
+
+    Raises:
+        ConfigError: it cannot be read, as in a folder of no run.
+    """
+    path = run_dir / RUN_FILE
+    if not path.is_file():
+        raise ConfigError(
+            f"there is no {path}, so '{run_dir}' is no folder of a run: name that of a saltus up, demo or router, or "
+            f"start one, e.g. saltus router --out {run_dir}"
+        )
+    return config.load(RunConfig, path)
 
 
 def endpoint_of(run_dir: Path) -> str:

@@ -82,7 +82,7 @@ def test_metadata_that_do_not_fit_are_refused_by_name(model_path: Path, tmp_path
 
 def test_a_model_is_refused_for_another_robot_or_another_camera(model_path: Path) -> None:
     for robot, field in (
-        (replace(ROBOT, name="longlegs"), "'robot' is 'go1', this program needs 'longlegs'"),
+        (replace(ROBOT, name="longlegs"), "'robot' is 'go1', and heights are wanted for 'longlegs'"),
         (_moved(pitch=0.027), "1.5 deg more down, and training covers 1 cm and 1.5 deg"),
         (_moved(-0.011), "-1.1 cm ahead"),
         (_moved(0.0, 0.0, 0.05), "5.0 cm up"),

@@ -114,9 +114,14 @@ BAD = {
     "demo --out file": "--out",
     "demo --out file/below": "file/below",
     "demo --out /proc/nowhere": "/proc/nowhere",
-    "demo --robot go3": "did you mean 'go1'?",
+    "demo --robot go2": "no robot 'go2': Saltus ships go1; of another give the path",
     "demo --robot junk.xml": "junk.xml",
-    "demo --robot other": "plans for the robot 'go1', not for 'other'",
+    "demo --robot other": "Saltus ships and trains heights for the Go1 alone",
+    "demo --robot other --planner scripted": "saltus policy eval --planner scripted",
+    "up --robot other": "docs/robots.md",
+    "heightmap collect cpu --loop.robot go2": "docs/robots.md says what takes another",
+    "heightmap collect gpu --robot go2": "docs/robots.md says what takes another",
+    "heightmap eval --robot go2": "docs/robots.md says what takes another",
     "demo --robot moved --planner scripted": "+2.8 cm ahead",
     "demo --policy-model junk.onnx": "junk.onnx",
     "demo --planner scripted --policy-model junk.onnx": "--planner learned",
@@ -134,7 +139,7 @@ BAD = {
     "keys init --address 192.168.0.1": "'192.168.0.1' is no address",
     "keys issue viewr": "did you mean 'viewer'?",
     "keys revoke viewer-1 --keys missing": "missing holds no authority",
-    "router --robot go3": "did you mean 'go1'?",
+    "router --robot go3": "Saltus ships go1",
     "router --prefix #": "#",
     "record": "repair",
     "record run": "--run-dir PATH",
@@ -205,14 +210,17 @@ BAD = {
     "heightmap report folder": "folder",
     "heightmap serve": "--run-dir",
     "heightmap serve --recording folder --assume-level": "folder",
-    "heightmap serve --endpoint x --run-dir missing": "missing/run.toml",
+    "heightmap serve --endpoint x --run-dir missing": "no missing/run.toml, so 'missing' is no folder of a run",
     # robots and installation
     "robot show": "a shipped robot",
-    "robot show go3": "did you mean 'go1'?",
-    "robot show missing.xml": "missing.xml",
+    "robot show go3": "Saltus ships go1",
+    "robot show missing.xml": "there is no file 'missing.xml'",
     "robot show junk.xml": "junk.xml",
     "robot show empty.xml": "empty.xml",
-    "robot show folder": "folder/robot.toml",
+    "robot show folder": "there is no folder/robot.toml: put the robot's MJCF there",
+    "robot show modelled": "name its model, modelled/one.xml, or write robot.toml with the line mjcf",
+    "robot show two.xml": "'a', 'b' have a free joint each: give a model of the robot alone",
+    "robot show held.xml": "add <freejoint/> to it",
     "robot show junk.toml": "junk.toml",
     "robot show go1 missing.toml": "missing.toml",
     "robot show go1 folder": "folder",
@@ -341,7 +349,7 @@ BAD = {
     "real2sim import table.csv --description unknown.toml": "unknown key 'learning'",
     "real2sim import table.csv --description columns.toml": "'spam'",
     "real2sim import table.csv --description torque.toml": "unknown key 'columns.torque': choose one of: angle, dq",
-    "real2sim import table.csv --description columns.toml --robot go3": "did you mean 'go1'?",
+    "real2sim import table.csv --description columns.toml --robot go3": "Saltus ships go1",
     "real2sim import junk.bag --topics.joint /a": "did you mean '--topics.joints'?",
     "real2sim apply missing.toml --profile mine": "missing.toml",
     "real2sim apply junk.toml --profile mine": "junk.toml",
@@ -441,6 +449,13 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, content in CAMERAS.items():
         (root / f"camera_{name}.toml").write_text(content)
     (root / "folder").mkdir()
+    (root / "modelled").mkdir()
+    body, free = '<body name="{}"><geom size="0.1"/>{}</body>', "<freejoint/>"
+    for name, bodies in {
+        "modelled/one": body.format("a", free), "held": body.format("a", ""),
+        "two": body.format("a", free) + body.format("b", free),
+    }.items():  # fmt: skip
+        (root / f"{name}.xml").write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     for robot, ours, theirs in (("other", 'name = "go1"', 'name = "other"'), ("moved", "[0.272,", "[0.3,")):
         supplement = Path(shutil.copytree(shipped_folder("go1"), root / robot)) / SUPPLEMENT_FILE
         supplement.write_text(supplement.read_text().replace(ours, theirs))
