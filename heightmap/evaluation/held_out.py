@@ -30,6 +30,7 @@ from saltus.heightmap.data.rollouts import true_heights
 from saltus.heightmap.evaluation.comparison import BASELINES
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.evaluation.visibility import visibility
+from saltus.heightmap.evaluation.way import Way
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import Predictor, replay_predictor
 from saltus.heightmap.service.service import HeightmapService
@@ -180,6 +181,7 @@ class HeldOutRun:
     view: NDArray[np.int8]
     """See `saltus.heightmap.evaluation.visibility`, shape (n, 30)."""
     predictions: dict[str, Prediction]
+    way: Way
     status: NDArray[np.int8] | None = None
     """What the heightmap service says of the network's heights, a `HeightmapStatus` each, shape (n,); None where it was
     not asked."""
@@ -254,6 +256,7 @@ def _measured(
             name: Prediction(height=said.height[counted], half_width_90=said.half_width_90[counted])
             for name, said in {NETWORK: network, **others}.items()
         },
+        way=Way.of(terrain, position),
         status=status,
     )
 

@@ -11,6 +11,7 @@ from saltus.arrays import Floats
 from saltus.heightmap.evaluation.edges import edge_errors
 from saltus.heightmap.evaluation.held_out import NETWORK, HeldOutRun, Prediction
 from saltus.heightmap.evaluation.visibility import UNSEEN, VIEWS
+from saltus.heightmap.evaluation.way import way_figures
 from saltus.heightmap.service.quantiles import negative_log_likelihood
 
 
@@ -81,7 +82,10 @@ def mean_of(totals: Floats) -> Floats:
 
 
 def scores(runs: Sequence[HeldOutRun]) -> dict[str, Any]:
-    """The network's score on all runs, by terrain and by level, and those of the baselines, as plain values."""
+    """The network's score on all runs, by terrain and by level, and those of the baselines, as plain values.
+
+    Each with how far its robots went (`saltus.heightmap.evaluation.way`).
+    """
     names = [name for name in runs[0].predictions if name != NETWORK]
     return {
         "runs": len(runs),
@@ -93,9 +97,13 @@ def scores(runs: Sequence[HeldOutRun]) -> dict[str, Any]:
 
 def _table(runs: Sequence[HeldOutRun], predictor: str) -> dict[str, Any]:
     by_terrain = _grouped(runs, predictor, lambda run: run.terrain)
-    return {**asdict(score(runs, predictor)), "by_terrain": by_terrain}
+    return {**_figures(runs, predictor), "by_terrain": by_terrain}
 
 
 def _grouped(runs: Sequence[HeldOutRun], predictor: str, group: Callable[[HeldOutRun], str]) -> dict[str, Any]:
     names = sorted({group(run) for run in runs})
-    return {name: asdict(score([run for run in runs if group(run) == name], predictor)) for name in names}
+    return {name: _figures([run for run in runs if group(run) == name], predictor) for name in names}
+
+
+def _figures(runs: Sequence[HeldOutRun], predictor: str) -> dict[str, Any]:
+    return {**asdict(score(runs, predictor)), **way_figures([run.way for run in runs])}

@@ -195,6 +195,8 @@ Held-out episodes: {held_out}, {clean.ticks} ticks. Mean absolute error of all p
 |---|---|---|
 {errors}
 
+Robots came to an edge in {clean.uneven} of {clean.courses} episodes off flat ground. {clean.warning}
+
 Share of errors within the 90 % interval: {clean.coverage90:.2f} and {faulty.coverage90:.2f}.
 Warm-up after the hidden state was emptied, until the error ahead is within 10 % of an undisturbed run's:
 {result.warmup_frames} images. Greatest difference from torch in double precision in one of 1,000 recurrent steps, from

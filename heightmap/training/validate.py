@@ -16,6 +16,9 @@ AHEAD_X = 0.45  # standing, the camera sees the ground from 0.485 m on (derived 
 UNDER_X = 0.2  # up to the front hips: seen some time ago, or known by the feet
 SETTLED_TICKS = 50  # the first 0.5 s count for the warm-up, not for the accuracy
 WARM = 1.1  # warm: the error is at most 10 % above that of a network that saw all images before
+EDGE_M = 0.03  # a smaller change of height the feet do not mind: the swing clears 6 cm
+LEAST_SHARE = 0.5  # of the episodes: in fewer the median robot met nothing but level ground
+FLAT = "flat"  # family without edges
 MIN_WARMUP = 5  # images: a few more than one bad one could decide for
 _AHEAD, _UNDER = HEIGHTMAP_X >= AHEAD_X, HEIGHTMAP_X <= UNDER_X
 
@@ -34,6 +37,20 @@ class Accuracy:
     """Share of errors within the 90 % interval, see `saltus.heightmap.service.quantiles`."""
     terrain_mae_m: dict[str, float]
     ticks: int
+    uneven: int
+    """Episodes in which the ground below the robot was not level at some tick."""
+    courses: int
+    """Episodes on other ground than flat."""
+
+    @property
+    def warning(self) -> str:
+        """Why these errors are not to be taken for good; empty where most robots came to an edge."""
+        if self.uneven >= LEAST_SHARE * self.courses:
+            return ""
+        return (
+            f"these errors say little: robots came to an edge in {self.uneven} of {self.courses} episodes off flat "
+            "ground, and level ground is easy to predict; collect longer episodes (--loop.ticks 600)"
+        )
 
 
 def accuracy(network: HeightmapNetwork, episodes: Sequence[Episode], delivery: DeliveryModel | None = None) -> Accuracy:
@@ -62,7 +79,14 @@ def accuracy(network: HeightmapNetwork, episodes: Sequence[Episode], delivery: D
         coverage90=float(np.mean(covered)),
         terrain_mae_m={kind: float(np.mean(values)) for kind, values in sorted(by_terrain.items())},
         ticks=len(every),
+        uneven=sum(_is_uneven(episode) for episode in episodes if episode.terrain != FLAT),
+        courses=sum(episode.terrain != FLAT for episode in episodes),
     )
+
+
+def _is_uneven(episode: Episode) -> bool:
+    below = episode.height[:, HEIGHTMAP_X <= 0.0]
+    return bool((np.ptp(below, axis=1) > EDGE_M).any())
 
 
 def warmup_frames(network: HeightmapNetwork, episodes: Sequence[Episode], limit: int = 50) -> int:

@@ -24,6 +24,7 @@ COLUMNS = (
     ("NLL", "nll", 1.0),
 )
 """Of the table: title, key, and factor to what is printed."""
+WAY = (("way [m]", "distance_m", 1.0), ("edges met", "edges_met", 1.0))
 BAR = "{l_bar}{bar}| {elapsed}<{remaining}{postfix}"
 
 
@@ -60,11 +61,12 @@ class Eval:
     """Print the result as one JSON object on the last line."""
 
     def run(self) -> int:
-        """Runs them all and prints a table, in millimetres."""
+        """Runs them all and prints how far robots went, and a table, in millimetres."""
         from tqdm import tqdm
 
         from saltus.heightmap.evaluation.held_out import HeldOutRun, HeldOutRuns
         from saltus.heightmap.evaluation.scores import scores
+        from saltus.heightmap.evaluation.way import way_warning
         from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.robots.loading import load_robot
         from saltus.workers import in_order
@@ -85,17 +87,31 @@ class Eval:
                 measured += batch
                 bar.set_postfix_str(f"{len(measured)} of {self.runs} runs")
         table = scores(measured)
-        _print_table(table)
+        warning = way_warning(table)
+        _print_table(table, warning)
         if self.json:
-            print_json(table | {"models": {kind: model_id(path.read_bytes()) for kind, path in models.items()}})
+            print_json(
+                table
+                | {"warning": warning}
+                | {"models": {kind: model_id(path.read_bytes()) for kind, path in models.items()}}
+            )
         return 0
 
 
-def _print_table(table: dict[str, Any]) -> None:
-    """A row for all runs, each level and terrain, and each baseline; lengths in millimetres."""
+def _print_table(table: dict[str, Any], warning: str) -> None:
+    """A row for all runs, each level and terrain, and each baseline; errors in millimetres, ways in metres."""
+    print(
+        f"{table['runs']} robots went {table['distance_m']:.1f} m (median) and met {table['edges_met']:.1f} of "
+        f"{table['edges']:.1f} edges; {100.0 * table['moved']:.0f} % met one, or went as far on flat ground"
+    )
+    if warning:
+        print(f"WARNING: {warning}")
     groups = (*table["by_level"].items(), *table["by_terrain"].items())
-    rows = [("network", table), *((f"  {name}", row) for name, row in groups)]
+    network = "network, hardly moved" if warning else "network"
+    rows = [(network, table), *((f"  {name}", row) for name, row in groups)]
     for baseline, row in table["baselines"].items():
         rows += [(baseline, row), *((f"  {name}", part) for name, part in row["by_terrain"].items())]
-    shown = [(name, {title: round(factor * row[key], 2) for title, key, factor in COLUMNS}) for name, row in rows]
+    shown = [
+        (name, {title: round(factor * row[key], 2) for title, key, factor in (*COLUMNS, *WAY)}) for name, row in rows
+    ]
     print("error [mm]", *table_lines(shown), sep="\n")

@@ -167,7 +167,13 @@ class Export:
         begun = partial(print, "exporting and measuring; a minute for 100 episodes", file=sys.stderr)
         result = release(self.checkpoint, self.data, model, self.unseen, begun)
         print(f"{model}  model {result.model_id}, warm after {result.warmup_frames} images")
-        print(f"    measured on {result.clean.ticks} ticks (10 ms each) of held-out runs")
+        clean = result.clean
+        print(
+            f"    measured on {clean.ticks} ticks (10 ms each) of held-out runs; robots came to an edge in "
+            f"{clean.uneven} of {clean.courses} off flat ground"
+        )
+        if clean.warning:
+            print(f"    WARNING: {clean.warning}")
         for images, found in (("images on time", result.clean), ("with jitter and losses", result.faulty)):
             print(
                 f"    {images}: {1e3 * found.mae_m:.1f} mm off, {100 * found.coverage90:.0f} % within the 90 % interval"

@@ -90,10 +90,10 @@ def _unknown(word: str, text: str) -> str:
         return f"there is no command '{word}': {nearest_hint(word, known)}"
     entries = re.split(r" (?=--[a-z][\w.-]* [A-Z{\[])", text.split(" For full")[0])[1:]
     commands_of = {entry.split()[0]: re.findall(r"in (saltus .*?) --help", entry) for entry in reversed(entries)}
-    if word in ROBOT_FLAGS and "--robots PREFIX" not in text:
-        return f"'{word}' is no flag here: this is for the Go1, or the robot of a recording or run ({ROBOTS_PAGE})"
     asked = re.search(r"\(applied to (.*?)\)", text)
     own = {flag for flag, commands in commands_of.items() if asked and asked[1] in commands}
+    if word in ROBOT_FLAGS and "--robots" not in own:
+        return f"'{word}' is no flag here: this is for the Go1, or the robot of a recording or run ({ROBOTS_PAGE})"
     if commands_of.get(word) and not own:
         return f"{word} is a flag of {', '.join(commands_of[word])}"
     flags = own or set(commands_of)

@@ -14,6 +14,7 @@ from saltus.config import DEFAULT_ROBOT
 from saltus.depth import MODEL_CAMERA, depth_frame
 from saltus.heightmap.evaluation.held_out import HARD, NETWORK, HeldOutRun, Prediction
 from saltus.heightmap.evaluation.visibility import UNSEEN
+from saltus.heightmap.evaluation.way import Way
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.robots.loading import load_robot
 from saltus.terrain.boxes import Box
@@ -51,7 +52,13 @@ def run_of(rng: np.random.Generator, terrain: str) -> HeldOutRun:
     said = Prediction(height=true + rng.normal(size=SHAPE), half_width_90=rng.uniform(0.01, 0.9, SHAPE))
     status = rng.choice((HeightmapStatus.OK, HeightmapStatus.DEGRADED), SHAPE[0]).astype(np.int8)
     return HeldOutRun(
-        terrain=terrain, level=HARD, true_height=true, view=view, predictions={NETWORK: said}, status=status
+        terrain=terrain,
+        level=HARD,
+        true_height=true,
+        view=view,
+        predictions={NETWORK: said},
+        status=status,
+        way=Way(distance_m=1.0, edges=0, of_edges=2),
     )
 
 

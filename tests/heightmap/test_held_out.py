@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from saltus.cli.main import main
+from saltus.config import TerrainConfig
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.held_out import (
@@ -21,6 +22,8 @@ from saltus.heightmap.evaluation.held_out import (
 )
 from saltus.heightmap.evaluation.scores import score, scores
 from saltus.heightmap.evaluation.visibility import REMEMBERED, UNSEEN, VISIBLE
+from saltus.heightmap.evaluation.way import Way, way_figures, way_warning
+from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.law import PAPER
 
 COURSES = 2 * len(PAPER)
@@ -31,7 +34,8 @@ STEPS = 400
 def synthetic_run(height: np.ndarray, half_width: np.ndarray, true: np.ndarray, view: np.ndarray) -> HeldOutRun:
     prediction = Prediction(height=height, half_width_90=half_width)
     return HeldOutRun(
-        terrain="stairs", level=MASTERED, true_height=true, view=view.astype(np.int8), predictions={NETWORK: prediction}
+        terrain="stairs", level=MASTERED, true_height=true, view=view.astype(np.int8),
+        predictions={NETWORK: prediction}, way=Way(distance_m=1.0, edges=0, of_edges=2),
     )  # fmt: skip
 
 
@@ -111,6 +115,42 @@ def test_the_command_prints_what_is_asked_for(model_path: Path, capsys: pytest.C
     assert asked | {"by_terrain", "baselines"} <= set(table)
     assert asked <= set(table["baselines"]["geometric-feet"])
     assert set(table["by_terrain"]) == {"flat"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "x", "met", "moved"),
+    [
+        ("stairs", 0.3, 0, 0.0),
+        ("stairs", 1.49, 0, 0.0),
+        ("stairs", 1.6, 1, 1.0),
+        ("stairs", 99.0, 15, 1.0),
+        ("gap", 1.6, 1, 1.0),
+        ("flat", 1.0, 0, 0.0),
+        ("flat", 1.6, 0, 1.0),
+    ],
+)
+def test_ways_are_those_of_the_trunk(kind: str, x: float, met: int, moved: float) -> None:
+    terrain = make_terrain(TerrainConfig(terrain=kind))
+    position = np.stack([np.linspace(0.0, x, 50), np.zeros(50), np.full(50, 0.3)], axis=1)
+    figures = way_figures([Way.of(terrain, position)])
+    assert (figures["edges_met"], figures["moved"]) == (met, moved)
+    assert figures["distance_m"] == pytest.approx(x)
+    assert bool(way_warning(figures)) == (moved == 0.0)
+
+
+def test_runs_that_hardly_move_are_not_printed_as_good(
+    model_path: Path, capsys: pytest.CaptureFixture[str], runs: list[HeldOutRun]
+) -> None:
+    still = way_figures([run.way for run in runs])
+    assert still["distance_m"] < 1.0  # 1.4 s, of which one second is standing
+    assert still["moved"] == 0.0
+    flags = ["--runs", "1", "--baselines", "--processes", "1", "--time-limit-s", "1.2", "--json"]
+    assert main(["heightmap", "eval", "--heightmap-model", str(model_path), *flags]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert re.match(r"1 robots went 0\.\d m \(median\) and met 0\.0 of 0\.0 edges; 0 % met one", lines[0])
+    assert lines[1].startswith("WARNING: these errors say little")
+    assert any(line.startswith("network, hardly moved") for line in lines)
+    assert "these errors say little" in json.loads(lines[-1])["warning"]
 
 
 def test_no_runs_are_refused() -> None:

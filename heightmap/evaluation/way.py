@@ -1,0 +1,59 @@
+"""How far robots went while their predictor was measured: errors on the ground on which they start say little."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from saltus.arrays import Floats
+from saltus.terrain.terrain import FIRST_EDGE_X, Terrain
+
+LEAST_SHARE = 0.5
+"""Of the runs: of fewer the median robot has met nothing but the level ground on which it starts."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """How far one robot went."""
+
+    distance_m: float
+    """Of its trunk, from its first place to the farthest [m]."""
+    edges: int
+    """That it passed."""
+    of_edges: int
+    """That its course has."""
+
+    @classmethod
+    def of(cls, terrain: Terrain, position: Floats) -> "Way":
+        """That of a trunk that was at these places of a terrain [m], shape (n, 3)."""
+        away = np.linalg.norm(position[:, :2] - position[0, :2], axis=1)
+        passed = (terrain.edges_x > position[0, 0]) & (terrain.edges_x <= position[:, 0].max())
+        return cls(distance_m=float(away.max()), edges=int(passed.sum()), of_edges=len(terrain.edges_x))
+
+    @property
+    def tells(self) -> bool:
+        """Whether it met an edge or, on flat ground, went as far as courses have their first one."""
+        return self.edges > 0 if self.of_edges else self.distance_m >= FIRST_EDGE_X
+
+
+def way_figures(ways: Sequence[Way]) -> dict[str, float]:
+    """Median distance [m], edges that a robot met and could meet on average, and the share of ways that tell."""
+    return {
+        "distance_m": float(np.median([way.distance_m for way in ways])),
+        "edges_met": float(np.mean([way.edges for way in ways])),
+        "edges": float(np.mean([way.of_edges for way in ways])),
+        "moved": float(np.mean([way.tells for way in ways])),
+    }
+
+
+def way_warning(figures: dict[str, float]) -> str:
+    """Why errors of such runs are not to be taken for good; empty where most of their robots moved."""
+    if figures["moved"] >= LEAST_SHARE:
+        return ""
+    moved, least = 100.0 * figures["moved"], 100.0 * LEAST_SHARE
+    return (
+        f"these errors say little: {moved:.0f} % of the robots met an edge, or went "
+        f"{FIRST_EDGE_X:g} m on flat ground, where {least:.0f} % are needed. The others fell or "
+        "stood on level ground, which is easy to predict; compare saltus heightmap benchmark "
+        "score, whose robots go by true heights"
+    )
