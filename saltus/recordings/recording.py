@@ -58,17 +58,17 @@ class Recording:
     """A recorded run. `messages` reads lazily, so long runs fit in memory."""
 
     path: Path
-    config: RunConfig | None = None
+    config: RunConfig | None = field(default=None, repr=False)
     """None where the head of the file is lost."""
-    metadata: dict[str, str] = field(default_factory=dict)
-    summary: dict[str, str] = field(default_factory=dict)
+    metadata: dict[str, str] = field(default_factory=dict, repr=False)
+    summary: dict[str, str] = field(default_factory=dict, repr=False)
     """What the writer said at the end: restarts, errors."""
     complete: bool = False
     """Whether the file has its end and every part of it is sound."""
     lost: list[str] = field(default_factory=list)
     """What is missing, one line each."""
-    _schemas: dict[int, Schema] = field(default_factory=dict)
-    _channels: dict[int, Channel] = field(default_factory=dict)
+    _schemas: dict[int, Schema] = field(default_factory=dict, repr=False)
+    _channels: dict[int, Channel] = field(default_factory=dict, repr=False)
     _chunks: list[Chunk] = field(default_factory=list, repr=False)
     _unpacked: dict[int, list[Arrival]] = field(default_factory=dict, repr=False)
 

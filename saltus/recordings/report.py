@@ -111,7 +111,8 @@ def _files(report: Path, recording: Path, video: Path | None) -> str:
     shown = (
         ""
         if video is None
-        else f'<video controls preload="metadata" width="960" src="{_beside(report, video)}"></video>'
+        else f'<video controls preload="metadata" width="960" src="{_beside(report, video)}" '
+        f'poster="{_beside(report, video.with_suffix(".png"))}"></video>'  # which the video brings along
     )
     link = f'<a href="{_beside(report, recording)}">{html.escape(recording.name)}</a>'
     return f"{shown}<p>All that was said: {link}. <code>saltus watch {html.escape(str(recording))}</code> plays it.</p>"

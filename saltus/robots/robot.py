@@ -129,7 +129,7 @@ class Robot(Value):
 
     profile: str
     """Name of the profile that it has as shipped."""
-    mjcf: str
+    mjcf: str = field(repr=False)
     """Its model: a trunk of one box and links of the names and the order of this module. What MuJoCo simulates is made
     from it (`saltus.sim.scene`)."""
 

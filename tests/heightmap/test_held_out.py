@@ -123,7 +123,7 @@ def test_the_command_prints_what_is_asked_for(model_path: Path, capsys: pytest.C
         ("stairs", 0.3, 0, 0.0),
         ("stairs", 1.49, 0, 0.0),
         ("stairs", 1.6, 1, 1.0),
-        ("stairs", 99.0, 15, 1.0),
+        ("stairs", 99.0, 14, 1.0),
         ("gap", 1.6, 1, 1.0),
         ("flat", 1.0, 0, 0.0),
         ("flat", 1.6, 0, 1.0),

@@ -60,6 +60,11 @@ def test_what_is_written_is_read(whole: Recording) -> None:
     assert len(list(whole.messages("status/controller"))) == len(list(whole.messages("status"))) == STEPS
 
 
+def test_what_a_prompt_shows_of_values_fits_on_it(whole: Recording) -> None:
+    assert repr(whole) == f"Recording(path={whole.path!r}, complete=True, lost=[])"
+    assert len(repr(whole.robot)) < 4000  # without the text of its model
+
+
 def test_another_reader_opens_it_and_finds_the_definitions(whole: Recording) -> None:
     with whole.path.open("rb") as file:
         summary = make_reader(file).get_summary()

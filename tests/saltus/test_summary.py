@@ -84,7 +84,7 @@ def test_a_report_shows_the_video_and_leads_to_the_recording(tmp_path: Path) -> 
     write_report(recording, summarise(recording), tmp_path / "report.html", folder / "video.mp4")
     text = (tmp_path / "report.html").read_text()
     assert '<a href="a%20run/run.mcap">run.mcap</a>' in text
-    assert 'src="a%20run/video.mp4"' in text
+    assert 'src="a%20run/video.mp4" poster="a%20run/video.png"' in text  # of what is not yet played
     write_report(recording, summarise(recording), tmp_path / "report.html")
     assert "<video" not in (tmp_path / "report.html").read_text()
 
