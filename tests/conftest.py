@@ -1,6 +1,5 @@
 """What all tests rely on: a core for each worker of a parallel run, and processes that can be interrupted."""
 
-import functools
 import gc
 import os
 import random
@@ -9,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tyro import _docstrings
 
 QUICK = Path(__file__).parent / "saltus"
 
@@ -23,10 +21,6 @@ for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHU
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, usual)
 
-
-# tyro forgets after each command line what it has read of the source of commands; to read it again took a third of the
-# time of the thousand command lines that tests have
-_docstrings._ClassTokenization.make = staticmethod(functools.cache(_docstrings._ClassTokenization.make))
 
 gc.disable()  # nothing of what is imported and collected becomes garbage
 
