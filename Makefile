@@ -1,16 +1,20 @@
-# Two commands: `make demo` sets up what the demo needs and runs it; `make test` runs what CI runs.
+# `make demo` sets up what the demo needs and runs it; `make test` runs the tests that tell most; `make test-all` runs all that CI
+# runs, also the slow ones (CONTRIBUTING.md says which).
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 DEMO_FLAGS ?=
 
-.PHONY: demo test lint types imports unit processes wheel-test libraries clean
+.PHONY: demo test test-all lint types imports unit processes wheel-test libraries clean
 .NOTPARALLEL: # tests in real time come alone
 
 demo: $(VENV)/.run-time
 	$(BIN)/saltus demo $(DEMO_FLAGS)
 
-test: lint imports unit processes
+test test-all: lint imports unit processes
+
+AND_NOT_SLOW := and not slow
+test-all: AND_NOT_SLOW :=
 
 lint: $(VENV)/.development
 	$(BIN)/ruff check .
@@ -27,13 +31,13 @@ imports: $(VENV)/.development
 # yields to them, but only so far: beside six busy programs a mypy at nice 19 got 11 s of processor time in half an hour.
 unit processes: export PYTHONDONTWRITEBYTECODE :=
 unit: $(VENV)/.development
-	nice -n 5 $(BIN)/mypy & types=$$!; $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder -m 'not realtime'; \
+	nice -n 5 $(BIN)/mypy & types=$$!; $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder -m 'not realtime $(AND_NOT_SLOW)'; \
 	tests=$$?; wait $$types && exit $$tests
 
 # Tests with limits in real time come alone; others need no such peace. First they measure how fast the computer is, and beside
 # mypy they took it for half as fast, and twice as long.
 processes: $(VENV)/.development
-	$(BIN)/pytest -m realtime tests/processes
+	$(BIN)/pytest -m 'realtime $(AND_NOT_SLOW)' tests/processes
 
 # A wheel in an empty environment runs the demo from another folder.
 wheel-test: libraries

@@ -7,6 +7,7 @@ import pytest
 from saltus.cli.main import main
 
 
+@pytest.mark.slow
 def test_says_where_the_time_of_training_goes(capsys: pytest.CaptureFixture[str]) -> None:
     flags = ["--device", "cpu", "--robots", "8", "--iterations", "1"]
     assert main(["bench", "train", "--", *flags, "--json"]) == 0

@@ -75,6 +75,7 @@ def test_rounds_alternate_between_the_loop_and_training(whole: Path) -> None:
     assert main(["heightmap", "dataset", "validate", str(whole / "dataset")]) == 0
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_again_and_again_gives_the_same_data(whole: Path, tmp_path: Path) -> None:
     for when in ("collect 0 1", "train 0", "collect 1 2", "train 1"):
         with pytest.raises(Killed):

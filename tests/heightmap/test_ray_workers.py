@@ -67,6 +67,7 @@ class Deadly:
         return closed_loop_episodes(LOOP, model, key)
 
 
+@pytest.mark.slow
 def test_hosts_give_the_data_of_processes_though_a_worker_and_a_host_are_lost(cluster: Cluster, tmp_path: Path) -> None:
     deadly = Deadly(tmp_path / "killed")
 
@@ -86,6 +87,7 @@ def test_hosts_give_the_data_of_processes_though_a_worker_and_a_host_are_lost(cl
     assert (tmp_path / "ray" / "round_000.h5").read_bytes() == (tmp_path / "processes" / "round_000.h5").read_bytes()
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_leaves_no_process_and_no_shard(tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; from saltus.heightmap.training.dagger import *\n"

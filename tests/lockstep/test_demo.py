@@ -134,6 +134,7 @@ def test_replay_of_a_lockstep_run_gives_the_same_heightmaps(
     assert table["status_differs"] == 0
 
 
+@pytest.mark.slow
 def test_up_says_how_it_went(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It crosses on the images of a stereo camera by pyrender; by Embree it does in test_feed_networks.py."""
     up = ["up", "--pace", "lockstep", "--terrain", "gap", "--camera", "d435i", "--renderer", "pyrender"]
@@ -171,6 +172,7 @@ def test_a_demo_that_is_ended_lands_closes_the_recording_and_says_by_what(tmp_pa
     check_landed(tmp_path)
 
 
+@pytest.mark.slow
 def test_up_that_is_interrupted_lands_and_says_how_far_it_came(tmp_path: Path) -> None:
     with running(tmp_path, "up", "--pace", "lockstep") as up:
         up.send_signal(signal.SIGINT)

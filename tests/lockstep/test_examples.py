@@ -20,6 +20,7 @@ def commands() -> list[list[str]]:
     return [shlex.split(line, comments=True) for line in blocks.splitlines()]
 
 
+@pytest.mark.slow
 def test_from_small_trainings_to_a_run_and_its_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -55,6 +55,7 @@ def own_heights(example: SimpleNamespace, recording: Recording) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_heights_are_those_of_the_service(example: SimpleNamespace, recording: Recording) -> None:
     theirs = [np.stack([map_.height, map_.half_width_90]) for map_ in recording.of(Heightmap)]
     assert len(theirs) >= STEPS
@@ -63,6 +64,7 @@ def test_heights_are_those_of_the_service(example: SimpleNamespace, recording: R
     assert off.max() < 1e-5
 
 
+@pytest.mark.slow
 def test_plans_are_those_of_the_planner(example: SimpleNamespace, recording: Recording) -> None:
     network = onnxruntime.InferenceSession(MODELS["policy"])
     maps = {map_.step: map_ for map_ in recording.of(Heightmap)}

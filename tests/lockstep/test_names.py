@@ -39,6 +39,7 @@ def test_they_break_no_command(trap: Trap, tmp_path: Path) -> None:
     assert last_line(tmp_path, "real2sim", "experiments")
 
 
+@pytest.mark.slow
 def test_they_break_neither_a_run_nor_its_processes(tmp_path: Path) -> None:
     for name in NAMES:
         package(tmp_path, name)
@@ -48,6 +49,7 @@ def test_they_break_neither_a_run_nor_its_processes(tmp_path: Path) -> None:
     assert table["rejected"] == {}
 
 
+@pytest.mark.slow
 def test_they_break_no_workers(tmp_path: Path) -> None:
     for name in NAMES:
         module(tmp_path, name)

@@ -44,6 +44,7 @@ def test_there_are_three() -> None:
     assert [path.stem for path in NOTEBOOKS] == ["effects", "heights", "policy"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_and_gives_what_its_file_holds(notebook: Path, tmp_path: Path) -> None:
     tool = [sys.executable, "-W", "error", str(ROOT / "tools" / "notebooks.py"), str(notebook), "--out", str(tmp_path)]

@@ -95,6 +95,7 @@ def test_it_has_no_sizes() -> None:
         make_terrain(TerrainConfig(terrain="beams", rise_m=0.1))
 
 
+@pytest.mark.slow
 def test_it_is_looked_at_and_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     course = ("--terrain", "beams", "--difficulty", "0.2", "--layout-seed", "3")
     assert main(["render", "preview", *course, "--out", str(tmp_path / "preview")]) == 0
@@ -104,6 +105,7 @@ def test_it_is_looked_at_and_run(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert read_recording(tmp_path / "run" / "recording.mcap").terrain == make_terrain(BEAMS)
 
 
+@pytest.mark.slow
 def test_each_trial_draws_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     flags = ("--terrain", "beams", "--difficulty", "0", "--trials", "2", "--json", "--out", tmp_path)
     table = run(capsys, "policy", "eval", *flags)

@@ -49,6 +49,7 @@ def crossed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "recording.mcap"
 
 
+@pytest.mark.slow
 def test_a_course_is_crossed_from_its_file_alone_and_the_recording_has_it(crossed: Path) -> None:
     recording = read_recording(crossed)
     assert recording.terrain == load(Terrain, EXAMPLE)
@@ -57,6 +58,7 @@ def test_a_course_is_crossed_from_its_file_alone_and_the_recording_has_it(crosse
     np.testing.assert_allclose(heights, [0.0, 0.2, 0.4, 0.1, 0.6, 0.8], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_depth_images_lie_on_the_terrain(crossed: Path) -> None:
     read: dict[str, list[Any]] = {}
     for topic, _, message, _ in messages_of(crossed):

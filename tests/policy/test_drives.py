@@ -248,6 +248,7 @@ def test_where_a_profile_has_no_delay_none_is_drawn(tmp_path: Any) -> None:
     assert [effect.name for effect in env._drives.effects] == ["torque_gain"]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Dynamo detected a call to a `functools.lru_cache`")
 def test_no_stage_asks_what_its_numbers_are(tmp_path: Any) -> None:
     """With all effects of drives, bodies and IMUs each stage is one graph for a GPU to replay."""

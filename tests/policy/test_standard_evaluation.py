@@ -52,6 +52,7 @@ def test_rows_survive_their_table(tmp_path: Path) -> None:
     assert "gap_0.40 50% (way 75%" in summary([ROW])
 
 
+@pytest.mark.slow
 def test_a_checkpoint_is_evaluated_beside_its_training(tmp_path: Path) -> None:
     said: list[str] = []
     learner, record = make_record(tmp_path, said, evaluate_s=1e-6)

@@ -21,6 +21,7 @@ from saltus.wire.topics import MAX_EXTRA_AGE_S
 CONFIG = RunConfig(terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted")
 
 
+@pytest.mark.slow
 def test_a_spare_camera_takes_over_or_the_robot_stands(speed: float, tmp_path: Path) -> None:
     """Its first image is 50 ms old when it comes: whether that is in time depends on the computer."""
     first, both, config = tmp_path / "first", tmp_path / "both", replace(CONFIG, speed=speed)

@@ -33,6 +33,7 @@ def watched(speed: float) -> str:
     return "0.25" if speed >= 0.5 else "0.1"
 
 
+@pytest.mark.slow
 def test_a_run_is_started_disturbed_and_stopped_on_the_page(speed: float, tmp_path: Path) -> None:
     """Four faults of a robot that runs, and what is said of each; then the recording shows that it stands."""
     with page_of("watch", "--port", "0", folder=tmp_path) as (address, page), browser(WIDTH, HEIGHT) as tab:
