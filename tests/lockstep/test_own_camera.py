@@ -103,6 +103,7 @@ def test_it_is_measured_and_replayed_with_the_same_camera(
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["camera"] == CAMERA
 
 
+@pytest.mark.slow
 def test_images_are_as_late_as_the_profile_says_and_not_lost(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

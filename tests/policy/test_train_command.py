@@ -193,7 +193,10 @@ def replace_iteration(path: Path, old: str, new: str) -> int:
 
 @pytest.mark.parametrize(
     ("program", "number"),
-    [("saltus.cli.main policy train", signal.SIGINT), ("saltus.policy.training.command", signal.SIGTERM)],
+    [
+        ("saltus.cli.main policy train", signal.SIGINT),
+        pytest.param("saltus.policy.training.command", signal.SIGTERM, marks=pytest.mark.slow),
+    ],
 )
 def test_an_interruption_saves_and_says_so(program: str, number: int, tmp_path: Path) -> None:
     out = tmp_path / "run"

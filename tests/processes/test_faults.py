@@ -35,7 +35,7 @@ def test_a_spare_camera_takes_over_or_the_robot_stands(speed: float, tmp_path: P
     assert result.stale == 0
 
 
-@pytest.mark.parametrize("process", ["heightmap", "policy"])
+@pytest.mark.parametrize("process", ["heightmap", pytest.param("policy", marks=pytest.mark.slow)])
 def test_a_killed_process_is_noticed_and_the_robot_stands(process: str, speed: float, tmp_path: Path) -> None:
     after_s = {"heightmap": 0.9, "policy": 1.1}[process]
     recording = kill_during_run(replace(CONFIG, speed=speed), tmp_path, process, after_s)
@@ -65,7 +65,7 @@ class Incomplete(Recording):
         return (row for row in super().payloads(topic) if row[1] != self._missing)
 
 
-@pytest.mark.parametrize("process", ["heightmap", "policy"])
+@pytest.mark.parametrize("process", ["heightmap", pytest.param("policy", marks=pytest.mark.slow)])
 def test_the_robot_goes_on_if_a_standby_is_in_time(process: str, speed: float, tmp_path: Path) -> None:
     config, after_s = replace(CONFIG, speed=speed), 0.9
     recording = kill_during_run(config, tmp_path, process, after_s, watch_s=0.5, programs=WITH_STANDBYS)
