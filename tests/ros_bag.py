@@ -59,16 +59,10 @@ class RosBag:
 def write_bag(log: RunLog, path: Path, kind: str = "mcap", *, has_commands: bool = True) -> Path:
     """Joints in the order of the alphabet and with names that end in _joint, as robots of ROS have them."""
     with RosBag(path, kind) as bag:
-        _put_joints(bag, log, has_commands)
-        unknown = np.zeros(9)
-        for time_s, row in _rows(log.imu):
-            bag.put(
-                "/imu", "sensor_msgs/msg/Imu", time_s, orientation=bag.turn(row[:4]), orientation_covariance=unknown,
-                angular_velocity=bag.xyz("Vector3", row[4:7]), angular_velocity_covariance=unknown,
-                linear_acceleration=bag.xyz("Vector3", row[7:]), linear_acceleration_covariance=unknown,
-            )  # fmt: skip
+        put_joints(bag, log, has_commands)
+        put_turns(bag, log)
         for time_s, row in _rows(log.base):
-            _put_odometry(bag, time_s, row)
+            put_odometry(bag, time_s, row)
         _put_images(bag, log)
     return path
 
@@ -77,7 +71,7 @@ def _rows(table: Any) -> Any:
     return zip(table.time_s, table.values, strict=True) if table is not None else ()
 
 
-def _put_joints(bag: RosBag, log: RunLog, has_commands: bool) -> None:
+def put_joints(bag: RosBag, log: RunLog, has_commands: bool) -> None:
     joints, none = log.joints, np.zeros(0)
     order = np.argsort(log.meta["joints"])
     names = [f"{log.meta['joints'][i]}_joint" for i in order]
@@ -90,7 +84,18 @@ def _put_joints(bag: RosBag, log: RunLog, has_commands: bool) -> None:
             bag.put(topic, "sensor_msgs/msg/JointState", time_s, arrival_s, name=names, **parts)
 
 
-def _put_odometry(bag: RosBag, time_s: float, row: np.ndarray) -> None:
+def put_turns(bag: RosBag, log: RunLog) -> None:
+    """Those of the IMU."""
+    unknown = np.zeros(9)
+    for time_s, row in _rows(log.imu):
+        bag.put(
+            "/imu", "sensor_msgs/msg/Imu", time_s, orientation=bag.turn(row[:4]), orientation_covariance=unknown,
+            angular_velocity=bag.xyz("Vector3", row[4:7]), angular_velocity_covariance=unknown,
+            linear_acceleration=bag.xyz("Vector3", row[7:]), linear_acceleration_covariance=unknown,
+        )  # fmt: skip
+
+
+def put_odometry(bag: RosBag, time_s: float, row: np.ndarray) -> None:
     own = rotation_matrix(row[3:7]).T @ row[7:]
     twist = bag.make("geometry_msgs/msg/Twist", linear=bag.xyz("Vector3", own), angular=bag.xyz("Vector3", np.zeros(3)))
     pose = bag.make("geometry_msgs/msg/Pose", position=bag.xyz("Point", row[:3]), orientation=bag.turn(row[3:7]))

@@ -105,7 +105,9 @@ def _completed(log: RunLog, recording: Path, description: Description, robot: Ro
         **claims,
         "joints": joints,
     }
-    if "camera" in log.meta | claims:
+    if log.depth is None:
+        meta.pop("camera", None)
+    elif "camera" in log.meta | claims:
         mount = {"position": robot.camera_position.tolist(), "pitch": robot.camera_pitch}
         meta["camera"] = mount | log.meta.get("camera", {}) | claims.get("camera", {})
     try:

@@ -182,8 +182,12 @@ def _first_lines(path: Path) -> tuple[str, list[str]]:
 
 
 def _is_row(line: str) -> bool:
-    """Whether a line holds numbers alone."""
-    return any(all(NUMBER.fullmatch(part) for part in _cut(line, separator)) for separator in SEPARATORS)
+    """Whether most of what stands in a line is numbers."""
+    for separator in SEPARATORS:
+        parts = [part for part in _cut(line, separator) if part]
+        if 2 * sum(NUMBER.fullmatch(part) is not None for part in parts) > len(parts):
+            return True
+    return False
 
 
 def _separator(header: str, first: str) -> str:

@@ -1,9 +1,11 @@
 """Messages from and to ROS: type hashes, what comes back of what was sent, and what strangers may send."""
 
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import ros_peer
@@ -19,7 +21,7 @@ from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS
 from saltus.robots.shipped import shipped_robots
 from saltus.ros2.bridge import Receiver
-from saltus.ros2.incoming import HELD_S, TYPES, Intake
+from saltus.ros2.incoming import HELD_S, TYPES, Intake, types_of
 from saltus.ros2.outgoing import HEIGHTS, Exporter, Way
 from saltus.ros2.outgoing import ROBOT as OF_ROBOT
 from saltus.ros2.wall_clock import WallClock
@@ -184,6 +186,76 @@ def test_depth_images_of_both_kinds_are_the_same_millimetres(kind: Any, encoding
         frame.time_ns,
     )
     assert (taken.depth_unit_m, taken.frame_id) == (0.001, 0)
+
+
+def packed(depth_mm: np.ndarray, form: str) -> np.ndarray:
+    """As the transport compressedDepth packs an image: a head of 12 bytes, and a PNG of depth or of its inverse."""
+    a, b = 2000.0, 0.5
+    whole = depth_mm
+    if form.startswith("32FC1"):
+        with np.errstate(divide="ignore"):
+            whole = np.where(depth_mm == 0, 0, np.clip(1e3 * a / depth_mm + b, 1, 65535)).astype(np.uint16)
+    return np.frombuffer(struct.pack("<iff", 0, a, b) + cv2.imencode(".png", whole)[1].tobytes(), np.uint8)
+
+
+def big_endian(image: Any) -> Any:
+    kind = np.dtype("f4" if image.encoding == "32FC1" else "u2")
+    return replace(image, is_bigendian=1, data=image.data.view(kind).byteswap().view(np.uint8))
+
+
+@pytest.mark.parametrize(("kind", "encoding"), [(np.asarray, "16UC1"), (np.asarray, "mono16"), (metres, "32FC1")])
+def test_images_of_big_endian_computers_are_the_same(kind: Any, encoding: str) -> None:
+    frame, image, info = frame_messages()
+    intake = Intake(ROBOT, LOCKSTEP)
+    intake.take("camera_info", ros.payload_of(info), frame.time_ns)
+    taken = intake.take("depth", ros.payload_of(big_endian(padded(image, kind, encoding, 0))), frame.time_ns)
+    assert taken is not None
+    np.testing.assert_array_equal(taken.depth, frame.depth)
+
+
+@pytest.mark.parametrize(("form", "tolerance_mm"), [("16UC1; compressedDepth", 0), ("32FC1; compressedDepth png", 5)])
+def test_compressed_images_are_the_same(form: str, tolerance_mm: int) -> None:
+    frame, image, info = frame_messages()
+    depth = image.data.view(np.uint16).reshape(image.height, image.width)
+    depth = np.where(depth == 65535, 0, depth).astype(np.uint16)  # PNG of inverse depth has no sign for it
+    topic = "/camera/depth/image_rect_raw/compressedDepth"
+    assert types_of(topic)["depth"] == "sensor_msgs/msg/CompressedImage"
+    intake = Intake(ROBOT, LOCKSTEP, depth=topic)
+    intake.take("camera_info", ros.payload_of(info), frame.time_ns)
+    sent = ros.make("sensor_msgs/msg/CompressedImage", header=image.header, format=form, data=packed(depth, form))
+    taken = intake.take("depth", ros.payload_of(sent), frame.time_ns)
+    assert taken is not None
+    np.testing.assert_allclose(taken.depth.astype(float), depth, rtol=0, atol=tolerance_mm)
+    for bad in (
+        replace(sent, data=sent.data[: len(sent.data) // 2]), replace(sent, data=sent.data[:20]),
+        replace(sent, format="16UC1; compressedDepth rvl", data=np.arange(99, dtype=np.uint8)),
+    ):  # fmt: skip
+        assert intake.take("depth", ros.payload_of(bad), frame.time_ns) is None
+    assert sum(intake.rejected.values()) == 3
+
+
+@pytest.mark.parametrize(("name", "of_p"), [("image_rect_raw", True), ("image_rect", True), ("image_raw", False)])
+def test_rectified_images_have_the_projection_and_raw_ones_the_matrix(name: str, of_p: bool) -> None:
+    frame, image, info = frame_messages()
+    p = np.array([44.0, 0, 31, 0, 0, 45, 23, 0, 0, 0, 1, 0])
+    intake = Intake(ROBOT, LOCKSTEP, depth=f"/camera/depth/{name}")
+    intake.take("camera_info", ros.payload_of(replace(info, p=p)), frame.time_ns)
+    taken = intake.take("depth", ros.payload_of(image), frame.time_ns)
+    assert taken is not None
+    expected = (44.0, 45.0, 31.5, 23.5) if of_p else (frame.fx, frame.fy, frame.cx, frame.cy)
+    assert (taken.fx, taken.fy, taken.cx, taken.cy) == pytest.approx(expected)
+
+
+def test_binning_and_the_region_of_interest_count() -> None:
+    frame, image, info = frame_messages()
+    region = replace(info.roi, x_offset=20, y_offset=10, width=2 * image.width, height=2 * image.height)
+    large = replace(info, width=info.width + 200, height=info.height + 100, binning_x=2, binning_y=2, roi=region)
+    large = replace(large, width=2 * large.width, height=2 * large.height)
+    intake = Intake(ROBOT, LOCKSTEP)
+    intake.take("camera_info", ros.payload_of(large), frame.time_ns)
+    taken = intake.take("depth", ros.payload_of(image), frame.time_ns)
+    assert taken is not None
+    assert (taken.fx, taken.cx, taken.cy) == pytest.approx((frame.fx / 2, (frame.cx - 20) / 2, (frame.cy - 10) / 2))
 
 
 @pytest.mark.parametrize("unit_m", [1e-4, 1e-3, 2.5e-3])

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from realsense_bag import write_bag
+from realsense_bag import write_bag, write_database
 from samples import ROBOT
 
 from saltus.cli.main import main
@@ -61,6 +61,26 @@ def test_two_frames_without_a_robot_keep_warming(frames: list[DepthFrame]) -> No
     assert [h.status for h in answers] == [HeightmapStatus.WARMING] * 2
     assert [h.frame_id for h in answers] == [0, 1]
     assert all(np.isfinite(h.height).all() for h in answers)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("unit_m", [0.001, 0.0001, 0.00025])
+def test_a_database_of_rosbag2_is_the_same_recording(tmp_path: Path, unit_m: float, packed: bool) -> None:
+    """As the SDK writes it since 2026; a D405 counts tenths of a millimetre, an L515 quarters."""
+    mine = list(read_realsense(write_database(tmp_path / "desk.db3", 3, unit_m=unit_m, packed=packed)))
+    for frame, other in zip(mine, read_realsense(write_bag(tmp_path / "desk.bag", 3)), strict=True):
+        np.testing.assert_allclose(frame.depth * frame.depth_unit_m, other.depth * other.depth_unit_m)
+        assert frame.depth_unit_m == unit_m
+        for name in ("fx", "fy", "cx", "cy", "frame_id"):
+            assert getattr(frame, name) == getattr(other, name)
+    assert np.diff([frame.time_ns for frame in mine]).tolist() == [33_333_333] * 2
+
+
+@pytest.mark.parametrize("name", ["desk.db3", "desk.bag"])
+def test_a_camera_without_joints_is_no_run_log(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    path = (write_database if name.endswith("db3") else write_bag)(tmp_path / name)
+    assert main(["real2sim", "import", str(path), "--out", str(tmp_path / "log")]) == 2
+    assert f"`saltus render fit {path}`" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("content", [b"", b"#ROSBAG V2.0\n", b"\x00" * 5000])

@@ -171,6 +171,30 @@ def test_parquet_tables_mean_the_same(directory: Path) -> None:
     np.testing.assert_array_equal(log.imu.values, expected.imu.values)
 
 
+@pytest.mark.parametrize("whole", [True, False])
+def test_archives_of_numpy_mean_the_same(directory: Path, whole: bool) -> None:
+    """With an array for each column, or for each signal of the joints one of all of them."""
+    expected = read_run_log(directory)
+    for name in ("joints", "imu", "base", "feet"):
+        csv = directory / f"{name}.csv"
+        table = pyarrow.csv.read_csv(csv)
+        arrays = {column: table[column].to_numpy() for column in table.column_names}
+        if whole and name == "joints":
+            signals = {signal: getattr(expected.joints, signal) for signal in JOINT_SIGNALS}
+            arrays = {"t": expected.joints.time_s, **{s: v for s, v in signals.items() if v is not None}}
+        np.savez(directory / f"{name}.npz", **arrays)
+        csv.unlink()
+    log = read_run_log(directory)
+    for signal in JOINT_SIGNALS:
+        np.testing.assert_array_equal(getattr(log.joints, signal), getattr(expected.joints, signal))
+    assert log.imu is not None
+    assert expected.imu is not None
+    np.testing.assert_array_equal(log.imu.values, expected.imu.values)
+    np.savez(directory / "joints.npz", t=expected.joints.time_s[:9], q=expected.joints.q)
+    with pytest.raises(RecordingError, match=r"joints.npz: 't' has 9 rows, another column"):
+        read_run_log(directory)
+
+
 def test_what_was_written_reads_back_to_the_bit(directory: Path, tmp_path: Path) -> None:
     log = read_run_log(directory)
     q = log.joints.q * np.pi
