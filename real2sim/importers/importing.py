@@ -115,7 +115,7 @@ def _completed(log: RunLog, recording: Path, description: Description, robot: Ro
     except RecordingError as error:
         raise RecordingError(f"{recording}: {error} (say it in [claims])") from error
     log = replace(log, meta=meta)
-    faults = [fault for fault in (*clock_faults(log), *unit_faults(log)) if fault.is_fatal]
+    faults = [f for f in (*clock_faults(log), *unit_faults(log)) if f.is_fatal or f.name == "too_short"]
     if faults:
         cure = "; or leave it out of the log: leave_out, in the description" if faults[0].name in LEFT_OUT else ""
         raise RecordingError(f"{recording}: {faults[0].text}{cure}")

@@ -15,6 +15,7 @@ LARGEST_VALUE = 1e6  # in SI units: larger than any reading of a joint, IMU, bas
 LARGEST_TIME_S = 1e11  # s: clocks count from their start or from 1970
 MIN_ROWS = 20  # fewer rows have no useful median
 MAX_LOST = 0.01  # share of lost rows: one in a hundred is a hole in every short window
+CHANCE = 3.0  # standard deviations of a count: the start of a log may have more than its share of lost rows
 MAX_GAP_S = 0.1  # longest gap: longer than any delay that is searched for
 MAX_REPEATED = 0.01
 CONTROL_DT_OFF = 1.3  # ratio of row spacing to the claim
@@ -27,11 +28,11 @@ MOVING = 0.2  # rad/s: faster joints change their reading in every row, also wit
 def clock_faults(log: RunLog) -> list[Fault]:
     """Faults of the rows of all tables."""
     faults = [*_numbers(log)]
-    if faults:
+    if any(fault.is_fatal for fault in faults):
         return faults
     for name, time_s in _clocks(log):
         faults += _order(name, time_s)
-    if not any(fault.is_fatal for fault in faults):
+    if not any(fault.is_fatal for fault in faults) and len(log.joints.time_s) >= MIN_ROWS:
         faults += [*_steps(log), *_lost(log), *_jumps(log), *_repeated(log)]
     return faults
 
@@ -56,9 +57,8 @@ def _numbers(log: RunLog) -> Iterator[Fault]:
     for name, values in {**signals, **tables}.items():
         yield from _impossible(f"{name}:", values, LARGEST_VALUE)
     if len(log.joints.time_s) < MIN_ROWS:
-        yield Fault(
-            name="too_short", text=f"joints: {len(log.joints.time_s)} rows are too few to compare with anything"
-        )
+        text = f"joints: {len(log.joints.time_s)} rows are too few to compare with anything"
+        yield Fault(name="too_short", text=text, is_fatal=False)
 
 
 def _impossible(where: str, values: Floats, largest: float) -> Iterator[Fault]:
@@ -81,10 +81,15 @@ def _order(name: str, time_s: Floats) -> Iterator[Fault]:
     if len(back):
         text = f"{name}: time runs backwards {len(back)} times, first by {-steps[back[0]]:.4g} s"
         yield Fault(name="time_backwards", text=text)
-    same = float(np.mean(steps == 0)) if len(steps) else 0.0
+    same = int(np.sum(steps == 0))
     if same:
-        text = f"{name}: {same:.1%} of the rows bear the time of the row before them"
-        yield Fault(name="repeated_rows", text=text, is_fatal=same > MAX_REPEATED)
+        text = f"{name}: {same / len(steps):.1%} of the rows bear the time of the row before them"
+        yield Fault(name="repeated_rows", text=text, is_fatal=_is_more(same, MAX_REPEATED, len(steps)))
+
+
+def _is_more(count: int, share: float, total: int) -> bool:
+    """Whether a count is a larger share of a total than chance makes of this one."""
+    return bool(count > share * total + CHANCE * np.sqrt(share * total))
 
 
 def _steps(log: RunLog) -> Iterator[Fault]:
@@ -114,7 +119,7 @@ def _lost(log: RunLog) -> Iterator[Fault]:
         lost, longest = lost + count, max(longest, gap)
     if lost:
         text = f"joints: {lost} rows ({lost / len(time_s):.1%}) are missing, the longest gap is {1e3 * longest:.0f} ms"
-        fatal = lost > MAX_LOST * len(time_s) or longest > MAX_GAP_S
+        fatal = _is_more(lost, MAX_LOST, len(time_s)) or longest > MAX_GAP_S
         yield Fault(name="lost_rows", text=text, is_fatal=fatal)
 
 
@@ -163,7 +168,8 @@ def _repeated(log: RunLog) -> Iterator[Fault]:
     same = same[middle : middle + len(moving)]
     if not moving.any():
         return
-    share = float(np.mean(same[moving[: len(same)]]))
-    if share:
-        text = f"joints: {share:.1%} of the rows repeat the state of the row before while the robot moves"
-        yield Fault(name="repeated_rows", text=text, is_fatal=share > MAX_REPEATED)
+    seen = same[moving[: len(same)]]
+    count = int(seen.sum())
+    if count:
+        text = f"joints: {count / len(seen):.1%} of the rows repeat the state of the row before while the robot moves"
+        yield Fault(name="repeated_rows", text=text, is_fatal=_is_more(count, MAX_REPEATED, len(seen)))

@@ -24,12 +24,18 @@ RANGE = (0.5, 2.0)  # ratio of a rate to the change of its pose
 FAR = 5.0  # m: no base of a standing or jumping robot is higher above the ground
 
 
-def rig_faults(log: RunLog) -> list[Fault]:
-    """Faults of `imu` and `base`."""
+def pose_faults(log: RunLog) -> list[Fault]:
+    """Faults of `imu` and `base` that single rows show."""
     faults: list[Fault] = []
     for name, table, first in (("imu", log.imu, 0), ("base", log.base, 3)):
         if table is not None:
             faults += _norm(name, table.values[:, first : first + 4])
+    return faults
+
+
+def rig_faults(log: RunLog) -> list[Fault]:
+    """Faults of `imu` and `base`."""
+    faults = pose_faults(log)
     if faults:
         return faults
     if log.imu is not None:

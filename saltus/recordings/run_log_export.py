@@ -84,6 +84,8 @@ def _meta(
         "terrain": "flat",
         "notes": f"exported from {recording.path.name}",
     }
+    if not recording.complete:
+        meta["cut"] = "; ".join(recording.lost) or "it has no end"
     if recording.config is not None:
         if recording.terrain.edges_x.size:
             meta["terrain"] = recording.terrain.arrays.to_tables()
