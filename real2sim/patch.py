@@ -43,6 +43,7 @@ from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import JOINTS, Robot
 
 SCHEMA = "saltus-patch/1"
+PATCH_FILE = "patch.toml"
 AS_CLAIMED = ("camera_latency", "range_clip", "foot_friction", "contact_compliance")
 """Effects that are absent at the value that the log claims, not at the library's null value (schema of run logs)."""
 
@@ -116,7 +117,11 @@ def patch_from_toml(text: str) -> Patch:
 
 
 def load_patch(path: Path) -> Patch:
-    """Reads a patch from a file; errors name the file."""
+    """Reads a patch from a file; errors name the file, and the patch beside a file that is none."""
+    beside = (path if path.is_dir() else path.parent) / PATCH_FILE
+    if path.is_dir() or path.suffix in (".json", ".html"):
+        there = "lies beside it" if beside.is_file() and not path.is_dir() else "find writes"
+        raise ConfigError(f"{path} is no patch: apply {beside}, which {there}")
     return read_file(path, patch_from_toml)
 
 

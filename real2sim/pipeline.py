@@ -33,7 +33,7 @@ from saltus.real2sim.search.saturation_curve import with_curves
 from saltus.real2sim.search.search import search
 from saltus.real2sim.sensors import SENSORS, Sensor
 from saltus.real2sim.stacked import StackedProblem, stackable
-from saltus.real2sim.verdict import merge
+from saltus.real2sim.verdict import Missing, Verdict, merge
 from saltus.recordings.run_log import RunLog
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
@@ -125,20 +125,42 @@ def _screened(log: RunLog) -> Examination:
 def _problems(
     sensor: Sensor, found: list[Examination], profile: Profile, without: Collection[str]
 ) -> list[tuple[list[int], Problem]]:
-    """Problems of one kind of sensor, each with the indices of its logs; failures are noted in `found`."""
+    """Problems of one kind of sensor, each with the indices of its logs.
+
+    What goes wrong, and what is too short to be tested, is noted in `found`.
+    """
+    posing = [i for i, each in enumerate(found) if not sensor.lacks(each.log)]
+    if brief := sensor.is_brief([found[i].log for i in posing]):
+        for i in posing:
+            found[i] = _without(found[i], sensor, brief)
+        return []
     own: list[int] = []
     problems: list[Problem] = []
-    for i, each in enumerate(found):
-        if sensor.lacks(each.log):
-            continue
+    for i in posing:
         try:
-            problems.append(_posed(sensor, each.log, profile, without))
+            problems.append(_posed(sensor, found[i].log, profile, without))
             own.append(i)
         except Exception as error:  # whatever goes wrong with one sensor, the verdicts of the others stand
-            found[i] = _failed(each, sensor, error)
+            found[i] = _failed(found[i], sensor, error)
     if len(problems) > 1 and stackable(problems):
         return [(own, StackedProblem(problems, shifts_s([found[i].log for i in own])))]
-    return [([i], problem) for i, problem in zip(own, problems, strict=True)]
+    posed = []
+    for i, problem in zip(own, problems, strict=True):
+        if brief := sensor.is_brief([found[i].log]):
+            found[i] = _without(found[i], sensor, brief)
+        else:
+            posed.append(([i], problem))
+    return posed
+
+
+def _without(examination: Examination, sensor: Sensor, why: str) -> Examination:
+    """The examination of a log that tells nothing of a sensor, and why."""
+    return replace(
+        examination,
+        untestable=examination.untestable | dict.fromkeys(sensor.effects, why),
+        lacking=examination.lacking | {sensor.name: why},
+        brief=examination.brief | {sensor.name: why},
+    )
 
 
 def _added(
@@ -149,13 +171,15 @@ def _added(
     seed: int,
     progress: Callable[[str, int], None],
 ) -> Examination:
-    """The examination with the findings of one more problem."""
+    """The examination with the findings of one more problem; without them where nothing was left to test them by."""
     try:
         findings = search(problem, progress=progress, seed=seed)
         if isinstance(problem, JointProblem):
             findings = with_curves(problem, findings)
     except Exception as error:  # as above
         return _failed(examination, sensor, error)
+    if not findings.gaps:
+        return _without(examination, sensor, f"no part of the {sensor.needs} is left to test by")
     log = logs[0] if len(logs) == 1 else in_sequence(logs, [str(number + 1) for number in range(len(logs))])
     return replace(
         examination, comparisons=(*examination.comparisons, Comparison(problem=problem, findings=findings, log=log))
@@ -187,10 +211,16 @@ def judge(examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...],
         verdict = merge((), log_faults=remarks)
     else:
         findings = resolved([comparison.findings for each in examinations for comparison in each.comparisons])
-        if not findings:
+        if not findings and not any(each.brief for each in examinations):
             lacks = sorted({why for each in examinations for why in each.untestable.values()})
             raise RecordingError("nothing in these logs can be compared: " + "; ".join(remarks or lacks))
-        verdict = replace(merge(findings), log_faults=tuple(remarks))
+        # without any test nothing is known: neither that the log agrees with the simulator, nor what differs
+        verdict = merge(findings) if findings else Verdict(verdict="unexplained")
+        brief = {sensor: why for each in examinations for sensor, why in each.brief.items()}
+        missing = tuple(
+            Missing(sensor=s.name, why=brief[s.name], experiment=s.experiment) for s in SENSORS if s.name in brief
+        )
+        verdict = replace(verdict, log_faults=tuple(remarks), missing=missing)
         testable = {name for f in findings for name in (*f.minimum_detectable, *_names(f.effects), *_names(f.rivals))}
         lacking = {name: why for each in examinations for name, why in each.untestable.items()}
         untestable = {name: why for name, why in (lacking | verdict.untestable).items() if name not in testable}

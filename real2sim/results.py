@@ -33,6 +33,8 @@ class Examination:
     """What several logs show together stands with the first of them."""
     lacking: dict[str, str] = field(default_factory=dict)
     """Sensors of which the log poses no problem, and why."""
+    brief: dict[str, str] = field(default_factory=dict)
+    """Those of them of which the log shows too little to test anything."""
     untestable: dict[str, str]
     """Effects that no sensor of the log shows, and why."""
     failures: tuple[str, ...] = ()

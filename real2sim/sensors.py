@@ -1,11 +1,12 @@
 """Kinds of sensors: which problems a run log poses, and which effects it cannot show."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from saltus.effects.effect import Site
 from saltus.effects.registry import EFFECTS
 from saltus.errors import SaltusError
+from saltus.real2sim.extent import moving_s, seeing_s, standing_s, turning_s
 from saltus.real2sim.problem.body.support import LEAST_SHARE, carried_by
 from saltus.real2sim.problem.log import has_changing_gains, robot_of, untold
 from saltus.real2sim.problem.problem import Problem
@@ -30,10 +31,26 @@ class Sensor:
     lacks: Callable[[RunLog], str]
     """Says why a log poses no problem of this kind; empty if it does."""
     problem: Callable[[RunLog], Problem]
+    lasts_s: Callable[[RunLog], float]
+    """Seconds of a log that tell something of it."""
+    least_s: float
+    """So many it needs before anything is said of its effects."""
+    needs: str
+    """Of which, in words."""
+    experiment: str
+    """Which gets them."""
     prepare_s: float
     """Typical time to prepare the problem [s], for the progress bar."""
     search_s: float
     """Typical time of the search [s]."""
+
+    def is_brief(self, logs: Sequence[RunLog]) -> str:
+        """Says that logs together are too short for anything to be named and tested; else empty."""
+        seconds = sum(self.lasts_s(log) for log in logs)
+        if round(seconds, 1) >= self.least_s:
+            return ""
+        who = "joints need" if self.name == "joints" else f"the {self.name} needs"
+        return f"{seconds:.2f} s of {self.needs}; {who} {self.least_s:g} s"
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -110,10 +127,24 @@ def _imu(log: RunLog) -> Problem:
     return ImuProblem(log)
 
 
+LEAST_S = 4.0
+"""Two motions of two seconds (`saltus.real2sim.search.split.PIECE_S`): one for the fit, one for the test."""
 SENSORS = (
-    Sensor(name="joints", sites=DRIVES, lacks=_no_held_base, problem=_joints, prepare_s=1.0, search_s=30.0),
-    Sensor(name="camera", sites=("depth", "view"), lacks=_no_images, problem=_camera, prepare_s=1.0, search_s=4.0),
-    Sensor(name="body", sites=("model",), lacks=_no_free_base, problem=_body, prepare_s=15.0, search_s=10.0),
-    Sensor(name="imu", sites=("imu",), lacks=_no_imu, problem=_imu, prepare_s=0.1, search_s=0.5),
-)
+    Sensor(
+        name="joints", sites=DRIVES, lacks=_no_held_base, problem=_joints, lasts_s=moving_s, least_s=LEAST_S,
+        needs="motion", experiment="joint_tour", prepare_s=1.0, search_s=30.0,
+    ),
+    Sensor(
+        name="camera", sites=("depth", "view"), lacks=_no_images, problem=_camera, lasts_s=seeing_s, least_s=LEAST_S,
+        needs="images", experiment="heave_and_pitch", prepare_s=1.0, search_s=4.0,
+    ),
+    Sensor(
+        name="body", sites=("model",), lacks=_no_free_base, problem=_body, lasts_s=standing_s, least_s=LEAST_S,
+        needs="measured poses", experiment="squat", prepare_s=15.0, search_s=10.0,
+    ),
+    Sensor(
+        name="imu", sites=("imu",), lacks=_no_imu, problem=_imu, lasts_s=turning_s, least_s=LEAST_S,
+        needs="readings", experiment="heave_and_pitch", prepare_s=0.1, search_s=0.5,
+    ),
+)  # fmt: skip
 """In the order in which they are compared. Modules of a sensor are imported when a log needs them."""

@@ -37,6 +37,17 @@ class NextExperiment:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Missing:
+    """What a sensor's effects could not be tested by."""
+
+    sensor: str
+    why: str
+    """How much there is, and how much it takes."""
+    experiment: str
+    """Which gets it."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Verdict:
     """Contents of `verdict.json`."""
 
@@ -46,6 +57,8 @@ class Verdict:
     next_experiment: NextExperiment | None = None
     untestable: dict[str, str] = field(default_factory=dict)
     """Effects that these data cannot show, and why."""
+    missing: tuple[Missing, ...] = ()
+    """Sensors of which the logs show too little to test anything."""
     misfits: tuple[str, ...] = ()
     """Effects of the profile without which the simulator is much nearer to the log."""
     nearest: tuple[FoundEffect, ...] = ()
@@ -53,6 +66,10 @@ class Verdict:
     gap: Gap | None = None
     minimum_detectable: dict[str, Estimate] = field(default_factory=dict)
     log_faults: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.gap is None and (self.effects or self.sets or self.nearest or self.verdict in ("named", "set")):
+            raise ValueError("a verdict names effects that nothing was left to test by")
 
     def to_dict(self) -> dict[str, Any]:
         """The verdict as JSON holds it."""
@@ -62,6 +79,7 @@ class Verdict:
             "sets": [list(names) for names in self.sets],
             "next_experiment": None if self.next_experiment is None else vars(self.next_experiment).copy(),
             "untestable": [{"name": name, "why": why} for name, why in self.untestable.items()],
+            "missing": [vars(each).copy() for each in self.missing],
             "misfits": list(self.misfits),
             "nearest": [effect_to_dict(effect) for effect in self.nearest],
             "gap": None if self.gap is None else {**vars(self.gap), "closed": self.gap.closed},

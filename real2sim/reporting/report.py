@@ -29,11 +29,12 @@ def report_page(judgement: Judgement, *, seed: int = 0) -> str:
     verdict = judgement.verdict
     findings = [comparison.findings for each in judgement.examinations for comparison in each.comparisons]
     rivals = [rival for each in findings for rival in each.rivals]
-    parts = [text.headline(verdict, judgement.profile), text.effects_table(verdict.effects, rivals, verdict.nearest)]
+    parts = [text.headline(verdict, judgement.profile), text.draws(judgement)]
+    parts += [text.effects_table(verdict.effects, rivals, verdict.nearest)]
     if findings:
         parts += ["<h2>The gap</h2>", text.gap_paragraph(verdict.gap)]
     parts += [_examination(each, is_alone=len(judgement.examinations) == 1) for each in judgement.examinations]
-    parts += ["<h2>Next experiment</h2>", text.next_paragraph(verdict)] if findings else []
+    parts += ["<h2>Next</h2>", text.next_paragraph(judgement)]
     parts += ["<h2>What these data cannot show</h2>", text.untestable_table(verdict)]
     sizes = text.detectable_table(verdict, judgement.profile)
     parts += ["<h2>Smallest effects that would have been seen</h2>", sizes] if findings else []

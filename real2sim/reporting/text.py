@@ -13,7 +13,9 @@ import numpy as np
 from saltus.effects.profile import Profile, profile_to_toml
 from saltus.effects.registry import EFFECTS
 from saltus.provenance import commit, package_version
+from saltus.real2sim.reporting.draws import drawn_lines
 from saltus.real2sim.reporting.localise import Statement
+from saltus.real2sim.reporting.steps import next_steps
 from saltus.real2sim.reporting.words import sentence
 from saltus.real2sim.results import Examination, Judgement
 from saltus.real2sim.search.findings import FoundEffect, RankedModel
@@ -28,7 +30,7 @@ MEANING = {
     "bad_log": "Bad log: it contradicts itself, and a fit to it would be wrong.",
 }
 PACKAGES = ("saltus", "mujoco", "numpy", "scipy")
-NO_EXPERIMENT = {
+NO_STEP = {
     "named": "None is needed.",
     "set": "No experiment of the menu would tell them apart.",
     "unexplained": "None is proposed: these data are where to look.",
@@ -36,6 +38,7 @@ NO_EXPERIMENT = {
     "bad_log": "The log must be mended first.",
 }
 IN_PART = "Unexplained in part: what is named explains its part; a gap remains that no effect of the library closes."
+UNTESTED = "Unexplained: these logs show too little to test anything, so nothing is named, and nothing is ruled out."
 LEAST_NATS = 1.0
 """Gain below which a model is not shown, because it is chance."""
 LONG = 12  # length of a list in the claims; longer ones are cut
@@ -45,6 +48,7 @@ def headline(verdict: Verdict, profile: Profile) -> str:
     """The verdict on a simulator with a profile in a sentence, its meaning, and the faults of the log."""
     kind = "good" if verdict.verdict in ("named", "no_gap") else "bad"
     meaning = IN_PART if verdict.verdict == "unexplained" and verdict.effects else MEANING[verdict.verdict]
+    meaning = UNTESTED if verdict.gap is None and verdict.missing else meaning
     said = sentence(verdict, profile)
     faults = "".join(f'<p class="bad">{_text(fault)}</p>' for fault in verdict.log_faults)
     return f'<h1>{_text(said[0].upper() + said[1:])}</h1><p class="{kind}">{meaning}</p>{faults}'
@@ -70,7 +74,7 @@ def effects_table(
 def gap_paragraph(gap: Gap | None) -> str:
     """The gap before and after, and its floor, in words."""
     if gap is None:
-        return "<p>Nothing was left to judge by.</p>"
+        return "<p>Nothing was left to judge by, so nothing is named.</p>"
     return (
         f"<p>Mean squared residual on segments that no fit has seen: <b>{gap.before:.3g}</b> before, "
         f"<b>{gap.after:.3g}</b> after, {gap.floor:.3g} for a perfect model. "
@@ -90,14 +94,20 @@ def what_is_left(effects: Sequence[str]) -> str:
     return f"<p>With {_text(' and '.join(effects))} added, where it is large enough to be told, this is left:</p>"
 
 
-def next_paragraph(verdict: Verdict) -> str:
-    """The experiment that would decide, and the effects that it would separate."""
-    sets = "".join(f"<p>Not told apart: {_text(' or '.join(names))}.</p>" for names in verdict.sets)
-    experiment = verdict.next_experiment
-    if experiment is None:
-        return sets + f"<p>{NO_EXPERIMENT[verdict.verdict]}</p>"
-    run = f"saltus real2sim experiments --run {experiment.name}"
-    return f"{sets}<p><b>{_text(experiment.name)}</b>, {_text(experiment.why)}</p><pre>{_text(run)}</pre>"
+def next_paragraph(judgement: Judgement) -> str:
+    """The commands that come next, and the effects that an experiment would separate."""
+    verdict = judgement.verdict
+    said = "".join(f"<p>Not told apart: {_text(' or '.join(names))}.</p>" for names in verdict.sets)
+    if verdict.next_experiment is not None:
+        said += f"<p><b>{_text(verdict.next_experiment.name)}</b>, {_text(verdict.next_experiment.why)}</p>"
+    steps = next_steps(judgement)
+    lines = "\n".join(steps)
+    return said + (f"<pre>{_text(lines)}</pre>" if steps else f"<p>{NO_STEP[verdict.verdict]}</p>")
+
+
+def draws(judgement: Judgement) -> str:
+    """What the seed of a simulated run drew, and what is unknown."""
+    return "".join(f'<p class="note">{_text(line[0].upper() + line[1:])}.</p>' for line in drawn_lines(judgement))
 
 
 def untestable_table(verdict: Verdict) -> str:

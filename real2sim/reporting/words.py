@@ -8,6 +8,7 @@ from saltus.real2sim.verdict import Verdict
 
 CLOSED_FROM = 0.005  # smaller shares round to 0 %
 MOST_PLACES = 4  # one of each leg; more are counted
+MOST_LINES = 12  # values of one effect at each joint
 
 
 def sentence(verdict: Verdict, profile: Profile = IDEAL) -> str:
@@ -16,6 +17,8 @@ def sentence(verdict: Verdict, profile: Profile = IDEAL) -> str:
         return f"The log contradicts itself, so nothing was fitted to it: {verdict.log_faults[0]}"
     if verdict.verdict == "no_gap":
         return "The log agrees with the simulator within its noise."
+    if verdict.gap is None and verdict.missing:
+        return f"Too little to test anything by, so nothing is named: {', '.join(m.why for m in verdict.missing)}."
     changed = ", and ".join(
         f"the profile's {name} does not fit the log, while {_effects(verdict, {name})} does"
         for name in dict.fromkeys(effect.name for effect in verdict.effects)
@@ -28,6 +31,23 @@ def sentence(verdict: Verdict, profile: Profile = IDEAL) -> str:
     start = "Something else is missing, too: " if verdict.verdict == "unexplained" and verdict.effects else ""
     whole = f"{start}{found}{_closed(verdict)}." if found else _unexplained(verdict)
     return f"{whole} {_misfits(verdict.misfits)}" if verdict.misfits else whole
+
+
+def value_lines(verdict: Verdict) -> list[str]:
+    """A line for each effect that is named, or else is nearest to what has no name, with values and 90 % intervals."""
+    lines = [_line(effect, "") for effect in verdict.effects]
+    lines += [_line(effect, " (nearest, not named)") for effect in verdict.nearest]
+    more = len(lines) - MOST_LINES
+    return lines if more <= 0 else [*lines[:MOST_LINES], f"and {more} more: see the report"]
+
+
+def _line(effect: FoundEffect, remark: str) -> str:
+    where = effect.where if isinstance(effect.where, str) else ", ".join(effect.where)
+    values = ", ".join(
+        f"{name} {found.value:.4g} ({found.ci90[0]:.4g} to {found.ci90[1]:.4g}) {found.unit}".rstrip()
+        for name, found in effect.params.items()
+    )
+    return f"{effect.name} at {where}: {values}{remark}"
 
 
 def _misfits(names: tuple[str, ...]) -> str:

@@ -124,14 +124,14 @@ def _rule(
     alike: dict[str, list[str]],
     final: Floats,
 ) -> ProblemRuling:
-    """The ruling: named, a set, unexplained or no gap."""
+    """The ruling: named, a set, unexplained or no gap. Nothing is named without a test that shows the gap."""
     least = decide.REMAINDER_RMS * problem.samples_per_residual**0.5
     is_gap = comparison.cells.largest_rms(null.structure) > least
     if not chosen.fit.model:
         return "unexplained" if is_gap else "no_gap"
-    is_closed = _closed(comparison, tested, null.fit.residuals, final) >= decide.explained_share(
-        comparison, chosen.fit.model
-    )
+    is_closed = len(tested.rows) > 0 and _closed(
+        comparison, tested, null.fit.residuals, final
+    ) >= decide.explained_share(comparison, chosen.fit.model)
     if len(chosen.fit.model) > 2:  # three effects imitate a fourth, but not to within noise
         is_closed = is_closed and tested.largest_rms(tested.structure(final)) < least
     if not is_closed:

@@ -126,3 +126,7 @@ class Findings:
     baselines: Baselines = field(default_factory=lambda: Baselines(threshold=(), lowest_training_error=()))
     evaluations: int = 0
     """Number of simulated sets of unknowns."""
+
+    def __post_init__(self) -> None:
+        if not self.gaps and (self.effects or self.sets or self.verdict in ("named", "set")):
+            raise ValueError(f"the {self.problem} names effects that nothing was left to test by")

@@ -50,27 +50,19 @@ class Find:
     def run(self) -> int:
         """Prints what was found; 0, or 1 where a log contradicts itself, so that nothing could be looked for."""
         from saltus.api import find_effects
-        from saltus.real2sim.reporting.words import sentence
+        from saltus.real2sim.reporting.terminal import lines
 
         directory = self.out or new_folder("real2sim")
         with Bar() as bar:
             judgement = find_effects(
                 self.runs, directory, profile=self.profile, seed=self.seed, report=self.report, progress=bar.at
             )
-        verdict, profile = judgement.verdict, judgement.profile
-        print(sentence(verdict, profile))
-        if verdict.next_experiment is not None:
-            print(f"next experiment: {verdict.next_experiment.name}, {verdict.next_experiment.why}")
-        for remark in verdict.log_faults if verdict.verdict != "bad_log" else ():
-            print(f"note: {remark}")
-        if lacking := judgement.not_compared:
-            print("not compared: " + "; ".join(f"{sensor} ({why})" for sensor, why in lacking.items()))
-        if unseen := [name for name in profile.effects if name in verdict.untestable]:
-            print(f"not tested, of the profile: {', '.join(unseen)}")
+        for line in lines(judgement, directory):
+            print(line)
         print(f"{directory}: verdict.json, patch.toml{', report.html' if self.report else ''}")
         if self.json:
-            print_json(verdict.to_dict())
-        return 1 if verdict.verdict == "bad_log" else 0
+            print_json(judgement.verdict.to_dict())
+        return 1 if judgement.verdict.verdict == "bad_log" else 0
 
 
 @dataclass(frozen=True, kw_only=True)

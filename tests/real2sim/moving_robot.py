@@ -35,7 +35,7 @@ from saltus.wire.messages import Message
 STEP_NS = TICK_NS * POLICY_STEPS
 
 
-def jumping_log(folder: Path, seconds: float = 3.0, profile: Profile = IDEAL) -> RunLog:
+def jumping_log(folder: Path, seconds: float = 4.5, profile: Profile = IDEAL) -> RunLog:
     """The log of a run onto a step; the robot sets out after a second. Effects of `profile` are not claimed."""
     config = RunConfig(seed=1, profile="ideal", terrain=TerrainConfig(terrain="step", height_m=0.15))
     terrain = make_terrain(config.terrain)

@@ -15,7 +15,7 @@ from saltus.real2sim.rebased import RebasedProblem
 from saltus.real2sim.reporting.words import sentence
 from saltus.real2sim.search.findings import FoundEffect, Interval
 from saltus.real2sim.search.search import search
-from saltus.real2sim.verdict import Verdict, merge
+from saltus.real2sim.verdict import Gap, Verdict, merge
 from saltus.robots.robot import JOINTS
 
 SURPLUS: dict[str, dict[str, tuple[float, ...]]] = {
@@ -49,6 +49,7 @@ def everywhere(**effects: tuple[float, ...]) -> dict[tuple[str, str, str], tuple
     return {(name, where, block): values for name, values in effects.items() for where, block in places}
 
 
+OPEN = Gap(before=2.0, after=2.0, floor=1.0)
 REACHED = 28.0  # rad/s, by the pendulums
 LAG = {"actuator_lag": (0.006,)}
 
@@ -120,7 +121,7 @@ def test_values_are_stated_as_they_are_at_each_place_also_where_those_of_the_pro
 def test_an_effect_that_the_profile_has_is_not_said_to_be_lacking() -> None:
     size = Interval(value=0.004, ci90=(0.003, 0.005), unit="s")
     effect = FoundEffect(name="actuator_lag", where="all", params={"time_constant": size})
-    verdict = Verdict(verdict="named", effects=(effect,))
+    verdict = Verdict(verdict="named", effects=(effect,), gap=OPEN)
     assert sentence(verdict).startswith("the simulator lacks actuator_lag (")
     changed = sentence(verdict, Profile(actuator=(ActuatorLag(time_constant=0.01),)))
     assert changed.startswith(
@@ -135,8 +136,8 @@ def test_an_effect_is_said_once_however_many_joints_have_values_of_their_own() -
         )
         for k, joint in enumerate(JOINTS)
     )
-    assert sentence(Verdict(verdict="named", effects=effects)) == (
+    assert sentence(Verdict(verdict="named", effects=effects, gap=OPEN)) == (
         "the simulator lacks torque_saturation (knee 8 to 19 Nm; 12 joints)."
     )
-    two = sentence(Verdict(verdict="named", effects=effects[:2]))
+    two = sentence(Verdict(verdict="named", effects=effects[:2], gap=OPEN))
     assert two == "the simulator lacks torque_saturation (knee 8 to 9 Nm; FR_hip, FR_thigh)."

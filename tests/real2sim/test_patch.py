@@ -21,9 +21,10 @@ from saltus.real2sim.experiments.next_experiment import next_experiment, separat
 from saltus.real2sim.patch import Applicability, Evidence, Patch, evidence_of, patch_from_toml, supported
 from saltus.real2sim.pipeline import resolved
 from saltus.real2sim.problem.joints.torque_curve import as_knee, delivered
-from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
+from saltus.real2sim.search.findings import Findings, FoundEffect, Interval, SignalGap
 from saltus.robots.robot import JOINTS
 
+TESTED = (SignalGap(signal="q", residuals=100, before=5.0, after=1.0, floor=1.0),)
 CALVES = ("FR_calf", "FL_calf", "RR_calf", "RL_calf")
 REACH = Applicability(torque_nm=20.0, duration_s=24.0)
 
@@ -218,8 +219,9 @@ def test_no_set_needs_no_experiment() -> None:
 
 
 def test_a_log_that_names_one_of_a_set_resolves_the_set_of_another() -> None:
-    unsure = Findings(problem="joints", verdict="set", sets=(("command_delay", "actuator_lag"),))
-    sure = Findings(problem="joints", verdict="named", effects=(found("command_delay", "all", delay=0.004),))
+    unsure = Findings(problem="joints", verdict="set", sets=(("command_delay", "actuator_lag"),), gaps=TESTED)
+    delay = found("command_delay", "all", delay=0.004)
+    sure = Findings(problem="joints", verdict="named", effects=(delay,), gaps=TESTED)
     first, second = resolved((unsure, sure))
     assert first.sets == ()
     assert first.verdict == "named"

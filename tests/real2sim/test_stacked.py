@@ -9,7 +9,7 @@ from linear_problem import WHERES, LinearProblem
 
 from saltus.real2sim.problem.problem import Coordinates, Estimate
 from saltus.real2sim.resolve import resolved
-from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
+from saltus.real2sim.search.findings import Findings, FoundEffect, Interval, SignalGap
 from saltus.real2sim.search.search import search
 from saltus.real2sim.stacked import StackedProblem, stackable
 
@@ -76,6 +76,7 @@ def found(name: str, **values: float) -> FoundEffect:
 UNSURE = Findings(
     problem="body", verdict="set", sets=(("payload_mass", "torque_gain"),),
     rivals=(found("payload_mass", mass=0.4), found("torque_gain", gain=0.967)),
+    gaps=(SignalGap(signal="q", residuals=100, before=5.0, after=1.0, floor=1.0),),
 )  # fmt: skip
 
 

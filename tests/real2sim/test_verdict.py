@@ -47,6 +47,7 @@ def test_json_has_the_keys_of_the_schema() -> None:
         "sets",
         "next_experiment",
         "untestable",
+        "missing",
         "misfits",
         "nearest",
         "gap",
