@@ -128,7 +128,7 @@ def advanced(
     if settings.matching:
         change = drift(state.height, state.variance, is_known(state), new, settings)
         state = state._replace(correction=state.correction - change)
-        new = _raised(new, -change[:, 2])
+        new = _of_image(state, measured, settings)
     state = _fused(state, new, settings)._replace(images=state.images + 1.0)
     state, feet = _with_feet(state, measured, settings)
     xp, known = namespace(state.height), is_known(state)
@@ -178,7 +178,7 @@ def _fused(state: ElevationMap, new: CellHeights, settings: MapSettings) -> Elev
 def _with_feet(
     state: ElevationMap, measured: Measurement, settings: MapSettings
 ) -> tuple[ElevationMap, CellHeights]:
-    """Moves the pose towards where standing feet touch the map, and puts the ground under them into it."""
+    """Moves the pose towards where standing feet touch the map, and puts them into it where it knows nothing."""
     xp = namespace(state.height)
     position = measured.now.position + state.correction
     feet = measured.feet @ xp.matrix_transpose(measured.now.rotation) + position[:, None, :]
@@ -195,7 +195,9 @@ def _with_feet(
                         soles.shape[:2])  # fmt: skip
     variance = xp.zeros_like(soles[..., 2]) + settings.foot_noise_m**2
     cells = sorted_into_cells(soles, variance, stands, state.corner, settings)
-    return _fused(state, cells, settings), cells
+    # Where the map knows the ground, feet move the pose: a height that was drawn to the foot would hide the drift.
+    new = cells._replace(count=xp.where(is_known(state), 0.0, cells.count))
+    return _fused(state, new, settings), cells
 
 
 _SOLE = 3  # a foot of 2 to 3 cm covers three by three cells of 2 cm
@@ -208,11 +210,6 @@ def _soles(feet: Array, settings: MapSettings) -> Array:
     x, y = xp.meshgrid(steps, steps, indexing="ij")
     offsets = xp.stack([xp.reshape(x, (-1,)), xp.reshape(y, (-1,)), xp.zeros_like(xp.reshape(x, (-1,)))], -1)
     return xp.reshape(feet[:, :, None, :] + offsets[None, None], (feet.shape[0], -1, 3))
-
-
-def _raised(cells: CellHeights, by: Array) -> CellHeights:
-    by = by[:, None, None]
-    return cells._replace(mean=cells.mean + by, high=cells.high + by, low=cells.low + by)
 
 
 def _under_body(

@@ -5,8 +5,12 @@ from torch import Tensor
 
 from saltus.heightmap.scan.training.ground import Ground, heights_at, nearest_heights
 
-BISECTIONS = 8
-"""A bracket of 4 cm becomes one of 0.2 mm."""
+BISECTIONS = 9
+"""A bracket of 10 cm becomes one of 0.2 mm."""
+REACH = 0.75
+"""Of a cell: so far from where a ray enters the cells' ground it may enter the bilinear one."""
+FURTHEST_M = 0.25
+"""The same along a steep ray, at most [m]."""
 MARGIN_M = 0.01
 """By this rays begin above the highest ground, and end below the lowest [m]."""
 _LEVEL = 1e-6  # a ray that is more level than this meets no ground that it does not stand before
@@ -15,7 +19,10 @@ _LEVEL = 1e-6  # a ray that is more level than this meets no ground that it does
 def first_hits(
     ground: Ground, origin: Tensor, direction: Tensor, near: Tensor, far: Tensor, raster_m: float, samples: int
 ) -> Tensor:
-    """How far along each ray the ground is, in lengths of its direction; 0 where there is none, or none outside of it.
+    """How far along each ray the ground is, in lengths of its direction.
+
+    It is 0 where there is none, where a ray begins in the ground, and where it only grazes an edge, which a camera
+    does not see either.
 
     Args:
         ground: Of the robots.
@@ -33,15 +40,20 @@ def first_hits(
     end = torch.minimum(far, torch.where(falls, (bottom - origin[..., 2]) / fall, far))
     step = (end - begin).clamp(min=0.0) / samples
     index = _first_below(height, origin, direction, begin, step, raster_m, samples)
-    hit = (index > 0) & (index <= samples)
-    low = begin + (index.clamp(1, samples) - 1) * step
-    size = step
+    # The march compares with cells, the bisection with what is bilinear between them, up to most of a cell away.
+    reach = (REACH * raster_m / direction[..., :2].norm(dim=-1).clamp(min=1e-3)).clamp(max=FURTHEST_M)
+    number = index.clamp(1, samples)
+    low = torch.maximum(begin + (number - 1) * step - reach, begin)
+    size = begin + number * step + torch.minimum(reach, step + raster_m) - low
+
+    def above(along: Tensor) -> Tensor:
+        place = origin + along[..., None] * direction
+        return place[..., 2] > heights_at(height, place[..., 0], place[..., 1], raster_m)
+
+    hit = (index > 0) & (index <= samples) & above(low) & ~above(low + size)
     for _ in range(BISECTIONS):
         size = 0.5 * size
-        middle = low + size
-        place = origin + middle[..., None] * direction
-        above = place[..., 2] > heights_at(height, place[..., 0], place[..., 1], raster_m)
-        low = torch.where(above, middle, low)
+        low = torch.where(above(low + size), low + size, low)
     return torch.where(hit, low + 0.5 * size, 0.0)
 
 

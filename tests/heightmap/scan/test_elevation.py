@@ -1,0 +1,99 @@
+"""The map's laws: one robot is as a batch, numpy is as torch, drift is found, and what is far keeps its place."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from saltus.heightmap.scan.elevation import ElevationMap, Measurement, Pose, advanced, is_known, new_map
+from saltus.heightmap.scan.settings import MapSettings
+from saltus.heightmap.scan.training.flights import shoot
+
+SETTINGS = MapSettings(cells=32)
+
+
+def flown(fly, draws, settings=SETTINGS, robots=3, **changes):
+    flight, flights = fly(robots, errors=1.0, odometry=(1.0, 1.0), feet=1.0, **changes)
+    return [shoot(flight, flights, draws).measured for _ in range(4)]
+
+
+def each(measured, change):
+    return Measurement(*(Pose(*map(change, v)) if isinstance(v, Pose) else change(v) for v in measured))
+
+
+def mapped(shots, settings=SETTINGS, like=None):
+    state = new_map(len(shots[0].depth), settings, shots[0].points if like is None else like)
+    for measured in shots:
+        state, around = advanced(state, measured, settings)
+    return state, around
+
+
+def test_numpy_and_torch_make_the_same_map(fly, draws):
+    shots = flown(fly, draws)
+    one, _ = mapped(shots)
+    other, _ = mapped([each(shot, lambda value: value.numpy()) for shot in shots])
+    for name in ElevationMap._fields:
+        ours, theirs = np.asarray(getattr(one, name)), getattr(other, name)
+        different = np.abs(ours - theirs) > 1e-4 * np.maximum(1.0, np.abs(ours))
+        assert different.mean() < 1e-3, name  # a point on the border of two cells may fall into either
+
+
+def test_one_robot_is_as_in_a_batch(fly, draws):
+    shots = flown(fly, draws)
+    together, _ = mapped(shots)
+    for robot in range(3):
+        alone, _ = mapped([each(shot, lambda value, robot=robot: value[robot : robot + 1]) for shot in shots])
+        for name in ElevationMap._fields:
+            torch.testing.assert_close(getattr(alone, name)[0], getattr(together, name)[robot], rtol=1e-4, atol=1e-5)
+
+
+def bumpy(x, y):
+    return 0.1 * np.sin(7.0 * x) * np.cos(6.0 * y)
+
+
+def still(offset, n=20_000, seed=0):
+    """Points of bumpy ground as a robot at the origin measures them that believes to be at `offset`."""
+    xy = np.random.default_rng(seed).uniform(-0.6, 0.6, (1, n, 2))
+    points = np.concatenate((xy, bumpy(xy[..., :1], xy[..., 1:])), -1)
+    pose = Pose(np.asarray([offset], float), np.eye(3)[None])
+    return Measurement(
+        points=points, depth=np.full((1, n), 0.5), exposed=pose, now=pose, feet=np.zeros((1, 1, 3)),
+        standing=np.zeros((1, 1), bool), body_height=np.full(1, 0.3), exposed_s=np.zeros(1),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("offset", [(0.01, 0.0, 0.0), (0.0, -0.01, 0.0), (0.0, 0.0, 0.01), (0.006, 0.006, -0.01)])
+def test_matching_finds_the_drift_of_the_odometry(offset):
+    """A robot that stands, whose odometry jumps: after some images the correction has taken the jump back."""
+    state, _ = mapped([still((0.0, 0.0, 0.0)), *(still(offset, seed=i) for i in range(1, 9))], like=np.zeros(1))
+    assert np.abs(state.correction[0] + offset).max() < 0.003
+
+
+def test_standing_feet_take_drift_of_the_height_back():
+    settings = replace(SETTINGS, matching=False)
+    shots = [still((0.0, 0.0, 0.0))]
+    foot = np.array([[[0.2, 0.1, bumpy(0.2, 0.1)]]])
+    drifted = still((0.0, 0.0, 0.02))
+    shots += [drifted._replace(feet=foot, standing=np.ones((1, 1), bool), depth=np.zeros_like(drifted.depth))] * 20
+    state, _ = mapped(shots, settings, like=np.zeros(1))
+    assert state.correction[0, 2] == pytest.approx(-0.02, abs=0.004)
+
+
+def test_the_map_follows_the_base_and_forgets_only_what_leaves_it():
+    one, _ = mapped([still((0.0, 0.0, 0.0))], like=np.zeros(1))
+    away = still((0.0, 0.0, 0.0))
+    away = away._replace(now=away.now._replace(position=np.array([[0.2, 0.0, 0.0]])), depth=np.zeros_like(away.depth))
+    other, _ = advanced(one, away, SETTINGS)
+    by = int((other.corner - one.corner)[0, 0]) * SETTINGS.sub
+    assert by == 10
+    np.testing.assert_array_equal(other.height[0, :-by], one.height[0, by:])
+    assert not is_known(other)[0, -by:].any()
+
+
+def test_an_image_without_points_changes_no_height():
+    one, _ = mapped([still((0.0, 0.0, 0.0))], like=np.zeros(1))
+    empty = still((0.0, 0.0, 0.0))
+    other, _ = advanced(one, empty._replace(depth=np.zeros_like(empty.depth)), SETTINGS)
+    np.testing.assert_array_equal(other.height, one.height)
+    np.testing.assert_array_equal(other.correction, one.correction)

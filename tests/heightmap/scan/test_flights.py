@@ -1,0 +1,108 @@
+"""Flights: rays end on the ground, a seed gives the same flight, and images without errors give the true map."""
+
+import pytest
+import torch
+from small_flights import EXACT, SMALL
+
+from saltus.heightmap.scan.elevation import advanced, is_known, new_map
+from saltus.heightmap.scan.settings import MapSettings
+from saltus.heightmap.scan.training.draws import Draws
+from saltus.heightmap.scan.training.flights import draw_flight, redrawn, shoot, true_heights
+from saltus.heightmap.scan.training.ground import Ground, draw_ground, heights_at
+from saltus.heightmap.scan.training.rays import first_hits
+from saltus.heightmap.scan.training.settings import FAMILIES
+
+OFF_M = 0.005
+
+
+def surface_distance(ground, points, raster_m):
+    """How far points (1, n, 3) are from the surface, at most: straight up or down, or within OFF_M to any side."""
+    found = []
+    for dx, dy in ((0, 0), (OFF_M, 0), (-OFF_M, 0), (0, OFF_M), (0, -OFF_M)):
+        found.append(heights_at(ground.height, points[..., 0] + dx, points[..., 1] + dy, raster_m))
+    z, around = points[..., 2], torch.stack(found)
+    return torch.maximum(around.amin(0) - z, z - around.amax(0)).clamp(min=0.0)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_rays_end_on_the_ground_within_5_mm(fly, draws, family):
+    flight, settings = fly(families=(family,))
+    shot = shoot(flight, settings, draws)
+    hit = shot.measured.depth > 0.0
+    assert hit.float().mean() > 0.1
+    assert surface_distance(flight.ground, shot.hits, settings.raster_m)[hit].max() < OFF_M
+
+
+@pytest.mark.parametrize("down", [20.0, 45.0, 80.0])
+def test_a_ray_meets_a_step_where_geometry_says(down):
+    """A step of 0.3 m at x = 1 m, seen from the origin, 0.5 m high."""
+    settings = EXACT
+    x = (torch.arange(settings.raster) + 0.5) * settings.raster_m - 0.5 * settings.patch_m
+    height = torch.where(x > 1.0, 0.3, 0.0)[None, :, None].expand(1, -1, settings.raster).contiguous()
+    zero = torch.zeros(1)
+    ground = Ground(height, torch.zeros(1, dtype=torch.long), zero, top=zero + 0.3, bottom=zero)
+    angle = torch.deg2rad(torch.tensor(down))
+    direction = torch.stack((angle.cos(), torch.tensor(0.0), -angle.sin())).view(1, 1, 3)
+    origin = torch.tensor([[[0.0, 0.013, 0.5]]])
+    found = first_hits(ground, origin, direction, torch.zeros(1, 1), torch.full((1, 1), 5.0), settings.raster_m, 96)
+    level = 0.5 / angle.sin()
+    face = 1.0 / angle.cos()
+    top = 0.2 / angle.sin()
+    expected = level if level < face else top if top > face else face
+    assert float(found) == pytest.approx(float(expected), abs=OFF_M / float(angle.cos()))
+
+
+def test_a_ray_that_meets_nothing_has_no_depth():
+    zero = torch.zeros(1)
+    ground = Ground(torch.zeros(1, 64, 64), torch.zeros(1, dtype=torch.long), zero, top=zero, bottom=zero)
+    up = torch.tensor([[[1.0, 0.0, 0.2]]])
+    found = first_hits(ground, torch.tensor([[[0.0, 0.0, 0.5]]]), up, torch.zeros(1, 1), torch.full((1, 1), 5.0), 0.1, 16)
+    assert float(found) == 0.0
+
+
+@pytest.mark.parametrize("families", [("flat",), ("stairs",), ("stones",), ("rough",)])
+def test_without_errors_the_map_is_the_truth(fly, draws, families):
+    """Cells whose points are all at one height hold that height; edges hold what is between."""
+    flight, settings = fly(6, families=families, rows=24, columns=32)
+    map_settings = MapSettings()
+    state = new_map(6, map_settings, flight.ground.height)
+    for _ in range(4):
+        shot = shoot(flight, settings, draws)
+        state, around = advanced(state, shot.measured, map_settings)
+    truth = true_heights(flight, shot, state, around, map_settings, settings)
+    error = (state.height - truth).abs()[is_known(state)]
+    assert error.median() < 0.001 if families == ("flat",) else error.median() < 0.005
+    assert error.mean() < 0.02
+
+
+def test_a_seed_gives_the_same_ground_and_images():
+    device = torch.device("cpu")
+    shots = []
+    for _ in range(2):
+        draws = Draws(7, device)
+        flight = draw_flight(3, SMALL, draws)
+        shots.append([shoot(flight, SMALL, draws) for _ in range(2)][-1])
+    for one, other in zip(shots[0].measured, shots[1].measured, strict=True):
+        if isinstance(one, torch.Tensor):
+            torch.testing.assert_close(one, other, rtol=0.0, atol=0.0)
+    assert not torch.equal(draw_ground(3, SMALL, Draws(8, device)).height, flight.ground.height)
+
+
+def test_redrawing_some_robots_leaves_the_others(fly, draws):
+    flight, settings = fly(4)
+    kept = flight.ground.height[1:3].clone()
+    other = draw_flight(2, settings, draws)
+    redrawn(flight, torch.tensor([0, 3]), other)
+    torch.testing.assert_close(flight.ground.height[1:3], kept)
+    torch.testing.assert_close(flight.ground.height[[0, 3]], other.ground.height)
+    torch.testing.assert_close(flight.motion.position[[0, 3]], other.motion.position)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_standing_feet_touch_the_ground(fly, family):
+    flight, settings = fly(3, families=(family,), gaits=("walk", "trot", "bound"), feet=1.0)
+    feet, standing = flight.motion.feet, flight.motion.standing
+    ground = heights_at(flight.ground.height, feet[..., 0], feet[..., 1], settings.raster_m)
+    low = torch.nn.functional.max_pool2d(-flight.ground.height[:, None], 3, 1, 1)[:, 0].neg()
+    assert ((feet[..., 2] - heights_at(low, feet[..., 0], feet[..., 1], settings.raster_m))[standing] > -1e-4).all()
+    assert (ground - feet[..., 2]).abs()[standing].median() < 0.005

@@ -1,0 +1,110 @@
+"""A training goes on where it was, learns, and its ONNX file tells what the network tells."""
+
+import json
+
+import numpy as np
+import onnxruntime
+import pytest
+import torch
+
+from saltus.errors import ConfigError, ModelError
+from saltus.heightmap.scan.elevation import new_map
+from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS
+from saltus.heightmap.scan.settings import MapSettings
+from saltus.heightmap.scan.training.draws import Draws
+from saltus.heightmap.scan.training.evaluation import evaluate, table_of, usual_flights
+from saltus.heightmap.scan.training.export import export
+from saltus.heightmap.scan.training.flights import draw_flight
+from saltus.heightmap.scan.training.model import ScanModel
+from saltus.heightmap.scan.training.settings import FlightSettings, NetworkSettings, ScanTrainSettings
+from saltus.heightmap.scan.training.train import Trainer, example, load_model, train
+
+CPU = torch.device("cpu")
+
+
+def test_a_training_that_was_interrupted_is_as_one_that_was_not(small, tmp_path):
+    whole = train(small, tmp_path / "whole", updates=6, device=CPU)
+    trainer = Trainer(small, CPU)
+    trainer.round(0.0, 0.5)
+    (tmp_path / "parts").mkdir()
+    trainer.save(tmp_path / "parts" / "scan.pt")
+    resumed = train(small, tmp_path / "parts", updates=6, device=CPU)
+    for one, other in zip(whole.parameters(), resumed.parameters(), strict=True):
+        torch.testing.assert_close(one, other, rtol=0.0, atol=0.0)
+
+
+def test_a_checkpoint_of_another_training_is_refused(small, tmp_path):
+    trainer = Trainer(small, CPU)
+    trainer.save(tmp_path / "scan.pt")
+    with pytest.raises(ModelError, match="other settings"):
+        train(ScanTrainSettings(), tmp_path, updates=1, device=CPU)
+    (tmp_path / "scan.pt").write_bytes(b"no checkpoint")
+    with pytest.raises(ModelError, match="no checkpoint"):
+        load_model(tmp_path / "scan.pt")
+
+
+@pytest.mark.parametrize("memory", [True, False])
+def test_the_file_tells_what_the_network_tells(small, tmp_path, memory):
+    torch.manual_seed(3)
+    settings = ScanTrainSettings(map=small.map, network=NetworkSettings(channels=(8, 8, 8, 8), memory=memory))
+    model = ScanModel(settings.network, settings.map)
+    with torch.no_grad():
+        model.head.weight *= 10.0
+    path = tmp_path / "scan.onnx"
+    export(model, settings, path)
+    draws = Draws(1, CPU)
+    flight = draw_flight(2, small.flight, draws)
+    state = new_map(2, small.map, flight.ground.height)
+    _, inputs, _, _ = example(flight, state, small, draws)
+    session = onnxruntime.InferenceSession(str(path))
+    fed = {i.name: np.asarray(v) for i in session.get_inputs() for v in [getattr(inputs, i.name)]}
+    with torch.no_grad():
+        expected = model(*inputs)
+    for found, wanted in zip(session.run(None, fed), expected, strict=True):
+        np.testing.assert_allclose(found, wanted, atol=3e-5)
+    metadata = {k: json.loads(v) for k, v in session.get_modelmeta().custom_metadata_map.items()}
+    assert MapSettings.from_toml(metadata["map"]) == settings.map
+    assert [metadata[name] for name in ("measured", "memory", "numbers")] == [[*MEASURED], [*MEMORY], [*NUMBERS]]
+
+
+def test_a_new_network_tells_nearly_the_map(small):
+    """It begins at geometry: where the map was measured, its residual is small."""
+    draws = Draws(2, CPU)
+    flight = draw_flight(3, small.flight, draws)
+    state, inputs, _, _ = example(flight, new_map(3, small.map, flight.ground.height), small, draws)
+    torch.manual_seed(0)
+    height, half_width = ScanModel(small.network, small.map)(*inputs)
+    assert height.abs().median() < 0.02
+    assert (half_width > 0.0).all()
+
+
+def test_training_lowers_the_loss(small, tmp_path):
+    losses = []
+    train(small, tmp_path, updates=60, device=CPU, progress=lambda found: losses.append(found.loss))
+    assert np.mean(losses[-4:]) < np.mean(losses[:4])
+
+
+def test_every_method_is_scored_on_every_group(small):
+    model = ScanModel(small.network, small.map).eval()
+    flights = usual_flights(small.flight)
+    flights = FlightSettings.from_toml(flights.to_toml().replace("images = 60", "images = 30"))
+    scores = evaluate(model, small, robots=3, device=CPU, rows={"usual": flights})
+    every = {(s.grid, s.method, s.group): s for s in scores if s.family == "every"}
+    methods = {method for _, method, _ in every}
+    assert {"flat", "network", "map 2 cm", "map 2 cm, drift, feet"} <= methods
+    for method in methods:
+        mine = {group: every["scan", method, group] for group in ("all", "seen", "visible", "remembered", "never")}
+        assert mine["seen"].points + mine["never"].points == mine["all"].points
+        assert mine["visible"].points + mine["remembered"].points == mine["seen"].points
+    assert "usual" in table_of(scores)
+
+
+@pytest.mark.parametrize("changes", [{"families": ("flat", "stair")}, {"families": ()}, {"rows": 0}, {"feet": 2.0}])
+def test_settings_that_cannot_be_are_refused(changes):
+    with pytest.raises(ConfigError, match=next(iter(changes))):
+        FlightSettings(**changes)
+
+
+def test_settings_read_back_equal():
+    settings = ScanTrainSettings(seed=7, network=NetworkSettings(memory=False))
+    assert ScanTrainSettings.from_toml(settings.to_toml()) == settings
