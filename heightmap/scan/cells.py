@@ -1,4 +1,7 @@
-"""Points sorted into the cells of a window, and windows moved by whole cells: one law for numpy and torch."""
+"""Points sorted into the cells of a window, and windows moved by whole cells: one law for numpy and torch.
+
+Arrays are clipped by their own method: the compatibility layer's function makes a GPU wait several times a call.
+"""
 
 import math
 from typing import NamedTuple
@@ -62,7 +65,7 @@ def sorted_into_cells(points: Array, variance: Array, valid: Array, corner: Arra
     sums = [_added(index, kept * value, batch * side**2) for value in (xp.ones_like(z), z, variance.reshape(-1))]
     high, low = (_highest(index, xp.where(kept > 0.0, sign * z, -math.inf), batch * side**2) for sign in (1.0, -1.0))
     number, total, spread = (value.reshape(batch, side, side) for value in sums)
-    some = xp.clip(number, 1.0, math.inf)
+    some = number.clip(1.0, None)
     mean, each = total / some, spread / some
     shared = settings.shared_noise
     hit = number > 0.0
@@ -82,7 +85,7 @@ def moved(values: Array, by: Array, new: float) -> Array:
     steps = xp.arange(side, dtype=xp.int64, device=values.device)
     rows, columns = steps[None, :] + by[:, :1], steps[None, :] + by[:, 1:]
     robots = xp.arange(batch, dtype=xp.int64, device=values.device)[:, None, None]
-    taken = values[robots, xp.clip(rows, 0, side - 1)[:, :, None], xp.clip(columns, 0, side - 1)[:, None, :]]
+    taken = values[robots, rows.clip(0, side - 1)[:, :, None], columns.clip(0, side - 1)[:, None, :]]
     inside = ((rows >= 0) & (rows < side))[:, :, None] & ((columns >= 0) & (columns < side))[:, None, :]
     return xp.where(inside, taken, new)
 
@@ -90,8 +93,8 @@ def moved(values: Array, by: Array, new: float) -> Array:
 def sampled(values: Array, place: Array) -> Array:
     """Bilinear values at places (batch, n, 2) in units of cells, held at the border. Shape (batch, n)."""
     xp, side = namespace(values), values.shape[1]
-    place = xp.clip(place, 0.0, side - 1.0)
-    first = xp.clip(xp.floor(place), 0.0, side - 2.0)
+    place = place.clip(0.0, side - 1.0)
+    first = xp.floor(place).clip(0.0, side - 2.0)
     share = place - first
     first = xp.astype(first, xp.int64)
     robots = xp.arange(values.shape[0], dtype=xp.int64, device=values.device)[:, None]

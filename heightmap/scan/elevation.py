@@ -124,11 +124,12 @@ def advanced(
     """The map after an image: moved to the base, corrected for drift, and with the new heights in it."""
     before = state.correction
     state = _moved(state, measured.now.position + before, settings)
-    new = _of_image(state, measured, settings)
+    new = _of_image(state, measured, None, settings)
     if settings.matching:
-        change = drift(state.height, state.variance, is_known(state), new, settings)
-        state = state._replace(correction=state.correction - change)
-        new = _of_image(state, measured, settings)
+        away = _away(state, measured.exposed.position + before, settings)
+        change = drift(state.height, state.variance, is_known(state), new, away, settings)
+        state = state._replace(correction=state.correction - change.shift)
+        new = _of_image(state, measured, change.tilt, settings)
     state = _fused(state, new, settings)._replace(images=state.images + 1.0)
     state, feet = _with_feet(state, measured, settings)
     xp, known = namespace(state.height), is_known(state)
@@ -149,12 +150,25 @@ def _moved(state: ElevationMap, position: Array, settings: MapSettings) -> Eleva
     return state._replace(corner=corner, **kept)
 
 
-def _of_image(state: ElevationMap, measured: Measurement, settings: MapSettings) -> CellHeights:
-    position = measured.exposed.position + state.correction
-    points = measured.points @ namespace(position).matrix_transpose(measured.exposed.rotation) + position[:, None, :]
+def _of_image(
+    state: ElevationMap, measured: Measurement, tilt: Array | None, settings: MapSettings
+) -> CellHeights:
+    """Heights of an image's points, tilted back by what matching found."""
+    xp = namespace(state.height)
+    points = measured.points @ xp.matrix_transpose(measured.exposed.rotation)
+    if tilt is not None:
+        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        points = xp.stack([x, y, z - tilt[:, :1] * y + tilt[:, 1:] * x], axis=-1)
+    points = points + (measured.exposed.position + state.correction)[:, None, :]
     deviation = settings.depth_noise * measured.depth**2
     variance = deviation**2 + settings.point_noise_m**2
     return sorted_into_cells(points, variance, measured.depth > 0.0, state.corner, settings)
+
+
+def _away(state: ElevationMap, position: Array, settings: MapSettings) -> tuple[Array, Array]:
+    """x and y of the window's fine cells from a position [m]."""
+    x, y = centres(state.corner, settings, position)
+    return x - position[:, :1, None], y - position[:, 1:2, None]
 
 
 def _fused(state: ElevationMap, new: CellHeights, settings: MapSettings) -> ElevationMap:
@@ -164,7 +178,7 @@ def _fused(state: ElevationMap, new: CellHeights, settings: MapSettings) -> Elev
     old = state.variance + xp.where(known, settings.surprise * off**2, 0.0)
     gain = old / (old + new.variance)
     height = state.height + gain * off
-    variance = xp.clip(gain * new.variance, settings.least_m**2, UNKNOWN_M2)
+    variance = (gain * new.variance).clip(settings.least_m**2, UNKNOWN_M2)
     was_high = xp.where(known, height + FADES * (state.high - state.height), new.high)
     was_low = xp.where(known, height + FADES * (state.low - state.height), new.low)
     return state._replace(
@@ -186,7 +200,7 @@ def _with_feet(
     known = sampled(xp.astype(is_known(state), feet.dtype), place) > 0.99
     gap = feet[..., 2] - sampled(state.height, place)
     counts = xp.astype(measured.standing & known & (xp.abs(gap) < settings.gate_m), feet.dtype)
-    mean = xp.sum(counts * gap, axis=-1) / xp.clip(xp.sum(counts, axis=-1), 1.0, None)
+    mean = xp.sum(counts * gap, axis=-1) / xp.sum(counts, axis=-1).clip(1.0, None)
     change = settings.foot_gain * mean
     level = xp.zeros_like(change)
     state = state._replace(correction=state.correction - xp.stack([level, level, change], -1))
@@ -217,6 +231,6 @@ def _under_body(
 ) -> tuple[Array, Array]:
     """The guess that the ground under the base is as far below it as usual, and its weight by cell."""
     xp = namespace(base)
-    x, y = centres(state.corner, settings, base)
-    under = (xp.abs(x - base[:, 0, None, None]) < BODY_M) & (xp.abs(y - base[:, 1, None, None]) < BODY_M)
+    x, y = _away(state, base, settings)
+    under = (xp.abs(x) < BODY_M) & (xp.abs(y) < BODY_M)
     return (base[:, 2] - body_height)[:, None, None], xp.where(under, BODY_WEIGHT, 0.0)

@@ -16,7 +16,7 @@ def filled(height: Array, weight: Array) -> Array:
         return weight * height + (1.0 - weight) * mean
     total = _fours(weight)
     mean = _fours(weight * height) / (total + _LEAST)
-    coarse = filled(mean, xp.clip(total, 0.0, 1.0))
+    coarse = filled(mean, total.clip(0.0, 1.0))
     return weight * height + (1.0 - weight) * _doubled(coarse)
 
 

@@ -14,6 +14,6 @@ GUESSED_M = 0.15
 def geometric_heights(state: ElevationMap, around: Surroundings, now_s: Array, settings: MapSettings) -> Heights:
     """Heights of the map's cells without a network; `now_s` has shape (batch,)."""
     xp = namespace(state.height)
-    age = xp.clip(now_s[:, None, None] - state.seen_s, 0.0, OLDEST_S)
+    age = (now_s[:, None, None] - state.seen_s).clip(0.0, OLDEST_S)
     deviation = (state.variance + (settings.drift * age) ** 2) ** 0.5
     return Heights(around.filled, xp.where(is_known(state), INTERVAL90 * deviation, GUESSED_M))

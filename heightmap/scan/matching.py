@@ -1,9 +1,12 @@
 """By how much the odometry has drifted since the map was made: new heights against remembered ones.
 
-A pose that is off by (ex, ey, ez) puts new points where the map is m(x - ex, y - ey) + ez, so that a new height differs
-from the map's by r = -gx ex - gy ey + ez with the map's slopes g. Weighted least squares over all cells that both know,
-with what the odometry can have drifted since the last image as prior, give the three.
+A pose that is off by (ex, ey, ez) and tilted by (rx, ry) puts new points, at (x, y) from the base, where the map is
+m(x - ex, y - ey) + ez + rx y - ry x, so that a new height differs from the map's by
+r = -gx ex - gy ey + ez + rx y - ry x with the map's slopes g. Weighted least squares over all cells that both know, with
+what the odometry can have drifted since the last image as prior, give the five.
 """
+
+from typing import NamedTuple
 
 from saltus.arrays import Array, namespace
 from saltus.heightmap.scan.cells import CellHeights
@@ -13,28 +16,49 @@ STEEPEST = 3.0
 """A slope that is measured over two cells of 2 cm is taken to be no more: at a vertical face any number would do."""
 
 
-def drift(height: Array, variance: Array, known: Array, new: CellHeights, settings: MapSettings) -> Array:
-    """Error of the pose [m] at which `new` was measured, in x, y and z. Shape (batch, 3)."""
+class Drift(NamedTuple):
+    """Error of the pose at which an image was measured."""
+
+    shift: Array
+    """Of the position [m], which stays until it is corrected. Shape (batch, 3)."""
+    tilt: Array
+    """About x and y of the odometry's world [rad], which swings and is of this image alone. Shape (batch, 2)."""
+
+
+def drift(
+    height: Array, variance: Array, known: Array, new: CellHeights, away: tuple[Array, Array], settings: MapSettings
+) -> Drift:
+    """Compares `new` with the map; `away` are x and y of the cells from the base [m]."""
     xp = namespace(height)
     residual = new.mean - height
     used = known & (new.count > 0.0) & (xp.abs(residual) < settings.gate_m)
     weight = xp.where(used, settings.independent / (variance + new.variance + settings.least_m**2), 0.0)
-    factors = [-slope for slope in _slopes(height, known, settings.fine_m)]
-    factors.append(xp.ones_like(residual))
-    normal = [[xp.sum(weight * a * b, axis=(1, 2)) for b in factors] for a in factors]
-    prior = xp.eye(3, dtype=height.dtype, device=height.device) / settings.step_m**2
-    matrix = xp.stack([xp.stack(row, -1) for row in normal], -2) + prior[None]
-    right = xp.stack([xp.sum(weight * factor * residual, axis=(1, 2)) for factor in factors], -1)
-    return _solved(matrix, right)
+    one = xp.ones_like(residual)
+    factors = [*(-slope for slope in _slopes(height, known, settings.fine_m)), one, away[1] * one, -away[0] * one]
+    priors = [settings.step_m] * 3 + [settings.tilt_rad] * 2
+    matrix = [[xp.sum(weight * a * b, axis=(1, 2)) for b in factors[: i + 1]] for i, a in enumerate(factors)]
+    for i, prior in enumerate(priors):
+        matrix[i][i] = matrix[i][i] + prior**-2
+    found = _solved(matrix, [xp.sum(weight * factor * residual, axis=(1, 2)) for factor in factors])
+    return Drift(xp.stack(found[:3], axis=-1), xp.stack(found[3:], axis=-1))
 
 
-def _solved(matrix: Array, right: Array) -> Array:
-    """Cramer's rule for symmetric matrices (batch, 3, 3): no call that a GPU would have to wait for."""
-    xp = namespace(matrix)
-    a, b, c = matrix[:, 0], matrix[:, 1], matrix[:, 2]
-    crossed = xp.stack([xp.linalg.cross(b, c), xp.linalg.cross(c, a), xp.linalg.cross(a, b)], axis=1)
-    determinant = xp.sum(a * crossed[:, 0], axis=-1)
-    return xp.sum(crossed * right[:, None, :], axis=-1) / determinant[:, None]
+def _solved(lower: list[list[Array]], right: list[Array]) -> list[Array]:
+    """Solves symmetric positive systems by their factors L D L', written out: a GPU need not be waited for."""
+    n = len(right)
+    factor: list[list[Array]] = [[None] * n for _ in range(n)]
+    diagonal: list[Array] = []
+    forward: list[Array] = []
+    for i in range(n):
+        for j in range(i):
+            shared = sum(factor[i][k] * diagonal[k] * factor[j][k] for k in range(j))
+            factor[i][j] = (lower[i][j] - shared) / diagonal[j]
+        diagonal.append(lower[i][i] - sum(factor[i][k] ** 2 * diagonal[k] for k in range(i)))
+        forward.append(right[i] - sum(factor[i][k] * forward[k] for k in range(i)))
+    found: list[Array] = [None] * n
+    for i in reversed(range(n)):
+        found[i] = forward[i] / diagonal[i] - sum(factor[k][i] * found[k] for k in range(i + 1, n))
+    return found
 
 
 def _slopes(height: Array, known: Array, fine_m: float) -> tuple[Array, Array]:
@@ -45,7 +69,7 @@ def _slopes(height: Array, known: Array, fine_m: float) -> tuple[Array, Array]:
         both = mask[:, 2:, :] & mask[:, :-2, :]
         inner = xp.where(both, (values[:, 2:, :] - values[:, :-2, :]) / (2.0 * fine_m), 0.0)
         edge = xp.zeros_like(values[:, :1, :])
-        return xp.clip(xp.concat([edge, inner, edge], axis=1), -STEEPEST, STEEPEST)
+        return xp.concat([edge, inner, edge], axis=1).clip(-STEEPEST, STEEPEST)
 
     turned = along(xp.matrix_transpose(height), xp.matrix_transpose(known))
     return along(height, known), xp.matrix_transpose(turned)

@@ -48,7 +48,7 @@ def inputs_of(state: ElevationMap, around: Surroundings, now_s: Array, body_heig
     xp = namespace(state.height)
     level = (around.base[:, 2] - body_height)[:, None, None]
     known, hit, foot = is_known(state), around.new.count > 0.0, around.feet.count > 0.0
-    age = xp.clip(now_s[:, None, None] - state.seen_s, 0.0, OLDEST_S)
+    age = (now_s[:, None, None] - state.seen_s).clip(0.0, OLDEST_S)
 
     def above(height: Array, mask: Array) -> Array:
         return xp.where(mask, height - around.filled, 0.0)
@@ -59,16 +59,16 @@ def inputs_of(state: ElevationMap, around: Surroundings, now_s: Array, body_heig
         above(state.high, known), above(state.low, known), above(around.feet.mean, foot), around.feet.count,
     ]  # fmt: skip
     told = xp.where(state.told_width < WIDEST, state.told - around.filled, 0.0)
-    images = xp.clip(state.images, 0.0, MOST_IMAGES)
+    images = state.images.clip(0.0, MOST_IMAGES)
     feet = xp.sum(around.feet.count, axis=(1, 2))
     return Inputs(
-        filled=xp.clip(around.filled - level, -REACH_M, REACH_M),
+        filled=(around.filled - level).clip(-REACH_M, REACH_M),
         measured=xp.stack(measured, axis=1),
-        memory=xp.stack([xp.clip(told, -REACH_M, REACH_M), state.told_width], axis=1),
+        memory=xp.stack([told.clip(-REACH_M, REACH_M), state.told_width], axis=1),
         numbers=xp.concat([around.drift, xp.stack([images, feet], axis=-1)], axis=-1),
     )
 
 
 def remembered(state: ElevationMap, told: Heights) -> ElevationMap:
     """The map with what the network told, which it is shown at the next image."""
-    return state._replace(told=told.height, told_width=namespace(told.height).clip(told.half_width, 0.0, 0.99 * WIDEST))
+    return state._replace(told=told.height, told_width=told.half_width.clip(0.0, 0.99 * WIDEST))

@@ -12,11 +12,15 @@ class Draws:
 
     def __init__(self, seed: int, device: torch.device) -> None:
         self.device = device
-        self._generator = torch.Generator(device).manual_seed(seed)
+        self.generator = torch.Generator(device).manual_seed(seed)
+
+    def begin(self, seed: int) -> None:
+        """Goes on as one of another seed."""
+        self.generator.manual_seed(seed)
 
     def uniform(self, low: float, high: float, *shape: int) -> Tensor:
         """Evenly between two numbers."""
-        return low + (high - low) * torch.rand(shape, generator=self._generator, device=self.device)
+        return low + (high - low) * torch.rand(shape, generator=self.generator, device=self.device)
 
     def log_uniform(self, low: float, high: float, *shape: int) -> Tensor:
         """Evenly in the logarithm."""
@@ -24,11 +28,11 @@ class Draws:
 
     def normal(self, deviation: float, *shape: int) -> Tensor:
         """Of mean 0."""
-        return deviation * torch.randn(shape, generator=self._generator, device=self.device)
+        return deviation * torch.randn(shape, generator=self.generator, device=self.device)
 
     def chance(self, share: float, *shape: int) -> Tensor:
         """True for this share."""
-        return torch.rand(shape, generator=self._generator, device=self.device) < share
+        return torch.rand(shape, generator=self.generator, device=self.device) < share
 
     def sign(self, *shape: int) -> Tensor:
         """-1 or 1."""
@@ -36,9 +40,9 @@ class Draws:
 
     def one_of(self, values: Sequence[float], *shape: int) -> Tensor:
         """One of some numbers."""
-        index = torch.randint(len(values), shape, generator=self._generator, device=self.device)
+        index = torch.randint(len(values), shape, generator=self.generator, device=self.device)
         return torch.tensor(values, device=self.device)[index]
 
     def number(self, count: int, *shape: int) -> Tensor:
         """A whole number from 0 to `count` - 1."""
-        return torch.randint(count, shape, generator=self._generator, device=self.device)
+        return torch.randint(count, shape, generator=self.generator, device=self.device)

@@ -125,7 +125,7 @@ class ScanTrainSettings(Value):
     """Robots at once; each of their images is an example."""
     round: int = 192
     """Updates from one set of flights to the next; a checkpoint goes on at the beginning of a round."""
-    learning_rate: float = 2e-3
+    learning_rate: float = 1.5e-3
     weight_decay: float = 1e-4
     gradient_norm: float = 1.0
     average: float = 0.998

@@ -11,6 +11,9 @@ from saltus.heightmap.scan.training.draws import Draws
 if TYPE_CHECKING:
     from saltus.heightmap.scan.training.families import Place
 
+TOGETHER = 8
+"""Boxes that are drawn at once: many small calls take a GPU longer than a few large ones."""
+
 
 def smooth(values: Tensor, raster: int) -> Tensor:
     """Bicubic through a coarse grid of values: (n, k, k) -> (n, raster, raster)."""
@@ -49,16 +52,15 @@ def with_boxes(
     """Ground with boxes of any yaw on it, whose tops are level, `tall` above the ground in their middles [m]."""
     n, raster = height.shape[0], height.shape[-1]
     half = 0.5 * place.patch_m
-    for _ in range(count):
-        x, y = draws.uniform(-half, half, n), draws.uniform(-half, half, n)
-        yaw, a, b = draws.uniform(0.0, 3.1416, n), draws.log_uniform(*side, n), draws.log_uniform(*side, n)
-        cos, sin = (f(yaw)[:, None, None] for f in (torch.cos, torch.sin))
-        dx, dy = place.x - x[:, None, None], place.y - y[:, None, None]
-        inside = ((dx * cos + dy * sin).abs() < 0.5 * a[:, None, None]) & (
-            (dy * cos - dx * sin).abs() < 0.5 * b[:, None, None]
-        )
-        i, j = (((c + half) / place.patch_m * raster).long().clamp(0, raster - 1) for c in (x, y))
-        under = height[torch.arange(n, device=height.device), i, j]
-        top = (under + draws.uniform(*tall, n))[:, None, None]
-        height = torch.where(inside, torch.maximum(height, top), height)
+    x, y = draws.uniform(-half, half, n, count), draws.uniform(-half, half, n, count)
+    yaw, a, b = draws.uniform(0.0, 3.1416, n, count), *(0.5 * draws.log_uniform(*side, n, count) for _ in range(2))
+    i, j = (((c + half) / place.patch_m * raster).long().clamp(0, raster - 1) for c in (x, y))
+    under = height.flatten(1).gather(1, i * raster + j)
+    tops = under + draws.uniform(*tall, n, count)
+    for first in range(0, count, TOGETHER):
+        part = slice(first, first + TOGETHER)
+        cos, sin, a_, b_, top = (t[:, part, None, None] for t in (yaw.cos(), yaw.sin(), a, b, tops))
+        dx, dy = place.x[:, None] - x[:, part, None, None], place.y[:, None] - y[:, part, None, None]
+        inside = ((cos * dx + sin * dy).abs() < a_) & ((cos * dy - sin * dx).abs() < b_)
+        height = torch.maximum(height, torch.where(inside, top, -torch.inf).amax(1))
     return height

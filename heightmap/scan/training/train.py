@@ -6,18 +6,19 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from saltus.errors import ModelError
 from saltus.heightmap.scan.cells import centres
-from saltus.heightmap.scan.elevation import ElevationMap, Surroundings, advanced, is_known, new_map
+from saltus.heightmap.scan.elevation import ElevationMap, Measurement, Surroundings, advanced, is_known, new_map
 from saltus.heightmap.scan.planes import Heights, Inputs, inputs_of, remembered
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.draws import Draws
 from saltus.heightmap.scan.training.flights import Flight, March, draw_flight, redrawn, shoot, true_heights
+from saltus.heightmap.scan.training.graph import Graph
 from saltus.heightmap.scan.training.model import ScanModel, loss, told
 from saltus.heightmap.scan.training.rays import first_hits
 from saltus.heightmap.scan.training.settings import FlightSettings, ScanTrainSettings
@@ -51,6 +52,22 @@ class Progress:
     """Learning rate."""
 
 
+@dataclass(frozen=True)
+class Calls:
+    """The three pieces of an update that take time, as they are or compiled."""
+
+    march: March
+    see: Callable[..., tuple[ElevationMap, Inputs, Surroundings]]
+    """`seen`."""
+    model: Callable[..., Any]
+
+    @classmethod
+    def of(cls, model: ScanModel, *, compiled: bool) -> Self:
+        """Compiling takes a minute, and makes an update about twice as fast."""
+        calls = (first_hits, seen, model)
+        return cls(*(torch.compile(call) for call in calls)) if compiled else cls(*calls)
+
+
 class Trainer:
     """One training: network, optimiser, mean of weights, and how far it is.
 
@@ -65,12 +82,19 @@ class Trainer:
         self.average = ScanModel(settings.network, settings.map).to(device, memory_format=torch.channels_last)
         self.average.load_state_dict(self.model.state_dict())
         on_gpu = device.type == "cuda"
+        self._rate, self._forgets = (torch.zeros((), device=device) for _ in range(2))
         self.optimiser = torch.optim.AdamW(
-            self.model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=on_gpu
-        )
+            self.model.parameters(), lr=self._rate if on_gpu else 0.0, weight_decay=settings.weight_decay,
+            fused=on_gpu, capturable=on_gpu,
+        )  # fmt: skip
         self.rounds, self.seconds = 0, 0.0
-        self._run: Callable[..., Any] = torch.compile(self.model) if compiled else self.model
-        self._march: March = torch.compile(first_hits) if compiled else first_hits
+        self._draws = Draws(settings.seed, device)
+        with torch.no_grad():
+            self._flight = draw_flight(settings.batch, settings.flight, self._draws)
+            self._state = new_map(settings.batch, settings.map, self._flight.ground.height)
+        self._totals = torch.zeros(5, device=device)
+        self._calls = Calls.of(self.model, compiled=compiled)
+        self._graph: Graph | None = Graph(self._draws, self._update) if on_gpu else None
 
     @property
     def updates(self) -> int:
@@ -81,60 +105,71 @@ class Trainer:
         """Makes the updates of one round, while the training goes from one share of its way to another."""
         began = time.monotonic()
         settings = self.settings
-        draws = Draws(settings.seed * 1_000_003 + self.rounds, self.device)
-        torch.manual_seed(settings.seed * 1_000_003 + self.rounds)
-        with torch.no_grad():
-            flight = draw_flight(settings.batch, settings.flight, draws)
-            state = new_map(settings.batch, settings.map, flight.ground.height)
-        totals: list[Tensor] = []
+        self._draws.begin(settings.seed * 1_000_003 + self.rounds)
+        self._renew(torch.arange(settings.batch, device=self.device))
+        self._totals.zero_()
+        rate = 0.0
         for update in range(settings.round):
             share = share_before + (share_after - share_before) * update / settings.round
-            for group in self.optimiser.param_groups:
-                group["lr"] = settings.learning_rate * _schedule(share)
-            flight, state = self._renewed(update, flight, state, draws)
-            state, figures = self._update(flight, state, draws)
-            totals.append(figures)
-        found = torch.stack(totals).nanmean(0).tolist()
+            rate = settings.learning_rate * _schedule(share)
+            self._set(rate, self.updates + update)
+            self._renew_some(update)
+            if self._graph is not None:
+                self._graph.step()
+            else:
+                self._update()
+        found = (self._totals / settings.round).tolist()
         self.rounds += 1
         self.seconds += time.monotonic() - began
-        rate = self.optimiser.param_groups[0]["lr"]
         made = self.updates
         return Progress(
             update=made, images=made * settings.batch, seconds=self.seconds, loss=found[0], seen_mm=1e3 * found[1],
             unseen_mm=1e3 * found[2], inside_seen=found[3], inside_all=found[4], rate=rate,
         )  # fmt: skip
 
-    def _renewed(
-        self, update: int, flight: Flight, state: ElevationMap, draws: Draws
-    ) -> tuple[Flight, ElevationMap]:
+    def _set(self, rate: float, updates: int) -> None:
+        """Learning rate, and how much of the mean of weights is forgotten: in the beginning more."""
+        self._rate.fill_(rate)
+        self._forgets.fill_(1.0 - min(self.settings.average, (1.0 + updates) / (10.0 + updates)))
+        for group in self.optimiser.param_groups:
+            group["lr"] = self._rate if self._graph is not None else rate
+
+    def _renew_some(self, update: int) -> None:
         """New flights for the robots whose time has come."""
         images, batch = self.settings.flight.images, self.settings.batch
         size = -(-batch // GROUPS)
         for group in range(GROUPS):
-            rows = torch.arange(group * size, min((group + 1) * size, batch), device=self.device)
-            if update and len(rows) and (update + group * images // GROUPS) % images == 0:
-                with torch.no_grad():
-                    redrawn(flight, rows, draw_flight(len(rows), self.settings.flight, draws))
-                    redrawn(state, rows, new_map(len(rows), self.settings.map, flight.ground.height))
-        return flight, state
+            due = update and group * size < batch and (update + group * images // GROUPS) % images == 0
+            if due:
+                self._renew(torch.arange(group * size, min((group + 1) * size, batch), device=self.device))
 
-    def _update(self, flight: Flight, state: ElevationMap, draws: Draws) -> tuple[ElevationMap, Tensor]:
+    def _renew(self, rows: Tensor) -> None:
         settings = self.settings
         with torch.no_grad():
-            state, inputs, around, truth = example(flight, state, settings, draws, self._march)
+            redrawn(self._flight, rows, draw_flight(len(rows), settings.flight, self._draws))
+            redrawn(self._state, rows, new_map(len(rows), settings.map, self._flight.ground.height))
+
+    def _update(self) -> None:
+        """One image of every robot, and one step down; all of it in place, so that a GPU can repeat it by itself."""
+        settings, state = self.settings, self._state
+        with torch.no_grad():
+            state, inputs, around, truth = example(self._flight, state, settings, self._draws, self._calls)
             known, weight = is_known(state), _weight(state, around, settings.map)
         on_gpu = self.device.type == "cuda"
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=on_gpu):
-            estimate = told(self._run, inputs, around.filled)
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=on_gpu, cache_enabled=False):
+            estimate = told(self._calls.model, inputs, around.filled)
         value = loss(estimate, truth, weight)
         self.optimiser.zero_grad(set_to_none=True)
         value.backward()
         torch.nn.utils.clip_grad_norm_(self.model.parameters(), settings.gradient_norm)
         self.optimiser.step()
-        _average(self.average, self.model, settings.average, self.updates)
-        estimate = Heights(estimate.height.detach(), estimate.half_width.detach())
-        state = remembered(state, estimate)
-        return state, _figures(value.detach(), estimate, truth, known)
+        with torch.no_grad():
+            for mine, new in zip(self.average.parameters(), self.model.parameters(), strict=True):
+                mine.lerp_(new, self._forgets)
+            estimate = Heights(estimate.height.detach(), estimate.half_width.detach())
+            for mine, new in zip(self._state, remembered(state, estimate), strict=True):
+                mine.copy_(new)
+            self._totals += torch.nan_to_num(_figures(value.detach(), estimate, truth, known))
 
     def save(self, path: Path) -> None:
         """Writes what `resume` reads, whole or not at all."""
@@ -166,13 +201,20 @@ class Trainer:
         self.rounds, self.seconds = int(table["rounds"]), float(table["seconds"])
 
 
+def seen(
+    state: ElevationMap, measured: Measurement, now_s: Tensor, settings: MapSettings
+) -> tuple[ElevationMap, Inputs, Surroundings]:
+    """The map with an image in it, and what the network is shown of it."""
+    state, around = advanced(state, measured, settings)
+    return state, inputs_of(state, around, now_s, measured.body_height), around
+
+
 def example(
-    flight: Flight, state: ElevationMap, settings: ScanTrainSettings, draws: Draws, march: March = first_hits
+    flight: Flight, state: ElevationMap, settings: ScanTrainSettings, draws: Draws, calls: Calls
 ) -> tuple[ElevationMap, Inputs, Surroundings, Tensor]:
     """The next image of every robot: the map with it, what the network is shown, and the true heights."""
-    shot = shoot(flight, settings.flight, draws, march)
-    state, around = advanced(state, shot.measured, settings.map)
-    inputs = inputs_of(state, around, shot.now_s, shot.measured.body_height)
+    shot = shoot(flight, settings.flight, draws, calls.march)
+    state, inputs, around = calls.see(state, shot.measured, shot.now_s, settings.map)
     return state, inputs, around, true_heights(flight, shot, state, around, settings.map, settings.flight)
 
 
@@ -230,13 +272,6 @@ def _weight(state: ElevationMap, around: Surroundings, settings: MapSettings) ->
     away = (x - around.base[:, :1, None]) ** 2 + (y - around.base[:, 1:2, None]) ** 2
     near = torch.where(away < NEAR_M**2, 1.0, 0.5)
     return near * torch.where(is_known(state), 1.0, UNSEEN)
-
-
-def _average(average: nn.Module, model: nn.Module, keep: float, updates: int) -> None:
-    """A mean that forgets; in the beginning faster."""
-    keep = min(keep, (1.0 + updates) / (10.0 + updates))
-    mine, new = ([p.data for p in net.parameters()] for net in (average, model))
-    torch._foreach_lerp_(mine, new, 1.0 - keep)
 
 
 def _figures(value: Tensor, estimate: Heights, truth: Tensor, known: Tensor) -> Tensor:

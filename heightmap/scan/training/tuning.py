@@ -14,7 +14,7 @@ from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
 TRIED: dict[str, tuple[float, ...]] = {
     "depth_noise": (0.002, 0.008), "point_noise_m": (0.002, 0.005), "shared_noise": (0.1, 0.6), "drift": (0.003, 0.03),
-    "least_m": (0.002, 0.008), "step_m": (0.001, 0.002, 0.008), "independent": (0.01, 0.1), "gate_m": (0.03, 0.1),
+    "least_m": (0.002, 0.008), "step_m": (0.001, 0.002, 0.008), "tilt_rad": (1e-5, 0.002, 0.008), "independent": (0.01, 0.1), "gate_m": (0.03, 0.1),
     "foot_gain": (0.05, 0.1, 0.4), "foot_noise_m": (0.003, 0.01), "surprise": (0.0, 0.03, 0.3),
 }  # fmt: skip
 """Values beside the usual one, one number at a time."""
