@@ -21,8 +21,12 @@ WORTH_SAYING = ("q_des", "kp", "kd", "dq", "tau_est", "imu", "base", "depth")
 """Parts of a log whose absence makes effects untestable."""
 OPTIONAL = (*(signal for signal in JOINT_SIGNALS if signal not in REQUIRED_SIGNALS), "imu", "base", "depth")
 """What may be left out of a log."""
-LEFT_OUT = ("not_a_number", "too_large")
-"""Faults of one signal, without which a log may be sound."""
+CURES = {
+    "not_a_number": "; or leave the signal out of the log: leave_out, in the description",
+    "too_large": "; or leave the signal out of the log: leave_out, in the description",
+    "repeated_rows": "; if its times are rounded, give rate_hz in place of time",
+}
+"""What to do about faults that one signal alone has."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,8 +121,7 @@ def _completed(log: RunLog, recording: Path, description: Description, robot: Ro
     log = replace(log, meta=meta)
     faults = [f for f in (*clock_faults(log), *unit_faults(log)) if f.is_fatal or f.name == "too_short"]
     if faults:
-        cure = "; or leave it out of the log: leave_out, in the description" if faults[0].name in LEFT_OUT else ""
-        raise RecordingError(f"{recording}: {faults[0].text}{cure}")
+        raise RecordingError(f"{recording}: {faults[0].text}{CURES.get(faults[0].name, '')}")
     return log, notes
 
 

@@ -56,7 +56,7 @@ def read_table(
     found = re.compile(re.escape(columns.q.partition(LOG)[0]) + "(.+)" + re.escape(columns.q.partition(LOG)[2]))
     if kind != "npz":
         raise RecordingError(f'[columns] q = "{columns.q}": {LOG} tells apart the logs of an npz, and {path} is none')
-    names = [match[1] for name in names_in_archive(path) if (match := found.fullmatch(name))]
+    names = sorted(match[1] for name in names_in_archive(path) if (match := found.fullmatch(name)))
     if not names:
         raise RecordingError(f'{path}: no array is named like [columns] q = "{columns.q}"')
     logs: dict[str, RunLog] = {}

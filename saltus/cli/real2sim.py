@@ -77,15 +77,16 @@ class Import:
     """
 
     recording: tyro.conf.Positional[Path]
-    """Folder or recording.mcap of a run of Saltus; folder or file of a rosbag2; a ROS 1 bag; or a CSV of joints."""
+    """Folder or recording.mcap of a run of Saltus; folder or file of a rosbag2; a ROS 1 bag; or a table of joints: text
+    with any separator, Parquet or npz."""
     description: Annotated[Path | None, shown("PATH", "none")] = None
-    """TOML that says what a bag or a CSV does not say of itself (docs/tutorials/log.md)."""
+    """TOML that says what a bag or a table does not say of itself (docs/tutorials/log.md)."""
     robot: str = DEFAULT_ROBOT
-    """Of a bag or a CSV: name, or path of an MJCF or of a folder with a robot.toml."""
+    """Of a bag or a table: name, or path of an MJCF or of a folder with a robot.toml."""
     topics: Topics = field(default_factory=Topics)
     """Of a bag. One that is named here takes the place of the description's."""
     out: Annotated[Path | None, NEW_FOLDER] = None
-    """Folder of the log; or of one log for each leg."""
+    """Folder of the log; or of several, one for each leg or for each log in an archive."""
 
     def run(self) -> int:
         """Writes the logs and says where they are, and what is not in them."""

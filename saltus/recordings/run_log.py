@@ -44,8 +44,7 @@ DEPTH_ARRAYS = {
     "depth": (3, "iu", "images of whole millimetres, (frames, rows, columns)"),
 }
 """Arrays of depth.npz: number of dimensions, kinds of numbers, and what they are."""
-MANY_ROWS = 100
-"""Over which a period is measured: a rounding of the times to the period itself then changes it by 1 % at most."""
+PAUSE = 2.5  # times the usual step: neither rounding to the period nor one lost row makes steps as long
 FORMS = {"parquet": read_parquet, "npz": read_archive, "csv": read_text}
 """How the tables are read, by the ending of their files; the first that is there is taken."""
 
@@ -114,10 +113,11 @@ class RunLog:
 def period_of(time_s: Floats) -> float:
     """The usual time between rows [s], also where their times are rounded more coarsely than it.
 
-    The median of single steps would be 1 ms of rows at 800 Hz with whole milliseconds: it is taken over many rows.
+    It is the mean of the steps that are no pauses: their median would be 1 ms of rows at 800 Hz in whole milliseconds.
     """
-    many = min(MANY_ROWS, len(time_s) - 1)
-    return float(np.median((time_s[many:] - time_s[:-many]) / many))
+    steps = np.diff(time_s)
+    usual = float(np.median(steps))
+    return float(np.mean(steps[steps < PAUSE * usual] if usual > 0.0 else steps))
 
 
 def write_run_log(log: RunLog, directory: Path, robot: Robot | None = None) -> None:

@@ -55,3 +55,8 @@ def test_a_hole_is_as_long_as_it_is(rows: int) -> None:
     time_s = np.delete(evenly(500), np.arange(1000, 1000 + rows))
     assert lost_rows(time_s) == (rows, pytest.approx((rows + 1) / 500))
     assert lost_rows(np.floor(1e3 * time_s + 1e-6) / 1e3)[0] == rows
+
+
+def test_pauses_between_runs_do_not_change_the_period() -> None:
+    runs = [evenly(50)[:120] + 10.0 * number for number in range(20)]
+    assert period_of(np.concatenate(runs)) == pytest.approx(0.02)
