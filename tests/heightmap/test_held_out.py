@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from samples import ROBOT
+from synthetic_motion import gliding_episodes
 
 from saltus.cli.main import main
 from saltus.config import TerrainConfig
@@ -23,6 +25,8 @@ from saltus.heightmap.evaluation.held_out import (
 from saltus.heightmap.evaluation.scores import score, scores
 from saltus.heightmap.evaluation.visibility import REMEMBERED, UNSEEN, VISIBLE
 from saltus.heightmap.evaluation.way import Way, way_figures, way_warning
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.training.validate import accuracy
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.law import PAPER
 
@@ -151,6 +155,19 @@ def test_runs_that_hardly_move_are_not_printed_as_good(
     assert lines[1].startswith("WARNING: these errors say little")
     assert any(line.startswith("network, hardly moved") for line in lines)
     assert "these errors say little" in json.loads(lines[-1])["warning"]
+
+
+@pytest.mark.parametrize(
+    ("ticks", "kinds", "uneven", "courses"),
+    [(60, ("stairs",), 0, 3), (600, ("stairs",), 3, 3), (60, ("flat",), 0, 0)],
+)
+def test_a_training_is_measured_on_robots_that_came_to_an_edge(
+    ticks: int, kinds: tuple[str, ...], uneven: int, courses: int, model_path: Path
+) -> None:
+    episodes = list(gliding_episodes(3, ticks=ticks, terrains=kinds))
+    found = accuracy(HeightmapNetwork(ROBOT, model_path), episodes)
+    assert (found.uneven, found.courses) == (uneven, courses)
+    assert bool(found.warning) == (uneven < courses)
 
 
 def test_no_runs_are_refused() -> None:
