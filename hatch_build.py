@@ -1,4 +1,4 @@
-"""An editable installation reads the rooms and the models where they lie: it gets no copies of them."""
+"""An editable installation reads rooms and models where they lie: it gets no copies of them."""
 
 from typing import Any
 

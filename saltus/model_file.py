@@ -134,9 +134,9 @@ def _refuse_external(path: Path, data: bytes) -> None:
         raise ModelError(f"{path} is not a model that can be run: {error}") from error
     if files:
         raise ModelError(
-            f"model {path} has weights in another file ({', '.join(map(repr, files))}), which its fingerprint does not "
-            f"cover: put them inside, in Python: import onnx; onnx.save(onnx.load('{path}'), 'whole.onnx', "
-            "save_as_external_data=False)"
+            f"model {path} has weights in another file ({', '.join(map(repr, files))}), which its "
+            "fingerprint does not cover: put them inside, in Python: import onnx; "
+            f"onnx.save(onnx.load('{path}'), 'whole.onnx', save_as_external_data=False)"
         )
 
 

@@ -1,8 +1,8 @@
-"""Tensors of an ONNX file whose values lie in another file: found in the file's bytes, without the package `onnx`.
+"""Tensors of an ONNX file whose values lie in another file: found without the package `onnx`.
 
-ONNX Runtime reads such a file from the folder in which a program happens to run, and no checksum covers it. An ONNX
-file is a protobuf message; numbers of fields are those of onnx.proto, which never change
-(https://github.com/onnx/onnx/blob/main/onnx/onnx.proto).
+ONNX Runtime reads such a file from the folder in which a program happens to run, and no checksum
+covers it. An ONNX file is a protobuf message; numbers of fields are those of onnx.proto, which
+never change (https://github.com/onnx/onnx/blob/main/onnx/onnx.proto).
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ _PARTS = {
     "sparse": {1: "tensor", 2: "tensor"},
     "tensor": {13: "place"},
 }
-"""Of each kind of message the fields that may hold a tensor or the place of its values, and their kinds."""
+"""Of each kind of message the fields that may lead to a tensor or its place, and their kinds."""
 _DATA_LOCATION, _EXTERNAL = 14, 1
 _VARINT, _BYTES = 0, 2
 _FIXED_SIZES = {1: 8, 5: 4}  # of the other types of the wire format that are in use
@@ -25,7 +25,7 @@ _KEY, _VALUE = 1, 2
 
 
 def external_files(data: bytes) -> list[str]:
-    """Names of the files that hold values of a model's tensors, wherever in it; `?` of one that is not named.
+    """Names of the files that hold values of a model's tensors; `?` of one that is not named.
 
     Empty where all values lie in the model itself.
 
@@ -53,7 +53,7 @@ def external_files(data: bytes) -> list[str]:
 
 
 def _fields(message: memoryview) -> Iterator[tuple[int, int | memoryview]]:
-    """Number and value of each field; of numbers of fixed size, which nobody asks for, their bytes."""
+    """Number and value of each field; numbers of fixed size are bytes, as nobody asks for them."""
     at = 0
     while at < len(message):
         tag, at = _varint(message, at)

@@ -82,9 +82,9 @@ def mean_of(totals: Floats) -> Floats:
 
 
 def scores(runs: Sequence[HeldOutRun]) -> dict[str, Any]:
-    """The network's score on all runs, by terrain and by level, and those of the baselines, as plain values.
+    """The network's score on all runs, by terrain and by level, and those of the baselines.
 
-    Each with how far its robots went (`saltus.heightmap.evaluation.way`).
+    Plain values, each with how far its robots went (`saltus.heightmap.evaluation.way`).
     """
     names = [name for name in runs[0].predictions if name != NETWORK]
     return {

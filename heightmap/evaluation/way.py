@@ -1,4 +1,4 @@
-"""How far robots went while their predictor was measured: errors on the ground on which they start say little."""
+"""How far robots went while a predictor was measured: where they start, errors say little."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from saltus.arrays import Floats
 from saltus.terrain.terrain import FIRST_EDGE_X, Terrain
 
 LEAST_SHARE = 0.5
-"""Of the runs: of fewer the median robot has met nothing but the level ground on which it starts."""
+"""Of the runs: of fewer the median robot has met nothing but the level ground at its start."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +37,7 @@ class Way:
 
 
 def way_figures(ways: Sequence[Way]) -> dict[str, float]:
-    """Median distance [m], edges that a robot met and could meet on average, and the share of ways that tell."""
+    """Median distance [m], edges that a robot met and could meet (means), share of ways that tell."""
     return {
         "distance_m": float(np.median([way.distance_m for way in ways])),
         "edges_met": float(np.mean([way.edges for way in ways])),

@@ -138,9 +138,10 @@ def _check_metadata(file: ModelFile, robot: Robot) -> None:
     camera, made_for = file.field("camera"), file.field("robot")
     if made_for != robot.name:
         raise ModelError(
-            f"model {file.path} does not fit: its 'robot' is {made_for!r}, and heights are wanted for {robot.name!r}; "
-            "Saltus ships and trains heights for the Go1 alone. Of another robot it simulates walking on true heights "
-            "(saltus policy eval --planner scripted) and compares logs (saltus real2sim): docs/robots.md"
+            f"model {file.path} does not fit: its 'robot' is {made_for!r}, and heights are wanted for "
+            f"{robot.name!r}; Saltus ships and trains heights for the Go1 alone. Of another robot it "
+            "simulates walking on true heights (saltus policy eval --planner scripted) and compares "
+            "logs (saltus real2sim): docs/robots.md"
         )
     expected: dict[str, Any] = {
         "format": FORMAT,

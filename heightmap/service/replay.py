@@ -66,8 +66,9 @@ def replay_standing(
 ) -> Iterator[tuple[DepthFrame, Heightmap]]:
     """Each image of a camera that stands still with the heightmap after it, from a model that is warm.
 
-    Before a robot that stands the time between images tells nothing: they are shown at the camera's rate, the first of
-    them before all, again and again until the model has seen as many as its warm-up takes.
+    Before a robot that stands the time between images tells nothing: they are shown at the
+    camera's rate, the first of them before all, again and again until the model has seen as many
+    as its warm-up takes.
 
     Args:
         network: Of the service.
@@ -100,7 +101,10 @@ def _again(read: Callable[[], Iterable[DepthFrame]]) -> Iterator[DepthFrame]:
 def replay_predictor(
     predictor: Predictor, frames: Iterable[DepthFrame], states: Iterable[RobotState], arrival_ns: Iterable[int]
 ) -> list[Heightmap]:
-    """The same for any predictor; it has not been used before. No frame is held longer than it takes to answer it."""
+    """The same for any predictor, which has not been used before.
+
+    No frame is held longer than it takes to answer it.
+    """
     heightmaps = []
     arriving = zip(frames, arrival_ns, strict=True)
     following = next(arriving, None)

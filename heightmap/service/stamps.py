@@ -1,4 +1,4 @@
-"""Stamps of recorded images: those that go back or jump are told, and replayed as if the next image had come."""
+"""Stamps of recorded images: those that go back or jump are told, and replayed without the jump."""
 
 from collections import deque
 
@@ -7,15 +7,15 @@ import numpy as np
 from saltus.wire.topics import CAMERA_PERIOD_S
 
 JUMP_S = 1.0
-"""Between two images of one recording; the slowest depth cameras take 6 a second, and some of those are lost."""
+"""Between two images; the slowest depth cameras take 6 a second, and some of those are lost."""
 _RECENT = 31  # as many as show the period, some of them lost
 
 
 class SteadyStamps:
     """Times of a recording's images on a clock that goes on, and how many stamps did not.
 
-    An image that is stamped no later than the one before is taken to follow it by a period, one that is stamped more
-    than `JUMP_S` later by that.
+    An image that is stamped no later than the one before is taken to follow it by a period, one
+    that is stamped more than `JUMP_S` later by that.
 
     Attributes:
         count: Images whose stamps went back, stayed or jumped.
@@ -34,7 +34,7 @@ class SteadyStamps:
         return 1e-9 * float(np.median(self._steps_ns))
 
     def step(self, stamp_ns: int) -> int:
-        """When an image with this stamp was taken, on the clock that goes on [ns]: it begins at the first stamp."""
+        """When an image was taken, on a clock that begins at the first stamp and goes on [ns]."""
         before_ns, self._stamped_ns = self._stamped_ns, stamp_ns
         if before_ns is None:
             self._time_ns = stamp_ns
@@ -54,6 +54,6 @@ class SteadyStamps:
         if not self.count:
             return ""
         return (
-            f"stamps of images go back, stay or jump {self.count} times, by {self.largest_s:+.6g} s at most: replayed "
-            "as if the camera had gone on; do not rely on heights around there"
+            f"stamps of images go back, stay or jump {self.count} times, by {self.largest_s:+.6g} s "
+            "at most: replayed as if the camera had gone on; do not rely on heights around there"
         )

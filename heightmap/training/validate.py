@@ -48,8 +48,9 @@ class Accuracy:
         if self.uneven >= LEAST_SHARE * self.courses:
             return ""
         return (
-            f"these errors say little: robots came to an edge in {self.uneven} of {self.courses} episodes off flat "
-            "ground, and level ground is easy to predict; collect longer episodes (--loop.ticks 600)"
+            f"these errors say little: robots came to an edge in {self.uneven} of {self.courses} "
+            "episodes off flat ground, and level ground is easy to predict; collect longer episodes "
+            "(--loop.ticks 600)"
         )
 
 

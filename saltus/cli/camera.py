@@ -70,7 +70,8 @@ class Camera:
         if coverage.visible.any():
             return 0
         print(
-            f"saltus: this camera sees none of the {len(HEIGHTMAP_X)} points of the heightmap, from {HEIGHTMAP_X[0]:g} "
+            f"saltus: this camera sees none of the {len(HEIGHTMAP_X)} points of the heightmap, "
+            f"from {HEIGHTMAP_X[0]:g} "
             f"to {HEIGHTMAP_X[-1]:g} m ahead: does it look down, and wide enough? camera_pitch is "
             f"{coverage.pitch:.3g} rad, positive where it looks down; {table['picture']} shows its view",
             file=sys.stderr,

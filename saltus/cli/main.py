@@ -130,9 +130,9 @@ def _run(arguments: Sequence[str]) -> int:
 
 
 def _ask_for_mujoco_gl() -> None:
-    """Refuses a value that MuJoCo fails at when it is imported, and turns off what Saltus does not draw with.
+    """Refuses a value at which MuJoCo fails, and turns off what Saltus does not draw with.
 
-    The engine would look for that library when it is imported, and not every installation has it.
+    The engine would look for that library when it is imported; not every installation has it.
     """
     told = os.environ.get("MUJOCO_GL", "")
     if told.lower().strip() not in MUJOCO_GL:

@@ -97,17 +97,24 @@ class Watch:
 
 
 def tell_of_no_run(paths: Sequence[Path]) -> None:
-    """Says which of what is to be watched is not there, and so is waited for."""
+    """Says which of what is to be watched is not there, and so is waited for.
+
+    An empty folder is what a run makes that is about to begin.
+    """
     from saltus.recordings.recorder import RECORDING_FILE
     from saltus.runtime.run_folder import RUN_FILE
 
     for path in paths:
-        if not path.is_file() and not any((path / name).exists() for name in (RUN_FILE, RECORDING_FILE)):
-            there = "there is no run in" if path.is_dir() else "there is no"
-            print(
-                f"saltus: {there} '{path}' yet: waiting for one to begin there, e.g. saltus up --out {path}",
-                file=sys.stderr, flush=True,
-            )  # fmt: skip
+        if path.is_file() or any((path / name).exists() for name in (RUN_FILE, RECORDING_FILE)):
+            continue
+        if path.is_dir() and not any(path.iterdir()):
+            continue
+        there = "there is no run in" if path.is_dir() else "there is no"
+        print(
+            f"saltus: {there} '{path}' yet: waiting for one to begin there, e.g. "
+            f"saltus up --out {path}",
+            file=sys.stderr, flush=True,
+        )  # fmt: skip
 
 
 def ask_for_viser() -> None:

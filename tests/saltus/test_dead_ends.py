@@ -49,10 +49,13 @@ def test_a_router_for_another_robot_says_that_nothing_serves_heights(
 def test_what_is_waited_for_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "begun").mkdir()
     (tmp_path / "begun" / "run.toml").touch()
-    (tmp_path / "empty").mkdir()
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "notes.txt").touch()
+    (tmp_path / "about to begin").mkdir()
     (tmp_path / "recording.mcap").touch()
-    watch.tell_of_no_run([tmp_path / name for name in ("begun", "empty", "recording.mcap", "nowhere")])
-    empty, nowhere = capsys.readouterr().err.splitlines()
-    assert f"there is no run in '{tmp_path / 'empty'}' yet: waiting for one to begin there" in empty
+    names = ("begun", "about to begin", "other", "recording.mcap", "nowhere")
+    watch.tell_of_no_run([tmp_path / name for name in names])
+    other, nowhere = capsys.readouterr().err.splitlines()
+    assert f"there is no run in '{tmp_path / 'other'}' yet: waiting for one to begin there" in other
     assert f"there is no '{tmp_path / 'nowhere'}' yet" in nowhere
     assert f"saltus up --out {tmp_path / 'nowhere'}" in nowhere
