@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import psutil
+import pytest
 
 from saltus.recordings.recording import Recording, read_recording
 from saltus.recordings.repair import repair
@@ -37,6 +38,7 @@ def stands(seen: Recording) -> bool:
     return modes[-1] in (ControllerMode.STAND, ControllerMode.STOPPED) and is_upright(seen, steps=5)
 
 
+@pytest.mark.slow
 def test_a_full_disk_lands_the_robot_and_is_said_in_one_line(tmp_path: Path) -> None:
     """The disk is full for files of more than a size: so the system refuses to write, without any right to a disk."""
     limit = (ROOM, resource.getrlimit(resource.RLIMIT_FSIZE)[1])

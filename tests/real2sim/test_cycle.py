@@ -76,12 +76,18 @@ def cycle(out: Path, *more: str) -> int:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A cycle of a robot whose joints have friction that nobody knows of."""
     place = tmp_path_factory.mktemp("cycle")
     (place / "hidden.toml").write_text(f"[actuator.coulomb_friction]\ntorque = {HIDDEN}\n")
     assert cycle(place / "run", "--hidden", str(place / "hidden.toml"), "--profile", "ideal", *TINY) == 0
     return place / "run"
+
+
+@pytest.fixture
+def run(made: Path, tmp_path: Path) -> Path:
+    """That cycle, for one test, which may go on with it."""
+    return Path(shutil.copytree(made, tmp_path / "run"))
 
 
 def results(out: Path, capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, Any]:

@@ -80,6 +80,7 @@ def begun(whole: Ran) -> Ran:
     return replace(whole, outcome=outcome, failure="timeout", trace=cut, **short)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("good", [True, False])
 @pytest.mark.parametrize("row", MADE, ids=lambda row: row.name)
 def test_a_row_is_made_of_trials_that_succeed_and_that_fail(

@@ -80,6 +80,7 @@ def run(command: str, folder: Path) -> Path:
     return notes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", PACKAGES)
 def test_package_does_real_work_in_a_command(package: str, folder: Path) -> None:
     work = PACKAGES[package]

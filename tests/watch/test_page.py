@@ -30,18 +30,26 @@ def slider(tab: Tab) -> float:
     return float(tab.run("document.querySelector('[role=slider]').getAttribute('aria-valuenow')"))
 
 
+def play(tab: Tab, *, on: bool) -> None:
+    """Lets the time go on, or stand still, whatever it did before."""
+    button, other = ("Play", "Pause") if on else ("Pause", "Play")
+    if button in tab.text():
+        tab.click(button)
+    tab.until(lambda: other in tab.text(), f"the button '{other}'")
+
+
 def test_both_runs_say_what_they_are_and_how_they_do(tab: Tab) -> None:
-    text = tab.text()
+    play(tab, on=True)
     for said in ("one: gap, seed 7", "two: gap, seed 7", "recording"):
-        assert said in text
+        assert said in tab.text()
     for said in ("controller/state", "policy/plan", "status/controller", "16 x 48 pixels", "mean error"):
-        assert text.count(said) == 2, said
+        tab.until(lambda said=said: tab.text().count(said) == 2, f"'{said}' of each run")
 
 
 def test_the_time_line_plays_pauses_and_is_dragged(tab: Tab) -> None:
+    play(tab, on=True)
     tab.until(lambda: slider(tab) > 0.0, "a time")
-    tab.click("Pause")
-    tab.until(lambda: "Play" in tab.text(), "the button to go on")
+    play(tab, on=False)
     tab.run("document.querySelector('[role=slider]').focus()")
     last_s = (STEPS - 1) * 0.01
     for key, time_s in (("End", last_s), ("Home", 0.0), ("End", last_s)):
@@ -59,6 +67,7 @@ def test_the_picture_is_drawn_follows_the_time_and_stands_still_while_it_pauses(
         tab.until(lambda: f"{time_s:.2f} s" in tab.text(), f"the scene of {time_s} s")
         return tab.settled(lambda: tab.picture()[GROUND].astype(int))
 
+    play(tab, on=False)
     tab.run("document.querySelector('[role=slider]').focus()")
     first, last = drawn("Home", 0.0), drawn("End", (STEPS - 1) * 0.01)
     assert first.std() > 5.0
