@@ -133,8 +133,11 @@ def test_a_robot_that_starts_again_has_forgotten(model_path: Path) -> None:
     np.testing.assert_array_equal(first, again)
 
 
-@pytest.mark.parametrize("camera", ["ideal", "d435i"])
-@pytest.mark.parametrize("course", [{"terrain": "stairs"}, {"terrain": "stepping_stones", "gap_max_m": 0.5}])
+@pytest.mark.parametrize(
+    ("camera", "course"),
+    [("ideal", {"terrain": "stairs"}), ("d435i", {"terrain": "stepping_stones", "gap_max_m": 0.5})],
+    ids=["ideal", "d435i"],
+)
 def test_a_trial_does_not_depend_on_who_else_is_in_the_batch(camera: str, course: dict[str, Any]) -> None:
     evaluation = Evaluation(course=TerrainConfig(**course), time_limit_s=1.5)
     run = partial(run_batch, evaluation, PredictedHeightsFactory(camera=camera), partial(make_planner, "learned"))

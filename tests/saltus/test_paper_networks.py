@@ -51,6 +51,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_all_networks_of_a_seed_learn_from_the_data_of_the_predictors_rounds(trained: Path) -> None:
     records = read_manifest(trained / "data" / "seed-4")
     assert [record.config["heights"] == "true" for record in records] == [True, False]
@@ -63,6 +64,7 @@ def test_all_networks_of_a_seed_learn_from_the_data_of_the_predictors_rounds(tra
     assert late["config"]["updates"] == 2 * TINY.updates
 
 
+@pytest.mark.slow
 def test_systems_are_made_of_trainings_of_one_seed(trained: Path) -> None:
     assert trained_systems(trained) == [FULL, "round 1", "round 2", "no-latency", "imitation"]
     assert shown_in("no-latency", trained) == ("round 3", "no-latency")
@@ -75,6 +77,7 @@ def test_systems_are_made_of_trainings_of_one_seed(trained: Path) -> None:
         files_of("no-sysid", trained)
 
 
+@pytest.mark.slow
 def test_robots_run_with_what_was_trained(trained: Path) -> None:
     terrain, effort = make_terrain(TerrainConfig(terrain="flat")), Effort(trials=1, time_limit_s=1.2, processes=1)
     with_predictor, imitating = (
@@ -109,6 +112,7 @@ def test_an_imitator_that_is_told_what_to_plan_plans_as_the_policy_does(tmp_path
         np.testing.assert_allclose(getattr(found, name), value, atol=1e-4, err_msg=name)
 
 
+@pytest.mark.slow
 def test_data_without_plans_are_not_imitated(trained: Path) -> None:
     episode = read_dataset(trained / "data" / "seed-4")[0]
     shown = for_imitation(episode)

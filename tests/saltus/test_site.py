@@ -60,6 +60,7 @@ def pages(site: Path) -> dict[Path, Page]:
     return {path: Page(path.read_text()) for path in site.rglob("*.html") if path.name != "404.html"}
 
 
+@pytest.mark.slow
 def test_every_address_on_every_page_leads_somewhere(pages: dict[Path, Page]) -> None:
     assert len(pages) > 30
     lost = []
@@ -79,6 +80,7 @@ def _has(page: Page, fragment: str) -> bool:
     return unquote(fragment) in page.places or fragment.startswith("__")
 
 
+@pytest.mark.slow
 def test_a_page_fetches_nothing_from_a_network(site: Path, pages: dict[Path, Page]) -> None:
     fetched = [link for page in pages.values() for tag, name, link in page.links if (tag, name) in FETCHED]
     assert len(fetched) > 100
@@ -89,6 +91,7 @@ def test_a_page_fetches_nothing_from_a_network(site: Path, pages: dict[Path, Pag
         assert not re.search(r"(url\(|@import )['\"]?(https?:)?//", sheet.read_text()), sheet
 
 
+@pytest.mark.slow
 def test_the_reference_shows_all_that_is_offered(site: Path) -> None:
     import saltus
 
