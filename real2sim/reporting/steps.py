@@ -3,7 +3,7 @@
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import IDEAL, SHIPPED, load_profile
@@ -17,8 +17,18 @@ HELD = "joint_tour"
 """Shows all that a held robot's drives can show."""
 
 
-def next_steps(judgement: Judgement, directory: Path = Path()) -> list[str]:
-    """Commands, each with what it is for; `directory` is where the patch lies.
+class Step(NamedTuple):
+    """A command and what it is for."""
+
+    command: str
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.command}  ({self.why})"
+
+
+def next_steps(judgement: Judgement, directory: Path = Path()) -> list[Step]:
+    """Commands in the order of their worth; `directory` is where the patch lies.
 
     None where the log contradicts itself, or agrees with the simulator and nothing else would tell more.
     """
@@ -29,14 +39,17 @@ def next_steps(judgement: Judgement, directory: Path = Path()) -> list[str]:
     steps = []
     if any(not is_drawn(effect, metas) for effect in judgement.patch.effects):
         patch = shlex.quote(str(directory / PATCH_FILE))
-        steps.append(f"saltus real2sim apply {patch} --profile mine{_base(judgement)}")
+        command = f"saltus real2sim apply {patch} --profile mine{_base(judgement)}"
+        steps.append(Step(command, "puts what is named into a profile"))
     proposed = [] if verdict.next_experiment is None else [verdict.next_experiment.name]
     whys = dict.fromkeys(proposed, "and give find both logs")
     for missing in verdict.missing:
         whys.setdefault(missing.experiment, f"long enough for the {missing.sensor}")
     if verdict.verdict in ("set", "unexplained") and _is_on_the_ground(metas):
         whys.setdefault(HELD, "hang it up: a robot in the air shows its drives without the ground")
-    return steps + [f"{_command(name, metas)}  ({why})" for name, why in whys.items()]
+    elif verdict.verdict == "unexplained" and not any(_is_of(meta, HELD) for meta in metas):
+        whys.setdefault(HELD, "all that a held robot's drives can show, each motion twice")
+    return steps + [Step(_command(name, metas), why) for name, why in whys.items()]
 
 
 def _base(judgement: Judgement) -> str:
@@ -46,6 +59,12 @@ def _base(judgement: Judgement) -> str:
     model = model_of(judgement.examinations[0].log.meta)
     is_shipped = isinstance(model, Robot) and judgement.profile == load_profile(SHIPPED, model)
     return f" --base {SHIPPED if is_shipped else 'PROFILE'}"
+
+
+def _is_of(meta: dict[str, Any], experiment: str) -> bool:
+    """Whether a log says that it is of an experiment, as `saltus real2sim experiments` writes it."""
+    excitation = meta.get("excitation")
+    return isinstance(excitation, dict) and str(excitation.get("text", "")).startswith(f"{experiment}:")
 
 
 def _is_on_the_ground(metas: Sequence[dict[str, Any]]) -> bool:

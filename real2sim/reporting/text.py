@@ -100,9 +100,11 @@ def next_paragraph(judgement: Judgement) -> str:
     said = "".join(f"<p>Not told apart: {_text(' or '.join(names))}.</p>" for names in verdict.sets)
     if verdict.next_experiment is not None:
         said += f"<p><b>{_text(verdict.next_experiment.name)}</b>, {_text(verdict.next_experiment.why)}</p>"
-    steps = next_steps(judgement)
-    lines = "\n".join(steps)
-    return said + (f"<pre>{_text(lines)}</pre>" if steps else f"<p>{NO_STEP[verdict.verdict]}</p>")
+    steps = [
+        f"<p>{_text(step.why[0].upper() + step.why[1:])}:</p><pre>{_text(step.command)}</pre>"
+        for step in next_steps(judgement)
+    ]
+    return said + ("".join(steps) or f"<p>{NO_STEP[verdict.verdict]}</p>")
 
 
 def draws(judgement: Judgement) -> str:

@@ -8,7 +8,6 @@ from saltus.real2sim.verdict import Verdict
 
 CLOSED_FROM = 0.005  # smaller shares round to 0 %
 MOST_PLACES = 4  # one of each leg; more are counted
-MOST_LINES = 12  # values of one effect at each joint
 
 
 def sentence(verdict: Verdict, profile: Profile = IDEAL) -> str:
@@ -18,7 +17,7 @@ def sentence(verdict: Verdict, profile: Profile = IDEAL) -> str:
     if verdict.verdict == "no_gap":
         return "The log agrees with the simulator within its noise."
     if verdict.gap is None and verdict.missing:
-        return f"Too little to test anything by, so nothing is named: {', '.join(m.why for m in verdict.missing)}."
+        return f"Too little to test anything by, so nothing is named. {'. '.join(m.why for m in verdict.missing)}."
     changed = ", and ".join(
         f"the profile's {name} does not fit the log, while {_effects(verdict, {name})} does"
         for name in dict.fromkeys(effect.name for effect in verdict.effects)
@@ -34,11 +33,18 @@ def sentence(verdict: Verdict, profile: Profile = IDEAL) -> str:
 
 
 def value_lines(verdict: Verdict) -> list[str]:
-    """A line for each effect that is named, or else is nearest to what has no name, with values and 90 % intervals."""
-    lines = [_line(effect, "") for effect in verdict.effects]
-    lines += [_line(effect, " (nearest, not named)") for effect in verdict.nearest]
-    more = len(lines) - MOST_LINES
-    return lines if more <= 0 else [*lines[:MOST_LINES], f"and {more} more: see the report"]
+    """A line for each effect that is named, or else is nearest to what has no name, with values and 90 % intervals.
+
+    An effect with values of its own at many places has a line for some of them.
+    """
+    lines: list[str] = []
+    for effects, remark in ((verdict.effects, ""), (verdict.nearest, " (nearest, not named)")):
+        for name in dict.fromkeys(effect.name for effect in effects):
+            own = [effect for effect in effects if effect.name == name]
+            lines += [_line(effect, remark) for effect in own[:MOST_PLACES]]
+            if len(own) > MOST_PLACES:
+                lines.append(f"{name} at {len(own) - MOST_PLACES} more places: see the report{remark}")
+    return lines
 
 
 def _line(effect: FoundEffect, remark: str) -> str:

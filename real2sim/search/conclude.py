@@ -140,9 +140,15 @@ def _rule(
 
 
 def _closed(comparison: ModelComparison, tested: Cells, before: Floats, after: Floats) -> float:
-    """Share of the structure on test segments that is gone, in the cells that showed any; 1 if none did."""
+    """Share of the structure on test segments that is gone, in the cells that showed any.
+
+    Where none did, the test can only be nearer to the model or not: 1 or 0.
+    """
     structure = tested.structure(before)
-    return tested.share_gone(structure, tested.structure(after), tested.shows(structure, comparison.size))
+    shows = tested.shows(structure, comparison.size)
+    if not shows.any():
+        return float(np.sum(after[:, tested.rows] ** 2) < np.sum(before[:, tested.rows] ** 2))
+    return tested.share_gone(structure, tested.structure(after), shows)
 
 
 def _sets(alike: dict[str, list[str]]) -> tuple[tuple[str, ...], ...]:

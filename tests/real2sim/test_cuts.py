@@ -83,7 +83,9 @@ def test_a_log_that_is_too_short_names_nothing_and_says_what_it_lacks(
         assert amount <= seconds + 0.005
         assert least == NAMED_FROM_S
         assert missing.why in said
-        assert any(step.startswith(f"saltus real2sim experiments --run {missing.experiment} ") for step in steps)
+        assert any(
+            step.command.startswith(f"saltus real2sim experiments --run {missing.experiment} ") for step in steps
+        )
         assert missing.experiment in EXPERIMENTS
     assert set(next(s for s in SENSORS if s.name == verdict.missing[0].sensor).effects) <= verdict.untestable.keys()
 
@@ -257,7 +259,7 @@ def test_what_the_seed_of_a_run_drew_is_told_from_what_is_unknown(logs: dict[str
     assert "camera_latency" in said.splitlines()[1]
     assert "not drawn by the seed" in said.splitlines()[2]
     assert "actuator_lag" in said.splitlines()[2]
-    assert not any("apply" in step for step in next_steps(judgement)), "the draw of a seed is none of the robot"
+    assert not any("apply" in step.command for step in next_steps(judgement)), "the draw of a seed is none of the robot"
     assert drawn_lines(_judgement(logs["joints"], Verdict(verdict="no_gap", gap=GAP))) == []
 
 

@@ -122,7 +122,7 @@ for words in sys.argv[1:]:
 
 
 def test_without_commands_the_camera_is_compared_and_the_drives_are_not(tmp_path: Path) -> None:
-    log = body_log(seconds=4.0)
+    log = body_log(seconds=5.0)
     bag = write_bag(log, tmp_path / "bag", has_commands=False)
     claims = {key: value for key, value in claims_of(log).items() if key not in ("kp", "kd")}
     imported = import_recording(bag, tmp_path / "log", Description(claims=claims), ROBOT)
