@@ -9,7 +9,7 @@ from saltus.config import read_toml, to_toml
 from saltus.depth import Intrinsics
 from saltus.depth_camera import DepthCamera
 from saltus.errors import RecordingError
-from saltus.recordings.realsense import read_realsense
+from saltus.recordings.realsense import ENDINGS, read_realsense
 from saltus.recordings.recording import read_recording
 from saltus.render.stereo.camera import UNFILTERED, StereoConfig
 from saltus.render.stereo.depth_unit import DepthUnit
@@ -117,17 +117,17 @@ class FitResult:
 
 
 def load_frames(path: Path) -> list[DepthFrame]:
-    """Depth frames of a recording: a RealSense bag (.bag), or a run of Saltus (.mcap).
+    """Depth frames of a recording: of a RealSense camera (.bag, .db3), or of a run of Saltus (.mcap).
 
     Raises:
         RecordingError: neither, or not readable.
     """
-    if path.suffix == ".bag":
+    if path.suffix in ENDINGS:
         return list(read_realsense(path))
     if path.suffix == ".mcap":
         messages = [message for _, _, message in read_recording(path).messages("camera/depth")]
         return [message for message in messages if isinstance(message, DepthFrame)]
-    raise RecordingError(f"{path} is neither a RealSense bag (.bag) nor a recorded run (.mcap)")
+    raise RecordingError(f"{path} is neither a RealSense recording (.bag, .db3) nor a recorded run (.mcap)")
 
 
 def fit(frames: Sequence[DepthFrame]) -> FitResult:

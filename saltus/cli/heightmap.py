@@ -45,7 +45,7 @@ class Serve:
     run_dir: Annotated[Path | None, shown("PATH", "none, which --recording alone allows")] = None
     """Folder of the run: of `saltus up` or `saltus router`."""
     recording: Annotated[Path | None, shown("PATH", "none: a running stack")] = None
-    """A RealSense recording (.bag) in place of a camera; needs --assume-level."""
+    """A RealSense recording (.bag, .db3) in place of a camera; needs --assume-level."""
     assume_level: Flag = False
     """With --recording: take the robot to stand still and level."""
     level: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(default_factory=LevelRobot)

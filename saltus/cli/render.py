@@ -48,7 +48,7 @@ class Fit:
     """
 
     recording: Annotated[Path, tyro.conf.Positional]
-    """A RealSense recording (.bag) or a recorded run (.mcap), without post-filters."""
+    """A RealSense recording (.bag, .db3) or a recorded run (.mcap), without post-filters."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-render-fit")] = None
     """Folder for camera.toml, which --camera takes and which says what each parameter rests on, and for stereo.html,
     measurements and model."""

@@ -33,7 +33,7 @@ class Replay:
     """
 
     recording: Annotated[Path, tyro.conf.Positional]
-    """A run (.mcap), or a RealSense recording (.bag), which has no robot state and needs --assume-level."""
+    """A run (.mcap), or a RealSense recording (.bag, .db3), which has no robot state and needs --assume-level."""
     model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
     """ONNX file."""
     assume_level: Flag = False
@@ -44,10 +44,11 @@ class Replay:
 
     def run(self) -> int:
         """Prints the differences; 0 always, for a difference is a result."""
+        from saltus.recordings.realsense import ENDINGS
         from saltus.resources import resource
 
         model = self.model or resource("models/heightmap.onnx")
-        bag = self.recording.suffix == ".bag"
+        bag = self.recording.suffix in ENDINGS
         table, standing = self._bag(model) if bag else self._run(model)
         if self.json:
             print_json(table)

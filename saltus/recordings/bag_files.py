@@ -27,7 +27,7 @@ CURES = {
     "Invalid bag metadata": "delete metadata.yaml: the files beside it are read without",
     "Could not load YAML": "delete metadata.yaml: the files beside it are read without",
     "database files are missing": "delete metadata.yaml if the rest is enough: files are read without it, too",
-    "no messages": "",
+    "Unrecognized storage format": "name it by what it is: .bag, .mcap or .db3",
 }
 """What to do, by what the library says."""
 
@@ -47,7 +47,7 @@ def reading(path: Path, kind: str) -> Iterator[None]:
         raise RecordingError(f"cannot read the {kind} {path}: {error}") from error
     except Exception as error:  # damaged bytes fail in many ways; all mean the same
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        cure = next((f"; {cure}" for words, cure in CURES.items() if cure and words in reason), "")
+        cure = next((f"; {cure}" for words, cure in CURES.items() if words in reason), "")
         raise RecordingError(f"{path} is no {kind}, or damaged: {reason}{cure}") from error
 
 

@@ -20,6 +20,8 @@ from saltus.wire.codec import CENTRE_MAX_PX, DEPTH_UNIT_MAX_M, FOCAL_MAX_PX
 from saltus.wire.messages import DepthFrame
 
 _LOG = logging.getLogger(__name__)
+ENDINGS = (".bag", ".db3")
+"""Of the names of such recordings."""
 _IMAGE = "/image/data"
 _DEFAULT_UNIT_M = 0.001  # librealsense's default depth unit of the D400 family
 _ZSTD = b"\x28\xb5\x2f\xfd"  # a .db3 may hold compressed messages, each by itself

@@ -4,11 +4,12 @@ Times of measurements are the headers' stamps, or, where they are empty, those a
 count from the first message of joints: seconds since 1970 would leave doubles a quarter of a microsecond.
 """
 
+import sys
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +90,7 @@ def _receive(reader: AnyReader, path: Path, chosen: dict[str, str], notes: list[
     total = sum(c.msgcount for c in connections)
     received: dict[str, _Rows] = defaultdict(list)
     images = _Images(path)
-    keep: dict[str, Callable[[Any], Any]] = {"depth": images.kept}
+    keep = KEPT | {"depth": images.kept}
     for connection, arrival_ns, raw in tqdm(
         reader.messages(connections), desc=path.name, total=total, disable=None, leave=False
     ):
@@ -97,7 +98,7 @@ def _receive(reader: AnyReader, path: Path, chosen: dict[str, str], notes: list[
         part, stamp = part_of[connection.topic], message.header.stamp
         if part == "camera_info" and len(received[part]) >= CAMERAS_MAX:
             continue
-        kept = keep.get(part, _same)(message)
+        kept = keep[part](message)
         if kept is not None:
             received[part].append((arrival_ns, int(stamp.sec) * 10**9 + int(stamp.nanosec), kept))
     images.tell(notes)
@@ -108,8 +109,37 @@ def _receive(reader: AnyReader, path: Path, chosen: dict[str, str], notes: list[
     return {part: _timed(rows, stamp_ns or arrival_ns) for part, rows in kept_of.items()}
 
 
-def _same(message: Any) -> Any:
-    return message
+class _Joints(NamedTuple):
+    """What is kept of a JointState: an hour at 500 Hz has two million of them."""
+
+    name: tuple[str, ...]
+    position: Floats
+    velocity: Floats
+    effort: Floats
+
+
+def _joint_row(message: Any) -> _Joints:
+    values = (np.array(getattr(message, field), np.float64) for field in _Joints._fields[1:])
+    return _Joints(tuple(map(sys.intern, message.name)), *values)
+
+
+def _imu_row(message: Any) -> Floats:
+    """Orientation, rate and acceleration of an Imu; NaN for an orientation that it says it does not have."""
+    has_none = message.orientation_covariance[0] == -1.0  # sensor_msgs/Imu
+    turned = (np.nan,) * 4 if has_none else _wxyz(message.orientation)
+    return np.array([*turned, *_xyz(message.angular_velocity), *_xyz(message.linear_acceleration)])
+
+
+def _base_row(message: Any) -> Floats:
+    """Position, orientation and the velocity in the child's own frame of an Odometry."""
+    pose = message.pose.pose
+    return np.array([*_xyz(pose.position), *_wxyz(pose.orientation), *_xyz(message.twist.twist.linear)])
+
+
+KEPT: dict[str, Callable[[Any], Any]] = {
+    "joints": _joint_row, "commands": _joint_row, "imu": _imu_row, "base": _base_row, "camera_info": lambda info: info,
+}  # fmt: skip
+"""What is kept of a message of each part."""
 
 
 class _Images:
@@ -213,7 +243,7 @@ def _signals(
     rows = {signal: np.empty((len(messages), len(names))) for signal in held}
     orders: dict[tuple[str, ...], list[int]] = {}
     for row, each in enumerate(messages):
-        own = tuple(each.message.name)
+        own = each.message.name
         if lacking := [name for name in names if own not in orders and name not in own]:
             raise RecordingError(f"{topic}: the message at {each.time_s:.3f} s lacks joint '{lacking[0]}'")
         order = orders.setdefault(own, [own.index(name) for name in names])
@@ -232,25 +262,19 @@ def _times(messages: _Messages) -> Floats:
 def _imu(messages: _Messages, notes: list[str]) -> Table | None:
     if not messages:
         return None
-    if messages[0].message.orientation_covariance[0] == -1.0:  # sensor_msgs/Imu: there is no orientation
+    values = np.stack([each.message for each in messages])
+    if np.isnan(values[0, :4]).all() and np.isnan(values[:, :4]).all():
         notes.append("the IMU tells no orientation, and is left out")
         return None
-    rows = [
-        [*_wxyz(m.orientation), *_xyz(m.angular_velocity), *_xyz(m.linear_acceleration)]
-        for m in (each.message for each in messages)
-    ]
-    return Table(time_s=_times(messages), values=np.array(rows))
+    return Table(time_s=_times(messages), values=values)
 
 
 def _base(messages: _Messages) -> Table | None:
     if not messages:
         return None
-    poses = [each.message.pose.pose for each in messages]
-    quaternions = np.array([_wxyz(pose.orientation) for pose in poses])
-    own = np.array([_xyz(each.message.twist.twist.linear) for each in messages])
-    velocity = (rotation_matrix(quaternions) @ own[..., None])[..., 0]  # nav_msgs/Odometry: in the child's frame
-    positions = np.array([_xyz(pose.position) for pose in poses])
-    return Table(time_s=_times(messages), values=np.concatenate([positions, quaternions, velocity], axis=1))
+    values = np.stack([each.message for each in messages])
+    values[:, 7:] = (rotation_matrix(values[:, 3:7]) @ values[:, 7:, None])[..., 0]  # into the world
+    return Table(time_s=_times(messages), values=values)
 
 
 def _depth(path: Path, messages: list[_Received], size: tuple[int, int] | None, notes: list[str]) -> DepthTable | None:

@@ -74,6 +74,8 @@ BY_WHAT = {
     "a database cut off": (_damage(SQLITE, _half), "`sqlite3 FILE .recover`"),
     "an MCAP named .bag": (_damage(MCAP, _same, "run.bag"), "is no bag of ROS 1: .*but an MCAP: rename it"),
     "a bag named .mcap": (_damage(ROS1, _same, "run.mcap"), "is no MCAP: .*but a bag of ROS 1: rename it"),
+    "a bag by another name": (_damage(ROS1, _same, "run.old"), "name it by what it is: .bag, .mcap or .db3"),
+    "a bag in capitals": (_damage(MCAP, _same, "RUN.MCAP"), "name it by what it is: .bag, .mcap or .db3"),
     "a folder of something else": (_folder("notes.txt"), "holds neither metadata.yaml nor a file .bag, .mcap, .db3"),
     "an empty folder": (_folder(), "holds neither metadata.yaml nor a file"),
     "a folder of packed files": (_folder("run.mcap.zstd"), "`unzstd` them first"),
