@@ -51,7 +51,9 @@ def centres(corner: Array, settings: MapSettings, like: Array) -> tuple[Array, A
     )
 
 
-def sorted_into_cells(points: Array, variance: Array, valid: Array, corner: Array, settings: MapSettings) -> CellHeights:
+def sorted_into_cells(
+    points: Array, variance: Array, valid: Array, corner: Array, settings: MapSettings
+) -> CellHeights:
     """Heights of points (batch, n, 3) in the odometry's frame; `variance` [m^2] and `valid` have shape (batch, n)."""
     xp, side = namespace(points), settings.side
     place = xp.astype(xp.floor(places(points[:, :, :2], corner, settings) + 0.5), xp.int64)

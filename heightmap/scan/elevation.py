@@ -118,9 +118,7 @@ def is_known(state: ElevationMap) -> Array:
     return state.variance < 0.5 * UNKNOWN_M2
 
 
-def advanced(
-    state: ElevationMap, measured: Measurement, settings: MapSettings
-) -> tuple[ElevationMap, Surroundings]:
+def advanced(state: ElevationMap, measured: Measurement, settings: MapSettings) -> tuple[ElevationMap, Surroundings]:
     """The map after an image: moved to the base, corrected for drift, and with the new heights in it."""
     before = state.correction
     state = _moved(state, measured.now.position + before, settings)
@@ -150,9 +148,7 @@ def _moved(state: ElevationMap, position: Array, settings: MapSettings) -> Eleva
     return state._replace(corner=corner, **kept)
 
 
-def _of_image(
-    state: ElevationMap, measured: Measurement, tilt: Array | None, settings: MapSettings
-) -> CellHeights:
+def _of_image(state: ElevationMap, measured: Measurement, tilt: Array | None, settings: MapSettings) -> CellHeights:
     """Heights of an image's points, tilted back by what matching found."""
     xp = namespace(state.height)
     points = measured.points @ xp.matrix_transpose(measured.exposed.rotation)
@@ -166,7 +162,7 @@ def _of_image(
 
 
 def _away(state: ElevationMap, position: Array, settings: MapSettings) -> tuple[Array, Array]:
-    """x and y of the window's fine cells from a position [m]."""
+    """X and y of the window's fine cells from a position [m]."""
     x, y = centres(state.corner, settings, position)
     return x - position[:, :1, None], y - position[:, 1:2, None]
 
@@ -189,9 +185,7 @@ def _fused(state: ElevationMap, new: CellHeights, settings: MapSettings) -> Elev
     )
 
 
-def _with_feet(
-    state: ElevationMap, measured: Measurement, settings: MapSettings
-) -> tuple[ElevationMap, CellHeights]:
+def _with_feet(state: ElevationMap, measured: Measurement, settings: MapSettings) -> tuple[ElevationMap, CellHeights]:
     """Moves the pose towards where standing feet touch the map, and puts them into it where it knows nothing."""
     xp = namespace(state.height)
     position = measured.now.position + state.correction
@@ -226,9 +220,7 @@ def _soles(feet: Array, settings: MapSettings) -> Array:
     return xp.reshape(feet[:, :, None, :] + offsets[None, None], (feet.shape[0], -1, 3))
 
 
-def _under_body(
-    state: ElevationMap, base: Array, body_height: Array, settings: MapSettings
-) -> tuple[Array, Array]:
+def _under_body(state: ElevationMap, base: Array, body_height: Array, settings: MapSettings) -> tuple[Array, Array]:
     """The guess that the ground under the base is as far below it as usual, and its weight by cell."""
     xp = namespace(base)
     x, y = _away(state, base, settings)

@@ -2,8 +2,8 @@
 
 A pose that is off by (ex, ey, ez) and tilted by (rx, ry) puts new points, at (x, y) from the base, where the map is
 m(x - ex, y - ey) + ez + rx y - ry x, so that a new height differs from the map's by
-r = -gx ex - gy ey + ez + rx y - ry x with the map's slopes g. Weighted least squares over all cells that both know, with
-what the odometry can have drifted since the last image as prior, give the five.
+r = -gx ex - gy ey + ez + rx y - ry x with the map's slopes g. Weighted least squares over all cells
+that both know, with what the odometry can have drifted since the last image as prior, give the five.
 """
 
 from typing import NamedTuple

@@ -113,7 +113,7 @@ def _rays(width: Tensor, shape: Tensor, two: Tensor, settings: FlightSettings) -
     return torch.stack((x, y, torch.ones_like(x)), -1).flatten(2, 3)
 
 
-def with_errors(depth: Tensor, cameras: Cameras, settings: FlightSettings, draws: Draws) -> Tensor:
+def with_errors(depth: Tensor, cameras: Cameras, draws: Draws) -> Tensor:
     """Depth images (robots, 2, rows, columns / 2) [m] as a stereo camera gives them; 0 is invalid before and after."""
     n, _, rows, half = depth.shape
     image = depth.transpose(1, 2).reshape(n, rows, 2 * half)

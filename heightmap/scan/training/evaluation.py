@@ -1,6 +1,7 @@
 """How far heights are off after a second of motion, on the scan and on the line, apart by what was seen of them."""
 
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from torch import Tensor
 
 from saltus.grid import LINE, HeightGrid
 from saltus.heightmap.scan.cells import places, sampled
-from saltus.heightmap.scan.elevation import ElevationMap, Surroundings, advanced, is_known, new_map
+from saltus.heightmap.scan.elevation import ElevationMap, Surroundings, advanced, new_map
 from saltus.heightmap.scan.geometry import geometric_heights
 from saltus.heightmap.scan.planes import Heights, inputs_of, remembered
 from saltus.heightmap.scan.settings import MapSettings
@@ -232,10 +233,10 @@ def table_of(scores: list[Score]) -> str:
         if (score.row, score.grid) == ("usual", "scan") and score.group in ("seen", "never"):
             kept.setdefault(score.family, {})[f"{score.method} {score.group}"] = score.error_mm
     for family, errors in kept.items():
-        pairs = [
-            f"{method} {errors.get(f'{method} seen', float('nan')):.1f} / {errors.get(f'{method} never', float('nan')):.0f}"
-            for method in ("network", "map 2 cm, drift, feet")
-        ]
+        pairs = []
+        for method in ("network", "map 2 cm, drift, feet"):
+            seen, never = (errors.get(f"{method} {group}", math.nan) for group in ("seen", "never"))
+            pairs.append(f"{method} {seen:.1f} / {never:.0f}")
         lines.append(f"{family:14} " + "   ".join(pairs))
     return "\n".join(lines)
 

@@ -5,13 +5,10 @@ from pathlib import Path
 import torch
 
 from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS
+from saltus.heightmap.scan.predictor import FORMAT, INPUTS, OUTPUTS
 from saltus.heightmap.scan.training.model import ScanModel, parameters
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
 from saltus.onnx_export import write_onnx
-
-FORMAT = "saltus scan 1"
-INPUTS = ("filled", "measured", "memory", "numbers")
-OUTPUTS = ("height", "half_width")
 
 
 def export(model: ScanModel, settings: ScanTrainSettings, path: Path) -> None:

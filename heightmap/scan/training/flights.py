@@ -126,15 +126,13 @@ def _image(
     near = torch.full_like(far, 0.01)
     true = march(flight.ground, start, rays, near, far, settings.raster_m, settings.samples)
     image = true.view(n, 2, settings.rows, settings.columns // 2)
-    depth = with_errors(image, cameras, settings, draws).reshape(n, 2, count)
+    depth = with_errors(image, cameras, draws).reshape(n, 2, count)
     seen = cameras.rays * depth[..., None]
     points = seen @ cameras.rotation.mT + cameras.position[:, :, None]
     return points.flatten(1, 2), depth.flatten(1), start + true[..., None] * rays
 
 
-def _feet(
-    flight: Flight, now_s: Tensor, position: Tensor, angles: Tensor, draws: Draws
-) -> tuple[Tensor, Tensor]:
+def _feet(flight: Flight, now_s: Tensor, position: Tensor, angles: Tensor, draws: Draws) -> tuple[Tensor, Tensor]:
     """Standing feet in the base [m], and which are told to stand."""
     motion = flight.motion
     place = (now_s / 0.01).round().long().clamp(max=motion.feet.shape[1] - 1)

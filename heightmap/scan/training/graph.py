@@ -11,7 +11,7 @@ WARM_UP = 4
 
 
 class Graph:
-    """Calls `update` by itself at first, then what was recorded of it; it works in place and never waits for the GPU."""
+    """Calls `update` at first, then what was recorded of it, which works in place and waits for nothing."""
 
     def __init__(self, draws: Draws, update: Callable[[], None]) -> None:
         self._draws, self._update = draws, update

@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from saltus.heightmap.scan.training.draws import Draws
-from saltus.heightmap.scan.training.families import DEEP, KINDS, Place
+from saltus.heightmap.scan.training.families import DEEP, KINDS
+from saltus.heightmap.scan.training.place import Place
 from saltus.heightmap.scan.training.settings import FAMILIES, FlightSettings
 from saltus.heightmap.scan.training.shapes import smooth, with_boxes
 
@@ -61,8 +62,10 @@ def _bumps(robots: int, settings: FlightSettings, draws: Draws) -> Tensor:
     slow = draws.uniform(0.0, 0.12, robots) * draws.chance(0.2, robots)
     side, raster = settings.patch_m, settings.raster
     waves = smooth(draws.normal(1.0, robots, 8, 8), raster) * slow[:, None, None]
-    return waves + smooth(draws.normal(1.0, robots, max(4, round(side / 0.08)), max(4, round(side / 0.08))), raster) * (
-        fine[:, None, None]
+    return (
+        waves
+        + smooth(draws.normal(1.0, robots, max(4, round(side / 0.08)), max(4, round(side / 0.08))), raster)
+        * (fine[:, None, None])
     )
 
 

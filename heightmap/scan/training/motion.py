@@ -58,9 +58,7 @@ def draw_motion(
     return Motion(position, angles, feet, standing, body_height, gait)
 
 
-def _sway(
-    gait: Tensor, phase: Tensor, time: Tensor, settings: FlightSettings, draws: Draws
-) -> tuple[Tensor, Tensor]:
+def _sway(gait: Tensor, phase: Tensor, time: Tensor, settings: FlightSettings, draws: Draws) -> tuple[Tensor, Tensor]:
     """Displacement of the base [m] and its angles [rad] over the time, each of shape (robots, steps, 3)."""
     n, degree = len(gait), math.pi / 180.0
     is_hand, is_bound = (gait == GAITS.index(name) for name in ("hand", "bound"))

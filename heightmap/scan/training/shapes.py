@@ -1,15 +1,11 @@
 """Rasters that families of ground are made of."""
 
-from typing import TYPE_CHECKING
-
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 from saltus.heightmap.scan.training.draws import Draws
-
-if TYPE_CHECKING:
-    from saltus.heightmap.scan.training.families import Place
+from saltus.heightmap.scan.training.place import Place
 
 TOGETHER = 8
 """Boxes that are drawn at once: many small calls take a GPU longer than a few large ones."""
@@ -40,14 +36,14 @@ def slopes(u: Tensor, edges: Tensor, height: Tensor) -> Tensor:
     return torch.lerp(height.gather(1, index - 1), height.gather(1, index), share).view_as(u)
 
 
-def edges_of(runs: Tensor, place: "Place") -> Tensor:
+def edges_of(runs: Tensor, place: Place) -> Tensor:
     """Edges of segments of these lengths (n, k) [m], laid from before the patch on, somewhere around its middle."""
     edges = runs.cumsum(1)
     return edges - edges[:, edges.shape[1] // 2, None] + place.shift[:, None]
 
 
 def with_boxes(
-    height: Tensor, place: "Place", draws: Draws, *, count: int, side: tuple[float, float], tall: tuple[float, float]
+    height: Tensor, place: Place, draws: Draws, *, count: int, side: tuple[float, float], tall: tuple[float, float]
 ) -> Tensor:
     """Ground with boxes of any yaw on it, whose tops are level, `tall` above the ground in their middles [m]."""
     n, raster = height.shape[0], height.shape[-1]

@@ -21,7 +21,7 @@ from saltus.heightmap.scan.training.flights import Flight, March, draw_flight, r
 from saltus.heightmap.scan.training.graph import Graph
 from saltus.heightmap.scan.training.model import ScanModel, loss, told
 from saltus.heightmap.scan.training.rays import first_hits
-from saltus.heightmap.scan.training.settings import FlightSettings, ScanTrainSettings
+from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
 GROUPS = 4
 """Flights of so many groups of robots begin one after the other, so that every batch has young and old maps."""

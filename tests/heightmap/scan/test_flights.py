@@ -56,7 +56,9 @@ def test_a_ray_that_meets_nothing_has_no_depth():
     zero = torch.zeros(1)
     ground = Ground(torch.zeros(1, 64, 64), torch.zeros(1, dtype=torch.long), zero, top=zero, bottom=zero)
     up = torch.tensor([[[1.0, 0.0, 0.2]]])
-    found = first_hits(ground, torch.tensor([[[0.0, 0.0, 0.5]]]), up, torch.zeros(1, 1), torch.full((1, 1), 5.0), 0.1, 16)
+    found = first_hits(
+        ground, torch.tensor([[[0.0, 0.0, 0.5]]]), up, torch.zeros(1, 1), torch.full((1, 1), 5.0), 0.1, 16
+    )
     assert float(found) == 0.0
 
 

@@ -71,7 +71,7 @@ def test_a_new_network_tells_nearly_the_map(small):
     """It begins at geometry: where the map was measured, its residual is small."""
     draws = Draws(2, CPU)
     flight = draw_flight(3, small.flight, draws)
-    state, inputs, _, _ = example(flight, new_map(3, small.map, flight.ground.height), small, draws)
+    _, inputs, _, _ = example(flight, new_map(3, small.map, flight.ground.height), small, draws)
     torch.manual_seed(0)
     height, half_width = ScanModel(small.network, small.map)(*inputs)
     assert height.abs().median() < 0.02
