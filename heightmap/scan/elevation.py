@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from saltus.arrays import Array, namespace
 from saltus.heightmap.scan.cells import CellHeights, centres, moved, places, sampled, sorted_into_cells, window_corner
 from saltus.heightmap.scan.filling import filled
-from saltus.heightmap.scan.matching import drift
+from saltus.heightmap.scan.matching import Drift, drift
 from saltus.heightmap.scan.settings import MapSettings
 
 UNKNOWN_M2 = 1e3
@@ -19,6 +19,8 @@ NEVER_S = -1e6
 """When a cell was seen that never was [s]."""
 FADES = 0.9
 """What is left per image of the distance of a cell's extremes from its height."""
+CALMS = 0.9
+"""What is left of `ElevationMap.unrest` after an image."""
 BODY_M = 0.15
 """Half of a square under the base for whose height the body's usual one is a guess [m]."""
 BODY_WEIGHT = 1e-3
@@ -77,6 +79,8 @@ class ElevationMap(NamedTuple):
     """What is added to the odometry's positions [m], shape (batch, 3)."""
     images: Array
     """How many the map was made from, shape (batch,)."""
+    unrest: Array
+    """How much images lately moved [m] and tilted [rad] the pose: how good the odometry is. Shape (batch, 2)."""
 
 
 class Surroundings(NamedTuple):
@@ -110,6 +114,7 @@ def new_map(batch: int, settings: MapSettings, like: Array) -> ElevationMap:
         corner=xp.zeros((batch, 2), dtype=xp.int64, device=like.device),
         correction=xp.zeros((batch, 3), **of),
         images=xp.zeros((batch,), **of),
+        unrest=xp.zeros((batch, 2), **of),
     )
 
 
@@ -126,7 +131,7 @@ def advanced(state: ElevationMap, measured: Measurement, settings: MapSettings) 
     if settings.matching:
         away = _away(state, measured.exposed.position + before, settings)
         change = drift(state.height, state.variance, is_known(state), new, away, settings)
-        state = state._replace(correction=state.correction - change.shift)
+        state = state._replace(correction=state.correction - change.shift, unrest=_unrest(state.unrest, change))
         new = _of_image(state, measured, change.tilt, settings)
     state = _fused(state, new, settings)._replace(images=state.images + 1.0)
     state, feet = _with_feet(state, measured, settings)
@@ -165,6 +170,13 @@ def _away(state: ElevationMap, position: Array, settings: MapSettings) -> tuple[
     """X and y of the window's fine cells from a position [m]."""
     x, y = centres(state.corner, settings, position)
     return x - position[:, :1, None], y - position[:, 1:2, None]
+
+
+def _unrest(before: Array, change: Drift) -> Array:
+    """A mean that forgets, of the lengths of what was corrected."""
+    xp = namespace(before)
+    lengths = [xp.sum(part**2, axis=-1) ** 0.5 for part in change]
+    return CALMS * before + (1.0 - CALMS) * xp.stack(lengths, axis=-1)
 
 
 def _fused(state: ElevationMap, new: CellHeights, settings: MapSettings) -> ElevationMap:

@@ -13,8 +13,9 @@ point [s], then heights above `Inputs.filled` [m] of this image's points (mean, 
 and lowest lately, and of standing feet (mean, count). What is not there is 0."""
 MEMORY = ("told", "told_width")
 """Planes of `Inputs.memory`: what the network told of the cell last, above `Inputs.filled`, and its half-width [m]."""
-NUMBERS = ("drift_x", "drift_y", "drift_z", "images", "feet")
-"""`Inputs.numbers`: how far this image and the feet moved the pose [m], how many images the map has, standing feet."""
+NUMBERS = ("drift_x", "drift_y", "drift_z", "unrest_m", "unrest_rad", "images", "feet")
+"""`Inputs.numbers`: how far this image and the feet moved the pose [m], how much images lately moved and tilted it [m,
+rad], how many images the map has, and cells under standing feet."""
 OLDEST_S, MOST_IMAGES = 3.0, 20.0
 """What is older, or more, looks like this."""
 REACH_M = 2.0
@@ -65,7 +66,7 @@ def inputs_of(state: ElevationMap, around: Surroundings, now_s: Array, body_heig
         filled=(around.filled - level).clip(-REACH_M, REACH_M),
         measured=xp.stack(measured, axis=1),
         memory=xp.stack([told.clip(-REACH_M, REACH_M), state.told_width], axis=1),
-        numbers=xp.concat([around.drift, xp.stack([images, feet], axis=-1)], axis=-1),
+        numbers=xp.concat([around.drift, state.unrest, xp.stack([images, feet], axis=-1)], axis=-1),
     )
 
 

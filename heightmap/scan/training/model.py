@@ -20,11 +20,14 @@ USUAL_M = 0.1
 NARROWEST_M = 5e-4
 """Of half-widths [m]."""
 _SHOWN = 3.0  # a difference of heights is shown as this many times USUAL_M at most
+_NUMBERS = (0.005, 0.005, 0.005, 0.002, 0.002, MOST_IMAGES, 36.0)  # what usual `NUMBERS` are
 _OUTPUTS = 4  # of a height: residual, its gate, the memory's gate, half-width
 
 
 class ScanModel(nn.Module):
     """From planes of the map to height and half-width of each fine cell."""
+
+    usual: Tensor
 
     def __init__(self, settings: NetworkSettings, map_settings: MapSettings) -> None:
         super().__init__()
@@ -37,6 +40,7 @@ class ScanModel(nn.Module):
         self.up = nn.ModuleList(nn.Conv2d(i, o, 1) for i, o in ((d, c), (c, b), (b, a)))
         self.join = nn.ModuleList(nn.Conv2d(o, o, 3, padding=1) for o in (c, b, a))
         self.head = nn.Conv2d(a, _OUTPUTS * self.sub**2, 1)
+        self.register_buffer("usual", torch.tensor(_NUMBERS), persistent=False)
         with torch.no_grad():
             self.head.weight *= 0.1
             self.head.bias.zero_()
@@ -85,14 +89,7 @@ class ScanModel(nn.Module):
             told, width = inputs.memory.unbind(1)
             planes += [heights(told), fine(told), (width / WIDEST + 1e-3).log() / 3.0, (width < WIDEST).float()]
         fine_planes = functional.pixel_unshuffle(torch.stack(planes, 1), self.sub)
-        numbers = torch.cat(
-            (
-                (inputs.numbers[:, :3] / (0.05 * USUAL_M)).clamp(-_SHOWN, _SHOWN),
-                (inputs.numbers[:, 3:4] / MOST_IMAGES),
-                (inputs.numbers[:, 4:5] / 36.0).clamp(max=1.0),
-            ),
-            1,
-        )
+        numbers = (inputs.numbers / self.usual).clamp(-_SHOWN, _SHOWN)
         side = fine_planes.shape[-1]
         return torch.cat((fine_planes, numbers[:, :, None, None].expand(-1, -1, side, side)), 1)
 
