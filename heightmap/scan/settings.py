@@ -25,7 +25,7 @@ class MapSettings(Value):
     """What a point is off however near it is [m]."""
     shared_noise: float = 0.3
     """Share of a point's variance that all points of a cell share, so that more of them do not make it smaller."""
-    drift: float = 0.01
+    drift: float = 0.02
     """By how much a remembered height gets worse in a second [m]; variances add up."""
     surprise: float = 0.1
     """Share of the squared difference between a new height and the map's that is added to the map's variance: near
@@ -42,7 +42,7 @@ class MapSettings(Value):
     """Share of the matched cells whose errors count as independent."""
     gate_m: float = 0.06
     """A new height that is farther than this from the map is an edge, not drift [m]."""
-    foot_gain: float = 0.2
+    foot_gain: float = 0.4
     """Share of the mean distance between standing feet and map that one image removes."""
     foot_noise_m: float = 0.005
     """Standard deviation of a standing foot's height [m]."""

@@ -9,10 +9,10 @@ from pathlib import Path
 import torch
 
 from saltus.config import load_changes
-from saltus.errors import SaltusError
-from saltus.heightmap.scan.training.evaluation import evaluate, table_of, write_results
+from saltus.errors import SaltusError, nearest_hint
+from saltus.heightmap.scan.training.evaluation import evaluate, rows_of, table_of, write_results
 from saltus.heightmap.scan.training.export import export
-from saltus.heightmap.scan.training.settings import ScanTrainSettings
+from saltus.heightmap.scan.training.settings import FlightSettings, ScanTrainSettings
 from saltus.heightmap.scan.training.train import Progress, train
 
 
@@ -26,6 +26,7 @@ def main() -> int:
     parser.add_argument("--updates", type=int, help="how many updates to make, in place of --minutes")
     parser.add_argument("--batch", type=int, help="robots at once")
     parser.add_argument("--robots", type=int, default=512, help="robots of each row of the evaluation; 0: none")
+    parser.add_argument("--rows", help="rows of the evaluation, with commas between them, in place of all")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--compile", action="store_true", help="compile network and rays; pays after minutes")
     given = parser.parse_args()
@@ -54,7 +55,7 @@ def _run(given: argparse.Namespace) -> int:
         began, images = now, found.images
         print(
             f"seed {settings.seed}  {found.seconds:6.0f} s  {found.update:7d} updates  {speed:7.0f} images/s  "
-            f"loss {found.loss:.4f}  seen {found.seen_mm:5.1f} mm  unseen {found.unseen_mm:6.1f} mm  "
+            f"loss {found.loss:.4f}  seen {found.seen_mm:5.2f} of {found.map_mm:5.2f} mm  unseen {found.unseen_mm:6.1f} mm  "
             f"inside {100 * found.inside_seen:4.1f} {100 * found.inside_all:4.1f} %  rate {found.rate:.1e}",
             flush=True,
         )  # fmt: skip
@@ -65,10 +66,20 @@ def _run(given: argparse.Namespace) -> int:
     )  # fmt: skip
     export(model.cpu(), settings, given.out / "scan.onnx")
     if given.robots:
-        results = evaluate(model.to(device), settings, robots=given.robots, device=device)
+        rows = _rows(settings, given.rows)
+        results = evaluate(model.to(device), settings, robots=given.robots, device=device, rows=rows)
         write_results(results, given.out / "scan.json")
         print(table_of(results), flush=True)
     return 0
+
+
+def _rows(settings: ScanTrainSettings, names: str | None) -> dict[str, FlightSettings]:
+    """Rows by name, or all; or `SaltusError`."""
+    known = rows_of(settings.flight)
+    for name in names.split(",") if names else ():
+        if name not in known:
+            raise SaltusError(f"--rows: '{name}' is none: {nearest_hint(name, known)}")
+    return {name: known[name] for name in names.split(",")} if names else known
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from saltus.heightmap.scan.training.export import export
 from saltus.heightmap.scan.training.flights import draw_flight
 from saltus.heightmap.scan.training.model import ScanModel
 from saltus.heightmap.scan.training.settings import FlightSettings, NetworkSettings, ScanTrainSettings
-from saltus.heightmap.scan.training.train import Trainer, example, load_model, train
+from saltus.heightmap.scan.training.train import Calls, Trainer, example, load_model, train
 
 CPU = torch.device("cpu")
 
@@ -55,7 +55,7 @@ def test_the_file_tells_what_the_network_tells(small, tmp_path, memory):
     draws = Draws(1, CPU)
     flight = draw_flight(2, small.flight, draws)
     state = new_map(2, small.map, flight.ground.height)
-    _, inputs, _, _ = example(flight, state, small, draws)
+    _, inputs, _, _ = example(flight, state, small, draws, Calls.of(model, compiled=False))
     session = onnxruntime.InferenceSession(str(path))
     fed = {i.name: np.asarray(v) for i in session.get_inputs() for v in [getattr(inputs, i.name)]}
     with torch.no_grad():
@@ -71,7 +71,8 @@ def test_a_new_network_tells_nearly_the_map(small):
     """It begins at geometry: where the map was measured, its residual is small."""
     draws = Draws(2, CPU)
     flight = draw_flight(3, small.flight, draws)
-    _, inputs, _, _ = example(flight, new_map(3, small.map, flight.ground.height), small, draws)
+    calls = Calls.of(ScanModel(small.network, small.map), compiled=False)
+    _, inputs, _, _ = example(flight, new_map(3, small.map, flight.ground.height), small, draws, calls)
     torch.manual_seed(0)
     height, half_width = ScanModel(small.network, small.map)(*inputs)
     assert height.abs().median() < 0.02

@@ -1,0 +1,90 @@
+"""The deployed predictor tells what training computed, and refuses files of another kind."""
+
+import json
+
+import numpy as np
+import onnx
+import pytest
+import torch
+
+from saltus.errors import ModelError
+from saltus.grid import HeightGrid
+from saltus.heightmap.scan.cells import places, sampled
+from saltus.heightmap.scan.elevation import Measurement, Pose, new_map
+from saltus.heightmap.scan.planes import remembered
+from saltus.heightmap.scan.predictor import ScanNetwork, ScanPredictor
+from saltus.heightmap.scan.training.export import export
+from saltus.heightmap.scan.training.flights import shoot
+from saltus.heightmap.scan.training.model import ScanModel, told
+from saltus.heightmap.scan.training.train import seen
+
+GRID = HeightGrid(x=(-0.2, -0.1, 0.0, 0.1, 0.2), y=(-0.1, 0.0, 0.1))
+
+
+@pytest.fixture
+def exported(small, tmp_path):
+    torch.manual_seed(1)
+    model = ScanModel(small.network, small.map).eval()
+    path = tmp_path / "scan.onnx"
+    export(model, small, path)
+    return model, path
+
+
+def alone(measured):
+    """The first robot of a batch, in numpy."""
+
+    def one(value):
+        return Pose(*map(one, value)) if isinstance(value, Pose) else value[:1].numpy()
+
+    return Measurement(*map(one, measured))
+
+
+def test_it_tells_what_training_computes(small, exported, fly, draws):
+    model, path = exported
+    flight, settings = fly(1, errors=1.0, odometry=(1.0, 1.0), feet=1.0)
+    state = new_map(1, small.map, flight.ground.height)
+    predictor = ScanPredictor(ScanNetwork(path))
+    for _ in range(4):
+        shot = shoot(flight, settings, draws)
+        state, inputs, around = seen(state, shot.measured, shot.now_s, small.map)
+        with torch.no_grad():
+            heights = told(model, inputs, around.filled)
+        state = remembered(state, heights)
+        predictor.see(alone(shot.measured), float(shot.now_s))
+    pose, yaw = alone(shot.measured).now, float(shot.believed_yaw)
+    height, half_width = predictor.heights(pose, yaw, GRID)
+    place = np.stack(GRID.points_in_world(around.base[0, :2].double().numpy(), np.asarray(yaw)), -1)
+    at = places(torch.from_numpy(place)[None].float(), state.corner, small.map)
+    expected = sampled(heights.height, at)[0] - around.base[0, 2]
+    # a point on the border of two cells may fall into either
+    assert np.median(np.abs(height - expected.numpy())) < 1e-4
+    assert np.median(np.abs(half_width - sampled(heights.half_width, at)[0].numpy())) < 1e-4
+    assert predictor.images == 4
+
+
+def test_it_knows_nothing_before_an_image_and_after_a_reset(exported, fly, draws):
+    predictor = ScanPredictor(ScanNetwork(exported[1]))
+    flight, settings = fly(1)
+    shot = shoot(flight, settings, draws)
+    measured = alone(shot.measured)
+    predictor.see(measured, float(shot.now_s))
+    predictor.heights(measured.now, 0.0, GRID)
+    predictor.reset()
+    with pytest.raises(ModelError, match="no image"):
+        predictor.heights(measured.now, 0.0, GRID)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [("format", "saltus heights 9", "format"), ("measured", ["known"], "measured"), ("map", "cells = 0", "cells")],
+)
+def test_a_file_that_does_not_fit_is_refused_by_name(exported, field, value, said):
+    path = exported[1]
+    file = onnx.load(path)
+    for entry in file.metadata_props:
+        if entry.key == field:
+            entry.value = json.dumps(value)
+    onnx.save(file, path)
+    path.with_name(path.name + ".sha256").unlink()
+    with pytest.raises(ModelError, match=said):
+        ScanNetwork(path)
