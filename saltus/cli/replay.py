@@ -115,9 +115,11 @@ class Replay:
         from saltus.heightmap.service.replay import replay_standing
         from saltus.heightmap.service.stamps import SteadyStamps
 
-        stamps, statuses, last = SteadyStamps(), Counter[str](), None
+        stamps, statuses, last, before = SteadyStamps(), Counter[str](), None, None
         for frame, last in replay_standing(HeightmapNetwork(robot, model), read, self.level):
-            stamps.step(frame.time_ns)
+            if frame.frame_id != before:  # a lockstep run may have an image twice
+                stamps.step(frame.time_ns)
+            before = frame.frame_id
             invalid.append(float(np.mean(frame.depth == 0)))
             statuses[_status(last)] += 1
         assert last is not None  # noqa: S101 - there is an image, or it has been said

@@ -7,6 +7,7 @@ roll-out it stands where the predictor stands: its plan travels in the place of 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,11 +49,11 @@ class ImitationNetwork:
         self.legs, self._session = LegKinematics(robot), file.session
         self.bounds = ActionBounds(low=tuple(file.field("low")), high=tuple(file.field("high")))
         shapes = {value.name: list(value.shape[1:]) for value in self._session.get_inputs()}
-        hidden = next(iter(shapes.get("hidden", [])), None)
+        hidden: Any = next(iter(shapes.get("hidden", [])), None)
         file.check(
             {name: shapes.get(name, []) for name in IMITATOR_INPUTS}, {"plan": [len(ACTIONS)], "hidden_out": [hidden]}
         )
-        self.hidden_size: int = hidden
+        self.hidden_size = int(hidden)
 
     def ticks(self, image: Singles, age_s: Floats, new: NDArray[np.bool_], state: Singles, hidden: Singles) -> Tick:
         """One tick of many robots: normalised plans, and zeros behind them, where a predictor has heights."""
