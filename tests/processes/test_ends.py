@@ -56,6 +56,7 @@ def test_a_full_disk_lands_the_robot_and_is_said_in_one_line(tmp_path: Path) -> 
     assert len(read_recording(tmp_path / "repaired.mcap").of(RobotState)) == len(recording.of(RobotState))
 
 
+@pytest.mark.slow
 def test_processes_of_a_killed_supervisor_land_the_robot_and_end(speed: float, tmp_path: Path) -> None:
     process = up(tmp_path / "run", "--speed", str(speed))
     children: list[psutil.Process] = []

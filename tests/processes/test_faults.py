@@ -65,7 +65,8 @@ class Incomplete(Recording):
         return (row for row in super().payloads(topic) if row[1] != self._missing)
 
 
-@pytest.mark.parametrize("process", ["heightmap", pytest.param("policy", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("process", ["heightmap", "policy"])
 def test_the_robot_goes_on_if_a_standby_is_in_time(process: str, speed: float, tmp_path: Path) -> None:
     config, after_s = replace(CONFIG, speed=speed), 0.9
     recording = kill_during_run(config, tmp_path, process, after_s, watch_s=0.5, programs=WITH_STANDBYS)

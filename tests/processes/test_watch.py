@@ -17,7 +17,8 @@ WIDTH, HEIGHT = 1000, 480
 GROUND = slice(200, None), slice(310, 590)
 """Rows and columns of a picture between the panels, below what the browser says of its speed."""
 PATIENCE_S = 60.0
-pytestmark = pytest.mark.realtime  # a page has low priority: beside a busy worker it stands still
+# A page has low priority: beside a busy worker it stands still
+pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 
 
 def wait_for(tab: Tab, *said: str) -> None:
@@ -33,7 +34,6 @@ def watched(speed: float) -> str:
     return "0.25" if speed >= 0.5 else "0.1"
 
 
-@pytest.mark.slow
 def test_a_run_is_started_disturbed_and_stopped_on_the_page(speed: float, tmp_path: Path) -> None:
     """Four faults of a robot that runs, and what is said of each; then the recording shows that it stands."""
     with page_of("watch", "--port", "0", folder=tmp_path) as (address, page), browser(WIDTH, HEIGHT) as tab:
