@@ -129,9 +129,10 @@ def _rule(
     is_gap = comparison.cells.largest_rms(null.structure) > least
     if not chosen.fit.model:
         return "unexplained" if is_gap else "no_gap"
-    is_closed = len(tested.rows) > 0 and _closed(
-        comparison, tested, null.fit.residuals, final
-    ) >= decide.explained_share(comparison, chosen.fit.model)
+    is_tested = bool(null.fit.residuals[:, tested.rows].any())
+    is_closed = is_tested and _closed(comparison, tested, null.fit.residuals, final) >= decide.explained_share(
+        comparison, chosen.fit.model
+    )
     if len(chosen.fit.model) > 2:  # three effects imitate a fourth, but not to within noise
         is_closed = is_closed and tested.largest_rms(tested.structure(final)) < least
     if not is_closed:
@@ -182,6 +183,8 @@ def _gaps(problem: Problem, tested: Cells, before: Floats, after: Floats) -> tup
         if counts.sum() == 0:
             continue
         means = [float((power[:, cells] * counts).sum() / (counts.sum() * len(power))) for power in powers]
+        if not any(means):  # nothing is known there
+            continue
         gaps.append(
             SignalGap(
                 signal=signal,

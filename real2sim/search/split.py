@@ -6,7 +6,8 @@ Rules:
    them, one of them is the test: the last of the first condition, the one before of the next, and so on.
 2. If the segments of a condition differ, e.g. by amplitude, or if there is only one, each is cut into pieces, and every
    third piece is a test. Fit and test then both see an effect that only the largest amplitude shows.
-3. Everything else is for fitting. Models are compared by cross-validation; each fold holds out one segment or piece.
+3. A piece in which nothing is known (all its residuals are 0) is no test, and is not counted.
+4. Everything else is for fitting. Models are compared by cross-validation; each fold holds out one segment or piece.
 """
 
 from dataclasses import dataclass
@@ -74,11 +75,14 @@ def split(problem: Problem, residuals: Floats) -> Split:
             test += [i == members[-1 - number % len(members)] for i in members]
             continue
         for turn, i in enumerate(members):
-            time_s = problem.time_s[rows[i]]
-            cut = _cut(time_s, float(np.clip(np.ptp(time_s) / 3.0, SHORTEST_PIECE_S, PIECE_S)))
+            time_s, is_known = problem.time_s[rows[i]], power[rows[i]] > 0.0
+            known_s = time_s[is_known] if is_known.any() else time_s
+            cut = _cut(time_s, float(np.clip(np.ptp(known_s) / 3.0, SHORTEST_PIECE_S, PIECE_S)), known_s)
             pieces += [(rows[i][part], i) for part in cut]
+            tells = [bool(is_known[part].any()) for part in cut]
             # not the same part of each: the end of a sweep is its purpose
-            test += [len(cut) >= 3 and (k + turn) % 3 == 2 for k in range(len(cut))]
+            turns = np.cumsum(tells) - 1 + turn
+            test += [sum(tells) >= 3 and tells[k] and turns[k] % 3 == 2 for k in range(len(cut))]
     if not any(test):  # many short segments that differ: some of them must be the test
         test = [k % 3 == 2 for k in range(len(test))]
     return _number(problem, pieces, test)
@@ -98,11 +102,15 @@ def _number(problem: Problem, pieces: list[tuple[Indices, int]], test: list[bool
     return Split(chunk=chunk, fold=np.array(fold), segment=np.array(segment))
 
 
-def _cut(time_s: Floats, length_s: float) -> list[Indices]:
-    """Rows of the parts when a stretch is cut into parts of equal duration, at least `length_s` each."""
-    start, duration = float(time_s.min()), float(np.ptp(time_s))
+def _cut(time_s: Floats, length_s: float, known_s: Floats | None = None) -> list[Indices]:
+    """Rows of the parts when a stretch is cut into parts of equal duration, at least `length_s` each.
+
+    What lies before and after `known_s`, by default all of `time_s`, goes with the first and the last part.
+    """
+    known_s = time_s if known_s is None else known_s
+    start, duration = float(known_s.min()), float(np.ptp(known_s))
     parts = max(1, int(duration / length_s))
     edges = start + duration * np.arange(parts + 1) / parts
-    edges[-1] = np.inf
+    edges[0], edges[-1] = -np.inf, np.inf
     rows = [np.flatnonzero((time_s >= low) & (time_s < high)) for low, high in pairwise(edges)]
     return [part for part in rows if len(part)]

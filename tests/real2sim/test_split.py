@@ -48,3 +48,16 @@ def test_the_test_is_not_the_same_part_of_every_segment() -> None:
         start = problem.time_s[rows].min()
         held_out.append(np.round(np.unique(problem.time_s[rows & ~parts.is_fit]) - start, 3))
     assert not np.intersect1d(*held_out).size
+
+
+def test_a_piece_in_which_nothing_is_known_is_no_test() -> None:
+    problem = OneJoint({("viscous_friction", "hip", "FR"): (0.3,)})
+    one = problem.segment == 1
+    problem.segment = np.where(one, 0, -1)
+    since = problem.time_s - problem.time_s[one].min()
+    for known_s in (1.6, 2.0, 3.0, 4.0):
+        residuals = np.where(one & (since < known_s), 1.0, 0.0) * np.ones((2, 1))
+        parts = split(problem, residuals)
+        test = one & ~parts.is_fit
+        assert residuals[:, test].any()
+        assert residuals[:, one & parts.is_fit].any()
