@@ -47,7 +47,7 @@ class Case(NamedTuple):
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     cuts: int = 20
-    """Of each log; their lengths are drawn one after the other, so that more cuts keep the earlier ones."""
+    """Of each log; their lengths are drawn in turn, so that more cuts keep the earlier ones."""
     seed: int = 0
     """Of the lengths."""
     logs: tuple[str, ...] = tuple(LOGS)
@@ -74,7 +74,7 @@ class Benchmark(Command):
         return {"cuts": self.cuts * len(self.logs), **_added(list(table.values())), "by_log": table}
 
     def _cases(self) -> list[Case]:
-        """The whole logs, then the cuts of all logs in turn: what is there after an hour is of all of them."""
+        """The whole logs, then the cuts of all logs in turn: after an hour all have some."""
         draws = {name: np.random.default_rng([self.seed, list(LOGS).index(name)]) for name in self.logs}
         whole = [Case(name, WHOLE, 1.0) for name in self.logs]
         return whole + [Case(name, str(k), float(draws[name].random())) for k in range(self.cuts) for name in self.logs]
@@ -105,7 +105,7 @@ def answer(case: Case, out: Path, file: Path) -> dict[str, Any]:
 
 
 def counted(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What became of the cuts of one log; rows as `answer` writes them, one of them of the whole log."""
+    """Counts of the cuts of one log; rows as `answer` writes them, one of the whole log."""
     (whole,) = (row for row in rows if row["cut"] == WHOLE)
     cuts = [row for row in rows if row["cut"] != WHOLE]
     known = set(whole["effects"]) | {name for members in whole["sets"] for name in members}

@@ -1,7 +1,7 @@
 """How long a log shows what a kind of sensor is judged by, within its segments.
 
-A fit always finds something. What is named must hold on a part of the log that no fit has seen, and that part, and the
-parts between which fits are compared, need a motion of some seconds each.
+A fit always finds something. What is named must hold on a part of the log that no fit has seen.
+That part, and the parts between which fits are compared, need some seconds each.
 """
 
 import numpy as np
@@ -14,9 +14,9 @@ from saltus.recordings.run_log import RunLog
 STEP_S = 0.1
 """Over which a joint moves or rests: angles of a noise of 1 mrad then tell 0.05 rad/s."""
 LEAST_RAD = 0.005
-"""In a step, at least: the 0.05 rad/s below which a joint stands still (`problem.joints.excitation.LEAST_SPEED`)."""
+"""In a step, at least: below 0.05 rad/s a joint stands still (`excitation.LEAST_SPEED`)."""
 SETTLING_S = 0.5
-"""After a motion a joint settles, which is as good as motion: two periods of a leg under PD control."""
+"""After a motion a joint settles, which tells as much: two periods of a leg under PD control."""
 
 
 def moving_s(log: RunLog) -> float:
@@ -43,7 +43,7 @@ def _moving_s(time_s: Floats, q: Floats) -> float:
 
 
 def standing_s(log: RunLog) -> float:
-    """Seconds in segments in which the pose of the base is measured, in motion or at rest: standing shows a weight."""
+    """Seconds in segments in which the base's pose is measured; standing shows a weight, too."""
     return _covered_s(segments_of(log), None if log.base is None else log.base.time_s)
 
 

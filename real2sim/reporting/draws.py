@@ -1,8 +1,8 @@
 """What the seed of a simulated run drew, told apart from what is unknown of its robot.
 
-Each run of Saltus has a payload, a ground, drives and a camera of its own (`saltus.trial`). The log claims what was
-drawn of body, drives and ground, so that `find` looks for the rest; the camera's latency it claims as the profile has
-it, so that the drawn one is found as an effect.
+Each run of Saltus has a payload, a ground, drives and a camera of its own (`saltus.trial`). The log
+claims what was drawn of body, drives and ground, so that `find` looks for the rest. The camera's
+latency it claims as the profile has it, so that the drawn one is found as an effect.
 """
 
 from collections.abc import Sequence
@@ -19,11 +19,11 @@ from saltus.real2sim.search.findings import FoundEffect
 from saltus.trial import Trial
 
 EXACT_S = 0.001
-"""By which a found latency may be below the drawn one; above it, by a tick more, in which images arrive."""
+"""By which a found latency may be below the drawn one; above it by a tick of images more."""
 
 
 def drawn_lines(judgement: Judgement) -> list[str]:
-    """What the seeds of simulated runs drew, and which effects are not of them; nothing where no log is of such a run.
+    """What the seeds of simulated runs drew, and which effects are not of them; else nothing.
 
     A line for the draws, one for the effects that are draws, one for those that are not.
     """
@@ -57,7 +57,7 @@ def is_drawn(effect: FoundEffect, metas: Sequence[dict[str, Any]]) -> bool:
 
 
 def _trial(meta: dict[str, Any]) -> Trial | None:
-    """The trial of a simulated run; a run of a real robot claims no payload (`saltus.recordings.run_log_export`)."""
+    """The trial of a simulated run; the log of a real robot claims no motor strength."""
     config = meta.get("config")
     if not isinstance(config, dict) or not isinstance(config.get("seed"), int) or "motor_strength" not in meta:
         return None
@@ -65,7 +65,7 @@ def _trial(meta: dict[str, Any]) -> Trial | None:
 
 
 def _latency_s(meta: dict[str, Any], trial: Trial) -> float:
-    """The camera's latency of a trial's robot; where its profile is not known here, that of the nominal one."""
+    """The camera's latency of a trial's robot; that of the nominal one without its profile."""
     with suppress(SaltusError):
         robot = robot_of(meta)
         profile = trial.applied_to(load_profile(str(meta["config"].get("profile")), robot))

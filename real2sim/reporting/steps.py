@@ -1,4 +1,4 @@
-"""What to do after a verdict, as commands: apply what was found, or make the motion that would tell."""
+"""Commands that come after a verdict: apply what was found, or make the motion that tells."""
 
 import shlex
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ class Step(NamedTuple):
 def next_steps(judgement: Judgement, directory: Path = Path()) -> list[Step]:
     """Commands in the order of their worth; `directory` is where the patch lies.
 
-    None where the log contradicts itself, or agrees with the simulator and nothing else would tell more.
+    None where the log contradicts itself, or agrees with the simulator and shows enough.
     """
     verdict = judgement.verdict
     metas = [each.log.meta for each in judgement.examinations]
@@ -62,7 +62,7 @@ def _base(judgement: Judgement) -> str:
 
 
 def _is_of(meta: dict[str, Any], experiment: str) -> bool:
-    """Whether a log says that it is of an experiment, as `saltus real2sim experiments` writes it."""
+    """Says if a log claims to be of an experiment, as `saltus real2sim experiments` writes it."""
     excitation = meta.get("excitation")
     return isinstance(excitation, dict) and str(excitation.get("text", "")).startswith(f"{experiment}:")
 

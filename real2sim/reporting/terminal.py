@@ -9,7 +9,7 @@ from saltus.real2sim.results import Judgement
 
 
 def lines(judgement: Judgement, directory: Path) -> list[str]:
-    """The verdict's word and sentence, values with intervals, what is doubtful or was not compared, and what is next.
+    """The verdict's word, values with intervals, what is doubtful, and what comes next.
 
     `directory` holds the patch.
     """

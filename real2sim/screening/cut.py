@@ -9,9 +9,9 @@ from saltus.recordings.run_claims import segments
 from saltus.recordings.run_log import DepthTable, RunLog, Table
 
 LATE_S = 0.1
-"""By which a segment may go on beyond the last row: the pause that is a hole in a log (`clock.MAX_GAP_S`)."""
+"""By which a segment may go on beyond the last row: a hole in a log (`clock.MAX_GAP_S`)."""
 EARLIER_S = 0.5
-"""By which a table may end before that of the joints: a camera at 5 Hz with a latency of 0.3 s is none that died."""
+"""By which a table may end before that of the joints: a camera at 5 Hz may be 0.3 s late."""
 
 
 def cut_faults(log: RunLog) -> Iterator[Fault]:
@@ -42,7 +42,7 @@ def _other_clocks(log: RunLog) -> list[tuple[str, Floats]]:
 
 
 def until(log: RunLog, end_s: float) -> RunLog:
-    """The rows of all tables before a time on the log's clock; claims stay. A table without such rows is gone."""
+    """The rows of all tables before a time on the log's clock; a table without any is gone."""
     kept = log.joints.time_s < end_s
     joints = {name: values[kept] for name, values in vars(log.joints).items() if values is not None}
     return replace(

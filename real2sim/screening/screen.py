@@ -4,9 +4,10 @@ A damaged log looks like effects: columns in degrees, swapped joints, or gains o
 compares the log with itself or with simple geometry, so that strong effects of the library (delays to 25 ms, gains off
 by 20 %, friction, 0.1 rad of bias) do not trigger it.
 
-A recording may end at any moment, also in the middle of a step, where a joint that lags behind looks like one that
-moves the other way. So what is read off a motion is believed only of a log that is long enough, and only where it
-shows a fault without its last second as well. What single rows show is believed at once.
+A recording may end at any moment, also in the middle of a step, where a joint that lags behind
+looks like one that moves the other way. So what is read off a motion is believed only of a log that
+is long enough, and only where it shows a fault without its last second as well. What single rows
+show is believed at once.
 """
 
 from dataclasses import replace
@@ -20,14 +21,15 @@ from saltus.real2sim.screening.rig import pose_faults, rig_faults
 from saltus.recordings.run_log import RunLog
 
 LEAST_S = 1.5
-"""Of a log whose motion is judged: two and a half times the window over which slow motion is averaged
-(`saltus.real2sim.screening.joints.SLOW_S`, taken twice). The longest healthy cut of 24 runs that was accused of a
-flipped sign had 1.38 s."""
+"""Of a log whose motion is judged: two and a half times the window over which slow motion is
+averaged (`screening.joints.SLOW_S`, taken twice). The longest healthy cut of 24 runs that was
+accused of a flipped sign had 1.38 s."""
 END_S = 1.0
-"""Of the log: a joint has settled this long after a step, so that what only the end shows may be a step that is cut."""
+"""Of the log. A joint has settled this long after a step: what only the end shows may be a step
+that is cut."""
 AT_ONCE = {
-    "degrees", "time_unit", "dead_channel", "quaternion_norm", "base_unit", "no_camera", "image_size",
-    "frames_backwards", "two_clocks",
+    "degrees", "time_unit", "dead_channel", "quaternion_norm", "base_unit", "no_camera",
+    "image_size", "frames_backwards", "two_clocks",
 }  # fmt: skip
 """Faults that single rows show, or half a second in which nothing is read."""
 
