@@ -41,7 +41,8 @@ def without_absent(log: RunLog, recording: Path) -> tuple[RunLog, list[str]]:
     for signal in JOINT_SIGNALS:
         why = _why(getattr(joints, signal), names, may_be_zero=signal not in ZERO or not moves)
         if why:
-            joints = replace(joints, **{signal: None})
+            nothing: dict[str, Any] = {signal: None}
+            joints = replace(joints, **nothing)
             notes.append(f"{signal} {why}, and is taken to be absent")
     tables: dict[str, Any] = {}
     for name, columns in TABLES.items():

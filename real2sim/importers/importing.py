@@ -60,8 +60,7 @@ def import_recording(recording: Path, out: Path, description: Description, robot
     elif description.columns is None:
         raise RecordingError(f"{recording}: name its columns in the [columns] of a file, with --description")
     else:
-        columns, names = description.columns, description.joint_names
-        parts, notes = read_table(recording, kind, columns, names, description.leave_out)
+        parts, notes = read_table(recording, kind, description.columns, description.joint_names, description.leave_out)
     logs: dict[Path, RunLog] = {}
     for name, part in parts.items():
         if len(parts) > 1 and len(part.joints.time_s) < MIN_ROWS:

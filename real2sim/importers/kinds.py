@@ -52,7 +52,7 @@ def kind_of(path: Path) -> Kind:
             raise RecordingError(
                 f"{path} is {what}; `import` reads {KINDS}: numpy.savez(file, t=..., q=...) writes one"
             )
-    kind = next((kind for beginning, kind in BEGINNINGS.items() if head.startswith(beginning)), "text")
+    kind: Kind = next((kind for beginning, kind in BEGINNINGS.items() if head.startswith(beginning)), "text")
     if kind == "npz":
         _check_npz(path)
     return kind

@@ -50,7 +50,8 @@ def read_table(
     Raises:
         RecordingError: a column that is missing or holds text, or a description that does not say enough.
     """
-    columns = replace(_with_joints(columns, joint_names), **dict.fromkeys(set(left_out) & {*JOINT_SIGNALS}))
+    without: dict[str, Any] = dict.fromkeys({*left_out} & {*JOINT_SIGNALS})
+    columns = replace(_with_joints(columns, joint_names), **without)
     if LOG not in columns.q:
         return _read_one(path, kind, columns, joint_names)
     found = re.compile(re.escape(columns.q.partition(LOG)[0]) + "(.+)" + re.escape(columns.q.partition(LOG)[2]))
@@ -62,7 +63,9 @@ def read_table(
     logs: dict[str, RunLog] = {}
     notes: list[str] = []
     for name in names:
-        own = {key: value.replace(LOG, name) for key, value in vars(columns).items() if isinstance(value, str)}
+        own: dict[str, Any] = {
+            key: value.replace(LOG, name) for key, value in vars(columns).items() if isinstance(value, str)
+        }
         parts, told = _read_one(path, kind, replace(columns, **own), joint_names)
         logs |= {f"{name}/{part}".rstrip("/"): log for part, log in parts.items()}
         notes += [note for note in told if note not in notes]
