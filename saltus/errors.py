@@ -6,8 +6,8 @@ from collections.abc import Iterable
 _SURE = 0.8
 """Similarity from which on a name is a misspelt other one, and not another word with a part of it."""
 
-_LISTED = 12
-"""Names that one line lists; as many as a robot has joints."""
+_LISTED = 50
+"""Names that one line lists: all effects, benchmarks or joints, and not the hundreds of columns of a table."""
 
 
 class SaltusError(Exception):

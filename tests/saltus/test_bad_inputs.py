@@ -337,7 +337,7 @@ BAD = {
     "real2sim import": "needs PATH",
     "real2sim import missing": "missing",
     "real2sim import folder": "metadata",
-    "real2sim import file": "file is no recording of ROS",
+    "real2sim import file": "file: name its columns in the [columns] of a file, with --description",
     "real2sim import junk.mcap": "junk.mcap",
     "real2sim import empty.mcap": "empty.mcap",
     "real2sim import junk.bag": "junk.bag",
