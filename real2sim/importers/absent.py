@@ -1,4 +1,4 @@
-"""What a recording has in form but not in fact: signals that hold no number, or nothing but zeros."""
+"""Signals that a recording has in form but not in fact: no numbers, or nothing but zeros."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,9 +21,10 @@ TABLES = {"imu": IMU_COLUMNS, "base": BASE_COLUMNS}
 def without_absent(log: RunLog, recording: Path) -> tuple[RunLog, list[str]]:
     """The log without signals that are in truth absent, and notes on which and why.
 
-    A signal is absent if it is no number throughout, of any joint; velocities and torques also if they are zero
-    throughout while joints move; a table if a column of it is no number throughout, or its quaternions are zero.
-    Rows of a table with a zero quaternion are left out: so an estimator tells that it has not begun yet.
+    A signal is absent if it is no number throughout, of any joint; velocities and torques also if
+    they are zero throughout while joints move; a table if a column of it is no number throughout,
+    or its quaternions are zero. Rows of a table with a zero quaternion are left out: so an
+    estimator tells that it has not begun yet.
 
     Raises:
         RecordingError: the angles of a joint are no numbers throughout.

@@ -20,13 +20,13 @@ from saltus.robots.robot import JOINTS, Robot
 WORTH_SAYING = ("q_des", "kp", "kd", "dq", "tau_est", "imu", "base", "depth")
 """Parts of a log whose absence makes effects untestable."""
 OPTIONAL = (*(signal for signal in JOINT_SIGNALS if signal not in REQUIRED_SIGNALS), "imu", "base", "depth")
-"""What may be left out of a log."""
+"""Signals and parts that a log may lack."""
 CURES = {
     "not_a_number": "; or leave the signal out of the log: leave_out, in the description",
     "too_large": "; or leave the signal out of the log: leave_out, in the description",
     "repeated_rows": "; if its times are rounded, give rate_hz in place of time",
 }
-"""What to do about faults that one signal alone has."""
+"""The cure of each fault that one signal alone has."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,8 +48,8 @@ def import_recording(recording: Path, out: Path, description: Description, robot
         robot: The robot that was recorded. Joints are put in its order, and counted its way.
 
     Raises:
-        RecordingError: it cannot be read; joints that the robot does not have; times that run backwards, or angles that
-            no joint reaches; claims that cannot be.
+        RecordingError: it cannot be read; joints that the robot does not have; times that run
+            backwards, or angles that no joint reaches; claims that cannot be.
     """
     _check_left_out(description.leave_out)
     kind = kind_of(recording)

@@ -1,4 +1,4 @@
-"""What kind of file a recording is, by how it begins and not by its name."""
+"""Tells the kind of a recording by how its file begins, not by its name."""
 
 import zipfile
 from pathlib import Path
@@ -34,7 +34,8 @@ def kind_of(path: Path) -> Kind:
     """Kind of a recording.
 
     Raises:
-        RecordingError: it is empty, cannot be read, or is of a kind that nothing reads; says what to make of it.
+        RecordingError: it is empty, cannot be read, or is of a kind that nothing reads; says what
+            to make of it.
     """
     if path.is_dir():
         return "bag"

@@ -26,7 +26,7 @@ SETTLED_S = 0.25  # after touching a stop: e^-3 of the touch is left at a stop o
 SHORTEST_S = 1.0  # of a stretch: the first 0.25 s of a replay only settle
 SEGMENT_S = 5.0  # of what a stretch is cut into: several periods of any motion
 READERS = {"text": read_text, "Parquet": read_parquet, "npz": read_archive}
-"""Of the kinds of tables."""
+"""The reader of each kind of table."""
 LOG = "{log}"
 """In a name of [columns]: what tells the logs of one archive apart."""
 
@@ -36,9 +36,9 @@ def read_table(
 ) -> tuple[dict[str, RunLog], list[str]]:
     """The logs of a table by their names, and notes.
 
-    There is one without a name, one for each that an archive holds, or, where joints lean on stops, one for each leg
-    that moves freely for a while. `meta` of a log has joints, by their names in `joint_names`, control_dt, and
-    segments where stretches are left out.
+    There is one without a name, one for each that an archive holds, or, where joints lean on stops,
+    one for each leg that moves freely for a while. `meta` of a log has joints, by their names in
+    `joint_names`, control_dt, and segments where stretches are left out.
 
     Args:
         path: A table of a kind of `READERS`.
@@ -48,7 +48,8 @@ def read_table(
         left_out: Signals that are not read.
 
     Raises:
-        RecordingError: a column that is missing or holds text, or a description that does not say enough.
+        RecordingError: a column that is missing or holds text, or a description that does not say
+            enough.
     """
     without: dict[str, Any] = dict.fromkeys({*left_out} & {*JOINT_SIGNALS})
     columns = replace(_with_joints(columns, joint_names), **without)

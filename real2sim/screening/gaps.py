@@ -1,7 +1,7 @@
 """Rows that a logger lost, told from rows whose times are rounded, or late and caught up with.
 
-A lost row moves all later times by a period, for good. Rounding and jitter do not: the times come back to the line on
-which they were. So each long step is looked at from both sides.
+A lost row moves all later times by a period, for good. Rounding and jitter do not: the times come
+back to the line on which they were. So each long step is looked at from both sides.
 """
 
 import numpy as np
@@ -55,14 +55,14 @@ def lost_rows(time_s: Floats) -> tuple[int, float]:
 
 
 def _is_even(time_s: Floats, steps: Floats) -> bool:
-    """Whether a clock is as even as lets each long step speak for itself: neither rounded coarsely nor jittering."""
+    """True for a clock so even that each long step speaks for itself."""
     usual = float(np.median(steps))
     short = steps[steps <= LONG * usual]
     return bool(np.all(np.abs(short - usual) < JITTER * usual)) and not _is_rounded(time_s, usual)
 
 
 def _is_rounded(time_s: Floats, period: float) -> bool:
-    """Whether times are whole milliseconds, of rows whose period is not much longer."""
+    """True for times in whole milliseconds, of rows whose period is not much longer."""
     whole = (time_s - time_s[0]) / ROUNDED_S
     return period + ROUNDED_S > LONG * period and bool(np.all(np.abs(whole - np.rint(whole)) < SLACK))
 
@@ -78,7 +78,7 @@ def _shift(before: Floats, after: Floats) -> float:
 
 
 def _are_roundings(time_s: Floats, long: NDArray[np.int64], period: float) -> bool:
-    """Whether long steps are what the rounding to whole milliseconds makes of an even clock, at 990 Hz for example."""
+    """True for long steps that rounding to whole milliseconds makes of an even clock, as at 990 Hz."""
     if len(long) < 3 or not _is_rounded(time_s, period):
         return False
     apart, steps = np.diff(long), np.diff(time_s)

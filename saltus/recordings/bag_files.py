@@ -29,7 +29,7 @@ CURES = {
     "database files are missing": "delete metadata.yaml if the rest is enough: files are read without it, too",
     "Unrecognized storage format": "name it by what it is: .bag, .mcap or .db3",
 }
-"""What to do, by what the library says."""
+"""The cure, by words of the library's message."""
 
 
 @contextmanager

@@ -111,7 +111,7 @@ def _of_camera(
 
 
 def folder_of(topic: str) -> str:
-    """What stands before the last part of a topic's name, without the name of a transport."""
+    """The part of a topic's name before its last word, without the name of a transport."""
     return base_topic(topic).rpartition("/")[0]
 
 

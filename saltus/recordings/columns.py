@@ -56,7 +56,8 @@ def read_text(path: Path, wanted: Sequence[str] | None = None) -> Columns:
         wanted: Names of columns; all that have one by default.
 
     Raises:
-        RecordingError: it cannot be read, lacks a column, names one twice, has no rows, or a column holds text.
+        RecordingError: it cannot be read, lacks a column, names one twice, has no rows, or a column
+            holds text.
     """
     try:
         form = _form(path)
@@ -74,7 +75,8 @@ def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> Columns:
     """Columns of a Parquet file.
 
     Raises:
-        RecordingError: it cannot be read, lacks a column, names one twice, has no rows, or a column holds text.
+        RecordingError: it cannot be read, lacks a column, names one twice, has no rows, or a column
+            holds text.
     """
     try:
         table = pyarrow.parquet.read_table(path)
@@ -101,7 +103,8 @@ def read_archive(path: Path, wanted: Sequence[str] | None = None) -> Columns:
     """Arrays of an npz, as numpy.savez writes it; by default all that hold numbers, one or many to a row.
 
     Raises:
-        RecordingError: it is none or damaged, lacks an array, or one holds something else than rows of numbers.
+        RecordingError: it is none or damaged, lacks an array, or one holds something else than rows
+            of numbers.
     """
     with _opened(path) as archive:
         names = list(archive.files)
@@ -182,7 +185,7 @@ def _first_lines(path: Path) -> tuple[str, list[str]]:
 
 
 def _is_row(line: str) -> bool:
-    """Whether most of what stands in a line is numbers."""
+    """True for a line most of whose parts are numbers."""
     for separator in SEPARATORS:
         parts = [part for part in _cut(line, separator) if part]
         if 2 * sum(NUMBER.fullmatch(part) is not None for part in parts) > len(parts):
@@ -267,13 +270,13 @@ def _cut_off(path: Path, odd: list[Any], form: _Form) -> tuple[str, ...]:
 
 
 def _holds(end: bytes, row: str, form: _Form) -> bool:
-    """Whether a text ends with a row."""
+    """True for a text that ends with a row."""
     last = end.decode(form.encoding, errors="replace").splitlines()[-1]
     return last.split() == row.replace(",", " ").split() if form.separator == " " else last == row.rstrip("\r\n")
 
 
 def _of_column(said: str, form: _Form) -> str:
-    """What Arrow says of a column, with the column's name in place of its number."""
+    """Arrow's message about a column, with the column's name in place of its number."""
     found = re.match(r"In CSV column #(\d+): (?:Row #(\d+): )?CSV conversion error to double: (.*)", said, re.DOTALL)
     if not found:
         return said

@@ -70,8 +70,8 @@ class Description:
     topics: Topics = field(default_factory=Topics)
     """Of a bag."""
     leave_out: tuple[str, ...] = ()
-    """What the log is not to have, though the recording has it: of dq, q_des, dq_des, tau_ff, tau_est, kp, kd, imu,
-    base, depth."""
+    """Signals that stay out of the log although the recording has them: dq, q_des, dq_des, tau_ff,
+    tau_est, kp, kd, imu, base, depth."""
     joint_names: dict[str, str] = field(default_factory=dict)
     """The recording's name of a joint, and that of the robot; empty for what is no joint of the robot's legs."""
     columns: Columns | None = None

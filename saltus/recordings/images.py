@@ -1,6 +1,7 @@
 """Depth images and calibrations as ROS carries them, raw or compressed: pixels, and the camera that took them.
 
-A recording and a live robot are read by the same lines. Whatever a message claims is checked before it is believed.
+A recording and a live robot are read by the same lines. Whatever a message claims is checked before
+it is believed.
 """
 
 import re
@@ -16,8 +17,8 @@ from saltus.errors import MessageError
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 ENCODINGS = {"mono16": "u2", "16UC1": "u2", "32FC1": "f4"}
-"""Of depth images. Whole numbers count a unit, which is a millimetre (REP 118) unless somebody says otherwise; others
-are metres."""
+"""Encodings of depth images. Whole numbers count a unit, which is a millimetre (REP 118) unless
+somebody says otherwise; others are metres."""
 MILLIMETRE = 0.001
 NOTHING = 65535  # in whole millimetres: nothing within range
 PIXEL_CENTRE = 0.5  # a camera_info's principal point counts from the centre of the first pixel, ours from its corner
@@ -36,7 +37,7 @@ def base_topic(topic: str) -> str:
 
 
 def is_rectified(topic: str) -> bool:
-    """Whether images are rectified, by ROS's words for it; depth that says neither "rect" nor "raw" mostly is."""
+    """True for a topic of rectified images by its name; depth that says neither "rect" nor "raw" mostly is."""
     words = re.split(r"[\W_]+", base_topic(topic).rpartition("/")[2].lower())
     return "rect" in words or "rectified" in words or "raw" not in words
 
@@ -50,7 +51,7 @@ def encoding_of(image: Any) -> str:
 
 
 def is_depth(image: Any) -> bool:
-    """Whether the pixels of an Image or a CompressedImage are depth."""
+    """True for an Image or a CompressedImage whose pixels are depth."""
     if hasattr(image, "encoding"):
         return image.encoding in ENCODINGS
     return "compressedDepth" in image.format or encoding_of(image) in ENCODINGS
@@ -124,8 +125,9 @@ class Intrinsics:
 def intrinsics(info: Any, width: int, height: int, *, rectified: bool) -> Intrinsics:
     """The camera of images of a size, out of a `sensor_msgs/msg/CameraInfo` of ROS 1 or 2.
 
-    Rectified images have the projection P, others the matrix K. Both are of the whole sensor; binning and the region of
-    interest are taken into account where the images are of the size that they make of it.
+    Rectified images have the projection P, others the matrix K. Both are of the whole sensor;
+    binning and the region of interest are taken into account where the images are of the size that
+    they make of it.
 
     Raises:
         MessageError: it is for images of another size, or its focal lengths are zero.
@@ -150,7 +152,7 @@ def intrinsics(info: Any, width: int, height: int, *, rectified: bool) -> Intrin
 
 
 def matrices_differ(info: Any) -> bool:
-    """Whether K and P of a CameraInfo, both set, are two cameras: the lens distorts."""
+    """True for a CameraInfo whose K and P, both set, are two cameras: its lens distorts."""
     k, p = (np.asarray(getattr(info, name, getattr(info, name.upper(), ())), np.float64) for name in "kp")
     both = k[0] > 0.0 and p[0] > 0.0
     return both and not np.allclose([k[0], k[4], k[2], k[5]], [p[0], p[5], p[2], p[6]], rtol=1e-3)

@@ -1,6 +1,7 @@
 """Reads the depth stream of a RealSense recording, as the vendor's viewer and SDK write it.
 
-That is a bag of ROS 1, or since 2026 a database of rosbag2 (.db3), in which texts say the intrinsics and the unit.
+That is a bag of ROS 1, or since 2026 a database of rosbag2 (.db3), in which texts say the
+intrinsics and the unit.
 """
 
 import logging
@@ -21,7 +22,7 @@ from saltus.wire.messages import DepthFrame
 
 _LOG = logging.getLogger(__name__)
 ENDINGS = (".bag", ".db3")
-"""Of the names of such recordings."""
+"""Endings of the names of such recordings."""
 _IMAGE = "/image/data"
 _DEFAULT_UNIT_M = 0.001  # librealsense's default depth unit of the D400 family
 _ZSTD = b"\x28\xb5\x2f\xfd"  # a .db3 may hold compressed messages, each by itself
@@ -30,7 +31,7 @@ _UNPACKED_MAX = 2**28  # bytes: what the SDK's own reader accepts
 
 @dataclass(frozen=True)
 class _Camera:
-    """What a recording says once of its depth camera."""
+    """A depth camera, as a recording says it once."""
 
     lens: Intrinsics
     width: int
@@ -41,9 +42,10 @@ class _Camera:
 def read_realsense(path: Path) -> Iterator[DepthFrame]:
     """Yields the depth frames of a recording in order of capture.
 
-    Depth unit and intrinsics are the recording's own; where it does not state a unit, 1 mm is assumed and logged.
-    `time_ns` is the camera's clock. A pixel of 0 is invalid, as in `DepthFrame`; 65535 is a plain distance here but
-    would mean "nothing within range" there, so it becomes 65534.
+    Depth unit and intrinsics are the recording's own; where it does not state a unit, 1 mm is
+    assumed and logged. `time_ns` is the camera's clock. A pixel of 0 is invalid, as in
+    `DepthFrame`; 65535 is a plain distance here but would mean "nothing within range" there, so it
+    becomes 65534.
 
     Raises:
         RecordingError: not a readable recording, or one without a depth stream or its intrinsics.

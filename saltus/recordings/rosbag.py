@@ -1,7 +1,8 @@
 """Reads a recording of ROS (rosbag2 in SQLite or MCAP, or a bag of ROS 1) as the tables of a run log.
 
-Times of measurements are the headers' stamps, or, where they are empty, those at which the bag received a message. All
-count from the first message of joints: seconds since 1970 would leave doubles a quarter of a microsecond.
+Times of measurements are the headers' stamps, or, where they are empty, those at which the bag
+received a message. All count from the first message of joints: seconds since 1970 would leave
+doubles a quarter of a microsecond.
 """
 
 import sys
@@ -52,14 +53,16 @@ def read_rosbag(
         path: File or folder.
         topics: Names of topics, where types do not tell.
         left_out: Signals and parts that the log is not to have.
-        size: Width and height of the depth images that count, where there are several; by default the most frequent.
+        size: Width and height of the depth images that count, where there are several; by default
+            the most frequent.
 
     Returns:
-        A log whose `meta` has what the bag says: joints, control_dt, and intrinsics and rate of the camera. Notes on
-        which topics were read, and what was left out.
+        A log whose `meta` has what the bag says: joints, control_dt, and intrinsics and rate of the
+        camera. Notes on which topics were read, and what was left out.
 
     Raises:
-        RecordingError: no bag; no topic of joints; a topic that is not there, of another type, or one of several.
+        RecordingError: no bag; no topic of joints; a topic that is not there, of another type, or
+            one of several.
     """
     notes: list[str] = []
     with opened(path) as reader:
@@ -110,7 +113,7 @@ def _receive(reader: AnyReader, path: Path, chosen: dict[str, str], notes: list[
 
 
 class _Joints(NamedTuple):
-    """What is kept of a JointState: an hour at 500 Hz has two million of them."""
+    """The part of a JointState that is kept: an hour at 500 Hz has two million of them."""
 
     name: tuple[str, ...]
     position: Floats
@@ -139,7 +142,7 @@ def _base_row(message: Any) -> Floats:
 KEPT: dict[str, Callable[[Any], Any]] = {
     "joints": _joint_row, "commands": _joint_row, "imu": _imu_row, "base": _base_row, "camera_info": lambda info: info,
 }  # fmt: skip
-"""What is kept of a message of each part."""
+"""The part of a message that is kept, for each part of the log."""
 
 
 class _Images:

@@ -30,7 +30,7 @@ class Images:
     padding: int = 0
     """Bytes after each row."""
     compression: str = ""
-    """Of a CompressedImage: its format."""
+    """Format of a CompressedImage; an Image if empty."""
     k: tuple[float, float, float, float] = (CAMERA["fx"], CAMERA["fy"], CAMERA["cx"] - 0.5, CAMERA["cy"] - 0.5)
     p: tuple[float, float, float, float] | None = None
     """fx, fy, cx, cy of the projection, if it is not K."""
@@ -47,15 +47,15 @@ class Images:
 
 @dataclass(frozen=True, kw_only=True)
 class Bag:
-    """What a bag holds."""
+    """The contents of a bag."""
 
     kind: str = "mcap"
     compression: str = ""
-    """Of a bag of ROS 1."""
+    """Compression of a bag of ROS 1: BZ2 or LZ4."""
     images: tuple[Images, ...] = (Images(),)
     change: Callable[[RunLog], RunLog] = lambda log: log
     start_s: float = 1_763_740_800.0
-    """Of stamps: real robots count from 1970."""
+    """Start of the stamps: real robots count from 1970."""
 
 
 def write(bag: Bag, folder: Path) -> Path:
@@ -148,7 +148,7 @@ def pixels(depth_mm: np.ndarray, images: Images) -> np.ndarray:
 
 
 INVERSE = (5000.0, 0.25)
-"""What depth [m] is made inverse with: number = a / depth + b."""
+"""Constants that make depth [m] inverse: number = a / depth + b."""
 
 
 def packed(depth_mm: np.ndarray, form: str) -> np.ndarray:

@@ -17,7 +17,7 @@ SECONDS = 0.3  # 150 rows and ten images
 
 @cache
 def truth() -> RunLog:
-    """What all files hold: twelve joints that move, an IMU, motion capture and ten depth images."""
+    """The log in all files: twelve joints that move, an IMU, motion capture and ten depth images."""
     log = body_log(seconds=SECONDS)
     t = log.joints.time_s
     phase, rate = np.arange(12.0), 6.0
@@ -36,7 +36,7 @@ class Stranger:
     description: Description = field(default_factory=Description)
     check: Callable[[RunLog], None] | None = None
     says: str = ""
-    """Of the refusal, or of the notes: a regular expression."""
+    """A regular expression that the refusal, or the notes, must match."""
 
 
 def described(topics: Topics | None = None, **claims: Any) -> Description:
