@@ -310,9 +310,11 @@ def _depth(path: Path, messages: list[_Received], size: tuple[int, int] | None, 
     stamped = bool(np.any(age_s))
     if not stamped:
         notes.append("images bear no stamps: how old they are when they come is not known")
+    images: list[Any] = [each.message for each in messages]
+    messages.clear()
     depth = np.empty((int(right.sum()), *shape), np.uint16)
     for row, place in enumerate(np.flatnonzero(right)):
-        depth[row] = messages[place].message
+        depth[row], images[place] = images[place], None  # one by one: twice as many would not fit
     return DepthTable(
         arrival_s=arrival_s[right],
         capture_s=capture_s[right] if stamped else None,

@@ -52,6 +52,8 @@ class Bag:
     kind: str = "mcap"
     compression: str = ""
     """Compression of a bag of ROS 1: BZ2 or LZ4."""
+    chunk_bytes: int = 2**20
+    """Of which a bag of ROS 1 makes a chunk."""
     images: tuple[Images, ...] = (Images(),)
     change: Callable[[RunLog], RunLog] = lambda log: log
     start_s: float = 1_763_740_800.0
@@ -60,10 +62,11 @@ class Bag:
 
 def write(bag: Bag, folder: Path) -> Path:
     path = folder / ("run.bag" if bag.kind == "ros1" else "run")
-    log = bag.change(_later(truth(), bag.start_s))
+    log = bag.change(later(truth(), bag.start_s))
     out = RosBag(path, bag.kind)
     if bag.compression:
         out.writer.set_compression(rosbag1.Writer.CompressionFormat[bag.compression])
+        out.writer.chunk_threshold = bag.chunk_bytes
     with out:
         put_joints(out, log, has_commands=True)
         put_turns(out, log)
@@ -74,7 +77,7 @@ def write(bag: Bag, folder: Path) -> Path:
     return path
 
 
-def _later(log: RunLog, start_s: float) -> RunLog:
+def later(log: RunLog, start_s: float) -> RunLog:
     assert log.imu is not None
     assert log.base is not None
     assert log.depth is not None
