@@ -64,7 +64,7 @@ def read_text(path: Path, wanted: Sequence[str] | None = None) -> Columns:
         places = _places(form.names, wanted)
         table, notes = _parsed(path, form, list(places.values()))
         values = {name: table[str(place)].to_numpy() for name, place in places.items()}
-    except (OSError, ValueError, pa.ArrowException) as error:
+    except (OSError, ValueError, csv.Error, pa.ArrowException) as error:
         raise RecordingError(f"cannot read {path}: {str(error).splitlines()[0]}") from error
     if not table.num_rows:
         raise RecordingError(f"{path} has no rows")
@@ -153,14 +153,15 @@ def _form(path: Path) -> _Form:
     at = next((i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENT)), None)
     if at is None:
         raise ValueError("it has no line with names of columns")
-    told = lines[at].strip().strip('"').lower()
-    separator = told[4] if told.startswith("sep=") and len(told) == 5 else None  # as Excel writes it
+    told = lines[at].strip(' "')
+    separator = told[4] if told.lower().startswith("sep=") and len(told) == 5 else None  # as Excel writes it
     at += separator is not None
-    header, first, skipped = lines[at] if at < len(lines) else "", "", at + 1
-    if _is_row(header):
-        if not at or not lines[at - 1].lstrip().startswith(COMMENT):
-            raise ValueError("its first line has no names of columns; put one before it")
-        header, first, skipped = lines[at - 1].lstrip(" #%/"), header, at  # as numpy.savetxt writes names
+    header, skipped = lines[at] if at < len(lines) else "", at + 1
+    before = lines[at - 1].lstrip() if at else ""
+    if before.startswith(COMMENT) and _is_row(header, 0.5):
+        header, first, skipped = before.lstrip(" #%/"), header, at  # as numpy.savetxt writes names
+    elif _is_row(header, 1.0):
+        raise ValueError("its first line has no names of columns; put one before it")
     else:
         first = next((line for line in lines[at + 1 :] if line.strip()), "")
     separator = separator or _separator(header, first)
@@ -180,15 +181,17 @@ def _first_lines(path: Path) -> tuple[str, list[str]]:
     except UnicodeDecodeError:
         text, encoding = head.decode("latin-1"), "latin-1"  # as Windows writes degrees and Greek letters
     if "\0" in text:
-        raise ValueError("it is no text")
+        lost = "\0" not in text.rstrip("\0\r\n") and len(text.splitlines()) > 1
+        cure = "ends in zero bytes, as after a loss of power: `tr -d '\\000' < FILE > NEW` takes them out"
+        raise ValueError(f"it {cure if lost else 'is no text'}")
     return encoding, text.splitlines()
 
 
-def _is_row(line: str) -> bool:
-    """True for a line most of whose parts are numbers."""
+def _is_row(line: str, share: float) -> bool:
+    """True for a line of whose parts a share or more are numbers."""
     for separator in SEPARATORS:
         parts = [part for part in _cut(line, separator) if part]
-        if 2 * sum(NUMBER.fullmatch(part) is not None for part in parts) > len(parts):
+        if parts and sum(NUMBER.fullmatch(part) is not None for part in parts) >= share * len(parts):
             return True
     return False
 
@@ -282,4 +285,5 @@ def _of_column(said: str, form: _Form) -> str:
         return said
     row = int(found[2]) - form.skipped if found[2] else 0
     text = f"column '{form.names[int(found[1])]}'{f', row {row}' if row else ''}: {found[3].splitlines()[0]}"
-    return f"{text}; is it a row of units? Delete it" if row == 1 else f"{text}; it must hold numbers"
+    is_unit = row == 1 and not re.search(r"\d", found[3].splitlines()[0])
+    return f"{text}; is it a row of units? Delete it" if is_unit else f"{text}; it must hold numbers"

@@ -117,6 +117,7 @@ def _forms() -> list[Text]:
     forms += [
         Text(before=("# robot: mine", "", "# Monday, in the lab; 3,5 kg")),
         Text(before=("sep=;",), separator=";"),
+        Text(before=("sep=\t",), separator="\t"),
     ]
     forms += [
         Text(quotes=True, separator=separator, decimal=decimal)
@@ -156,7 +157,17 @@ def _units(rows: list[str]) -> list[str]:
     return [rows[0], ",".join(["[s]"] + ["[rad]"] * rows[0].count(",")), *rows[1:]]
 
 
+def _zeros(rows: list[str]) -> list[str]:
+    return [*rows, "\0" * 512]
+
+
+def _dates(rows: list[str]) -> list[str]:
+    return [rows[0], *(f"2026-11-27 08:00:{row}" for row in rows[1:])]
+
+
 REFUSED_TEXTS = {
+    "zeros at its end": (Text(damage=_zeros), "zero bytes, as after a loss of power: `tr -d"),
+    "dates for times": (Text(damage=_dates), "column 't', row 1: .*2026.*must hold numbers"),
     "two columns of one name": (Text(damage=_twice), "2 columns are named 'q FR_hip'.*Rename"),
     "a word where a number is due": (
         Text(damage=_with("high")),
