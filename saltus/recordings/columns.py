@@ -181,7 +181,7 @@ def _first_lines(path: Path) -> tuple[str, list[str]]:
     except UnicodeDecodeError:
         text, encoding = head.decode("latin-1"), "latin-1"  # as Windows writes degrees and Greek letters
     if "\0" in text:
-        lost = "\0" not in text.rstrip("\0\r\n") and len(text.splitlines()) > 1
+        lost = "\0" not in text.rstrip("\0\r\n") and len(text.splitlines()) > 1 and encoding != "latin-1"
         cure = "ends in zero bytes, as after a loss of power: `tr -d '\\000' < FILE > NEW` takes them out"
         raise ValueError(f"it {cure if lost else 'is no text'}")
     return encoding, text.splitlines()
