@@ -69,7 +69,7 @@ def read_rosbag(
         chosen = choose(reader, path, topics, left_out, notes)
         received = _receive(reader, path, chosen, notes)
     notes.insert(0, ", ".join(f"{part} from {topic}" for part, topic in chosen.items()))
-    names, joints = _joints(chosen, received, left_out)
+    names, joints = _joints(chosen, received, left_out, notes)
     depth = _depth(path, received.pop("depth", []), size, notes)
     told = received["commands"] if len(received.get("commands", ())) > 1 else received["joints"]
     meta: dict[str, Any] = {"joints": names, "control_dt": period_of(_times(told))}
@@ -213,17 +213,19 @@ def _timed(rows: _Rows, start_ns: int) -> list[_Received]:
 
 
 def _joints(
-    chosen: dict[str, str], received: dict[str, list[_Received]], left_out: Sequence[str]
+    chosen: dict[str, str], received: dict[str, list[_Received]], left_out: Sequence[str], notes: list[str]
 ) -> tuple[list[str], JointTable]:
     """Names of the joints, and rows from the first command on."""
-    names = list(received["joints"][0].message.name)
-    signals = _signals(received["joints"], chosen["joints"], names, ("q", "dq", "tau_est"), left_out)
-    time_s = _times(received["joints"])
+    measured = _whole(received["joints"], chosen["joints"], notes)
+    names = list(measured[0].message.name)
+    signals = _signals(measured, chosen["joints"], names, ("q", "dq", "tau_est"), left_out)
+    time_s = _times(measured)
     if "q" not in signals or len(time_s) < 2:
         raise RecordingError(f"{chosen['joints']} has {'one message only' if 'q' in signals else 'no positions'}")
     if "commands" in received:
-        told = _signals(received["commands"], chosen["commands"], names, COMMANDS, left_out)
-        sent_s = _times(received["commands"])
+        commands = _whole(received["commands"], chosen["commands"], notes)
+        told = _signals(commands, chosen["commands"], names, COMMANDS, left_out)
+        sent_s = _times(commands)
         if (np.diff(sent_s) < 0.0).any():
             raise RecordingError(f"{chosen['commands']}: time runs backwards")
         row = np.searchsorted(sent_s, time_s, side="right") - 1  # the command that is in force
@@ -236,25 +238,44 @@ def _joints(
     return names, JointTable(time_s=time_s, **signals)
 
 
+def _whole(messages: _Messages, topic: str, notes: list[str]) -> _Messages:
+    """The messages of a topic that name all joints of the longest: a gripper may send its own on the same topic."""
+    named = Counter(each.message.name for each in messages)
+    most = max(named, key=lambda names: (len(names), named[names]))
+    whole = {names for names in named if {*most} <= {*names}}
+    kept = [each for each in messages if each.message.name in whole]
+    if len(kept) < len(messages):
+        count = len(messages) - len(kept)
+        notes.append(f"{topic}: {count} of {len(messages)} messages name fewer joints than others, and are left out")
+    return kept
+
+
 def _signals(
     messages: _Messages, topic: str, names: Sequence[str], signals: Sequence[str], left_out: Sequence[str]
 ) -> dict[str, Floats]:
-    """What joint messages hold of `signals`, in the order of `names`, shape (messages, joints) each."""
+    """Values of `signals` in joint messages, in the order of `names`, shape (messages, joints) each.
+
+    NaN stands for a joint that they do not name, as a gripper that takes commands of another kind.
+    """
     fields = dict(zip(signals, ("position", "velocity", "effort"), strict=True))
     first = messages[0].message
     held = {s: field for s, field in fields.items() if s not in left_out and len(getattr(first, field))}
-    rows = {signal: np.empty((len(messages), len(names))) for signal in held}
-    orders: dict[tuple[str, ...], list[int]] = {}
+    rows = {signal: np.full((len(messages), len(names)), np.nan) for signal in held}
+    places: dict[tuple[str, ...], tuple[list[int], list[int]]] = {}
     for row, each in enumerate(messages):
         own = each.message.name
-        if lacking := [name for name in names if own not in orders and name not in own]:
-            raise RecordingError(f"{topic}: the message at {each.time_s:.3f} s lacks joint '{lacking[0]}'")
-        order = orders.setdefault(own, [own.index(name) for name in names])
+        if own not in places:
+            there = [place for place, name in enumerate(names) if name in own]
+            places[own] = there, [own.index(names[place]) for place in there]
+        ours, theirs = places[own]
         for signal, field in held.items():
             values = getattr(each.message, field)
             if len(values) != len(own):
-                raise RecordingError(f"{topic}: the message at {each.time_s:.3f} s lacks {field} of some joints")
-            rows[signal][row] = values[order]
+                raise RecordingError(
+                    f"{topic}: the message at {each.time_s:.3f} s has {len(own)} names and {len(values)} values of "
+                    f"{field}; leave it out with leave_out"
+                )
+            rows[signal][row, ours] = values[theirs]
     return rows
 
 

@@ -161,6 +161,7 @@ BAGS: tuple[Stranger, ...] = (
         "leave_out has 'q', which no log may lack",
         replace(described(), leave_out=("q",)),
     ),
+    _as("a gripper on the topic of the legs", Bag(gripper=True), "30 of 180 messages name fewer joints"),
     # images
     _as(
         "an image without a stamp",

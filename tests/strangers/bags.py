@@ -55,6 +55,8 @@ class Bag:
     chunk_bytes: int = 2**20
     """Of which a bag of ROS 1 makes a chunk."""
     images: tuple[Images, ...] = (Images(),)
+    gripper: bool = False
+    """Another program tells a joint of its own on the topic of the legs; no command names it."""
     change: Callable[[RunLog], RunLog] = lambda log: log
     start_s: float = 1_763_740_800.0
     """Start of the stamps: real robots count from 1970."""
@@ -70,6 +72,11 @@ def write(bag: Bag, folder: Path) -> Path:
     with out:
         put_joints(out, log, has_commands=True)
         put_turns(out, log)
+        if bag.gripper:
+            for row in range(0, len(log.joints.time_s), 5):
+                time_s = float(log.joints.time_s[row]) + 1e-3
+                fields = {name: np.array([0.5]) for name in ("position", "velocity", "effort")}
+                out.put("/joint_states", "sensor_msgs/msg/JointState", time_s, name=["gripper"], **fields)
         for row in zip(log.base.time_s, log.base.values, strict=True) if log.base is not None else ():
             put_odometry(out, *row)
         for images in bag.images:
