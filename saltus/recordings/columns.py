@@ -1,6 +1,7 @@
 """Columns of numbers as people keep them: text with any separator and decimal sign, Parquet, archives of numpy."""
 
 import codecs
+import contextlib
 import csv
 import io
 import re
@@ -26,6 +27,7 @@ SEPARATORS = (";", "\t", "|", ",", " ")
 sign. A space stands for any number of spaces."""
 COMMENT = ("#", "%", "//")
 DECIMAL_SIGNS = (".", ",")
+UNEVEN = re.compile(r"(?:Row #(\d+): )?Expected (\d+) columns, got (\d+)")  # as Arrow says it
 NUMBER = re.compile(r"\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?\s*|\s*[-+]?(nan|inf)\s*|\s*", re.IGNORECASE)
 
 
@@ -218,32 +220,40 @@ def _cut(line: str, separator: str) -> list[str]:
 
 
 def _parsed(path: Path, form: _Form, places: list[int]) -> tuple[pa.Table, tuple[str, ...]]:
-    """The columns at some places, named by their numbers, as two may have one name."""
-    odd: list[Any] = []
+    """The columns at some places, named by their numbers, as two may have one name; and notes."""
+    try:
+        return _table(_source(path, form), form, places), ()
+    except pa.ArrowInvalid as error:
+        uneven = UNEVEN.search(str(error))
+        if uneven is None:
+            raise ValueError(_of_column(str(error), form)) from error
+    whole = _whole_lines(path, form)
+    if whole is not None:
+        with contextlib.suppress(pa.ArrowInvalid):
+            return _table(whole, form, places), (f"the last row of {path.name} is cut off, and left out",)
+    row = f"row {int(uneven[1]) - form.skipped}" if uneven[1] else "a row"
+    raise ValueError(f"{row} has {uneven[3]} columns, the line of names {uneven[2]}")
 
-    def set_aside(row: Any) -> str:
-        odd.append(row)
-        return "skip"
 
+def _table(source: Any, form: _Form, places: list[int]) -> pa.Table:
+    """Columns with decimal points, or, where one cannot be read so, with commas."""
     # With threads and memory of its own Arrow keeps 40 MB after two hundred small logs; 30,000 rows come no faster.
     read = pyarrow.csv.ReadOptions(
         column_names=[str(place) for place in range(len(form.names))], skip_rows=form.skipped, use_threads=False
     )
-    delimiter = "," if form.separator == " " else form.separator
-    parse = pyarrow.csv.ParseOptions(delimiter=delimiter, invalid_row_handler=set_aside)
+    parse = pyarrow.csv.ParseOptions(delimiter="," if form.separator == " " else form.separator)
     names, failures = [str(place) for place in places], []
     for sign in DECIMAL_SIGNS:
-        odd.clear()
         convert = pyarrow.csv.ConvertOptions(
             column_types=dict.fromkeys(names, pa.float64()), include_columns=names, decimal_point=sign
         )
         try:
-            table = pyarrow.csv.read_csv(_source(path, form), read, parse, convert, memory_pool=pa.system_memory_pool())
+            if isinstance(source, io.BytesIO):
+                source.seek(0)
+            return pyarrow.csv.read_csv(source, read, parse, convert, memory_pool=pa.system_memory_pool())
         except pa.ArrowInvalid as error:
             failures.append(error)
-        else:
-            return table, _cut_off(path, odd, form)
-    raise ValueError(_of_column(str(failures[0]), form)) from failures[0]
+    raise next((each for each in failures if UNEVEN.search(str(each))), failures[0])
 
 
 def _source(path: Path, form: _Form) -> Any:
@@ -256,26 +266,13 @@ def _source(path: Path, form: _Form) -> Any:
     return io.BytesIO("\n".join(lines).encode())
 
 
-def _cut_off(path: Path, odd: list[Any], form: _Form) -> tuple[str, ...]:
-    """A note on a last row that was not written to its end; other rows of another length are refused."""
-    if not odd:
-        return ()
-    with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - HEAD_BYTES))
-        last = file.read()
-    if len(odd) == 1 and not last.endswith((b"\n", b"\r", b"\n\0")) and _holds(last, odd[0].text, form):
-        return (f"the last row of {path.name} is cut off, and left out",)
-    row = odd[0]
-    raise ValueError(
-        f"row {row.number - form.skipped} has {row.actual_columns} columns, the line of names {row.expected_columns}"
-        + (f", and {len(odd) - 1} more are like it" if len(odd) > 1 else "")
-    )
-
-
-def _holds(end: bytes, row: str, form: _Form) -> bool:
-    """True for a text that ends with a row."""
-    last = end.decode(form.encoding, errors="replace").splitlines()[-1]
-    return last.split() == row.replace(",", " ").split() if form.separator == " " else last == row.rstrip("\r\n")
+def _whole_lines(path: Path, form: _Form) -> io.BytesIO | None:
+    """A text without its last line, which its writer did not end; None where all are ended."""
+    source = _source(path, form)
+    data = source.getvalue() if isinstance(source, io.BytesIO) else path.read_bytes()
+    if path.read_bytes().rstrip(b"\0").endswith((b"\n", b"\r")):
+        return None
+    return io.BytesIO(data[: max(data.rfind(b"\n"), data.rfind(b"\r")) + 1])
 
 
 def _of_column(said: str, form: _Form) -> str:

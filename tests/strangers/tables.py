@@ -251,7 +251,7 @@ def _no(name: str, write: Callable[[Path], Path], says: str, description: Descri
 TABLES: tuple[Stranger, ...] = (
     *(_read(form) for form in _forms()),
     _read(Text(damage=cut_off), rows=slice(0, 149), says="last row of mine.csv is cut off"),
-    _read(Text(damage=cut_off, separator=";", newline="\r\n"), rows=slice(0, 149), says="cut off"),
+    _read(Text(damage=cut_off, separator=";", decimal=",", newline="\r\n"), rows=slice(0, 149), says="cut off"),
     *(_no(f"text with {name}", partial(write_text, form), says) for name, (form, says) in REFUSED_TEXTS.items()),
     _no(
         "one column for all joints",
