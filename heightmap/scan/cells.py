@@ -52,9 +52,12 @@ def centres(corner: Array, settings: MapSettings, like: Array) -> tuple[Array, A
 
 
 def sorted_into_cells(
-    points: Array, variance: Array, valid: Array, corner: Array, settings: MapSettings
+    points: Array, variance: Array, valid: Array, corner: Array, settings: MapSettings, *, extremes: bool = True
 ) -> CellHeights:
-    """Heights of points (batch, n, 3) in the odometry's frame; `variance` [m^2] and `valid` have shape (batch, n)."""
+    """Heights of points (batch, n, 3) in the odometry's frame; `variance` [m^2] and `valid` have shape (batch, n).
+
+    Without `extremes`, which take a third of the time, the highest and lowest are the mean.
+    """
     xp, side = namespace(points), settings.side
     place = xp.astype(xp.floor(places(points[:, :, :2], corner, settings) + 0.5), xp.int64)
     inside = valid & xp.all((place >= 0) & (place < side), axis=-1)
@@ -65,19 +68,20 @@ def sorted_into_cells(
     index = (robots + xp.where(inside, place[..., 0] * side + place[..., 1], spare)).reshape(-1)
     z, kept = points[:, :, 2].reshape(-1), xp.astype(inside, points.dtype).reshape(-1)
     sums = [_added(index, kept * value, batch * side**2) for value in (xp.ones_like(z), z, variance.reshape(-1))]
-    high, low = (_highest(index, xp.where(kept > 0.0, sign * z, -math.inf), batch * side**2) for sign in (1.0, -1.0))
     number, total, spread = (value.reshape(batch, side, side) for value in sums)
     some = number.clip(1.0, None)
     mean, each = total / some, spread / some
     shared = settings.shared_noise
-    hit = number > 0.0
-    return CellHeights(
-        mean=mean,
-        variance=each * (shared + (1.0 - shared) / some),
-        high=xp.where(hit, high.reshape(batch, side, side), 0.0),
-        low=xp.where(hit, -low.reshape(batch, side, side), 0.0),
-        count=number,
-    )
+    high = low = mean
+    if extremes:
+        hit = number > 0.0
+        found = [_highest(index, xp.where(kept > 0.0, sign * z, -math.inf), batch * side**2) for sign in (1.0, -1.0)]
+        high, low = (
+            xp.where(hit, sign * value.reshape(batch, side, side), 0.0)
+            for sign, value in zip((1.0, -1.0), found, strict=True)
+        )
+    variance = each * (shared + (1.0 - shared) / some)
+    return CellHeights(mean=mean, variance=variance, high=high, low=low, count=number)
 
 
 def moved(values: Array, by: Array, new: float) -> Array:

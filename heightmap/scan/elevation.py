@@ -163,7 +163,8 @@ def _of_image(state: ElevationMap, measured: Measurement, tilt: Array | None, se
     points = points + (measured.exposed.position + state.correction)[:, None, :]
     deviation = settings.depth_noise * measured.depth**2
     variance = deviation**2 + settings.point_noise_m**2
-    return sorted_into_cells(points, variance, measured.depth > 0.0, state.corner, settings)
+    extremes = tilt is not None or not settings.matching  # the first of two looks is for matching alone
+    return sorted_into_cells(points, variance, measured.depth > 0.0, state.corner, settings, extremes=extremes)
 
 
 def _away(state: ElevationMap, position: Array, settings: MapSettings) -> tuple[Array, Array]:
@@ -214,7 +215,7 @@ def _with_feet(state: ElevationMap, measured: Measurement, settings: MapSettings
     stands = xp.reshape(xp.broadcast_to(measured.standing[:, :, None], (*measured.standing.shape, _SOLE**2)),
                         soles.shape[:2])  # fmt: skip
     variance = xp.zeros_like(soles[..., 2]) + settings.foot_noise_m**2
-    cells = sorted_into_cells(soles, variance, stands, state.corner, settings)
+    cells = sorted_into_cells(soles, variance, stands, state.corner, settings, extremes=False)
     # Where the map knows the ground, feet move the pose: a height that was drawn to the foot would hide the drift.
     new = cells._replace(count=xp.where(is_known(state), 0.0, cells.count))
     return _fused(state, new, settings), cells
@@ -237,4 +238,4 @@ def _under_body(state: ElevationMap, base: Array, body_height: Array, settings: 
     xp = namespace(base)
     x, y = _away(state, base, settings)
     under = (xp.abs(x) < BODY_M) & (xp.abs(y) < BODY_M)
-    return (base[:, 2] - body_height)[:, None, None], xp.where(under, BODY_WEIGHT, 0.0)
+    return (base[:, 2] - body_height)[:, None, None], BODY_WEIGHT * xp.astype(under, base.dtype)

@@ -33,13 +33,14 @@ def drift(
     residual = new.mean - height
     used = known & (new.count > 0.0) & (xp.abs(residual) < settings.gate_m)
     weight = xp.where(used, settings.independent / (variance + new.variance + settings.least_m**2), 0.0)
-    one = xp.ones_like(residual)
-    factors = [*(-slope for slope in _slopes(height, known, settings.fine_m)), one, away[1] * one, -away[0] * one]
+    batch, one = len(height), xp.ones_like(residual)
+    slopes = _slopes(height, known, settings.fine_m)
+    columns = [-slopes[0], -slopes[1], one, away[1] * one, -away[0] * one, residual]
+    factors = xp.reshape(xp.stack(columns, axis=1), (batch, len(columns), -1))
+    products = (factors[:, :-1] * xp.reshape(weight, (batch, 1, -1))) @ xp.matrix_transpose(factors)
     priors = [settings.step_m] * 3 + [settings.tilt_rad] * 2
-    matrix = [[xp.sum(weight * a * b, axis=(1, 2)) for b in factors[: i + 1]] for i, a in enumerate(factors)]
-    for i, prior in enumerate(priors):
-        matrix[i][i] = matrix[i][i] + prior**-2
-    found = _solved(matrix, [xp.sum(weight * factor * residual, axis=(1, 2)) for factor in factors])
+    matrix = [[products[:, i, j] + (i == j) * prior**-2 for j in range(i + 1)] for i, prior in enumerate(priors)]
+    found = _solved(matrix, [products[:, i, -1] for i in range(len(priors))])
     return Drift(xp.stack(found[:3], axis=-1), xp.stack(found[3:], axis=-1))
 
 

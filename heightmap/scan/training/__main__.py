@@ -44,7 +44,6 @@ def _run(given: argparse.Namespace) -> int:
     if (given.minutes is None) == (given.updates is None):
         raise SaltusError("say how long to train, by --minutes or by --updates, e.g. --minutes 8")
     device = torch.device(given.device)
-    torch.backends.cuda.matmul.allow_tf32 = torch.backends.cudnn.allow_tf32 = True
     torch.backends.cudnn.benchmark = True
     began, images = time.monotonic(), 0
 
@@ -55,8 +54,8 @@ def _run(given: argparse.Namespace) -> int:
         began, images = now, found.images
         print(
             f"seed {settings.seed}  {found.seconds:6.0f} s  {found.update:7d} updates  {speed:7.0f} images/s  "
-            f"loss {found.loss:.4f}  seen {found.seen_mm:5.2f} of {found.map_mm:5.2f} mm  unseen {found.unseen_mm:6.1f} mm  "
-            f"inside {100 * found.inside_seen:4.1f} {100 * found.inside_all:4.1f} %  rate {found.rate:.1e}",
+            f"loss {found.loss:.4f}  seen {found.seen_mm:5.2f} of {found.map_mm:5.2f} mm  "
+            f"unseen {found.unseen_mm:6.1f} mm  inside {100 * found.inside_seen:4.1f} {100 * found.inside_all:4.1f} %  rate {found.rate:.1e}",
             flush=True,
         )  # fmt: skip
 

@@ -65,7 +65,7 @@ class Calls:
 
     @classmethod
     def of(cls, model: ScanModel, *, compiled: bool) -> Self:
-        """Compiling takes half a minute; the map's law stays as it is, as torch 2.11 loses parts of its named tuples."""
+        """Compiling takes half a minute; torch 2.11 loses parts of named tuples, so the map stays as it is."""
         if not compiled:
             return cls(first_hits, seen, model)
         return cls(torch.compile(first_hits), seen, torch.compile(model))
@@ -284,7 +284,8 @@ def _figures(value: Tensor, filled: Tensor, estimate: Heights, truth: Tensor, kn
     count = seen.sum()
     return torch.stack(
         (
-            value, ((filled - truth).abs() * seen).sum() / count, (error * seen).sum() / count, (error * (1.0 - seen)).sum() / (seen.numel() - count),
+            value, ((filled - truth).abs() * seen).sum() / count, (error * seen).sum() / count,
+            (error * (1.0 - seen)).sum() / (seen.numel() - count),
             (inside * seen).sum() / count, inside.mean(),
         )
     )  # fmt: skip
