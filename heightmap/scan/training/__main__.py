@@ -55,9 +55,10 @@ def _run(given: argparse.Namespace) -> int:
         print(
             f"seed {settings.seed}  {found.seconds:6.0f} s  {found.update:7d} updates  {speed:7.0f} images/s  "
             f"loss {found.loss:.4f}  seen {found.seen_mm:5.2f} of {found.map_mm:5.2f} mm  "
-            f"unseen {found.unseen_mm:6.1f} mm  inside {100 * found.inside_seen:4.1f} {100 * found.inside_all:4.1f} %  rate {found.rate:.1e}",
+            f"unseen {found.unseen_mm:6.1f} mm  inside {100 * found.inside_seen:4.1f} "
+            f"{100 * found.inside_all:4.1f} %  rate {found.rate:.1e}",
             flush=True,
-        )  # fmt: skip
+        )
 
     model = train(
         settings, given.out, minutes=given.minutes, updates=given.updates, device=device, compiled=given.compile,

@@ -5,6 +5,8 @@ say how much of the rest counts, cell by cell, so that geometry stays what it is
 """
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -43,7 +45,7 @@ class ScanModel(nn.Module):
         self.register_buffer("usual", torch.tensor(_NUMBERS), persistent=False)
         with torch.no_grad():
             self.head.weight *= 0.1
-            self.head.bias.zero_()
+            self.head.get_parameter("bias").zero_()
 
     def forward(self, filled: Tensor, measured: Tensor, memory: Tensor, numbers: Tensor) -> tuple[Tensor, Tensor]:
         """Height above `filled` [m] and half-width [m], each of shape (batch, side, side); see `Inputs`."""
@@ -94,7 +96,7 @@ class ScanModel(nn.Module):
         return torch.cat((fine_planes, numbers[:, :, None, None].expand(-1, -1, side, side)), 1)
 
 
-def told(model: nn.Module, inputs: Inputs, filled: Tensor) -> Heights:
+def told(model: Callable[..., Any], inputs: Inputs, filled: Tensor) -> Heights:
     """What the network tells of each cell, in the world of `filled` (batch, side, side) [m]."""
     height, half_width = model(*inputs)
     return Heights(filled + height, half_width)

@@ -81,8 +81,7 @@ class Trainer:
     def __init__(self, settings: ScanTrainSettings, device: torch.device, *, compiled: bool = False) -> None:
         self.settings, self.device = settings, device
         torch.manual_seed(settings.seed)
-        self.model = ScanModel(settings.network, settings.map).to(device, memory_format=torch.channels_last)
-        self.average = ScanModel(settings.network, settings.map).to(device, memory_format=torch.channels_last)
+        self.model, self.average = (_new_model(settings, device) for _ in range(2))
         self.average.load_state_dict(self.model.state_dict())
         on_gpu = device.type == "cuda"
         self._rate, self._forgets = (torch.zeros((), device=device) for _ in range(2))
@@ -202,6 +201,12 @@ class Trainer:
         self.average.load_state_dict(table["average"])
         self.optimiser.load_state_dict(table["optimiser"])
         self.rounds, self.seconds = int(table["rounds"]), float(table["seconds"])
+
+
+def _new_model(settings: ScanTrainSettings, device: torch.device) -> ScanModel:
+    """In the layout that convolutions in half precision want."""
+    model = ScanModel(settings.network, settings.map).to(device)
+    return model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
 
 def seen(
