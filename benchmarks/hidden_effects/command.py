@@ -18,6 +18,7 @@ from tyro.conf import Positional, subcommand
 from benchmarks.hidden_effects import cases, confusion, followup, identify, score
 from benchmarks.hidden_effects.generate import generate
 from benchmarks.hidden_effects.plan import KINDS, Kind, make_plan
+from benchmarks.hidden_effects.plan import Part as PlanPart
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,11 +45,13 @@ class Generate(Part):
     """Processes."""
     kinds: tuple[Kind, ...] = tuple(KINDS)
     """Of logs."""
+    only: PlanPart = "all"
+    """Runs of joints alone that tell pairs and play."""
     tuning: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Other motions and colours of noise, to tune methods on."""
 
     def measure(self) -> dict[str, Any]:
-        runs = make_plan(self.seed, self.runs, self.kinds, tuning=self.tuning)
+        runs = make_plan(self.seed, self.runs, self.kinds, tuning=self.tuning, part=self.only)
         generate(runs, self.out, self.truth, tuning=self.tuning, jobs=self.jobs)
         return {"runs": len(runs), "logs": str(self.out), "truth": str(self.truth)}
 

@@ -80,8 +80,8 @@ def _hide(run: Run, stage: Stage, rng: np.random.Generator) -> tuple[tuple[Setti
         settings = (settings[0], Setting(**{**vars(settings[1]), "where": settings[0].where}))
     found = sizes.one_sigma(stage.sizing, list(settings)) if settings else []
     kept, shown = [], []
-    for setting, sigma, multiple in zip(settings, found, run.multiples, strict=True):
-        size = min(multiple * sigma, scene.largest(setting))
+    for number, (setting, sigma, multiple) in enumerate(zip(settings, found, run.multiples, strict=True)):
+        size = run.sizes[number] if run.sizes else min(multiple * sigma, scene.largest(setting))
         kept.append(setting.sized(size))
         base, with_it = scene.respond([(), (kept[-1],)])
         shown.append(sizes.best_rms(scene, sizes.visible(scene, with_it - base), setting.where))
@@ -100,6 +100,8 @@ def _draw(run: Run, stage: Stage, effect: str, rng: np.random.Generator) -> Sett
     """Draws an effect until it can be seen, and, where it is outside the library, until the library cannot have it."""
     for _ in range(DRAWS):
         setting = stage.scene.draw(effect, stage.where(effect, rng), rng)
+        if run.sizes:
+            return setting
         sigma = sizes.one_sigma(stage.sizing, [setting], sizes.ROUGH)[0]
         multiple = run.multiples[run.effects.index(effect)]
         setting = setting.sized(min(sigma, stage.scene.largest(setting)))

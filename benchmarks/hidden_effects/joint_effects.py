@@ -3,38 +3,72 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import brentq
 
 from benchmarks.hidden_effects.leg_kernel import CURVE_POINTS
-from benchmarks.hidden_effects.legs import Hidden
-from benchmarks.hidden_effects.robot import JOINTS, STAND, TORQUE_LIMIT, Floats
+from benchmarks.hidden_effects.legs import BEND, Hidden, Way
+from benchmarks.hidden_effects.robot import ARMATURE, JOINTS, STAND, TORQUE_LIMIT, Floats
 from benchmarks.hidden_effects.scene import Family, Setting, draw_sign
 
 # Torque of the original's knee by table [Nm]: commanded, delivered
 TABLE_COMMANDED = np.array([0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0])
 TABLE_DELIVERED = np.array([0.0, 5.0, 9.78, 14.12, 17.23, 20.34, 24.01, 25.68])
-GEAR = {"gear_stiffness": 2.0e4, "gear_damping": 2.0}
-"""Teeth in contact [Nm/rad, Nm s/rad]: 10 Nm twist them by half an encoder's noise."""
+SOFTEST_TEETH, STIFFEST_TEETH = 4.0e3, 4.0e4
+"""Of teeth in contact [Nm/rad]: 10 Nm twist the softest by two and a half times an encoder's noise."""
+MOTOR_SIDE = 0.8
+"""Share of drives with play whose log is that of the motor's encoder, as of most that have one encoder."""
+LARGEST_LOSS = 0.95
+"""Share of the largest torque that a curve with a level may take."""
+CURVES = ("table", "knee", "tanh", "clip")
+"""Shapes of a saturation: the knee's table, a smooth power law beyond an onset, and two that end at a level."""
 
 
 def _knee(rng: np.random.Generator) -> dict[str, float]:
     return {
         "onset": float(rng.uniform(0.15, 0.4)),
-        "table": float(rng.uniform() < 0.5),
+        "curve": float(rng.integers(len(CURVES))),
         "power": float(rng.uniform(1.3, 2)),
     }
 
 
+def _way(rng: np.random.Generator) -> dict[str, float]:
+    return {
+        "jitter": float(rng.uniform(0.02, 0.2)),
+        "late": float(rng.uniform(0.0, 0.05)),
+        "is_whole": float(rng.uniform() < 0.4),
+    }
+
+
+def _bristle(rng: np.random.Generator, most: float = 1e-3) -> dict[str, float]:
+    """How far bristles bend before they give way [rad]: from nothing to what an encoder sees."""
+    return {"bend": float(np.exp(rng.uniform(np.log(5e-5), np.log(most))))}
+
+
+def _stribeck(rng: np.random.Generator) -> dict[str, float]:
+    """Bristles that bend far never reach the peak: they are faster than its velocity before."""
+    return {"velocity": float(np.exp(rng.uniform(-3.5, -1.5))), **_bristle(rng, 4e-4)}
+
+
+def _teeth(rng: np.random.Generator) -> dict[str, float]:
+    """Stiffness, part of the critical damping of a rotor on them, and the side of the encoder."""
+    return {
+        "stiffness": float(np.exp(rng.uniform(np.log(SOFTEST_TEETH), np.log(STIFFEST_TEETH)))),
+        "damped": float(rng.uniform(0.1, 0.6)),
+        "motor_side": float(rng.uniform() < MOTOR_SIDE),
+    }
+
+
 LIBRARY = {
-    "command_delay": Family(usual=1.3e-3, largest=0.03),
-    "feedforward_delay": Family(usual=4e-3, largest=0.03),
+    "command_delay": Family(usual=1.3e-3, largest=0.03, shape=_way),
+    "feedforward_delay": Family(usual=4e-3, largest=0.03, shape=_way),
     "actuator_lag": Family(usual=2e-3, largest=0.03),
     "velocity_filter": Family(usual=1e-3, largest=0.03),
     "velocity_scale": Family(usual=0.02, largest=0.5, shape=draw_sign),
     "torque_gain": Family(usual=0.02, largest=0.5, shape=draw_sign),
     "viscous_friction": Family(usual=0.02, largest=1.5),
-    "coulomb_friction": Family(usual=0.04, largest=3.0),
-    "stiction": Family(usual=0.2, largest=3.0, shape=lambda rng: {"velocity": float(np.exp(rng.uniform(-3.5, -1.5)))}),
-    "backlash": Family(usual=5e-3, largest=0.08),
+    "coulomb_friction": Family(usual=0.04, largest=3.0, shape=_bristle),
+    "stiction": Family(usual=0.2, largest=3.0, shape=_stribeck),
+    "backlash": Family(usual=5e-3, largest=0.08, shape=_teeth),
     "armature": Family(usual=3e-4, largest=0.03),
     "battery_sag": Family(usual=0.03, largest=0.4),
     "encoder_bias": Family(usual=1e-3, largest=0.15, shape=draw_sign),
@@ -75,26 +109,41 @@ def hidden(settings: tuple[Setting, ...], peak: Peak) -> Hidden:
     """Table of the kernel for several effects at once."""
     values: dict[str, Floats] = {}
     command_delay = forward_delay = curve = None
+    command_way = forward_way = Way()
     for setting in settings:
         there = np.isin(JOINTS, setting.where)
         if setting.size == 0.0:
             continue
         if setting.effect == "command_delay":
-            command_delay = there * setting.size
+            command_delay, command_way = there * setting.size, _packets(setting)
         elif setting.effect == "feedforward_delay":
-            forward_delay = there * setting.size
+            forward_delay, forward_way = there * setting.size, _packets(setting)
         elif setting.effect == "torque_saturation":
             curve = there[:, None] * lost_curve(setting, peak)
         else:
             for name, value, null in _columns(setting, peak):
                 before = values.get(name, np.full(12, null))
                 values[name] = np.where(there, value, before)
-    return Hidden(values=values, command_delay=command_delay, forward_delay=forward_delay, curve=curve)
+    return Hidden(
+        values=values,
+        command_delay=command_delay,
+        forward_delay=forward_delay,
+        command_way=command_way,
+        forward_way=forward_way,
+        curve=curve,
+    )
+
+
+def _packets(setting: Setting) -> Way:
+    shape = setting.shape
+    if not shape:
+        return Way()
+    return Way(jitter=shape["jitter"], late=shape["late"], is_whole=bool(shape["is_whole"]))
 
 
 def largest(setting: Setting, peak: Peak) -> float:
     """Largest size that a real robot could have; of a saturation that at which more command gives more."""
-    if setting.effect != "torque_saturation":
+    if setting.effect != "torque_saturation" or CURVES[int(setting.shape["curve"])] in ("tanh", "clip"):
         return FAMILIES[setting.effect].largest
     curves = lost_curve(setting.sized(np.inf), peak)[np.isin(JOINTS, setting.where)]
     limits = TORQUE_LIMIT[np.isin(JOINTS, setting.where)]
@@ -109,11 +158,20 @@ def no_load(size: float) -> float:
 def lost_curve(setting: Setting, peak: Peak) -> Floats:
     """Torque lost at equal steps of the command up to each joint's limit, shape (12, points)."""
     curves = []
+    kind = CURVES[int(setting.shape["curve"])]
     for joint in range(12):
         limit = TORQUE_LIMIT[joint]
         command = np.linspace(0.0, limit, CURVE_POINTS)
+        if kind in ("tanh", "clip"):
+            # a share of the largest torque of the log is lost there
+            most = min(peak.torque[joint], limit)
+            level = _level(kind, min(setting.size, LARGEST_LOSS)) * most
+            curves.append(
+                command - (np.minimum(command, level) if kind == "clip" else level * np.tanh(command / level))
+            )
+            continue
         onset = setting.shape["onset"] * peak.torque[joint]
-        if setting.shape["table"]:
+        if kind == "table":
             # the knee's table, stretched so that its bend lies at the onset
             scaled = command * 5.0 / onset
             slope = (TABLE_DELIVERED[-1] - TABLE_DELIVERED[-2]) / 5.0
@@ -128,6 +186,24 @@ def lost_curve(setting: Setting, peak: Peak) -> Floats:
     return np.array(curves)
 
 
+def _gear(shape: dict[str, float]) -> list[tuple[str, Floats | float, float]]:
+    """Two masses; the side of the log is that of one encoder for all."""
+    stiffness = shape.get("stiffness", STIFFEST_TEETH)
+    damping = 2.0 * shape.get("damped", 0.1) * np.sqrt(stiffness * ARMATURE)
+    return [
+        ("gear_stiffness", stiffness, 0.0),
+        ("gear_damping", damping, 0.0),
+        ("motor_side", shape.get("motor_side", 1.0), 0.0),
+    ]
+
+
+def _level(kind: str, size: float) -> float:
+    """Where a curve ends that loses this share of a command of 1."""
+    if kind == "clip":
+        return 1.0 - size
+    return float(brentq(lambda k: k * np.tanh(1.0 / k) - (1.0 - size), 1e-3, 1e3))
+
+
 def _columns(setting: Setting, peak: Peak) -> list[tuple[str, Floats | float, float]]:
     """Columns of the kernel's table that an effect sets: name, value, value where it is absent."""
     size, shape = setting.size, setting.shape
@@ -135,11 +211,12 @@ def _columns(setting: Setting, peak: Peak) -> list[tuple[str, Floats | float, fl
     if setting.effect == "torque_speed_limit":
         none = no_load(size) * peak.speed
         return [("speed_none", none, 0.0), ("speed_corner", shape["corner"] * none, 0.0)]
-    gear = [("gear_stiffness", GEAR["gear_stiffness"], 0.0), ("gear_damping", GEAR["gear_damping"], 0.0)]
+    bend = [("presliding", shape.get("bend", BEND), BEND)]
     several: dict[str, list[tuple[str, Floats | float, float]]] = {
-        "backlash": [("gap", size, 0.0), *gear],
+        "backlash": [("gap", size, 0.0), *_gear(shape)],
         "flexible_gear": [("gear_stiffness", 1.0 / size, 0.0), ("gear_damping", 0.3, 0.0)],
-        "stiction": [("breakaway", size, 0.0), ("stribeck_velocity", shape.get("velocity", 0.1), 0.1)],
+        "coulomb_friction": [("coulomb", size, 0.0), *bend],
+        "stiction": [("breakaway", size, 0.0), ("stribeck_velocity", shape.get("velocity", 0.1), 0.1), *bend],
         "cogging": [("cogging", size, 0.0), ("cogging_cycles", shape.get("cycles", 0.0), 0.0)],
         "joint_spring": [("spring", size, 0.0), ("spring_rest", STAND + shape.get("rest", 0.0), 0.0)],
         "hum": [("hum", size, 0.0), ("hum_rate", shape.get("rate", 0.0), 0.0)],
@@ -154,7 +231,7 @@ def _columns(setting: Setting, peak: Peak) -> list[tuple[str, Floats | float, fl
     }
     single = {
         "actuator_lag": "lag", "velocity_filter": "velocity_filter", "viscous_friction": "viscous",
-        "coulomb_friction": "coulomb", "armature": "armature", "battery_sag": "sag",
+        "armature": "armature", "battery_sag": "sag",
         "encoder_quantisation": "quantum", "heating": "heating", "dead_zone": "dead_zone",
         "asymmetric_gain": "asymmetry", "quadratic_drag": "damping_slope",
         "integral_term": "integral", "dropouts": "dropout",

@@ -29,6 +29,9 @@ class Noise:
     sigma: Floats
     """Of position, velocity and believed torque [rad, rad/s, Nm], shape (3,)."""
     corner_hz: float
+    slow_hz: float
+    slow_share: float
+    """Of the variance: what of the noise is slow."""
 
 
 class JointScene(Scene):
@@ -58,7 +61,10 @@ class JointScene(Scene):
             command=command, kp=(kp * gains).round(2), kd=(kd * gains).round(3), control_dt=control_dt, tick_steps=tick
         )
         self.noise = Noise(
-            sigma=np.array([1.0e-3, 0.05, 0.2]) * np.exp(rng.uniform(-0.4, 0.4, 3)), corner_hz=rng.uniform(20, 200)
+            sigma=np.array([1.0e-3, 0.05, 0.2]) * np.exp(rng.uniform(-0.4, 0.4, 3)),
+            corner_hz=rng.uniform(20, 200),
+            slow_hz=rng.uniform(1, 6),
+            slow_share=rng.uniform(0, 0.3),
         )
         ideal = simulate(self.rig, [Hidden()])[0]
         self.peak = Peak(speed=np.abs(ideal[..., 1]).max(axis=0), torque=np.abs(ideal[..., 2]).max(axis=0))
@@ -97,7 +103,8 @@ class JointScene(Scene):
         """What is logged: position, velocity, believed torque with noise; shape (rows, 12, 3)."""
         clean = simulate(self.rig, [joint_effects.hidden(settings, self.peak)], seed=self.seed)[0]
         rate = 1.0 / self.rig.control_dt
-        noise = coloured(rng, clean.shape, self.noise.corner_hz, rate, self.tuning)
+        slow = {"slow_share": self.noise.slow_share, "slow_hz": self.noise.slow_hz}
+        noise = coloured(rng, clean.shape, self.noise.corner_hz, rate, self.tuning, **slow)
         return np.asarray(clean + self.noise.sigma * noise)
 
     def _unclaimed(self) -> Floats:

@@ -2,7 +2,7 @@
 
 Two rates: mass matrix and bias forces are renewed every 0.5 ms at the midpoint of the coming stretch; drives, friction
 and the play of the gears move at 0.125 ms. Newton and Euler link by link; LuGre friction with the bristle solved
-exactly; two masses where a gear has play or gives way.
+exactly; two masses where a gear has play or gives way, with the logged encoder on either side.
 """
 
 import warp as wp
@@ -16,7 +16,7 @@ NAMES = (
     "gap", "gear_stiffness", "gear_damping", "armature", "bias", "quantum", "velocity_filter",
     "cogging", "cogging_cycles", "spring", "spring_rest", "heating", "dead_zone", "asymmetry", "kp_slope",
     "damping_slope", "slew", "torque_limit", "hum", "hum_rate", "coupling",
-    "integral", "rub", "rub_at", "dropout", "eccentric", "eccentric_cycles", "speed_scale",
+    "integral", "rub", "rub_at", "dropout", "eccentric", "eccentric_cycles", "speed_scale", "presliding", "motor_side",
 )  # fmt: skip
 COLUMN = {name: number for number, name in enumerate(NAMES)}
 CURVE_POINTS = 37
@@ -26,11 +26,11 @@ LAG, GAIN, SAG, CORNER, NONE, VISCOUS, COULOMB, BREAKAWAY, STRIBECK = (wp.consta
 GAP, STIFFNESS, DAMPING, ARMATURE, BIAS, QUANTUM, FILTER = (wp.constant(i) for i in range(9, 16))
 COGGING, CYCLES, SPRING, REST, HEATING, DEAD, ASYMMETRY, KP_SLOPE = (wp.constant(i) for i in range(16, 24))
 DAMPING_SLOPE, SLEW, LIMIT, HUM, HUM_RATE, COUPLING = (wp.constant(i) for i in range(24, 30))
-INTEGRAL, RUB, RUB_AT, DROPOUT, ECCENTRIC, ECCENTRIC_CYCLES, SPEED_SCALE = (wp.constant(i) for i in range(30, 37))
+INTEGRAL, RUB, RUB_AT, DROPOUT, ECCENTRIC, ECCENTRIC_CYCLES = (wp.constant(i) for i in range(30, 36))
+SPEED_SCALE, PRESLIDING, MOTOR_SIDE = (wp.constant(i) for i in range(36, 39))
 LAST = wp.constant(CURVE_POINTS - 1)
 H = wp.constant(STEP_S)
 RENEW = wp.constant(STEPS_PER_INERTIA)
-PRESLIDING = wp.constant(6.0e-5)  # rad until a bristle gives way: far less than an encoder sees
 FASTEST = wp.constant(300.0)  # rad/s: ten times what the joints can do
 RUB_WIDTH = wp.constant(0.08)  # rad: a spot of some degrees
 HEAT_S = wp.constant(6.0)  # time constant of a motor's windings and housing, order of magnitude
@@ -193,15 +193,19 @@ def simulate(
         if step % steps_per_row == 0:
             for j in range(3):
                 joint = base + j
-                wave = wp.sin(table[variant, joint, ECCENTRIC_CYCLES] * q[j])
-                seen = q[j] + table[variant, joint, BIAS] + table[variant, joint, ECCENTRIC] * wave
+                geared = table[variant, joint, STIFFNESS] > 0.0
+                turned = q[j]
+                told = filtered[j]
+                if geared and table[variant, joint, MOTOR_SIDE] > 0.0:
+                    turned = motor[j]
+                elif geared:
+                    told = v[j]
+                wave = wp.sin(table[variant, joint, ECCENTRIC_CYCLES] * turned)
+                seen = turned + table[variant, joint, BIAS] + table[variant, joint, ECCENTRIC] * wave
                 quantum = table[variant, joint, QUANTUM]
                 if quantum > 0.0:
                     seen = quantum * wp.round(seen / quantum)
                 out[variant, row, joint, 0] = seen
-                told = filtered[j]
-                if table[variant, joint, STIFFNESS] > 0.0:
-                    told = v[j]
                 out[variant, row, joint, 1] = told * table[variant, joint, SPEED_SCALE]
                 out[variant, row, joint, 2] = believed[j]
         torque = wp.vec3()
@@ -259,10 +263,11 @@ def simulate(
             u = u - rub * wp.tanh(speed / 0.03)
             u = u - table[variant, joint, SPRING] * (q[j] - table[variant, joint, REST])
             if level > 0.0:
-                brush = level / PRESLIDING
-                settled = PRESLIDING * wp.sign(speed)
+                bend = table[variant, joint, PRESLIDING]
+                brush = level / bend
+                settled = bend * wp.sign(speed)
                 before = bristle[j]
-                bristle[j] = settled + (before - settled) * wp.exp(-wp.abs(speed) / PRESLIDING * H)
+                bristle[j] = settled + (before - settled) * wp.exp(-wp.abs(speed) / bend * H)
                 slow = speed / 0.02
                 rate = (bristle[j] - before) / H
                 u = u - brush * bristle[j] - 0.03 * wp.sqrt(brush) * wp.exp(-slow * slow) * rate

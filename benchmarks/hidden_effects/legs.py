@@ -10,8 +10,22 @@ from benchmarks.hidden_effects import leg_kernel
 from benchmarks.hidden_effects.leg_kernel import COLUMN, CURVE_POINTS, STEP_S
 from benchmarks.hidden_effects.robot import ABDUCTION, ARMATURE, SIDE, STAND, TORQUE_LIMIT, Floats, leg_links
 
-JITTER = 0.05
-"""Standard deviation of a packet's time on its way, as a part of it."""
+LATE = 2.0
+"""By how many of its usual times on its way a packet is later than usual that comes late."""
+BEND = 6.0e-5
+"""Until a bristle of dry friction gives way, unless an effect says more [rad]: far less than an encoder sees."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """How packets travel; they keep their order, so that one that is late holds up those behind it."""
+
+    jitter: float = 0.05
+    """Standard deviation of a packet's time on its way, as a part of it."""
+    late: float = 0.0
+    """Share of packets that come late."""
+    is_whole: bool = False
+    """Whether they are handed over in whole periods of the commands only."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +49,8 @@ class Hidden:
     """By name of a column of the kernel's table."""
     command_delay: Floats | None = None
     forward_delay: Floats | None = None
+    command_way: Way = Way()
+    forward_way: Way = Way()
     curve: Floats | None = None
     """Torque lost at equal steps of the command up to the joint's limit, shape (12, 37)."""
 
@@ -85,11 +101,13 @@ def _arrivals(rows: int, steps: int, hidden: Hidden, seed: int) -> tuple[np.ndar
     results = []
     # rounded up or down by chance: otherwise a delay would come in whole steps
     chance = rng.uniform(size=rows)
-    for delay in (hidden.command_delay, hidden.forward_delay):
-        spread = rng.normal(size=rows)
+    ways = (hidden.command_delay, hidden.command_way), (hidden.forward_delay, hidden.forward_way)
+    for delay, way in ways:
+        spread, is_late = rng.normal(size=rows), rng.uniform(size=rows) < way.late
         if delay is not None:
-            total = total + np.maximum(delay[:, None] * (1 + JITTER * spread), 0.0)
-        arrival = np.maximum.accumulate(sent + np.floor(total / STEP_S + chance), axis=1)
+            total = total + np.maximum(delay[:, None] * (1 + way.jitter * spread + LATE * is_late), 0.0)
+        grain = steps if way.is_whole else 1
+        arrival = np.maximum.accumulate(sent + grain * np.floor(total / (grain * STEP_S) + chance), axis=1)
         arrival[:, 0] = 0
         results.append(arrival.astype(np.int32))
     return results[0], results[1]
@@ -100,6 +118,7 @@ def _table(hidden: Hidden) -> np.ndarray:
     table[:, [COLUMN["gain"], COLUMN["speed_scale"]]] = 1.0
     table[:, COLUMN["armature"]] = ARMATURE
     table[:, COLUMN["stribeck_velocity"]] = 0.1
+    table[:, COLUMN["presliding"]] = BEND
     table[:, COLUMN["torque_limit"]] = TORQUE_LIMIT
     for name, values in hidden.values.items():
         added = ARMATURE if name == "armature" else 0.0

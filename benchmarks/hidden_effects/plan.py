@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -10,12 +10,19 @@ import numpy as np
 from benchmarks.hidden_effects.damage import DAMAGES
 
 Kind = Literal["joints", "camera", "body", "imu"]
-Category = Literal["none", "one", "two", "outside", "damaged"]
+Category = Literal["none", "one", "two", "play", "outside", "damaged"]
 
 KINDS: dict[Kind, float] = {"joints": 0.55, "camera": 0.25, "body": 0.12, "imu": 0.08}
+Part = Literal["all", "pairs_and_play"]
+"""Which runs there are: of all kinds, or those of joints that tell pairs and play."""
 Name = TypeVar("Name", bound=str)
 
 CATEGORIES: dict[Category, float] = {"none": 0.20, "one": 0.45, "two": 0.20, "outside": 0.10, "damaged": 0.05}
+PLAY = "play"
+"""Category of the set `pairs_and_play`: backlash alone, of a width that is told and not of so many sigmas."""
+PAIRS_AND_PLAY: dict[Category, float] = {"none": 0.27, "one": 0.32, "two": 0.27, "play": 0.14}
+WIDTHS = (0.016, 0.02, 0.026, 0.035)
+"""Full widths of play [rad]: 0.9 to 2 degrees, of a linkage that is worn."""
 QUIET_PART = 0.12
 """Part of the runs with one effect whose motion is too small to show most effects."""
 MULTIPLES = (1.5, 3.0, 8.0)
@@ -77,25 +84,36 @@ class Run:
     effects: tuple[str, ...]
     multiples: tuple[float, ...]
     """Wanted sizes of the effects in units of their one-sigma size."""
+    sizes: tuple[float, ...] = ()
+    """Their sizes, where those are told instead."""
     quiet: bool
     damage: str
     seed: int
 
 
 def make_plan(
-    seed: int, count: int, kinds: tuple[Kind, ...] = tuple(KINDS), *, tuning: bool = False
+    seed: int,
+    count: int,
+    kinds: tuple[Kind, ...] = tuple(KINDS),
+    *,
+    tuning: bool = False,
+    part: Part = "all",
 ) -> tuple[Run, ...]:
-    """Plans `count` runs, in an order that says nothing."""
+    """Plans `count` runs, in an order that says nothing; of `pairs_and_play` joints alone, none quiet or damaged."""
     outside = TUNING_OUTSIDE if tuning else SEALED_OUTSIDE
     rng = np.random.default_rng(seed)
-    categories = _split(CATEGORIES, count, rng)
+    of_all = CATEGORIES if part == "all" else PAIRS_AND_PLAY
+    kinds = kinds if part == "all" else ("joints",)
+    categories = _split(of_all, count, rng)
     runs = []
     effects = _Deck(rng)
-    for category in CATEGORIES:
+    for category in of_all:
         wanted = categories.count(category)
         shares = {kind: KINDS[kind] for kind in kinds if category != "damaged" or kind in ("joints", "body")}
         for number, kind in enumerate(_split(shares, wanted, rng)):
             runs.append(_run(category, kind, number, outside[kind], effects, rng))
+    if part != "all":
+        runs = [_told(run, effects) for run in runs]
     return tuple(runs[i] for i in rng.permutation(len(runs)))
 
 
@@ -140,6 +158,14 @@ def _run(
         damage=damage,
         seed=int(rng.integers(2**31)),
     )
+
+
+def _told(run: Run, deck: _Deck) -> Run:
+    """A run of `pairs_and_play`: effects of three sigmas or more, and play of a width of its own."""
+    if run.category == "play":
+        width = float(str(deck.deal("width", cards=WIDTHS)))
+        return replace(run, effects=("backlash",), multiples=(MULTIPLES[-1],), sizes=(width,), quiet=False)
+    return replace(run, multiples=tuple(max(m, MULTIPLES[1]) for m in run.multiples), quiet=False)
 
 
 def _split(shares: Mapping[Name, float], count: int, rng: np.random.Generator) -> list[Name]:

@@ -19,7 +19,8 @@ def table(cases: list[Case], followed: list[Case] | None = None) -> dict[str, An
     """
     kept = [case for case in cases if case.counts()]
     by = {
-        name: [c for c in cases if c.truth["category"] == name] for name in ("none", "one", "two", "outside", "damaged")
+        name: [c for c in cases if c.truth["category"] == name]
+        for name in ("none", "one", "two", "play", "outside", "damaged")
     }
     one = [c for c in kept if c.truth["category"] == "one"]
     two = [c for c in kept if c.truth["category"] == "two"]
@@ -34,9 +35,12 @@ def table(cases: list[Case], followed: list[Case] | None = None) -> dict[str, An
         "named_or_in_set": share([c.true_names[0] in c.offered for c in one]),
         "both_names_of_a_pair": share([set(c.true_names) <= set(c.named) for c in two if c.separable()]),
         "both_named_or_in_sets": share([set(c.true_names) <= c.offered for c in two]),
+        "backlash_alone": share([_exact(c, c.named) for c in by["play"]]),
         "false_alarm_without_effect": share([c.said != "no_gap" for c in by["none"]]),
         "confident_and_wrong": share([_wrong(c) for c in cases]),
-        "confident_and_wrong_where_it_counts": share([_wrong(c) for c in (*by["none"], *one, *two, *foreign)]),
+        "confident_and_wrong_where_it_counts": share(
+            [_wrong(c) for c in (*by["none"], *by["play"], *one, *two, *foreign)]
+        ),
         "outside_says_unexplained": share([c.said == "unexplained" for c in foreign]),
         "damaged_says_bad_log": share([c.said == "bad_log" for c in by["damaged"]]),
         "too_quiet_names_nothing_false": share([not _wrong(c) and c.said != "error" for c in quiet]),

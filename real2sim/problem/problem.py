@@ -43,6 +43,8 @@ class Unknown:
     """A shape matters only where another unknown of its candidate is not 0, e.g. the knee of a saturation."""
     stated: float | None = None
     """The only value other than 0 that a verdict can state; the values between help fits to get there."""
+    is_told: bool = True
+    """Whether the effect has a parameter for it. What has none is fitted, and is 0 where a profile has the effect."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +112,7 @@ class Candidate:
             unknowns = unknowns + np.asarray(self.base[block])
         if self.coordinates is None:
             named = zip(self.unknowns, unknowns, strict=True)
-            found = {u.name: self._null(u) + value for u, value in named if u.stated is None}
+            found = {u.name: self._null(u) + value for u, value in named if u.stated is None and u.is_told}
         else:
             found = self.coordinates.parameters(unknowns)
         return {
@@ -121,7 +123,11 @@ class Candidate:
     def unknowns_of(self, parameters: Mapping[str, float]) -> Floats:
         """Unknowns within their bounds at which the effect has these parameters, or those that are nearest to them."""
         if self.coordinates is None:
-            found = [parameters[u.name] - self._null(u) if u.stated is None else u.stated for u in self.unknowns]
+            told = [u.stated is None and u.is_told for u in self.unknowns]
+            found = [
+                parameters[u.name] - self._null(u) if is_told else u.stated or 0.0
+                for u, is_told in zip(self.unknowns, told, strict=True)
+            ]
         else:
             found = list(self.coordinates.unknowns(parameters))
         return np.clip(found, [u.low for u in self.unknowns], [u.high for u in self.unknowns])

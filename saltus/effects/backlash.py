@@ -3,9 +3,11 @@
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
 from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT
-from saltus.effects.effect import Effect, Values, from_robot, parameter, period
+from saltus.effects.effect import Drawn, Effect, Values, from_robot, parameter, period
 from saltus.effects.signals import Drive
 
 Play = tuple[Array, Array, Array, Array, Array]
@@ -17,17 +19,25 @@ step, and the joint's velocity [rad/s] and acceleration [rad/s^2] as last seen."
 class Backlash(Effect[Drive], name="backlash", site="torque"):
     """The motor turns freely against the joint within a gap of `width`, and pushes it at either end.
 
-    Drive, encoder of the PD law and rotor are on the motor's side; what is logged is on the joint's. In contact both
-    move as one, until the rotor would have to pull. Inside the gap the joint feels neither torque nor rotor; where the
-    gap ends, the rotor's momentum goes to the joint, without rebound.
+    Drive, encoder of the PD law and rotor are on the motor's side; what is logged is on the joint's, unless
+    `motor_side` says otherwise. In contact both move as one, until the rotor would have to pull. Inside the gap the
+    joint feels neither torque nor rotor; where the gap ends, the rotor's momentum goes to the joint, without rebound.
     """
 
     # 0.3 to 1 degree at the knee linkage of robots of this class
     width: Values = parameter(unit="rad", null=0.0, low=0.0, high=0.3, per_joint=True)
+    # one encoder on the motor serves law and log in most drives, two encoders in others
+    motor_side: Values = parameter(unit="", null=0.0, low=0.0, high=1.0, per_joint=True)
+    """Where the logged encoder sits: 0 at the joint, 1 at the motor."""
     dt_s: float = period(PHYSICS_DT)
     """Period of the torque."""
     # inertia of the rotors; by default the robot's armature
     rotor: Values | None = from_robot("armature", unit="kg m^2", high=10.0)
+
+    @property
+    def is_logged_at_motor(self) -> bool:
+        """Whether any joint's log is not that of the joint's own side."""
+        return isinstance(self.motor_side, Drawn) or bool(np.any(np.asarray(self.motor_side) != 0.0))
 
     @cached_property
     def _rotor(self) -> Constant:
@@ -63,6 +73,16 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
         pushed = xp.where(touches, torque + xp.where(arrives, rotor * rate / self.dt_s, zero), zero)
         end = xp.minimum(xp.maximum(reached, -half + zero), half + zero)
         return replace(signal, torque=pushed), (end, xp.where(touches, zero, ahead), touches, velocity, turning)
+
+    def logged(self, position: Array, velocity: Array, state: Play) -> tuple[Array, Array]:
+        """Angles and velocities on the side of the logged encoder, for those of the joints."""
+        share = self.value("motor_side", position)
+        return position + share * state[0], velocity + share * state[1]
+
+    def seen(self, position: Array, velocity: Array, state: Play) -> tuple[Array, Array]:
+        """Angles and velocities on the motor's side, for those on the side of the logged encoder."""
+        rest = 1.0 - self.value("motor_side", position)
+        return position + rest * state[0], velocity + rest * state[1]
 
     def missing(self, state: Play) -> Array:
         """Inertia that the joint lacks over the coming step, as the rotor turns without it [kg m^2]."""

@@ -1,5 +1,6 @@
 """From a joint command to the torque at the joint: the effects of an actuator in their physical order; IMU and body."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -113,13 +114,16 @@ class ActuatorChain(Chain):
     @property
     def senses_otherwise(self) -> bool:
         """Whether the drives measure another motion than that of the joints."""
-        return any(effect.site == "joint_state" for effect in self.effects)
+        return any(
+            effect.site == "joint_state" or (isinstance(effect, Backlash) and effect.is_logged_at_motor)
+            for effect in self.effects
+        )
 
     def measured(
         self, position: Array, velocity: Array, time_s: Array, state: ActuatorState, fresh: Array | None = None
     ) -> JointState:
         """What the drives will measure in the next `step`; arguments and `state` are those that it will get."""
-        motion = JointState(position=position, velocity=velocity)
+        motion = self._on_its_side(JointState(position=position, velocity=velocity), state, fresh, Backlash.logged)
         return self._pass("joint_state", motion, time_s, list(state), fresh)
 
     def step(
@@ -145,8 +149,9 @@ class ActuatorChain(Chain):
         # 1. the packet that the drive has by now
         command = self._pass("command", command, time_s, memories, fresh)
         # 2. its encoder
-        motion = self._pass("joint_state", JointState(position=position, velocity=velocity), time_s, memories, fresh)
-        motion = self._before_the_play(motion, state, fresh)
+        motion = self._on_its_side(JointState(position=position, velocity=velocity), state, fresh, Backlash.logged)
+        motion = self._pass("joint_state", motion, time_s, memories, fresh)
+        motion = self._on_its_side(motion, state, fresh, Backlash.seen)
         # 3. its law
         believed = proportional_derivative(command, motion.position, motion.velocity)
         # 4. what becomes of the torque on its way to the joint
@@ -162,12 +167,15 @@ class ActuatorChain(Chain):
                 signal, memories[i] = applied(effect, signal, time_s, memories[i], fresh)
         return signal
 
-    def _before_the_play(self, motion: JointState, state: ActuatorState, fresh: Array | None) -> JointState:
-        """The encoder of the PD law sits on the motor's side of the play, that of the log on the joint's."""
+    def _on_its_side(
+        self, motion: JointState, state: ActuatorState, fresh: Array | None, side: Callable[..., tuple[Array, Array]]
+    ) -> JointState:
+        """The motion on another side of the play: that of the logged encoder, or that of the PD law's, the motor's."""
         for effect, memory in zip(self.effects, state, strict=True):
             if isinstance(effect, Backlash) and memory:
-                motor = JointState(position=motion.position + memory[0], velocity=motion.velocity + memory[1])
-                return motor if fresh is None else chosen_of(fresh, motion, motor)
+                position, velocity = side(effect, motion.position, motion.velocity, memory)
+                there = JointState(position=position, velocity=velocity)
+                return there if fresh is None else chosen_of(fresh, motion, there)
         return motion
 
     def _resistance(self, velocity: Array, time_s: Array, memories: list[Any]) -> Resistance | None:

@@ -125,19 +125,22 @@ def test_an_effect_at_one_joint_hardly_moves_another_leg(joint_scene):
     assert np.all(base == with_it)
 
 
-@pytest.mark.parametrize("table", [0.0, 1.0])
+@pytest.mark.parametrize("curve", joint_effects.CURVES)
 @pytest.mark.parametrize("size", [0.06, 0.1, 0.3])
-def test_saturation_loses_what_its_parameters_say(table, size):
+def test_saturation_loses_what_its_parameters_say(curve, size):
     peak = joint_effects.Peak(speed=np.full(12, 10.0), torque=np.full(12, 15.0))
-    shape = {"onset": 0.3, "table": table, "power": 1.5}
+    shape = {"onset": 0.3, "curve": float(joint_effects.CURVES.index(curve)), "power": 1.5}
     setting = Setting(effect="torque_saturation", size=size, where=("FR_calf",), shape=shape)
     size = min(size, joint_effects.largest(setting, peak))
     setting = setting.sized(size)
     loss = joint_effects.lost_curve(setting, peak)[2]
     truth = joint_effects.parameters(setting, peak)
     command = np.linspace(0, 35.55, len(loss))
-    assert np.all(np.diff(command - loss) > 0)
-    assert truth["plateau"] == pytest.approx(35.55 * (1 - size))
+    assert np.all(np.diff(command - loss) >= -1e-9)
+    # two shapes are sized by what they take at the largest torque of the log, of which the curve has no point
+    share, at = (size, 15.0) if curve in ("tanh", "clip") else (size, 35.55)
+    assert np.interp(at, command, loss) == pytest.approx(at * share, rel=0.05)
+    assert truth["plateau"] == pytest.approx(35.55 - loss[-1])
     assert np.interp(truth["knee"], command, loss) == pytest.approx(0.05 * truth["knee"], rel=0.1)
 
 

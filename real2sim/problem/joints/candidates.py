@@ -17,6 +17,9 @@ HALF_FREE = 0.02
 """Give of what holds a base [rad/Nm] at which its unknown is a half."""
 Law = Callable[..., Floats]
 """What a saturation takes of a torque, by its unknowns."""
+JITTERS = 0.96
+"""Share of its gap that a delay closes whose packets come with a jitter of a tenth of it, and some late."""
+LEAST_LEVEL = 1e-6  # Nm: no friction at all
 LOOP_RATE = "drive_rate"
 """Nuisance: how much faster than claimed the drive closes its loop."""
 
@@ -30,6 +33,11 @@ def _shape(name: str, low: float, high: float, scale: float) -> Unknown:
     return Unknown(name, low, high, scale, is_shape=True)
 
 
+def _bend() -> Unknown:
+    """How far bristles of dry friction bend before they give way [rad]; the plant's are rigid."""
+    return Unknown("bend", 0.0, 5e-3, 2e-4, is_shape=True, is_told=False)
+
+
 _kind = partial(candidate, where="")  # at any joint; starts that are shares of what a log reaches are scaled later
 
 
@@ -37,9 +45,21 @@ _kind = partial(candidate, where="")  # at any joint; starts that are shares of 
 # hardware (magnitudes published for robots of this class). Resolutions are what fits find in logs without any effect
 # that another simulator made, whose velocities are half an integration step, 0.06 ms, late.
 KINDS = (
-    _kind("command_delay", Unknown("delay", 0.0, 0.06, 1e-3), starts=((0.004,), (0.012,)), resolution=5e-5),
     # packets come with jitter, of which a delay says nothing
-    _kind("feedforward_delay", Unknown("delay", 0.0, 0.06, 1e-3), starts=((0.004,), (0.012,)), resolution=4e-4),
+    _kind(
+        "command_delay",
+        Unknown("delay", 0.0, 0.06, 1e-3),
+        starts=((0.004,), (0.012,)),
+        resolution=5e-5,
+        closable_share=JITTERS,
+    ),
+    _kind(
+        "feedforward_delay",
+        Unknown("delay", 0.0, 0.06, 1e-3),
+        starts=((0.004,), (0.012,)),
+        resolution=4e-4,
+        closable_share=JITTERS,
+    ),
     _kind("actuator_lag", Unknown("time_constant", 0.0, 0.05, 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
     _kind(  # starts are shares of the largest speed of the log
         "torque_speed_limit",
@@ -62,16 +82,29 @@ KINDS = (
     _kind("torque_gain", Unknown("gain", -0.7, 1.0, 0.01), resolution=4e-3),
     _kind("battery_sag", Unknown("loss_at_end", 0.0, 0.7, 0.01), starts=((0.1,),)),
     _kind("viscous_friction", Unknown("coefficient", 0.0, 5.0, 0.02), starts=((0.1,),), resolution=2e-3),
-    _kind("coulomb_friction", Unknown("torque", 0.0, 5.0, 0.04), starts=((0.2,),), resolution=2e-3),
+    _kind(
+        "coulomb_friction",
+        Unknown("torque", 0.0, 5.0, 0.04),
+        _bend(),
+        starts=((0.2, 0.0), (0.2, 5e-4)),
+        resolution=2e-3,
+    ),
     _kind(
         "stiction",
         Unknown("breakaway", 0.0, 5.0, 0.1),
         _shape("stribeck_velocity", 0.01, 2.0, 0.02),
-        starts=((0.3, 0.05), (0.3, 0.25)),
+        _bend(),
+        starts=((0.3, 0.05, 0.0), (0.3, 0.25, 0.0), (0.3, 0.05, 5e-4)),
         model_error=0.12,  # bristles that bend blunt the peak at standstill: the laws differ by 10 to 20 %
         closable_share=0.95,
     ),
-    _kind("backlash", Unknown("width", 0.0, 0.15, 2e-3), starts=((0.01,),)),
+    _kind(
+        "backlash",
+        Unknown("width", 0.0, 0.15, 2e-3),
+        _shape("motor_side", 0.0, 1.0, 0.5),
+        starts=((0.01, 0.0), (0.01, 1.0)),
+        closable_share=0.9,  # which tooth a light leg lies on when little torque is asked for is up to chance
+    ),
     _kind(
         "joint_spring",
         Unknown("pull", -10.0, 10.0, 0.05),
@@ -162,6 +195,7 @@ class JointCandidates:
         """What sets of unknowns, shape (sets, branches, unknowns), do to the drives."""
         found = {kind.effect: self._values(kind, unknowns) for kind in KINDS}
         own: dict[str, Any] = {e: v[0] if len(v) == 1 else v for e, v in found.items() if v is not None}
+        _take_bristles(own)
         if "joint_spring" in own:
             pull, stiffness = own["joint_spring"]
             own["joint_spring"] = pull + stiffness * self._middle, stiffness
@@ -196,6 +230,19 @@ class JointCandidates:
             array = np.ascontiguousarray(unknowns[:, :, [c.start + i for c in present]].transpose(1, 2, 0))
             values.append(np.clip(array, unknown.low, unknown.high) if unknown.is_shape else array)
         return tuple(values)
+
+
+def _take_bristles(own: dict[str, Any]) -> None:
+    """Takes from the kinds of dry friction how far their bristles bend, all together as one spring."""
+    levels, bent = [], []
+    for effect in ("coulomb_friction", "stiction"):
+        if effect in own:
+            *rest, bend = own[effect]
+            own[effect] = rest[0] if len(rest) == 1 else tuple(rest)
+            levels.append(rest[0])
+            bent.append(rest[0] * bend)
+    if any(np.any(each) for each in bent):
+        own["bristles"] = sum(bent) / np.maximum(sum(levels), LEAST_LEVEL)
 
 
 def _starts(kind: Candidate, reach: Reach) -> tuple[tuple[float, ...], ...]:

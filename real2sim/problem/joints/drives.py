@@ -5,7 +5,7 @@ effects that no set has cost nothing, and four effects have a weight, 0 absent a
 smoothly.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -53,7 +53,10 @@ class Drives:
     coulomb_friction: Floats | None = None
     stiction: tuple[Floats, Floats] | None = None
     """Breakaway [Nm] and Stribeck velocity [rad/s]."""
-    backlash: Floats | None = None
+    bristles: Floats | None = None
+    """How far those of dry friction bend before they give way [rad]; None where they are rigid."""
+    backlash: tuple[Floats, Floats] | None = None
+    """Width [rad] and where the logged encoder sits: 0 at the joint, 1 at the motor."""
     joint_spring: tuple[Floats, Floats] | None = None
     """Pull at the zero angle [Nm] and stiffness [Nm/rad]."""
     end_stop: tuple[Floats, Floats, Floats] | None = None
@@ -69,6 +72,9 @@ class Drives:
     """Of measured over true velocity, less 1."""
     drive_rate: Floats | None = None
     """Of the drive's loop: 0 at the replay's own, 1 without end."""
+    between: Floats | float | None = None
+    """In a replay twice as fine as the slowest loop: how much of a drive computes its torque at every second instant,
+    too; None in others."""
     holds_limit: bool = False
     """Whether a speed limit sees the velocity once an instant, as in the plant, and not as it changes meanwhile."""
 
@@ -76,6 +82,14 @@ class Drives:
     def is_dry(self) -> bool:
         """Whether there is dry friction."""
         return self.coulomb_friction is not None or self.stiction is not None
+
+    def twice_as_fine(self) -> "Drives":
+        """The same drives where instants are twice as close; a loop at the coarser rate skips every second one."""
+        if self.drive_rate is None:
+            return replace(self, dt_s=0.5 * self.dt_s, between=0.0)
+        rate = np.maximum(2.0 * self.drive_rate - 1.0, 0.0)
+        between = np.minimum(2.0 * self.drive_rate, 1.0)
+        return replace(self, dt_s=0.5 * self.dt_s, drive_rate=rate if rate.any() else None, between=between)
 
     def sent(self, law: Floats, feedforward: Floats, instants: Indices, first: Indices, last: Indices) -> Floats:
         """Law and feed-forward [Nm] that the drives use at the instants, shape (windows, branches, joints, sets).

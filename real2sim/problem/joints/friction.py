@@ -23,7 +23,14 @@ def with_inertia(inverse: Floats, added: Floats) -> Floats:
     return inverse
 
 
-def rubbed(velocity: Floats, inverse: Floats, limit: Floats, impulse: Floats) -> Floats:
+def rubbed(
+    velocity: Floats,
+    inverse: Floats,
+    limit: Floats,
+    impulse: Floats,
+    give: Floats | None = None,
+    bent: Floats | float = 0.0,
+) -> Floats:
     """Velocities after dry friction has acted for a step.
 
     Args:
@@ -31,6 +38,9 @@ def rubbed(velocity: Floats, inverse: Floats, limit: Floats, impulse: Floats) ->
         inverse: Of the mass matrix, shape (windows, branches, joints, joints, sets or 1).
         limit: Largest impulse of friction over the step [Nm s].
         impulse: That of the last step, from which the search starts; becomes that of this step.
+        give: By how much the velocity of a joint gives way for an impulse of friction [rad/s per Nm s]: bristles bend
+            like springs, 1 / (stiffness step^2). None where they are rigid.
+        bent: How far bristles are bent, over the step [rad/s], with the sign of the impulse that bent them.
     """
     # by hand: `np.clip` takes several times as long for arrays of this size, most of it to look at its arguments
     least = -limit
@@ -39,7 +49,12 @@ def rubbed(velocity: Floats, inverse: Floats, limit: Floats, impulse: Floats) ->
     for _ in range(SWEEPS):
         for joint in range(velocity.shape[2]):
             column, own = inverse[:, :, :, joint], impulse[:, :, joint]
-            stopping = own - velocity[:, :, joint] / column[:, :, joint]
+            mobility = column[:, :, joint]
+            if give is None or bent is None:
+                stopping = own - velocity[:, :, joint] / mobility
+            else:  # the springs' law at the end of the step
+                ahead = velocity[:, :, joint] - mobility * own - bent[:, :, joint]
+                stopping = -ahead / (mobility + give[..., joint, :])
             new = np.minimum(np.maximum(stopping, least[..., joint, :]), limit[..., joint, :])
             velocity += column * (new - own)[:, :, None]
             impulse[:, :, joint] = new

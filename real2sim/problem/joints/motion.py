@@ -1,7 +1,7 @@
 """From a run log to what a replay of its joints needs: uniform instants, commands, the legs' equation of motion."""
 
 import itertools
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,11 +103,18 @@ def uniform_rows(log: RunLog) -> Rows:
     )
 
 
-def motion_of(rows: Rows, robot: HeldRobot, kp: Floats, kd: Floats) -> Motion:
-    """What a replay needs of a log; gains of shape (joints,)."""
+def motions_of(rows: Rows, robot: HeldRobot, kp: Floats, kd: Floats) -> tuple[Motion, Motion]:
+    """What a replay needs of a log, and the same with instants twice as close; gains of shape (joints,)."""
     every = max(1, int(np.ceil(rows.dt_s / SLOWEST_LOOP_S - 1e-6)))
-    branches = robot.branches
-    legs = _legs(rows, robot)
+    legs, sway = _legs(rows, robot), _sway(rows, robot)
+    coarse, fine = (_motion(rows, robot, (kp, kd), legs, sway, times * every) for times in (1, 2))
+    return coarse, fine
+
+
+def _motion(
+    rows: Rows, robot: HeldRobot, gains: tuple[Floats, Floats], legs: LinearLegs, sway: Sway | None, every: int
+) -> Motion:
+    (kp, kd), branches = gains, robot.branches
     between = [
         _halfway(values, rows.stretches, every) for values in (legs.mass, legs.offset, legs.stiffness, legs.damping)
     ]
@@ -130,7 +137,7 @@ def motion_of(rows: Rows, robot: HeldRobot, kp: Floats, kd: Floats) -> Motion:
         feedback=np.concatenate([stiffness, damping], axis=-1),
         armature=robot.armature[branches],
         elapsed=np.repeat(elapsed, every),
-        sway=_sway(rows, robot),
+        sway=sway,
     )
 
 
@@ -164,6 +171,18 @@ def windows_of(rows: Rows, branches: Indices, every: int, averaged: int) -> Wind
         length=length * every,
         position=np.array([q for q, _ in states])[:, branches],
         velocity=np.array([dq for _, dq in states])[:, branches],
+    )
+
+
+def twice_as_fine(windows: Windows) -> Windows:
+    """The same windows in instants that are twice as close."""
+    return replace(
+        windows,
+        start=2 * windows.start,
+        first=2 * windows.first,
+        last=2 * windows.last + 1,
+        warm_up=2 * windows.warm_up,
+        length=2 * windows.length,
     )
 
 

@@ -13,6 +13,7 @@ class Play:
 
     Args:
         width: Of the gaps [rad], shape (branches, joints, sets).
+        motor_side: Where the logged encoder sits, 0 at the joint and 1 at the motor, shape as `width`.
         rotor: Inertia on the motor's side [kg m^2], broadcast with `width`.
         shape: Of all simulations: (windows, branches, joints, sets).
 
@@ -21,19 +22,30 @@ class Play:
         rate: How fast it gets ahead [rad/s].
     """
 
-    def __init__(self, width: Floats, rotor: Floats, shape: tuple[int, ...]) -> None:
+    def __init__(self, width: Floats, motor_side: Floats, rotor: Floats, shape: tuple[int, ...]) -> None:
         self._half = 0.5 * width
+        self._motor_side = motor_side
         self._rotor = rotor
         self.offset, self.rate = np.zeros(shape), np.zeros(shape)
         self._touches = np.ones(shape, dtype=bool)
         self._drive = np.zeros(shape)
-        self._is_new = True
+
+    def begun(self, torque: Floats) -> Floats:
+        """Rotors that push from the start; returns by how much what is logged is then ahead of the joints [rad]."""
+        self.offset = np.sign(torque) * self._half
+        return np.asarray(self._motor_side * self.offset)
+
+    def logged(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
+        """Motion on the side of the logged encoder, for that of the joints."""
+        return position + self._motor_side * self.offset, velocity + self._motor_side * self.rate
+
+    def seen(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
+        """What the law sees, which is on the motor's side, for what is logged."""
+        rest = 1.0 - self._motor_side
+        return position + rest * self.offset, velocity + rest * self.rate
 
     def transmitted(self, torque: Floats) -> tuple[Floats, Floats]:
         """Torque that arrives at the joints, and rotor inertia that they lack, for the drives' torque."""
-        if self._is_new:
-            self.offset = np.sign(torque) * self._half
-            self._is_new = False
         self._drive = torque
         return np.where(self._touches, torque, 0.0), np.where(self._touches, 0.0, self._rotor)
 
@@ -54,7 +66,7 @@ class Play:
         # 2. rotors under way
         ahead = self.rate + dt_s * (self._drive / self._rotor - acceleration)
         offset = self.offset + (0.5 * dt_s) * (self.rate + ahead)
-        hits = ~touches & (np.abs(offset) >= self._half)
+        hits = ~touches & (np.abs(offset) >= self._half) & (ahead * offset > 0.0)
         # 3. those that hit share their momentum with the joint
         ahead = np.where(touches, 0.0, ahead)
         if hits.any():

@@ -15,7 +15,7 @@ from saltus.real2sim.problem.joints.candidates import JointCandidates, beside
 from saltus.real2sim.problem.joints.drives import Drives, Hinges, lost
 from saltus.real2sim.problem.joints.excitation import encoder_steps, reach_of, untestable
 from saltus.real2sim.problem.joints.grid import Grid
-from saltus.real2sim.problem.joints.motion import motion_of, uniform_rows, windows_of
+from saltus.real2sim.problem.joints.motion import motions_of, twice_as_fine, uniform_rows, windows_of
 from saltus.real2sim.problem.joints.noise import Whitening, quieter, repeated, smooth_left_out, whitening
 from saltus.real2sim.problem.joints.replay import SimulatedMeans, replay
 from saltus.real2sim.problem.log import gains, model_of, segments_of, torque_limits
@@ -65,11 +65,12 @@ class JointProblem(Problem):
         self._rows = uniform_rows(log)
         kp, kd = gains(meta)
         branches = self._robot.branches
-        self._motion = motion_of(self._rows, self._robot, kp, kd)
+        self._motion, self._finer_motion = motions_of(self._rows, self._robot, kp, kd)
         self._asked = self._rows.q_des + (kd * self._rows.dq_des + self._rows.tau_ff) / np.maximum(kp, 1.0)  # [rad]
         self._averaged = max(1, round(SAMPLE_S / self._rows.dt_s))
         self.samples_per_residual = float(self._averaged)
         self._windows = windows_of(self._rows, branches, self._motion.every, self._averaged)
+        self._finer_windows = twice_as_fine(self._windows)
         self.segments = segments_of(log)
         self._place_samples()
         places, self.blocks, self.places = _named(names, branches)
@@ -163,7 +164,10 @@ class JointProblem(Problem):
         return white.transpose(4, 2, 1, 3, 0).reshape(drives.count, len(self.blocks), -1)
 
     def _simulate(self, drives: Drives) -> SimulatedMeans:
-        return replay(self._motion, self._windows, drives, self._averaged)
+        if drives.backlash is None:
+            return replay(self._motion, self._windows, drives, self._averaged)
+        # a rotor alone is ten times as fast as with its leg: it crosses a gap in a few steps
+        return replay(self._finer_motion, self._finer_windows, drives.twice_as_fine(), self._averaged)
 
     def _apart(self, simulated: SimulatedMeans) -> Floats:
         """Measured minus simulated, shape (samples, signals, branches, joints, sets)."""

@@ -17,6 +17,7 @@ from saltus.real2sim.problem.joints.sway import Sway
 
 DIVERGED = 1e3
 """[rad], [rad/s]: beyond it a simulation is not continued; nothing that moves gets there."""
+LEAST_LEVEL = 1e-6  # Nm of friction: none at all
 _NONE = np.zeros(())
 
 
@@ -146,25 +147,29 @@ class _Simulation:
         self._loop = None if drives.drive_rate is None else _FastLoop.of(drives.drive_rate, motion.dt_s)
         self._kp, self._kd, self._claimed = motion.kp[..., None], motion.kd[..., None], motion.armature[..., None]
         rotor = self._claimed if drives.armature is None else self._claimed + drives.armature
-        self._play = None if drives.backlash is None else Play(drives.backlash, rotor, shape)
+        self._play = None if drives.backlash is None else Play(*drives.backlash, rotor, shape)
         self._drive_state = DriveState()
         self._rolled = None
         if drives.base_roll is not None and motion.sway is not None:
             self._rolled = motion.sway.rolled(*drives.base_roll)
         self._mobility = np.diagonal(motion.inverse_mass, axis1=2, axis2=3)[..., None]
-        self._impulse, self._believed = np.zeros(shape), np.zeros(shape)
+        self._impulse, self._bent, self._believed = np.zeros((3, *shape))
 
     def measure(self, k: int) -> tuple[Floats, Floats, Floats]:
         """What encoders read and drives believe at instant k of all windows."""
         drives = self._drives
-        q, v = drives.sensed(self._q, self._v, self._drive_state)
-        seen_q, seen_v = q, v
-        if self._play is not None:  # the encoder of the law is on the motor's side
-            seen_q, seen_v = q + self._play.offset, v + self._play.rate
+        play = self._play
+        logged = (self._q, self._v) if play is None else play.logged(self._q, self._v)
+        q, v = drives.sensed(*logged, self._drive_state)
+        seen_q, seen_v = (q, v) if play is None else play.seen(q, v)
         sent = drives.sent(
             self._motion.law, self._motion.feedforward, self._windows.start + k, self._windows.first, self._windows.last
         )
-        self._believed = sent - self._kp * seen_q - self._kd * seen_v
+        fresh = sent - self._kp * seen_q - self._kd * seen_v
+        if drives.between is None or k % 2 == 0:
+            self._believed = fresh
+        else:
+            self._believed = self._believed + drives.between * (fresh - self._believed)
         return q, v, self._believed
 
     def advance(self, k: int) -> None:
@@ -186,6 +191,8 @@ class _Simulation:
             load = load + motion.sway.load(self._rolled, rows // motion.every)
         added = drives.armature
         if self._play is not None:
+            if k == 0:
+                q -= self._play.begun(torque)
             torque, missing = self._play.transmitted(torque)
             added = -missing if added is None else np.where(missing > 0.0, -self._claimed, added)
         if drives.viscous_friction is not None:  # the midpoint rule: at half of the step's change of velocity
@@ -206,7 +213,7 @@ class _Simulation:
             acceleration = np.einsum("wbij...,wbj...->wbi...", inverse, torque - load)
         faster = v + dt * acceleration
         if drives.is_dry:
-            faster = rubbed(faster, inverse, dt * drives.friction(v), self._impulse)
+            faster = self._rubbed(faster, inverse, drives.friction(v))
             acceleration = (faster - v) / dt
         if self._play is not None:
             faster = self._play.moved(faster, acceleration, inverse, dt)
@@ -217,6 +224,16 @@ class _Simulation:
         np.minimum(np.maximum(q, -DIVERGED, out=q), DIVERGED, out=q)
         np.minimum(np.maximum(faster, -DIVERGED, out=v), DIVERGED, out=v)
         self._earlier, self._acceleration = self._acceleration, acceleration
+
+    def _rubbed(self, velocity: Floats, inverse: Floats, level: Floats) -> Floats:
+        """Velocities after dry friction of a level [Nm] has acted for a step."""
+        dt, bend = self._motion.dt_s, self._drives.bristles
+        if bend is None:
+            return rubbed(velocity, inverse, dt * level, self._impulse)
+        give = bend / (np.maximum(level, LEAST_LEVEL) * dt**2)
+        velocity = rubbed(velocity, inverse, dt * level, self._impulse, give, self._bent)
+        self._bent = give * self._impulse
+        return velocity
 
     def _falling(self, velocity: Floats) -> Floats | None:
         """By how much the law's torque falls in a second, on average over the coming step [Nm/s]; None if held."""
