@@ -22,8 +22,10 @@ from saltus.real2sim.search.fit import Evaluator, Fit
 from saltus.real2sim.search.layout import Model, model_of
 from saltus.real2sim.search.misfits import misfits_of, unseen_of
 from saltus.real2sim.search.quadratic import Quadratic
-from saltus.real2sim.search.reported import stated_model
+from saltus.real2sim.search.reported import Groups, stated_model
 
+CERTAIN = 1.645
+"""Standard errors that half of a 90 % interval has."""
 RANKED = 12
 """Number of models in the report."""
 
@@ -51,6 +53,8 @@ def findings(
     final = model.residuals
     tested = Cells.of(problem, ~comparison.split.is_fit)
     ruling = _rule(problem, comparison, tested, null, chosen, alike, final)
+    if len(model.groups) == 1 and ruling in ("named", "set") and not _is_beyond_resolution(problem, model.groups):
+        ruling = _unnamed(problem, comparison, null)
     untestable = problem.untestable | unseen_of(problem, comparison, null.fit)
     seen = problem.leaner().keys() - untestable.keys() if ruling != "no_gap" else set()
     misfits = misfits_of(problem, comparison, [each.fit for each in scored], model, seen)
@@ -126,9 +130,8 @@ def _rule(
 ) -> ProblemRuling:
     """The ruling: named, a set, unexplained or no gap. Nothing is named without a test that shows the gap."""
     least = decide.REMAINDER_RMS * problem.samples_per_residual**0.5
-    is_gap = comparison.cells.largest_rms(null.structure) > least
     if not chosen.fit.model:
-        return "unexplained" if is_gap else "no_gap"
+        return _unnamed(problem, comparison, null)
     is_tested = bool(null.fit.residuals[:, tested.rows].any())
     is_closed = is_tested and _closed(comparison, tested, null.fit.residuals, final) >= decide.explained_share(
         comparison, chosen.fit.model
@@ -136,8 +139,24 @@ def _rule(
     if len(chosen.fit.model) > 2:  # three effects imitate a fourth, but not to within noise
         is_closed = is_closed and tested.largest_rms(tested.structure(final)) < least
     if not is_closed:
-        return "unexplained" if is_gap else "no_gap"
+        return _unnamed(problem, comparison, null)
     return "set" if any(alike.values()) else "named"
+
+
+def _unnamed(problem: Problem, comparison: ModelComparison, null: ScoredFit) -> ProblemRuling:
+    """The ruling where no effect can be named: there is a gap, or none."""
+    least = decide.REMAINDER_RMS * problem.samples_per_residual**0.5
+    return "unexplained" if comparison.cells.largest_rms(null.structure) > least else "no_gap"
+
+
+def _is_beyond_resolution(problem: Problem, groups: Groups) -> bool:
+    """Whether an effect is larger anywhere than two correct simulations differ by: its interval holds no absence."""
+    resolved = [
+        abs(float(group.value[0])) > CERTAIN * problem.candidates[group.places[0].candidate].resolution
+        for several in groups.values()
+        for group in several
+    ]
+    return any(resolved) or not resolved
 
 
 def _closed(comparison: ModelComparison, tested: Cells, before: Floats, after: Floats) -> float:
