@@ -151,12 +151,10 @@ def _unnamed(problem: Problem, comparison: ModelComparison, null: ScoredFit) -> 
 
 def _is_beyond_resolution(problem: Problem, groups: Groups) -> bool:
     """Whether an effect is larger anywhere than two correct simulations differ by: its interval holds no absence."""
-    resolved = [
-        abs(float(group.value[0])) > CERTAIN * problem.candidates[group.places[0].candidate].resolution
-        for several in groups.values()
-        for group in several
-    ]
-    return any(resolved) or not resolved
+    found = [group for several in groups.values() for group in several]
+    resolutions = [problem.candidates[group.places[0].candidate].resolution for group in found]
+    beyond = [abs(float(g.value[0])) > CERTAIN * r for g, r in zip(found, resolutions, strict=True) if r > 0.0]
+    return any(beyond) or not beyond
 
 
 def _closed(comparison: ModelComparison, tested: Cells, before: Floats, after: Floats) -> float:

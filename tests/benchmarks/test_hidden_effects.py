@@ -24,7 +24,9 @@ from benchmarks.hidden_effects.damage import DAMAGES, damage
 from benchmarks.hidden_effects.followup import follow
 from benchmarks.hidden_effects.generate import generate_run
 from benchmarks.hidden_effects.joints import JointScene
-from benchmarks.hidden_effects.legs import Hidden, Rig, mean_delay, simulate
+from benchmarks.hidden_effects.leg_kernel import STEP_S
+from benchmarks.hidden_effects.legs import Hidden, Rig, Way, _arrivals, mean_delay, simulate
+from benchmarks.hidden_effects.noise import coloured
 from benchmarks.hidden_effects.robot import JOINTS, LOWER, STAND, TORQUE_LIMIT, UPPER
 from benchmarks.hidden_effects.scene import Setting
 from benchmarks.hidden_effects.tables import RunFiles, joint_columns
@@ -252,6 +254,54 @@ def test_a_plan_has_its_shares_and_every_effect(seed):
     multiples = Counter(run.multiples[0] for run in runs if run.category == "one")
     assert set(multiples) == set(plan.MULTIPLES)
     assert runs == plan.make_plan(seed, 220)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_pairs_and_play_are_joints_alone_that_are_large_enough(seed):
+    runs = plan.make_plan(seed, 150, part="pairs_and_play")
+    assert runs == plan.make_plan(seed, 150, part="pairs_and_play")
+    counts = Counter(run.category for run in runs)
+    assert (counts["none"], counts["play"]) == (41, 21)
+    assert counts["one"] + counts["two"] == 88
+    assert {(run.kind, run.quiet, run.damage) for run in runs} == {("joints", False, "")}
+    assert min(m for run in runs for m in run.multiples) >= 3.0
+    assert {run.sizes[0] for run in runs if run.category == "play"} == set(plan.WIDTHS)
+    assert {run.effects for run in runs if run.category == "play"} == {("backlash",)}
+
+
+@pytest.mark.parametrize("motor_side", [0.0, 1.0])
+def test_play_is_logged_on_the_side_of_its_encoder(motor_side):
+    """At the motor the law follows what is logged; at the joint, what is half a gap ahead of it or behind."""
+    rig = Rig(command=swing(1500), kp=np.full(12, 30.0), kd=np.full(12, 1.0), control_dt=0.002, tick_steps=1)
+    shape = {"stiffness": 2e4, "damped": 0.3, "motor_side": motor_side}
+    setting = Setting(effect="backlash", size=0.02, where=JOINTS, shape=shape)
+    peak = joint_effects.Peak(speed=np.full(12, 10.0), torque=np.full(12, 15.0))
+    q, dq, believed = np.moveaxis(simulate(rig, [joint_effects.hidden((setting,), peak)])[0], -1, 0)
+    law = 30.0 * (rig.command[..., 0] - q) + (rig.command[..., 1] - dq) + rig.command[..., 2]
+    apart = np.median(np.abs(law - believed)[100:])
+    assert apart < 0.1 if motor_side else apart == pytest.approx(30.0 * 0.01, rel=0.2)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.05])
+@pytest.mark.parametrize("is_whole", [False, True])
+def test_packets_keep_their_order(late, is_whole):
+    way = Way(jitter=0.2, late=late, is_whole=is_whole)
+    hidden = Hidden(command_delay=np.full(12, 5e-3), command_way=way)
+    arrival, _ = _arrivals(4000, 16, hidden, seed=1)
+    assert np.all(np.diff(arrival, axis=1) >= 0)
+    waits = (arrival - 16 * np.arange(4000))[:, 1:]
+    assert np.all(waits % (16 if is_whole else 1) == 0)
+    # one that is late, by two times its way, holds up five others
+    assert 1.0 + 2.0 * late < np.mean(waits) * STEP_S / 5e-3 < 1.15 + 6.0 * late
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_a_part_of_noise_lasts(share):
+    """Unit variance, of which what is slow stays where half a second's mean is taken."""
+    noise = coloured(np.random.default_rng(1), (60000, 4), 100.0, 500.0, True, slow_share=share, slow_hz=0.5)
+    assert noise.std(axis=0) == pytest.approx(1.0, abs=0.1)
+    means = noise.reshape(-1, 250, 4).mean(axis=1).var()
+    assert 0.5 * share < means < share + 0.02
 
 
 @pytest.mark.parametrize("count", [1, 7, 24, 200])

@@ -24,6 +24,7 @@ from saltus.errors import RecordingError
 from saltus.real2sim.problem.joints import motion as joint_motion
 from saltus.real2sim.problem.joints.candidates import LOOP_RATE
 from saltus.real2sim.problem.joints.drives import lost
+from saltus.real2sim.problem.joints.friction import rubbed
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.search.saturation_curve import _fitted, _Pieces
 from saltus.real2sim.search.search import search
@@ -217,6 +218,35 @@ def test_fits_find_the_truth(case: Hidden) -> None:
         slopes = (flat_residuals[1:] - flat_residuals[0]) / step[:, None]
         value[free] -= np.linalg.solve(slopes @ slopes.T, slopes @ flat_residuals[0])
     np.testing.assert_allclose(value, case.unknowns, rtol=0.05)
+
+
+@pytest.mark.parametrize("side", [0.0, 1.0], ids=["encoder at the joint", "encoder at the motor"])
+def test_play_shows_on_the_side_of_its_encoder(side: float) -> None:
+    """At the hips; on which tooth a light calf lies, where little torque is asked for, is up to chance."""
+    problem = problem_of(EFFECTS["backlash"](width=0.02, motor_side=side))
+    play = [{}, {"backlash": (0.02, side)}, {"backlash": (0.02, 1.0 - side)}]
+    hips = problem.residuals(np.stack([unknowns(problem, p) for p in play]))[..., problem.signal == 0]
+    claimed, right, other = np.mean(hips**2, axis=(1, 2))
+    assert claimed - right > 0.7 * (claimed - 1.0)
+    assert other > 2.0 * right
+
+
+@pytest.mark.parametrize("bend", [1e-5, 3e-4, 1e-3])
+def test_bristles_hold_like_springs_until_they_give_way(bend: float) -> None:
+    """A mass on bristles under a steady push rests where spring and push are equal; a larger push moves it on."""
+    dt, mass, level = 0.002, 0.02, 0.5
+    inverse, shape = np.full((1, 1, 1, 1, 1), 1.0 / mass), (1, 1, 1, 1)
+    give = np.full(shape[1:], bend / (level * dt**2))
+    ends = []
+    for push in (0.6 * level, 1.2 * level):
+        place, velocity, impulse, bent = (np.zeros(shape) for _ in range(4))
+        for _ in range(1000):
+            free = velocity + dt * (push - 0.3 * velocity) / mass
+            velocity = rubbed(free, inverse, np.full(shape, dt * level), impulse, give, bent)
+            bent, place = give * impulse, place + dt * velocity
+        ends.append((float(place.item()), float(velocity.item())))
+    assert ends[0] == pytest.approx((0.6 * bend, 0.0), rel=1e-3, abs=1e-7)
+    assert ends[1][1] == pytest.approx(0.2 * level / 0.3, rel=1e-3)
 
 
 def test_a_spring_is_its_pull_at_the_mean_angle_and_its_stiffness() -> None:

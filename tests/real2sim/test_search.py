@@ -1,4 +1,5 @@
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -131,6 +132,14 @@ def test_three_effects_are_found_though_a_delay_stands_in_for_two_of_them() -> N
 def test_a_small_effect_beside_a_far_larger_one_is_named() -> None:
     findings = search(OneJoint(everywhere("torque_saturation", 0.6, 4.0) | everywhere("viscous_friction", 0.02)))
     assert {found.name for found in findings.effects} == {"torque_saturation", "viscous_friction"}
+
+
+@pytest.mark.parametrize(("resolution", "verdict"), [(0.0, "named"), (0.5, "named"), (5.0, "unexplained")])
+def test_an_effect_is_named_only_beyond_what_two_correct_simulators_differ_by(resolution: float, verdict: str) -> None:
+    problem = LinearProblem(sizes("e1", 3.0))
+    problem.candidates = tuple(replace(each, resolution=resolution) for each in problem.candidates)
+    findings = search(problem)
+    assert (findings.verdict, bool(findings.effects)) == (verdict, verdict == "named")
 
 
 def test_what_is_not_in_the_library_stays_unexplained() -> None:

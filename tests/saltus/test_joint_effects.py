@@ -220,3 +220,17 @@ def test_play_is_as_wide_as_it_says_and_loses_no_momentum() -> None:
         assert sum(torques[start : start + 20]) == pytest.approx(20 * torques[start + 19])
         crossing = np.sum(np.array(torques[start : start + 20]) == 0.0) * PHYSICS_DT
         assert crossing == pytest.approx(np.sqrt(2.0 * 0.02 * ROBOT.armature[0] / 0.5), abs=2.0 * PHYSICS_DT)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+def test_the_law_sees_the_motor_and_the_log_the_side_of_its_encoder(share: float) -> None:
+    """Joints at one end of their gaps: what is logged is ahead by a share of half of it, the law always by all."""
+    width, kp = 0.02, 30.0
+    chain = ActuatorChain((Backlash(width=width, motor_side=share),)).fitted(ROBOT)
+    command = JointCommand(position=ZERO + 0.1, velocity=ZERO, kp=ZERO + kp, kd=ZERO, torque=ZERO)
+    _, state = chain.step(command, ZERO, ZERO, np.zeros(()), (None,))
+    torques, state = chain.step(command, ZERO, ZERO, np.zeros(()), state)
+    logged = chain.measured(ZERO, ZERO, np.zeros(()), state)
+    np.testing.assert_allclose(logged.position, share * 0.5 * width, atol=1e-12)
+    np.testing.assert_allclose(torques.believed, kp * (0.1 - 0.5 * width), atol=1e-9)
+    assert chain.senses_otherwise == (share > 0.0)
