@@ -52,6 +52,9 @@ class DepthCamera(Value):
     """From exposure to arrival, in place of the profile's `camera_latency` [s]; that of the profile, if None."""
     range_m: tuple[float, float] | None = None
     """What is nearer or farther is invalid [m]; nothing is, if None."""
+    depth_unit_m: float | None = None
+    """Metres that one step of the images of a real one is, for `saltus ros2`: 0.0001 of a D405, 0.00025 of an L515; as
+    ROS has it, if None. Simulated images are in millimetres."""
     ideal: bool = False
     """True depth: no errors of stereo matching."""
     baseline_m: float = BASELINE_M
@@ -66,7 +69,8 @@ class DepthCamera(Value):
     def __post_init__(self) -> None:
         check_between(
             self, camera_position=(-10.0, 10.0), camera_pitch=(-math.pi, math.pi), rate_hz=(SLOWEST_HZ, STEP_HZ),
-            latency_s=(0.0, LONGEST_LATENCY_S), range_m=(0.0, 100.0), baseline_m=(1e-3, 1.0),
+            latency_s=(0.0, LONGEST_LATENCY_S), range_m=(0.0, 100.0), depth_unit_m=(1e-6, 1.0),
+            baseline_m=(1e-3, 1.0),
         )  # fmt: skip
         for view in (self.image, self.matching):
             check_between(view, width=(1, _LARGEST), height=(1, _LARGEST), fx=(1.0, 1e5), fy=(1.0, 1e5))

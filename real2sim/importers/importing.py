@@ -15,6 +15,7 @@ from saltus.recordings.description import Description
 from saltus.recordings.rosbag import read_rosbag
 from saltus.recordings.run_claims import GAINS, SCHEMA, check_claims, claim_of
 from saltus.recordings.run_log import JOINT_SIGNALS, REQUIRED_SIGNALS, RunLog, write_run_log
+from saltus.recordings.units import in_si, stated_units
 from saltus.robots.robot import JOINTS, Robot
 
 WORTH_SAYING = ("q_des", "kp", "kd", "dq", "tau_est", "imu", "base", "depth")
@@ -52,9 +53,11 @@ def import_recording(recording: Path, out: Path, description: Description, robot
             backwards, or angles that no joint reaches; claims that cannot be.
     """
     _check_left_out(description.leave_out)
+    _check_units(description)
     kind = kind_of(recording)
     if kind not in READERS:
-        log, notes = read_rosbag(recording, description.topics, description.leave_out, _image_size(description))
+        unit_m = description.units.depth_unit_m
+        log, notes = read_rosbag(recording, description.topics, description.leave_out, _image_size(description), unit_m)
         names = [description.joint_names.get(name, name) for name in log.meta["joints"]]
         parts = {"": replace(log, meta=log.meta | {"joints": names})}
     elif description.columns is None:
@@ -92,6 +95,15 @@ def _check_left_out(names: Iterable[str]) -> None:
             )
 
 
+def _check_units(description: Description) -> None:
+    """Refuses a unit that is said twice, or where it says nothing."""
+    columns, units = description.columns, description.units
+    if units.time_unit is not None:
+        raise RecordingError("[units] time_unit: a bag's stamps have their own; say a table's as [columns] time_unit")
+    if columns is not None and columns.angle == "deg" and (units.angle_unit or units.speed_unit):
+        raise RecordingError('[columns] angle = "deg" and [units] angle_unit or speed_unit say one thing twice')
+
+
 def _completed(log: RunLog, recording: Path, description: Description, robot: Robot) -> tuple[RunLog, list[str]]:
     """The log with all claims, in the robot's order, and notes; one that contradicts itself is refused."""
     claims = description.claims
@@ -117,7 +129,8 @@ def _completed(log: RunLog, recording: Path, description: Description, robot: Ro
         check_claims(meta)
     except RecordingError as error:
         raise RecordingError(f"{recording}: {error} (say it in [claims])") from error
-    log = replace(log, meta=meta)
+    stated = description.units if "units" not in claims else stated_units(meta)
+    log = in_si(replace(log, meta=meta), replace(stated, depth_unit_m=None))  # images are in millimetres already
     faults = [f for f in (*clock_faults(log), *unit_faults(log)) if f.is_fatal or f.name == "too_short"]
     if faults:
         raise RecordingError(f"{recording}: {faults[0].text}{CURES.get(faults[0].name, '')}")

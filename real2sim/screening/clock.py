@@ -10,6 +10,7 @@ from saltus.real2sim.problem.log import rows_between, segments_of
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.gaps import LONG, lost_rows
 from saltus.recordings.run_log import JOINT_SIGNALS, RunLog, period_of
+from saltus.recordings.units import TIMES
 
 LARGEST_VALUE = 1e6  # in SI units: larger than any reading of a joint, IMU, base or foot
 LARGEST_TIME_S = 1e11  # s: clocks count from their start or from 1970
@@ -21,6 +22,9 @@ MAX_REPEATED = 0.01
 CONTROL_DT_OFF = 1.3  # ratio of row spacing to the claim
 JUMP = 6.0  # times the 99 % quantile, in two joints at once; logs without lost rows stay below 2
 MAX_JUMPS = 1  # one jump may be a knock; lost rows come again
+ROWS_A_COMMAND = 8.0  # times by which rows may come faster or slower than commands: 50 Hz for 400 Hz
+SAME_RUN = 2.0  # times by which a table of a run may last longer or shorter than that of the joints
+SINCE_1970_S = 1.7e9  # today's seconds since 1970
 NEAR = 2  # rows before and after, whose speeds bound the motion from row to row
 MOVING = 0.2  # rad/s: faster joints change their reading in every row, also with a coarse encoder (1.5 mrad)
 
@@ -28,6 +32,8 @@ MOVING = 0.2  # rad/s: faster joints change their reading in every row, also wit
 def clock_faults(log: RunLog) -> list[Fault]:
     """Faults of the rows of all tables."""
     faults = [*_numbers(log)]
+    if not any(fault.is_fatal for fault in faults):
+        faults += _units(log)
     if any(fault.is_fatal for fault in faults):
         return faults
     for name, time_s in _clocks(log):
@@ -46,12 +52,53 @@ def _clocks(log: RunLog) -> Iterator[tuple[str, Floats]]:
         yield "depth", log.depth.arrival_s
 
 
+def _units(log: RunLog) -> Iterator[Fault]:
+    """Times in another unit than the claimed seconds between commands, or than those of the joints."""
+    row = float(np.median(np.diff(log.joints.time_s))) if len(log.joints.time_s) > MIN_ROWS else 0.0
+    claimed = float(log.meta["control_dt"])
+    if factor := _known_factor(row / claimed, ROWS_A_COMMAND):
+        text = (
+            f"joints: t is {factor:g} times what it can be: rows are {row:.4g} apart, control_dt claims {claimed:g} s"
+        )
+        yield Fault(name="time_unit", text=f"{text}; {_in_unit(factor)}")
+        return
+    stamps = {name: time_s for name, time_s in _clocks(log) if name != "joints"}
+    if log.depth is not None and log.depth.capture_s is not None:
+        stamps["depth captures"] = log.depth.capture_s
+    lasts = float(np.ptp(log.joints.time_s))
+    for name, time_s in stamps.items():
+        own = float(np.ptp(time_s)) if len(time_s) > MIN_ROWS else 0.0
+        factor = _known_factor(own / lasts, SAME_RUN) if lasts > 0.0 and own > 0.0 else None
+        if factor:
+            text = f"{name}: t is {factor:g} times that of the joints: its rows span {own:.4g}, theirs {lasts:.4g}"
+            yield Fault(name="time_unit", text=f"{text}; {_in_unit(factor, is_alone=True)}")
+
+
+def _known_factor(ratio: float, near: float) -> float | None:
+    """The factor of a unit of time that is as near to a ratio as that."""
+    known = [1.0 / seconds for name, seconds in TIMES.items() if name != "s"]
+    return next((f for each in known for f in (each, 1.0 / each) if 1.0 / near < ratio / f < near), None)
+
+
+def _in_unit(factor: float, is_alone: bool = False) -> str:
+    """What a factor of times says of their unit, and what to do."""
+    unit = next((name for name, seconds in TIMES.items() if abs(factor * seconds - 1.0) < 1e-6), "")
+    if not unit:
+        return "turned into seconds twice?"
+    return f"in {unit}? " + ("Write seconds" if is_alone else f'Then say time_unit = "{unit}" in units of meta.json')
+
+
 def _numbers(log: RunLog) -> Iterator[Fault]:
     stamps = dict(_clocks(log))
     if log.depth is not None and log.depth.capture_s is not None:
         stamps["depth captures"] = log.depth.capture_s
     for name, time_s in stamps.items():
-        yield from _impossible(f"{name}: 't' has", time_s, LARGEST_TIME_S)
+        beyond = len(time_s) > 0 and bool(np.min(time_s) > LARGEST_TIME_S)
+        if factor := _known_factor(float(np.min(time_s)) / SINCE_1970_S, SAME_RUN) if beyond else None:
+            text = f"{name}: 't' is {factor:g} times the seconds since 1970: {_in_unit(factor)}"
+            yield Fault(name="time_unit", text=text)
+        else:
+            yield from _impossible(f"{name}: 't' has", time_s, LARGEST_TIME_S)
     signals = {s: values for s in JOINT_SIGNALS if (values := getattr(log.joints, s)) is not None}
     tables = {n: t.values for n, t in (("imu", log.imu), ("base", log.base), ("feet", log.feet)) if t is not None}
     for name, values in {**signals, **tables}.items():

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.view import expected_depth
@@ -12,7 +13,14 @@ from saltus.recordings.run_log import DepthTable, RunLog, Table
 
 FRAMES = 12  # images that are compared, spread over the log
 PIXELS = 400  # smallest number of valid pixels in them
-UNIT_OFF = 2.5  # times the expected depth; a scale off by 5 %, a bias of 5 cm or a clipped range stay below
+UNIT_OFF = 1.7  # times the expected depth; a scale off by 5 %, a bias of 5 cm or a clipped range stay below 1.2
+STEPS_M = (1e-6, 1e-5, 1e-4, 1.25e-4, 2e-4, 2.5e-4, 5e-4, 1e-2, 0.0254, 1.0)
+"""Steps of depth images that are in use [m] beside 0.001: micrometres, 0.01, 0.1 (D405), 0.125, 0.2 (TUM's files), 0.25
+(L515) and 0.5 mm, cm, inches, metres."""
+NEAR_STEP = 0.2  # share by which the measured step may differ: errors of depth and of the claimed mount
+COARSE_M = 0.5  # steps that are as far as what legs stand on
+FULL = 65534  # largest distance of 16 bits: larger ones are cut to it
+FULL_SHARE = 0.5  # of valid pixels: nothing that a robot's camera sees is so far
 SEEN_SHARE = 0.02  # smallest share of valid pixels
 UPSIDE_DOWN = (-0.3, 0.6)  # correlation with the expected image: below this upright, above this upside down
 MAX_AGE_S = 2.0  # older images have time stamps of another clock
@@ -32,7 +40,31 @@ def depth_faults(log: RunLog) -> list[Fault]:
     if (camera.get("height"), camera.get("width")) != (height, width):
         text = f"depth: images are {width} x {height}, meta.json claims {camera.get('width')} x {camera.get('height')}"
         return [Fault(name="image_size", text=text)]
-    return [*_clocks(log.depth), *_contents(log.depth, log.base), *_geometry(log, log.depth, camera)]
+    geometry = [*_geometry(log, log.depth, camera)]
+    units = [fault for fault in geometry if fault.name == "depth_unit"] or [*_beyond(log.depth, camera)]
+    return units or [*_clocks(log.depth), *_contents(log.depth, log.base), *geometry]
+
+
+def _beyond(depth: DepthTable, camera: dict[str, Any]) -> Iterator[Fault]:
+    """Images that are farther than the claimed range, whatever they show."""
+    seen = depth.depth_mm[depth.depth_mm > 0]
+    reach = float(camera.get("range_max", np.inf))
+    ratio = 1e-3 * float(np.median(seen)) / reach if len(seen) >= PIXELS else 0.0
+    if ratio > UNIT_OFF:
+        text = f"depth: images read {ratio:.3g} times range_max in the middle: {_step(ratio, seen, is_known=False)}"
+        yield Fault(name="depth_unit", text=text)
+
+
+def _step(ratio: float, seen: NDArray[np.uint16], is_known: bool = True) -> str:
+    """What a ratio of depth to what it should be says of the images' steps."""
+    step = min(STEPS_M, key=lambda each: abs(np.log(ratio * each / 1e-3)))
+    if np.mean(seen >= FULL) > FULL_SHARE:
+        return "most pixels are at the end of 16 bits, as steps of 1e-06 m (1000) would be: write whole millimetres"
+    near = NEAR_STEP if step < COARSE_M else 0.5  # whole metres round what they tell
+    if not is_known or abs(ratio * step / 1e-3 - 1.0) > near:
+        known = f" = {1e-3 / ratio:.3g}" if is_known else ""
+        return f"another unit? Then say depth_unit_m{known} in [units] (meta.json: units)"
+    return f"in steps of {step:g} m ({1e-3 / step:g})? Then say depth_unit_m = {step:g} in [units] (meta.json: units)"
 
 
 def _clocks(depth: DepthTable) -> Iterator[Fault]:
@@ -70,7 +102,9 @@ def _geometry(log: RunLog, depth: DepthTable, camera: dict[str, Any]) -> Iterato
         return
     ratio = float(np.median(measured[seen] / expected[seen]))
     if not 1 / UNIT_OFF < ratio < UNIT_OFF:
-        yield Fault(name="depth_unit", text=f"depth: images read {ratio:.3g} times what pose and terrain imply: unit?")
+        step = _step(ratio, depth.depth_mm[rows][seen])
+        text = f"depth: images read {ratio:.3g} times what pose and terrain imply: {step}"
+        yield Fault(name="depth_unit", text=text)
         return
     both = seen & seen[:, ::-1]
     if both.sum() < PIXELS:

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.log import gains_in_force, rates, untold
+from saltus.real2sim.screening.causes import Causes, cause_faults, causes
 from saltus.real2sim.screening.fault import Fault
+from saltus.real2sim.screening.scales import gears_of
 from saltus.recordings.run_log import JointTable, RunLog
 
 DELAYS_S = np.linspace(0.0, 0.04, 41)
@@ -85,7 +87,13 @@ def gain_faults(log: RunLog) -> list[Fault]:
     stiff, damped = (
         each / np.where(top > 0.0, top, np.inf) + (top == 0.0) for each, top in zip(told, (kp, kd), strict=True)
     )
-    fits = _fits(log.joints, log.joints.tau_est, (kp, kd), (stiff, damped))
+    regressions = _regressions(log.joints, log.joints.tau_est, (kp, kd), (stiff, damped))
+    has_rate = log.joints.dq is not None
+    drives = [each.causes(*gains, has_rate) for each, *gains in zip(regressions, kp, kd, strict=True)]
+    if scaled := list(cause_faults(names, drives, gears_of(log))):
+        return scaled
+    is_stiff = stiff[_rows(len(stiff))] > 0.0
+    fits = [each.fit(is_stiff[:, joint]) for joint, each in enumerate(regressions)]
     return [f for j, name in enumerate(names) for f in _faults(name, fits[j], float(kp[j]), float(kd[j]))]
 
 
@@ -114,11 +122,16 @@ class _Fit:
         return self.torque_nm * (1.0 - self.explained) ** 0.5
 
 
-def _fits(
+def _rows(count: int) -> Indices:
+    """Rows of a log that are used."""
+    return np.linspace(0, count - 1, min(ROWS, count)).astype(int)
+
+
+def _regressions(
     joints: JointTable, torque: Floats, gains: tuple[Floats, Floats], shares: tuple[Floats, Floats]
-) -> list[_Fit]:
+) -> list["_Regression"]:
     """One for each joint; arrays of shape (joints, rows), as regressions read them."""
-    rows = np.linspace(0, len(torque) - 1, min(ROWS, len(torque))).astype(int)
+    rows = _rows(len(torque))
     row_s = joints.time_s[rows]
     q, dq, torques = (np.ascontiguousarray(each[rows].T) for each in (joints.q, rates(joints), torque))
     variances = np.var(torques, axis=1)
@@ -144,7 +157,7 @@ def _fits(
             for i, late in enumerate(FEEDFORWARD_DELAYS_S):
                 columns[:, 4 + i] = feedforward.of_age(row_s - delay - late, delay + late)
         _keep_best(best, columns, torques, variances)
-    return [best[joint].fit(shares[0][rows, joint] > 0.0) for joint in range(len(torques))]
+    return [best[joint] for joint in range(len(torques))]
 
 
 def _in_force(joints: JointTable, when_s: Floats) -> tuple[Indices, Indices]:
@@ -199,6 +212,11 @@ class _Regression:
     def explained(self) -> float:
         """Share of the torque's variance."""
         return 1 - self.left / max(self.variance, 1e-12)
+
+    def causes(self, kp: float, kd: float, has_rate: bool) -> Causes:
+        """Factors that may be wrong, with the claimed gains."""
+        feedforward = self.matrix[4] if len(self.matrix) > 4 else None
+        return causes(self.torque, kp * self.matrix[0], kd * self.matrix[1], feedforward, is_rate_measured=has_rate)
 
     def fit(self, is_stiff: NDArray[np.bool_]) -> _Fit:
         """What it says of the drive."""

@@ -1,6 +1,7 @@
 """Faults of joint columns: units, signs, swapped names, wrong gains."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,18 +10,23 @@ from scipy.optimize import linear_sum_assignment
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.log import gains_in_force, model_of, untold
+from saltus.real2sim.screening.angles import (
+    BEYOND_LIMIT,
+    angle_faults,
+    command_rate_faults,
+    posture_faults,
+    rate_slopes,
+)
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.gains import gain_faults
 from saltus.real2sim.screening.gravity import gravity_faults
 from saltus.real2sim.screening.rates import means
+from saltus.real2sim.screening.scales import by_cause, gears_of, is_off, unit_fault
 from saltus.recordings.run_log import JointTable, RunLog
 from saltus.robots.robot import JOINTS, Robot
 
 SLOW_S = 0.3  # moving average: a position-controlled leg follows what is left, below 1.5 Hz
-RATE_S = 0.1  # moving average over which dq must equal the rate of q: longer than any delay or filter
 MOVES = 0.1  # rad of slow command from which a joint must follow
-FULL_TURN = 2 * np.pi  # rad: no joint of a legged robot turns further
-BEYOND_LIMIT = 0.15  # rad: a bias of 0.1 and the compliance of a stop stay within it
 FLIPPED = -0.7  # correlation of a joint with its slow command below which the sign is wrong
 SWAP_GAIN = 3.0  # times closer to the command of another joint than to its own
 SWAP_OFF = 0.15  # rad RMS: gravity and bias alone make smaller differences from the command
@@ -33,7 +39,6 @@ ALIKE = 0.7  # correlation of turns and velocities from which they are of one mo
 OTHER_UNIT = 240.0  # between degrees for rad (57) and ms for s (1000), the two errors that are made
 FASTEST = 100.0  # rad/s RMS over a log: three times what a drive of this class reaches at its best
 SLOWEST_ROW_S = 0.1  # a command that holds for longer steers no leg
-RATE_RANGE = (0.6, 1.6)  # ratio of dq to the rate of q
 TOO_FAST = 1.05  # same ratio: noise and filters only make dq smaller
 
 
@@ -60,7 +65,7 @@ def _names(log: RunLog) -> list[Fault]:
 
 def _motions(log: RunLog) -> list[Fault]:
     slow = _SlowMotion(log)
-    return [*_signs(slow), *_ratio(slow), *_rates(log)]
+    return [*_signs(slow), *_ratio(slow), *_rates(log), *command_rate_faults(log)]
 
 
 class _SlowMotion:
@@ -122,19 +127,11 @@ def _frozen(joints: JointTable, names: list[str]) -> Iterator[Fault]:
 
 def unit_faults(log: RunLog) -> Iterator[Fault]:
     """Faults of angles that no joint reaches, and of times that do not go with the motion."""
-    names = log.meta["joints"]
-    for signal, values in (("q", log.joints.q), ("q_des", log.joints.q_des)):
-        if values is None:
-            continue
-        turns = np.percentile(np.abs(values), 95, axis=0)
-        wrong = turns > FULL_TURN
-        if wrong.any():
-            text = (
-                f"{signal} of {_list(names, wrong)} reaches {turns.max():.4g}: more than a full turn in rad; degrees?"
-            )
-            yield Fault(name="degrees", text=text)
-            return  # in rad, speeds would be others
-    yield from _time_unit(log.joints)
+    found: list[Fault] = []
+    if log.joints.q_des is not None:
+        slow = _SlowMotion(log)
+        found += angle_faults(log, slow.q, slow.q_des)
+    yield from found or list(posture_faults(log)) or _time_unit(log.joints)
 
 
 def _time_unit(joints: JointTable) -> Iterator[Fault]:
@@ -248,23 +245,18 @@ def _rates(log: RunLog) -> Iterator[Fault]:
     """Compares dq with the rate of q."""
     if log.joints.dq is None:
         return
-    time_s, names = log.joints.time_s, log.meta["joints"]
-    width = max(1, round(RATE_S / float(np.median(np.diff(time_s)))))
-    if len(time_s) < 4 * width:
+    names = log.meta["joints"]
+    slopes = rate_slopes(log.joints.time_s, log.joints.q, log.joints.dq)
+    if slopes is None:
         return
-    rate = (log.joints.q[width:] - log.joints.q[:-width]) / (time_s[width:] - time_s[:-width])[:, None]
-    mean = means(log.joints.dq, width)
-    power = np.maximum(np.sum(rate**2, axis=0), np.finfo(np.float64).tiny)
-    slope = np.sum(rate * mean, axis=0) / power
-    moves = np.sqrt(power / len(rate)) > 0.1  # rad/s; noise of 2 mrad in q makes 0.03 of it
-    low, high = RATE_RANGE
-    wrong = moves & ((slope < low) | (slope > high))
-    if wrong.any():
-        text = f"dq of {_list(names, wrong)} is {slope[wrong][0]:.3g} times the rate of q: wrong unit, sign or joint"
-        yield Fault(name="wrong_rate", text=text)
-    fast = moves & ~wrong & (slope > TOO_FAST)
+    wrong = {joint: float(slope) for joint, slope in enumerate(slopes) if np.isfinite(slope) and is_off(slope)}
+    for where, factor in by_cause(names, wrong):
+        fault = unit_fault("wrong_rate", "dq", f"dq of {where}", factor, "the rate of q", gears_of(log))
+        yield replace(fault, name="wrong_rate")
+    fast = np.nan_to_num(slopes) > TOO_FAST
+    fast[list(wrong)] = False
     if fast.any():
-        text = f"dq of {_list(names, fast)} is {slope[fast].mean():.2f} times the rate of q: no filter does that"
+        text = f"dq of {_list(names, fast)} is {slopes[fast].mean():.2f} times the rate of q: no filter does that"
         yield Fault(name="fast_rate", text=text, is_fatal=False)
 
 

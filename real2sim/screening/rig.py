@@ -1,25 +1,35 @@
 """Faults of the columns of IMU and base: quaternions, units, axes."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from saltus.arrays import Floats
 from saltus.constants import GRAVITY
-from saltus.real2sim.problem.log import boxes_of
+from saltus.real2sim.problem.log import boxes_of, model_of
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.rates import means
+from saltus.real2sim.screening.scales import by_cause, is_off, likely, unit_fault, unit_of
 from saltus.recordings.run_log import RunLog, Table
+from saltus.recordings.units import LENGTHS
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import JOINTS, Robot
+from saltus.rotations import rotation_matrix
 
 UNIT_NORM = 0.01  # error of a quaternion's norm: four decimals in a text file make 1e-4
 FREE_FALL = 0.3  # share of gravity in the mean acceleration: the ground gives a hopping robot all of it, in impacts
-G_UNIT = 0.3
+HEAVY = 1.7  # times gravity: noise and impacts that a sensor cuts off leave the mean within a tenth
 TILT = 0.5  # cosine between mean acceleration and up below which axes are wrong: 60 deg, biases are 2 deg
 MEAN_S = 0.2  # time over which a rate must equal the change of a pose: longer than any delay
 CARRIED = 1.5  # times the usual time span: rows are missing in between
 TURNS = 0.1  # rad/s RMS from which axes can be told from biases (0.05 at most; this much is forgiven)
 MOVES = 0.05  # m/s RMS from which velocities are compared
+SHOWN = 0.9  # correlation from which a rate shows the motion of its pose, whatever its unit is
+BARELY = 0.2  # of `TURNS` and `MOVES`: from there on a rate that shows its pose is compared
+STANDS = 0.3  # m: height of the trunk of a robot of this class
+ROWS = 200  # poses whose height is compared, spread over the log
 RANGE = (0.5, 2.0)  # ratio of a rate to the change of its pose
 FAR = 5.0  # m: no base of a standing or jumping robot is higher above the ground
 
@@ -59,15 +69,21 @@ def _gravity(imu: Table) -> Iterator[Fault]:
     acceleration = imu.values[:, 7:10]
     mean = _rotation(imu.values[:, :4]).apply(acceleration).mean(axis=0)
     size = float(np.linalg.norm(mean))
-    if size < FREE_FALL * GRAVITY:
-        text = f"imu: the mean acceleration is {size:.3g} m/s2, gravity should make it {GRAVITY:g}: taken out, or in g?"
-        # in units of g it is 1; if gravity was removed, the other columns are still useful
-        is_g = abs(float(np.linalg.norm(acceleration, axis=1).mean()) - 1) < G_UNIT
-        yield Fault(name="acceleration_unit", text=text, is_fatal=is_g)
-    elif mean[2] / size < TILT:
-        up = np.round(mean / size, 2).tolist()
-        text = f"imu: the mean acceleration points along {up} in the world, not up: wrong axes or quaternion order"
-        yield Fault(name="imu_axes", text=text)
+    factor = size / GRAVITY * (-1.0 if mean[2] < -TILT * size else 1.0)
+    told = f"imu: acc is {factor:.4g} times gravity on average ({size:.4g} m/s2 for {GRAVITY:g})"
+    if FREE_FALL < abs(factor) < HEAVY:
+        if mean[2] / size < TILT:
+            up = np.round(mean / size, 2).tolist()
+            why = "a sign is flipped, " if factor < 0.0 else ""
+            text = f"{told} and points along {up} in the world, not up: {why}wrong axes or quaternion order"
+            yield Fault(name="imu_axes", text=text)
+        return
+    # if gravity was taken out, the mean is noise in every unit, and the other columns are still useful
+    spread = float(np.std(acceleration, axis=0).max())
+    is_twice = bool(unit_of("acc", 1.0 / max(abs(factor), 1e-9))) and size > spread
+    is_unit = bool(unit_of("acc", abs(factor))) or abs(factor) > HEAVY or is_twice
+    said = likely("acc", factor) if is_unit else "was gravity taken out?"
+    yield Fault(name="acceleration_unit", text=f"{told}: {said}", is_fatal=is_unit)
 
 
 def _gyro(imu: Table) -> Iterator[Fault]:
@@ -88,10 +104,11 @@ def _base(log: RunLog, base: Table) -> Iterator[Fault]:
     height = float(np.median(base.values[:, 2]))
     tops = [box["center"][2] + 0.5 * box["size"][2] for box in boxes_of(log.meta)]
     if not min([0.0, *tops]) - FAR < height < max([0.0, *tops]) + FAR:
-        yield Fault(
-            name="base_unit", text=f"base: z is {height:.4g}: more than {FAR:.0f} m off the ground; millimetres?"
-        )
+        factor = _length_factor(height)
+        text = f"base: position is {factor:.4g} times what it can be: z is {height:.4g}, more than {FAR:.0f} m off the "
+        yield Fault(name="base_unit", text=f"{text}ground; {likely('position', factor)}")
         return
+    yield from _stands(log, base, tops)
     rows = _span(base.time_s)
     steps_s = (base.time_s[rows:] - base.time_s[:-rows])[:, None]
     change = (base.values[rows:, :3] - base.values[:-rows, :3]) / steps_s
@@ -101,15 +118,56 @@ def _base(log: RunLog, base: Table) -> Iterator[Fault]:
     yield from _compare("base", "velocity", "position", change[whole], mean[whole], MOVES)
 
 
+def _length_factor(height: float) -> float:
+    """The factor of a length that brings a base nearest to the height of a standing robot."""
+    factors = [1.0 / metres for name, metres in LENGTHS.items() if name != "m"]
+    return min(factors, key=lambda factor: abs(np.log(max(abs(height), 1e-9) / factor / STANDS)))
+
+
+def _stands(log: RunLog, base: Table, tops: list[float]) -> Iterator[Fault]:
+    """A base whose height is in a unit other than that of its legs, on flat ground."""
+    names = tuple(name.removesuffix("_joint") for name in log.meta["joints"])
+    robot = model_of(log.meta)
+    if tops or log.meta.get("base") == "fixed" or names != JOINTS or not isinstance(robot, Robot):
+        return
+    if not np.ptp(log.joints.q, axis=0).any():
+        return  # nobody measured the joints
+    rows = np.unique(np.linspace(0, len(base.time_s) - 1, ROWS).astype(int))
+    near = np.clip(np.searchsorted(log.joints.time_s, base.time_s[rows]), 0, len(log.joints.time_s) - 1)
+    feet = np.asarray(LegKinematics(robot).position(log.joints.q[near]))
+    turned = feet @ rotation_matrix(base.values[rows, 3:7]).swapaxes(-1, -2)
+    legs = robot.foot_radius - turned[..., 2].min(axis=1)
+    factor = float(np.median(base.values[rows, 2] / legs))
+    if is_off(factor) and (unit_of("position", factor) or (factor > 0.0 and unit_of("position", 1.0 / factor))):
+        yield unit_fault("base_unit", "position", "base: position", factor, "the height on its legs")
+
+
 def _compare(table: str, rate: str, pose: str, change: Floats, mean: Floats, seen: float) -> Iterator[Fault]:
     """Compares each axis of a rate with the change of its pose; a bias of the rate below `seen` is no fault."""
+    if not len(change):
+        return
     power = np.sum(change**2, axis=0)
     bias = np.clip(np.mean(mean - change, axis=0), -seen, seen)
     slope = np.sum(change * (mean - bias), axis=0) / np.maximum(power, 1e-12)
-    wrong = (np.sqrt(power / len(change)) > seen) & ((slope < RANGE[0]) | (slope > RANGE[1]))
-    for axis in np.flatnonzero(wrong):
-        text = f"{table}: {rate} {'xyz'[axis]} is {slope[axis]:.3g} times the change of {pose}: unit, sign or axis"
-        yield Fault(name="wrong_rate", text=text)
+    size = np.sqrt(power / len(change))
+    shown = np.array([_correlation(own, told) > SHOWN for own, told in zip(change.T, mean.T, strict=True)])
+    # what is off by a unit has no bias to speak of beside its motion
+    centred, around = change - change.mean(axis=0), mean - mean.mean(axis=0)
+    own = np.sum(centred * around, axis=0) / np.maximum(np.sum(centred**2, axis=0), 1e-12)
+    wrong = ((size > seen) | (shown & (size > BARELY * seen))) & ((slope < RANGE[0]) | (slope > RANGE[1]))
+    factors = np.where(shown, own, slope)
+    for axes, factor in by_cause("xyz", {axis: float(factors[axis]) for axis in np.flatnonzero(wrong)}):
+        where = f"{table}: {rate} {axes.replace('all joints', 'x, y, z')}"
+        fault = unit_fault("wrong_rate", rate, where, factor, f"the change of {pose}")
+        other = unit_of(pose, 1.0 / factor) if pose == "position" and factor > 0.0 else ""
+        text = f"{fault.text}; or position in {other} ({1.0 / factor:.4g})?" if other else fault.text
+        yield replace(fault, name="wrong_rate", text=text)
+
+
+def _correlation(one: Floats, other: Floats) -> float:
+    """Of two motions without their means, as a size."""
+    a, b = one - one.mean(), other - other.mean()
+    return float(abs(np.sum(a * b)) / np.sqrt(max(np.sum(a**2) * np.sum(b**2), np.finfo(np.float64).tiny)))
 
 
 def _span(time_s: Floats) -> int:

@@ -51,6 +51,8 @@ class Ros2:
     """Take in a robot's depth images, joints, IMU and odometry."""
     depth: str = "/camera/depth/image_rect_raw"
     """Taken with --take: sensor_msgs/Image, 16UC1 in millimetres or 32FC1 in metres; or a topic .../compressedDepth."""
+    depth_unit_m: Annotated[float | None, shown("FLOAT", "that of the run's camera, else as above")] = None
+    """Metres that one step of these images is, where it is another: 0.0001 of a D405, 0.00025 of an L515."""
     camera_info: str = "/camera/depth/camera_info"
     """Taken with --take: sensor_msgs/CameraInfo of these images."""
     joints: str = "/joint_states"
@@ -85,7 +87,10 @@ class Ros2:
         if self.take and config.epoch_ns:
             raise SaltusError(f"{self.run_dir} has a robot of its own: --take needs a folder of saltus router")
         wall = WallClock(config)
-        intake = Intake(robot, wall, self.joint_names, arrival=self.arrival_times, depth=self.depth)
+        unit_m = found.camera.depth_unit_m if self.depth_unit_m is None else self.depth_unit_m
+        intake = Intake(
+            robot, wall, self.joint_names, arrival=self.arrival_times, depth=self.depth, depth_unit_m=unit_m
+        )
         exporter = Exporter(robot, wall, base=self.base_frame, whole=not self.take)
         with (
             ZenohBus(self.endpoint or endpoint_of(self.run_dir), self.prefix or config.prefix) as bus,

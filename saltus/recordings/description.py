@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from saltus.flags import shown
+from saltus.recordings.units import Units
 
 Topic = Annotated[str | None, shown("TOPIC", "the only one of its type")]
 
@@ -21,7 +22,7 @@ class Topics:
     base: Topic = None
     """nav_msgs/Odometry: measured pose of the trunk, its velocity in the trunk's own frame."""
     depth: Topic = None
-    """sensor_msgs/Image: 16 bit in millimetres, or 32 bit in metres."""
+    """sensor_msgs/Image: 16 bit in millimetres, or 32 bit in metres, unless [units] depth_unit_m says otherwise."""
     camera_info: Topic = None
     """sensor_msgs/CameraInfo: of the depth images."""
 
@@ -48,7 +49,7 @@ class Columns:
     """The table's names of its joints, in the order of their numbers. Without them it has all of the robot's, in the
     robot's order, by their names in [joint_names]."""
     angle: Literal["rad", "deg"] = "rad"
-    """Unit of angles and rates. Torques are in Nm."""
+    """Unit of angles and rates, where [units] names none."""
     time: str | None = None
     """Column of times; without it rows are evenly spaced, at `rate_hz`."""
     time_unit: Literal["s", "ms", "us", "ns"] = "s"
@@ -76,3 +77,5 @@ class Description:
     """The recording's name of a joint, and that of the robot; empty for what is no joint of the robot's legs."""
     columns: Columns | None = None
     """Of a table."""
+    units: Units = field(default_factory=Units)
+    """Of what is not in SI units."""

@@ -75,16 +75,27 @@ def pixels_of(image: Any) -> NDArray[Any]:
     return np.ascontiguousarray(rows).view(kind).astype(kind.newbyteorder("="), copy=False)
 
 
-def millimetres(pixels: NDArray[Any], unit_m: float = MILLIMETRE) -> NDArray[np.uint16]:
+def millimetres(pixels: NDArray[Any], unit_m: float | None = None) -> NDArray[np.uint16]:
     """Whole millimetres of pixels: 0 where there is no depth, `NOTHING` where nothing is within range (REP 118).
 
     Args:
         pixels: As `pixels_of` gives them.
-        unit_m: What a whole number counts [m].
+        unit_m: Metres that one step is; None for those of ROS, 0.001 of whole numbers and 1 of others (REP 118).
+
+    Raises:
+        MessageError: most of an image of 32 bits is farther than the 65.5 m that whole millimetres hold, so that it
+            cannot be in metres.
     """
-    if pixels.dtype.kind == "u" and unit_m == MILLIMETRE:
+    is_whole = pixels.dtype.kind == "u"
+    if is_whole and unit_m in (None, MILLIMETRE):
         return pixels.astype(np.uint16)
-    metres = pixels * np.float64(unit_m if pixels.dtype.kind == "u" else 1.0)
+    seen = pixels[np.isfinite(pixels) & (pixels > 0.0)]
+    if unit_m is None and len(seen) and (middle := float(np.median(seen))) > MILLIMETRE * NOTHING:
+        raise MessageError(
+            "depth_unit", f"32 bit images read {middle:.4g} in the middle, too far in metres; depth_unit_m = 0.001 "
+            "takes them as millimetres"
+        )  # fmt: skip
+    metres = pixels * np.float64((MILLIMETRE if is_whole else 1.0) if unit_m is None else unit_m)
     metres = np.where(np.isnan(metres) | (metres < 0.0), 0.0, metres)
     whole = np.minimum(np.rint(np.where(np.isinf(metres), 0.0, metres) / MILLIMETRE), NOTHING - 1)
     return np.where(np.isinf(metres), NOTHING, whole).astype(np.uint16)

@@ -45,8 +45,9 @@ _Messages = Sequence[_Received]
 
 
 def read_rosbag(
-    path: Path, topics: Topics, left_out: Sequence[str] = (), size: tuple[int, int] | None = None
-) -> tuple[RunLog, list[str]]:
+    path: Path, topics: Topics, left_out: Sequence[str] = (), size: tuple[int, int] | None = None,
+    depth_unit_m: float | None = None,
+) -> tuple[RunLog, list[str]]:  # fmt: skip
     """Reads the joints and whatever else there is.
 
     Args:
@@ -55,6 +56,7 @@ def read_rosbag(
         left_out: Signals and parts that the log is not to have.
         size: Width and height of the depth images that count, where there are several; by default
             the most frequent.
+        depth_unit_m: Metres that one step of a depth image is; as ROS has it (REP 118), if None.
 
     Returns:
         A log whose `meta` has what the bag says: joints, control_dt, and intrinsics and rate of the
@@ -67,7 +69,7 @@ def read_rosbag(
     notes: list[str] = []
     with opened(path) as reader:
         chosen = choose(reader, path, topics, left_out, notes)
-        received = _receive(reader, path, chosen, notes)
+        received = _receive(reader, path, chosen, notes, depth_unit_m)
     notes.insert(0, ", ".join(f"{part} from {topic}" for part, topic in chosen.items()))
     names, joints = _joints(chosen, received, left_out, notes)
     depth = _depth(path, received.pop("depth", []), size, notes)
@@ -86,13 +88,15 @@ def read_rosbag(
     return log, notes
 
 
-def _receive(reader: AnyReader, path: Path, chosen: dict[str, str], notes: list[str]) -> dict[str, list[_Received]]:
+def _receive(
+    reader: AnyReader, path: Path, chosen: dict[str, str], notes: list[str], depth_unit_m: float | None
+) -> dict[str, list[_Received]]:
     """Messages of each part; of images and calibrations what is kept of them."""
     part_of = {topic: part for part, topic in chosen.items()}
     connections = [c for c in reader.connections if c.topic in part_of]
     total = sum(c.msgcount for c in connections)
     received: dict[str, _Rows] = defaultdict(list)
-    images = _Images(path)
+    images = _Images(path, depth_unit_m)
     keep = KEPT | {"depth": images.kept}
     for connection, arrival_ns, raw in tqdm(
         reader.messages(connections), desc=path.name, total=total, disable=None, leave=False
@@ -148,15 +152,15 @@ KEPT: dict[str, Callable[[Any], Any]] = {
 class _Images:
     """Makes millimetres of images as they come, so that no more than these are held."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, unit_m: float | None) -> None:
+        self._path, self._unit_m = path, unit_m
         self._bytes = self._kept = 0
         self._refused: Counter[str] = Counter()
 
     def kept(self, image: Any) -> NDArray[np.uint16] | None:
         """Pixels in whole millimetres; None for an image that cannot be read."""
         try:
-            pixels = _measured(millimetres(pixels_of(image)))
+            pixels = _measured(millimetres(pixels_of(image), self._unit_m))
         except MessageError as error:
             self._refused[str(error)] += 1
             return None

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from saltus.errors import RecordingError
+from saltus.recordings.units import stated_units
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import shipped_robots
 
@@ -82,6 +83,7 @@ def check_claims(meta: dict[str, Any]) -> None:
     _check_optional(_table(meta, "ground"), "ground.", GROUND)
     _check_camera(_table(meta, "camera"))
     _check_terrain(meta.get("terrain"))
+    stated_units(meta)
     segments(meta)
 
 

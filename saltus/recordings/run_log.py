@@ -2,9 +2,10 @@
 
     meta.json, joints.csv, imu.csv, base.csv, feet.csv, depth.npz
 
-SI units; `t` in seconds on one monotonic clock; world z up; quaternions (w, x, y, z), body to world. Everything but
-`meta.json` and `joints.csv` may be missing. A table may be Parquet with the same columns, e.g. `joints.parquet`, or an
-archive of numpy, `joints.npz`, with an array for each column, or for each signal one of shape (rows, joints).
+SI units, unless `units` in meta.json states others; `t` in seconds on one monotonic clock; world
+z up; quaternions (w, x, y, z), body to world. Everything but `meta.json` and `joints.csv` may be
+missing. A table may be Parquet with the same columns, e.g. `joints.parquet`, or an archive of numpy,
+`joints.npz`, with an array for each column, or for each signal one of shape (rows, joints).
 Reading checks the form only: columns and types. Whether the contents make sense is for
 `saltus.real2sim.screening.screen` to say.
 """
@@ -26,10 +27,10 @@ from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.recordings.columns import read_archive, read_parquet, read_text
 from saltus.recordings.run_claims import check_claims, claim_of
+from saltus.recordings.units import FARTHEST_MM, in_si, stated_units
 from saltus.robots.robot import LEGS, Robot
 from saltus.robots.shipped import shipped_robots
 
-FARTHEST_MM = 65535  # what uint16 holds
 AXES = ("x", "y", "z")
 QUATERNION = ("qw", "qx", "qy", "qz")
 IMU_COLUMNS = (*QUATERNION, *(f"gyro_{a}" for a in AXES), *(f"acc_{a}" for a in AXES))
@@ -173,7 +174,7 @@ def read_run_log(directory: Path) -> RunLog:
         RecordingError: no run log, a claim that cannot be, or a table that does not have the columns it must have.
     """
     meta = read_claims(directory)
-    return RunLog(
+    log = RunLog(
         meta=meta,
         joints=_read_joints(directory, meta["joints"]),
         imu=_read_optional(directory, "imu", IMU_COLUMNS),
@@ -181,6 +182,7 @@ def read_run_log(directory: Path) -> RunLog:
         feet=_read_optional(directory, "feet", FEET_COLUMNS),
         depth=_read_depth(directory / "depth.npz"),
     )
+    return in_si(log, stated_units(meta))
 
 
 def read_claims(directory: Path) -> dict[str, Any]:

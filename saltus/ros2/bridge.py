@@ -16,7 +16,10 @@ from saltus.wire.ros2_node import RosNode, RosPublisher
 WAIT_S = 0.1  # how often it looks whether both routers answer
 IMAGES_WITHIN_S = 1.0  # of real time: a run may be slowed
 AGAIN_S = 2.0  # between two lines while messages are refused
-ADVICE = {"clock": "stamps are not this computer's time: --arrival-times takes messages as they arrive"}
+ADVICE = {
+    "clock": "stamps are not this computer's time: --arrival-times takes messages as they arrive",
+    "depth_unit": "depth images of 32 bit are too far in metres: --depth-unit-m 0.001 takes them as millimetres",
+}
 """Of reasons for which messages are refused."""
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from saltus.errors import ConfigError, MessageError, nearest_hint
 from saltus.recordings import ros_messages as ros
 from saltus.recordings.images import COMPRESSED, MILLIMETRE, intrinsics, is_rectified, millimetres, pixels_of
+from saltus.recordings.units import check_depth_unit
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot
 from saltus.ros2.wall_clock import WallClock
@@ -59,14 +60,18 @@ class Intake:
         joints: Names of their joints.
         arrival: Take messages to be true when they arrive, for robots whose stamps are no wall clock.
         depth: Topic of the depth images. Its name says whether they are compressed, and whether they are rectified.
+        depth_unit_m: Metres that one step of their depth images is; as ROS has it (REP 118), if None.
 
     Raises:
-        ConfigError: other than twelve names of joints, or one twice.
+        ConfigError: other than twelve names of joints, or one twice; a unit that no camera has.
     """
 
     def __init__(
-        self, robot: Robot, clock: WallClock, joints: tuple[str, ...] = (), *, arrival: bool = False, depth: str = DEPTH
-    ) -> None:
+        self, robot: Robot, clock: WallClock, joints: tuple[str, ...] = (), *, arrival: bool = False,
+        depth: str = DEPTH, depth_unit_m: float | None = None,
+    ) -> None:  # fmt: skip
+        if depth_unit_m is not None:
+            check_depth_unit(depth_unit_m)
         if joints and len(set(joints)) != len(JOINTS):
             known = ", ".join(JOINTS)
             raise ConfigError(f"{len(set(joints))} names of joints, where a robot has {len(JOINTS)}: {known}")
@@ -78,6 +83,7 @@ class Intake:
         self._clock = clock
         self._arrival = arrival
         self._types, self._rectified = types_of(depth), is_rectified(depth)
+        self._depth_unit_m = depth_unit_m
         self._newest: dict[str, Reading] = {}
         self._frames = self._steps = 0
 
@@ -142,13 +148,15 @@ class Intake:
     def _image(self, image: Any, time_ns: int) -> DepthFrame:
         if "camera_info" not in self._newest:
             raise MessageError("no_camera_info")
-        depth = millimetres(pixels_of(image))
+        pixels, unit_m = pixels_of(image), MILLIMETRE
+        if pixels.dtype.kind == "u" and self._depth_unit_m is not None:
+            depth, unit_m = pixels, self._depth_unit_m  # steps as they came
+        else:
+            depth = millimetres(pixels, self._depth_unit_m)
         info, (height, width) = self._newest["camera_info"].message, depth.shape
         lens = intrinsics(info, width, height, rectified=self._rectified)
         self._frames += 1
-        return DepthFrame(
-            time_ns=time_ns, frame_id=self._frames - 1, depth=depth, depth_unit_m=MILLIMETRE, **vars(lens)
-        )
+        return DepthFrame(time_ns=time_ns, frame_id=self._frames - 1, depth=depth, depth_unit_m=unit_m, **vars(lens))
 
     def _order(self, joints: Any) -> list[int]:
         """Where each of our joints is among theirs."""

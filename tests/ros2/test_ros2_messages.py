@@ -256,6 +256,32 @@ def test_binning_and_the_region_of_interest_count() -> None:
     taken = intake.take("depth", ros.payload_of(image), frame.time_ns)
     assert taken is not None
     assert (taken.fx, taken.cx, taken.cy) == pytest.approx((frame.fx / 2, (frame.cx - 20) / 2, (frame.cy - 10) / 2))
+@pytest.mark.parametrize("unit_m", [1e-4, 2.5e-4])
+def test_a_stated_unit_of_depth_images_goes_along_and_keeps_its_steps(unit_m: float) -> None:
+    frame, image, info = frame_messages()
+    intake = Intake(ROBOT, LOCKSTEP, depth_unit_m=unit_m)
+    intake.take("camera_info", ros.payload_of(info), frame.time_ns)
+    taken = intake.take("depth", ros.payload_of(image), frame.time_ns)
+    assert taken is not None
+    np.testing.assert_array_equal(taken.depth, frame.depth)
+    assert taken.depth_unit_m == unit_m
+    with pytest.raises(ConfigError, match="depth_unit_m = 10: 1e-06 to 1 m"):
+        Intake(ROBOT, LOCKSTEP, depth_unit_m=10.0)
+
+
+def test_images_of_32_bit_in_millimetres_are_refused_until_their_unit_is_stated() -> None:
+    """They would all be cut to 65.5 m."""
+    frame, image, info = frame_messages()
+    wrong = padded(image, lambda pixels: 1e3 * metres(pixels), "32FC1", 0)
+    for unit_m in (None, 0.001):
+        intake = Intake(ROBOT, LOCKSTEP, depth_unit_m=unit_m)
+        intake.take("camera_info", ros.payload_of(info), frame.time_ns)
+        taken = intake.take("depth", ros.payload_of(wrong), frame.time_ns)
+        assert (taken is None) == (unit_m is None)
+        assert dict(intake.rejected) == ({"depth/depth_unit": 1} if unit_m is None else {})
+        if taken is not None:
+            np.testing.assert_array_equal(taken.depth, frame.depth)
+            assert taken.depth_unit_m == 0.001
 
 
 @pytest.mark.parametrize("unit_m", [1e-4, 1e-3, 2.5e-3])
