@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -107,12 +108,13 @@ def test_a_search_names_only_what_a_test_and_the_whole_show(rows: int) -> None:
 @pytest.mark.parametrize("ruling", ["named", "set"])
 def test_no_finding_and_no_verdict_can_be_made_that_names_something_untested(ruling: str) -> None:
     sets = (("camera_latency", "temporal_smear"),) if ruling == "set" else ()
-    named = {"effects": (EFFECT,)} if ruling == "named" else {"sets": sets}
-    for claims in ({"verdict": ruling}, {"verdict": "unexplained", **named}):
+    named: dict[str, Any] = {"effects": (EFFECT,)} if ruling == "named" else {"sets": sets}
+    each: tuple[dict[str, Any], ...] = ({"verdict": ruling}, {"verdict": "unexplained", **named})
+    for claims in each:
         with pytest.raises(ValueError, match="test"):
-            Verdict(**claims)  # type: ignore[arg-type]
+            Verdict(**claims)
         with pytest.raises(ValueError, match="test"):
-            Findings(problem="camera", **claims)  # type: ignore[arg-type]
+            Findings(problem="camera", **claims)
     assert Findings(problem="camera", verdict=ruling, gaps=(TESTED,), **named)  # type: ignore[arg-type]
 
 
