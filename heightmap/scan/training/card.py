@@ -9,6 +9,11 @@ from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
 METHODS = ("network", "map 2 cm, drift, feet", "map 2 cm, feet", "map 4 cm", "flat")
 """In the order of the card's tables."""
+_MEANING = (
+    "Errors are means over flights that no training saw, after 1 s of motion. A point is seen if a ray ended "
+    "within 3 cm of it, visible if one did in the last 0.2 s. Each entry: mean error [mm], share inside the "
+    "90 % interval, median half-width [mm], share of all points."
+)
 
 
 def read_results(path: Path) -> list[Score]:
@@ -23,9 +28,7 @@ def card(settings: ScanTrainSettings, scores: list[Score], parameters: int, imag
     parts = [
         "# Heights in two dimensions: card of the model",
         f"Trained without physics on cameras that fly over random ground: {trained}.",
-        "Errors are means over flights that no training saw, after 1 s of motion. A point is seen if a ray ended within "
-        "3 cm of it, visible if one did in the last 0.2 s. Each entry: mean error [mm], share inside the 90 % interval, "
-        "median half-width [mm], share of all points.",
+        _MEANING,
         *(_table(row, grid, scores) for grid in ("scan", "line") for row in rows),
         _families(scores),
         _feeding(settings),
@@ -83,19 +86,22 @@ def _families(scores: list[Score]) -> str:
 
 def _feeding(settings: ScanTrainSettings) -> str:
     side, fine = settings.map.side, settings.map.fine_m
+    shape = f"{side}, {side}"
     return f"""## How to feed the file
 
-One call per image; all arrays are single precision with a leading dimension of robots, heights in metres. The window has
-{side} x {side} cells of {100 * fine:g} cm, along the axes of the odometry, rows along x, and follows the base by whole
-steps of {100 * settings.map.cell_m:g} cm. Positions are the odometry's, corrected for drift by the map's law
-(`saltus/heightmap/scan/elevation.py`; its numbers are in the file's metadata `map`, as TOML).
+One call per image; all arrays are single precision with a leading dimension of robots, heights in
+metres. The window has {side} x {side} cells of {100 * fine:g} cm, along the axes of the odometry, rows along x,
+and follows the base by whole steps of {100 * settings.map.cell_m:g} cm. Positions are the odometry's, corrected
+for drift by the map's law (`saltus/heightmap/scan/elevation.py`; its numbers are in the file's metadata
+`map`, as TOML).
 
 | input | shape | what |
 |---|---|---|
-| `filled` | n, {side}, {side} | the map, filled where it knows nothing, above the ground under the base |
-| `measured` | n, {len(MEASURED)}, {side}, {side} | {", ".join(MEASURED)}; heights are above `filled` |
-| `memory` | n, {len(MEMORY)}, {side}, {side} | what the last call told: height above today's `filled`, half-width; moved with the window; half-width 1 where it told nothing |
+| `filled` | n, {shape} | the map, filled where it knows nothing, above the ground under the base |
+| `measured` | n, {len(MEASURED)}, {shape} | {", ".join(MEASURED)} |
+| `memory` | n, {len(MEMORY)}, {shape} | {", ".join(MEMORY)}: of the last call, moved with the window |
 | `numbers` | n, {len(NUMBERS)} | {", ".join(NUMBERS)} |
 
-It returns `height` above `filled` and `half_width`, half of the 90 % interval. `saltus/heightmap/scan/planes.py` says each
-plane's unit. A height anywhere is bilinear between the centres of the cells."""
+Heights of `measured` and `memory` are above `filled`; a half-width of 1 m says that nothing was told.
+`saltus/heightmap/scan/planes.py` says the unit of each. The file returns `height` above `filled` and
+`half_width`, half of the 90 % interval; in between cells both are bilinear."""
