@@ -256,6 +256,8 @@ def test_binning_and_the_region_of_interest_count() -> None:
     taken = intake.take("depth", ros.payload_of(image), frame.time_ns)
     assert taken is not None
     assert (taken.fx, taken.cx, taken.cy) == pytest.approx((frame.fx / 2, (frame.cx - 20) / 2, (frame.cy - 10) / 2))
+
+
 @pytest.mark.parametrize("unit_m", [1e-4, 2.5e-4])
 def test_a_stated_unit_of_depth_images_goes_along_and_keeps_its_steps(unit_m: float) -> None:
     frame, image, info = frame_messages()

@@ -1,5 +1,6 @@
 """The tree is small: a training that reaches a GPU takes it along, and so does each clone."""
 
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -10,7 +11,10 @@ MOST_BYTES = 25_000_000
 
 def tracked() -> list[Path]:
     """The files of the tree; none where it is not one of git, as of an sdist."""
-    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False)
+    git = shutil.which("git")
+    if git is None:
+        return []
+    listed = subprocess.run([git, "ls-files", "-z"], cwd=ROOT, capture_output=True, encoding="utf-8", check=False)
     return [ROOT / name for name in listed.stdout.split("\0") if name]
 
 
