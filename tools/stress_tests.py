@@ -36,6 +36,8 @@ LIMIT_S = 5400.0  # for a process; a part takes half an hour beside six busy pro
 LOOP = "total = 0\nfor _ in range(20_000_000):\n    total += 1"
 SPIN = "import os\nparent = os.getppid()\nwhile os.getppid() == parent:\n    sum(range(10**6))"
 """A busy program, which ends with who started it."""
+RUNNING: set[int] = set()
+"""Processes of pytest, each with a group of its own, which end with this one."""
 FAILURE = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
 
 
@@ -96,10 +98,12 @@ def run(piece: Piece, commit: str) -> Outcome:
     with log.open("w") as said:
         both = {"stdout": said, "stderr": subprocess.STDOUT}
         process = subprocess.Popen(command, cwd=ROOT, start_new_session=True, **both)
+        RUNNING.add(process.pid)
         end = threading.Timer(LIMIT_S, os.killpg, (process.pid, signal.SIGKILL))
         end.start()
         _, status, used = os.wait4(process.pid, 0)
         end.cancel()
+        RUNNING.discard(process.pid)
     process.returncode = os.waitstatus_to_exitcode(status)
     return Outcome(
         passed=process.returncode == 0,
@@ -196,11 +200,18 @@ def main() -> int:
             if piece.name.startswith(phase) and not (piece.name in done and done[piece.name].passed)
         ]
         programs = asked.programs if phase == "busy" and left else 0
-        with busy_programs(programs), ThreadPoolExecutor(asked.jobs) as workers:
-            list(workers.map(take, left))
+        workers = ThreadPoolExecutor(asked.jobs)
+        try:
+            with busy_programs(programs):
+                list(workers.map(take, left))
+        finally:
+            workers.shutdown(wait=False, cancel_futures=True)
+            for group in tuple(RUNNING):
+                os.killpg(group, signal.SIGKILL)
     print(table(wanted, done))
     return 0 if all(piece.name in done and done[piece.name].passed for piece in wanted) else 1
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does
     sys.exit(main())
