@@ -29,7 +29,7 @@ def rubbed(
     limit: Floats,
     impulse: Floats,
     give: Floats | None = None,
-    bent: Floats | float = 0.0,
+    bent: Floats | None = None,
 ) -> Floats:
     """Velocities after dry friction has acted for a step.
 

@@ -159,8 +159,8 @@ class _Simulation:
         """What encoders read and drives believe at instant k of all windows."""
         drives = self._drives
         play = self._play
-        logged = (self._q, self._v) if play is None else play.logged(self._q, self._v)
-        q, v = drives.sensed(*logged, self._drive_state)
+        q, v = (self._q, self._v) if play is None else play.logged(self._q, self._v)
+        q, v = drives.sensed(q, v, self._drive_state)
         seen_q, seen_v = (q, v) if play is None else play.seen(q, v)
         sent = drives.sent(
             self._motion.law, self._motion.feedforward, self._windows.start + k, self._windows.first, self._windows.last
