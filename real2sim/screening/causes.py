@@ -100,7 +100,9 @@ def causes(
         if power > 0.0 and is_there:
             rest = torque - (law - part)
             factor = float(np.mean((rest - rest.mean()) * (part - part.mean()))) / power
-            found[name] = Cause(factor=factor, left=float(np.var(rest - factor * part)) / variance)
+            left = float(np.var(rest - factor * part))
+            if left < (1.0 - EXPLAINED) * float(np.var(rest)):  # noise beside a strong tau_ff tells no gains
+                found[name] = Cause(factor=factor, left=left / variance)
     return Causes(of=found, left=float(np.var(torque - law)) / variance, means=means, slow=_slow(torque, law))
 
 
@@ -123,11 +125,11 @@ def cause_faults(names: Sequence[str], drives: Sequence[Causes], gears: Sequence
         return
     if not told:
         return
-    shared = [name for name in CAUSES if all(name in drives[joint].of for joint in told)]
     tiny = np.finfo(np.float64).tiny
-    scores = {n: float(np.mean([np.log(max(drives[j].of[n].left, tiny)) for j in told])) for n in shared}
-    cause = next(name for name in shared if scores[name] < min(scores.values()) + AS_GOOD)
-    factors = {joint: drives[joint].of[cause].factor for joint in told}
+    left = {name: [drives[j].of[name].left if name in drives[j].of else 1.0 for j in told] for name in CAUSES}
+    scores = {name: float(np.mean(np.log(np.maximum(own, tiny)))) for name, own in left.items()}
+    cause = next(name for name in CAUSES if scores[name] < min(scores.values()) + AS_GOOD)
+    factors = {joint: drives[joint].of[cause].factor for joint in told if cause in drives[joint].of}
     for where, factor in by_cause(names, factors):
         yield _fault(cause, where, factor, gears)
 

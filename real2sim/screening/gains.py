@@ -89,7 +89,10 @@ def gain_faults(log: RunLog) -> list[Fault]:
     )
     regressions = _regressions(log.joints, log.joints.tau_est, (kp, kd), (stiff, damped))
     has_rate = log.joints.dq is not None
-    drives = [each.causes(*gains, has_rate) for each, *gains in zip(regressions, kp, kd, strict=True)]
+    drives = [
+        each.causes(float(stiffness), float(damping), has_rate)
+        for each, stiffness, damping in zip(regressions, kp, kd, strict=True)
+    ]
     if scaled := list(cause_faults(names, drives, gears_of(log))):
         return scaled
     is_stiff = stiff[_rows(len(stiff))] > 0.0

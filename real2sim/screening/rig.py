@@ -156,7 +156,7 @@ def _compare(table: str, rate: str, pose: str, change: Floats, mean: Floats, see
     own = np.sum(centred * around, axis=0) / np.maximum(np.sum(centred**2, axis=0), 1e-12)
     wrong = ((size > seen) | (shown & (size > BARELY * seen))) & ((slope < RANGE[0]) | (slope > RANGE[1]))
     factors = np.where(shown, own, slope)
-    for axes, factor in by_cause("xyz", {axis: float(factors[axis]) for axis in np.flatnonzero(wrong)}):
+    for axes, factor in by_cause("xyz", {axis: float(factors[axis]) for axis in range(3) if wrong[axis]}):
         where = f"{table}: {rate} {axes.replace('all joints', 'x, y, z')}"
         fault = unit_fault("wrong_rate", rate, where, factor, f"the change of {pose}")
         other = unit_of(pose, 1.0 / factor) if pose == "position" and factor > 0.0 else ""

@@ -234,7 +234,7 @@ def test_units_of_a_bag_are_stated_in_its_description(tmp_path: Path) -> None:
     assert read.depth is not None
     assert near.imu is not None
     assert read.imu is not None
-    np.testing.assert_allclose(read.joints.tau_est, near.joints.tau_est, rtol=1e-12)
+    np.testing.assert_allclose(np.asarray(read.joints.tau_est), np.asarray(near.joints.tau_est), rtol=1e-12)
     np.testing.assert_allclose(read.imu.values, near.imu.values, rtol=1e-12)
     np.testing.assert_array_equal(read.depth.depth_mm, near.depth.depth_mm)
 
