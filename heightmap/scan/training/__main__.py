@@ -10,10 +10,12 @@ import torch
 
 from saltus.config import load_changes
 from saltus.errors import SaltusError, nearest_hint
+from saltus.heightmap.scan.training.card import card
 from saltus.heightmap.scan.training.evaluation import evaluate, rows_of, table_of, write_results
 from saltus.heightmap.scan.training.export import export
+from saltus.heightmap.scan.training.model import parameters
 from saltus.heightmap.scan.training.settings import FlightSettings, ScanTrainSettings
-from saltus.heightmap.scan.training.train import Progress, train
+from saltus.heightmap.scan.training.train import Progress, train, trained_images
 
 
 def main() -> int:
@@ -69,6 +71,8 @@ def _run(given: argparse.Namespace) -> int:
         rows = _rows(settings, given.rows)
         results = evaluate(model.to(device), settings, robots=given.robots, device=device, rows=rows)
         write_results(results, given.out / "scan.json")
+        text = card(settings, results, parameters(model), trained_images(given.out))
+        (given.out / "scan.md").write_text(text, encoding="utf-8")
         print(table_of(results), flush=True)
     return 0
 

@@ -316,6 +316,15 @@ def load_model(path: Path) -> tuple[ScanModel, ScanTrainSettings]:
     return model.eval(), settings
 
 
+def trained_images(folder: Path) -> int:
+    """How many images the training in a folder has seen, by its CSV; 0 where there is none."""
+    path = folder / "scan.csv"
+    if not path.exists():
+        return 0
+    with path.open(newline="") as file:
+        return max((int(float(row["images"])) for row in csv.DictReader(file)), default=0)
+
+
 def _write_row(path: Path, found: Progress) -> None:
     is_new = not path.exists()
     with path.open("a", newline="") as file:

@@ -12,11 +12,12 @@ from saltus.errors import ConfigError, ModelError
 from saltus.heightmap.scan.elevation import new_map
 from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS
 from saltus.heightmap.scan.settings import MapSettings
+from saltus.heightmap.scan.training.card import card, read_results
 from saltus.heightmap.scan.training.draws import Draws
-from saltus.heightmap.scan.training.evaluation import evaluate, table_of, usual_flights
+from saltus.heightmap.scan.training.evaluation import evaluate, table_of, usual_flights, write_results
 from saltus.heightmap.scan.training.export import export
 from saltus.heightmap.scan.training.flights import draw_flight
-from saltus.heightmap.scan.training.model import ScanModel
+from saltus.heightmap.scan.training.model import ScanModel, parameters
 from saltus.heightmap.scan.training.settings import FlightSettings, NetworkSettings, ScanTrainSettings
 from saltus.heightmap.scan.training.train import Calls, Trainer, example, load_model, train
 
@@ -86,7 +87,7 @@ def test_training_lowers_the_loss(small, tmp_path):
     assert np.mean(losses[-4:]) < np.mean(losses[:4])
 
 
-def test_every_method_is_scored_on_every_group(small):
+def test_every_method_is_scored_on_every_group(small, tmp_path):
     model = ScanModel(small.network, small.map).eval()
     flights = usual_flights(small.flight)
     flights = FlightSettings.from_toml(flights.to_toml().replace("images = 60", "images = 30"))
@@ -99,6 +100,10 @@ def test_every_method_is_scored_on_every_group(small):
         assert mine["seen"].points + mine["never"].points == mine["all"].points
         assert mine["visible"].points + mine["remembered"].points == mine["seen"].points
     assert "usual" in table_of(scores)
+    write_results(scores, tmp_path / "scan.json")
+    text = card(small, read_results(tmp_path / "scan.json"), parameters(model), 1_500_000)
+    assert "1.5 million images" in text
+    assert f"| network | {every['scan', 'network', 'all'].error_mm:.1f}, " in text
 
 
 @pytest.mark.parametrize("changes", [{"families": ("flat", "stair")}, {"families": ()}, {"rows": 0}, {"feet": 2.0}])
