@@ -33,7 +33,11 @@ GROUPS = ("seen", "visible", "remembered", "never")
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Errors [mm] of the scan's points for other numbers of the classical map, one at a time."""
+    """Errors [mm] of the scan's points for other numbers of the classical map, one at a time.
+
+    Example:
+      saltus bench scan_map -- --robots 16
+    """
 
     robots: int = 64
     """In each row; on a GPU 256 take as long."""

@@ -13,7 +13,11 @@ from saltus.heightmap.scan.training.train import Trainer
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Images a second of the scan's training, flights included."""
+    """Images a second of the scan's training, flights included.
+
+    Example:
+      saltus bench scan_training -- --batch 8 --updates 4
+    """
 
     batch: int = 256
     """Robots at once; a processor takes 8."""
