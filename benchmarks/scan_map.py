@@ -1,6 +1,8 @@
 """What each number of the scan's classical map does, without a network.
 
 The rival that a network has to beat deserves the best numbers, and the network starts from the same map.
+
+    saltus bench scan_map -- --robots 16
 """
 
 from dataclasses import dataclass, replace
@@ -33,11 +35,7 @@ GROUPS = ("seen", "visible", "remembered", "never")
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Errors [mm] of the scan's points for other numbers of the classical map, one at a time.
-
-    Example:
-      saltus bench scan_map -- --robots 16
-    """
+    """Errors [mm] of the scan's points for other numbers of the classical map, one at a time."""
 
     robots: int = 64
     """In each row; on a GPU 256 take as long."""

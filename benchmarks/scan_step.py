@@ -1,4 +1,7 @@
-"""How long one image and one answer of the scan's predictor take on one core."""
+"""How long one image and one answer of the scan's predictor take on one core.
+
+OMP_NUM_THREADS=1 saltus bench scan_step
+"""
 
 import tempfile
 import time
@@ -24,11 +27,7 @@ from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Milliseconds of an image with map and network, of the network alone, and of 187 heights.
-
-    Example:
-      OMP_NUM_THREADS=1 saltus bench scan_step
-    """
+    """Milliseconds of an image with map and network, of the network alone, and of 187 heights."""
 
     images: int = 40
     """Of one flight, 48 at most."""

@@ -1,4 +1,7 @@
-"""How fast the scan's network is trained."""
+"""How fast the scan's network is trained.
+
+saltus bench scan_training -- --batch 8 --updates 4
+"""
 
 import time
 from dataclasses import dataclass, replace
@@ -13,11 +16,7 @@ from saltus.heightmap.scan.training.train import Trainer
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Images a second of the scan's training, flights included.
-
-    Example:
-      saltus bench scan_training -- --batch 8 --updates 4
-    """
+    """Images a second of the scan's training, flights included."""
 
     batch: int = 256
     """Robots at once; a processor takes 8."""
