@@ -7,6 +7,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,9 +47,9 @@ class Benchmark(Command):
         predictor = ScanPredictor(network)
         inputs = _inputs(settings.map.side)
         measured = [_alone(shot.measured) for shot in shots]
-        image = [_ms(lambda m=m, s=s: predictor.see(m, float(s.now_s))) for m, s in zip(measured, shots, strict=True)]
-        alone = [_ms(lambda: network(inputs)) for _ in shots]
-        answer = [_ms(lambda m=m: predictor.heights(m.now, 0.3, SCAN)) for m in measured]
+        image = [_ms(partial(predictor.see, m, float(s.now_s))) for m, s in zip(measured, shots, strict=True)]
+        alone = [_ms(partial(network, inputs)) for _ in shots]
+        answer = [_ms(partial(predictor.heights, m.now, 0.3, SCAN)) for m in measured]
         names = ("image_ms", "network_alone_ms", "heights_187_ms")
         return {
             name: round(float(np.median(times)), 3) for name, times in zip(names, (image, alone, answer), strict=True)
