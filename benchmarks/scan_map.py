@@ -1,6 +1,7 @@
 """What each number of the scan's classical map does, without a network.
 
-The rival that a network has to beat deserves the best numbers, and the network starts from the same map.
+The rival that a network has to beat deserves the best numbers, and the network starts from the same
+map.
 
     saltus bench scan_map -- --robots 16
 """

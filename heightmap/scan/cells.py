@@ -1,6 +1,7 @@
 """Points sorted into the cells of a window, and windows moved by whole cells: one law for numpy and torch.
 
-Arrays are clipped by their own method: the compatibility layer's function makes a GPU wait several times a call.
+Arrays are clipped by their own method: the compatibility layer's function makes a GPU wait several
+times a call.
 """
 
 import math

@@ -1,8 +1,8 @@
 """The robocentric map: heights along the odometry's axes in a window that follows the base by whole cells.
 
-Positions are those of the odometry, corrected by what matching and standing feet tell of its drift. So the map stays
-where it is, and the robot moves in it; nothing is blurred by resampling. One law for numpy and torch; a batch of robots
-always, one when deployed.
+Positions are those of the odometry, corrected by what matching and standing feet tell of its drift.
+So the map stays where it is, and the robot moves in it; nothing is blurred by resampling. One law
+for numpy and torch; a batch of robots always, one when deployed.
 """
 
 from typing import Any, NamedTuple
@@ -44,7 +44,8 @@ class Measurement(NamedTuple):
     points: Array
     """In the base frame at the exposure [m], shape (batch, n, 3)."""
     depth: Array
-    """Along the camera's axis [m], which says how sure a point is; 0 where there is none. Shape (batch, n)."""
+    """Along the camera's axis [m], which says how sure a point is; 0 where there is none. Shape
+    (batch, n)."""
     exposed: Pose
     """When the image was taken."""
     now: Pose
@@ -80,7 +81,8 @@ class ElevationMap(NamedTuple):
     images: Array
     """How many the map was made from, shape (batch,)."""
     unrest: Array
-    """How much images lately moved [m] and tilted [rad] the pose: how good the odometry is. Shape (batch, 2)."""
+    """How much images lately moved [m] and tilted [rad] the pose: how good the odometry is.
+    Shape (batch, 2)."""
 
 
 class Surroundings(NamedTuple):

@@ -1,9 +1,10 @@
 """By how much the odometry has drifted since the map was made: new heights against remembered ones.
 
-A pose that is off by (ex, ey, ez) and tilted by (rx, ry) puts new points, at (x, y) from the base, where the map is
-m(x - ex, y - ey) + ez + rx y - ry x, so that a new height differs from the map's by
-r = -gx ex - gy ey + ez + rx y - ry x with the map's slopes g. Weighted least squares over all cells
-that both know, with what the odometry can have drifted since the last image as prior, give the five.
+A pose that is off by (ex, ey, ez) and tilted by (rx, ry) puts new points, at (x, y) from the base,
+where the map is m(x - ex, y - ey) + ez + rx y - ry x, so that a new height differs from the map's
+by r = -gx ex - gy ey + ez + rx y - ry x with the map's slopes g. Weighted least squares over all
+cells that both know, with what the odometry can have drifted since the last image as prior, give
+the five.
 """
 
 from typing import NamedTuple
@@ -13,7 +14,8 @@ from saltus.heightmap.scan.cells import CellHeights
 from saltus.heightmap.scan.settings import MapSettings
 
 STEEPEST = 3.0
-"""A slope that is measured over two cells of 2 cm is taken to be no more: at a vertical face any number would do."""
+"""A slope that is measured over two cells of 2 cm is taken to be no more: at a vertical face any
+number would do."""
 
 
 class Drift(NamedTuple):
@@ -22,7 +24,8 @@ class Drift(NamedTuple):
     shift: Array
     """Of the position [m], which stays until it is corrected. Shape (batch, 3)."""
     tilt: Array
-    """About x and y of the odometry's world [rad], which swings and is of this image alone. Shape (batch, 2)."""
+    """About x and y of the odometry's world [rad], which swings and is of this image alone.
+    Shape (batch, 2)."""
 
 
 def drift(

@@ -8,14 +8,16 @@ from saltus.heightmap.scan.elevation import WIDEST, ElevationMap, Surroundings, 
 MEASURED = (
     "known", "deviation", "age", "new", "new_count", "new_high", "new_low", "high", "low", "foot", "foot_count",
 )  # fmt: skip
-"""Planes of `Inputs.measured`: whether a cell was ever measured (1 or 0), standard deviation [m], time since its last
-point [s], then heights above `Inputs.filled` [m] of this image's points (mean, count, highest, lowest), of the highest
-and lowest lately, and of standing feet (mean, count). What is not there is 0."""
+"""Planes of `Inputs.measured`: whether a cell was ever measured (1 or 0), standard deviation
+[m], time since its last point [s], then heights above `Inputs.filled` [m] of this image's points
+(mean, count, highest, lowest), of the highest and lowest lately, and of standing feet (mean,
+count). What is not there is 0."""
 MEMORY = ("told", "told_width")
-"""Planes of `Inputs.memory`: what the network told of the cell last, above `Inputs.filled`, and its half-width [m]."""
+"""Planes of `Inputs.memory`: what the network told of the cell last, above `Inputs.filled`, and
+its half-width [m]."""
 NUMBERS = ("drift_x", "drift_y", "drift_z", "unrest_m", "unrest_rad", "images", "feet")
-"""`Inputs.numbers`: how far this image and the feet moved the pose [m], how much images lately moved and tilted it [m,
-rad], how many images the map has, and cells under standing feet."""
+"""`Inputs.numbers`: how far this image and the feet moved the pose [m], how much images lately
+moved and tilted it [m, rad], how many images the map has, and cells under standing feet."""
 OLDEST_S, MOST_IMAGES = 3.0, 20.0
 """What is older, or more, looks like this."""
 REACH_M = 2.0
@@ -26,7 +28,8 @@ class Inputs(NamedTuple):
     """Inputs of the network; heights of each cell."""
 
     filled: Array
-    """The map, filled where it knows nothing, above the ground under the base [m], shape (batch, side, side)."""
+    """The map, filled where it knows nothing, above the ground under the base [m], shape (batch,
+    side, side)."""
     measured: Array
     """Shape (batch, len(MEASURED), side, side)."""
     memory: Array

@@ -27,7 +27,8 @@ class ScanNetwork:
         settings: Of the map that feeds it.
 
     Raises:
-        ModelError: the file cannot be read, or does not fit this program; the message names what differs.
+        ModelError: the file cannot be read, or does not fit this program; the message names what
+            differs.
     """
 
     def __init__(self, path: Path) -> None:

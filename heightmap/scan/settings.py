@@ -18,18 +18,21 @@ class MapSettings(Value):
     cells: int = 64
     """Along each side of the window, a multiple of 8: 2.56 m hold a scan of 1.6 x 1.0 m at any yaw."""
     sub: int = 2
-    """Heights along each side of a cell: 2 cm are as fine as a point's own error asks (prototype: 4 cm lose 9 mm)."""
+    """Heights along each side of a cell: 2 cm are as fine as a point's own error asks
+    (prototype: 4 cm lose 9 mm)."""
     depth_noise: float = 0.004
-    """Standard deviation of depth at 1 m [m]; it grows with its square. A D435i at 424 x 240 has 0.0076, smoothed."""
+    """Standard deviation of depth at 1 m [m]; it grows with its square. A D435i at 424 x 240 has
+    0.0076, smoothed."""
     point_noise_m: float = 0.003
     """What a point is off however near it is [m]."""
     shared_noise: float = 0.3
-    """Share of a point's variance that all points of a cell share, so that more of them do not make it smaller."""
+    """Share of a point's variance that all points of a cell share, so that more of them do not
+    make it smaller."""
     drift: float = 0.02
     """By how much a remembered height gets worse in a second [m]; variances add up."""
     surprise: float = 0.1
-    """Share of the squared difference between a new height and the map's that is added to the map's variance: near
-    edges and after drift the newer one is right."""
+    """Share of the squared difference between a new height and the map's that is added to the
+    map's variance: near edges and after drift the newer one is right."""
     least_m: float = 0.004
     """No height is surer than this [m]."""
     matching: bool = True

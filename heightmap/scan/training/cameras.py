@@ -12,10 +12,11 @@ from saltus.heightmap.scan.training.settings import FlightSettings
 from saltus.heightmap.scan.training.tables import rotation
 
 BASELINE_M = 0.05
-"""Of a stereo camera's imagers [m] (D435i datasheet): what only one of them sees is a dead margin at the left."""
+"""Of a stereo camera's imagers [m] (D435i datasheet): what only one of them sees is a dead
+margin at the left."""
 DEPTH_NOISE = (0.001, 0.012)
-"""Standard deviation of depth at 1 m [m], growing with its square: a D435i at 848 x 480 has 0.004, at 424 x 240 0.008
-(Intel's tuning paper, 0.08 px)."""
+"""Standard deviation of depth at 1 m [m], growing with its square: a D435i at 848 x 480 has
+0.004, at 424 x 240 0.008 (Intel's tuning paper, 0.08 px)."""
 SCALE = 0.008
 """Standard deviation of a camera's constant factor of depth."""
 CALIBRATION_RAD, CALIBRATION_M = math.radians(0.3), 0.003

@@ -1,7 +1,8 @@
 """The network of the scan: a small convolutional one on the map, which says height and half-width of every cell.
 
-Where the map was measured it starts from the map's height, where it was not, from what the network told last. Gates
-say how much of the rest counts, cell by cell, so that geometry stays what it is where it is sharp.
+Where the map was measured it starts from the map's height, where it was not, from what the network
+told last. Gates say how much of the rest counts, cell by cell, so that geometry stays what it is
+where it is sharp.
 """
 
 import math
@@ -105,8 +106,8 @@ def told(model: Callable[..., Any], inputs: Inputs, filled: Tensor) -> Heights:
 def loss(estimate: Heights, truth: Tensor, weight: Tensor) -> Tensor:
     """Absolute error, and how far half-widths are from holding nine of ten errors, of each size as important.
 
-    A median chooses a side of an edge. The second is the quantile loss of the logarithm of the error; it leaves the
-    heights alone.
+    A median chooses a side of an edge. The second is the quantile loss of the logarithm of the
+    error; it leaves the heights alone.
     """
     error = (estimate.height - truth).abs()
     beyond = (error.detach() + 1e-4).log() - estimate.half_width.log()

@@ -14,7 +14,8 @@ from saltus.heightmap.scan.training.tables import STEP_S, rotation
 
 FEET = 4
 _PHASES = ((0.0, 0.5, 0.75, 0.25), (0.0, 0.5, 0.5, 0.0), (0.0, 0.0, 0.5, 0.5), (0.0, 0.0, 0.0, 0.0))
-"""When the stance of each foot (front left, front right, hind left, hind right) begins, by gait; of a cycle."""
+"""When the stance of each foot (front left, front right, hind left, hind right) begins, by gait;
+of a cycle."""
 _DUTY = (0.7, 0.5, 0.35, 0.0)
 """How much of a cycle a foot stands."""
 _FOOT_REACH_M = 0.12

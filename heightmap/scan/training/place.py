@@ -19,7 +19,8 @@ class Place:
     """Of the raster's cells [m], shape (1, raster, 1), and `y` of shape (1, 1, raster)."""
     y: Tensor
     u: Tensor
-    """Along the law's direction, at any yaw, from its origin [m], shape (n, raster, raster); `v` across."""
+    """Along the law's direction, at any yaw, from its origin [m], shape (n, raster, raster); `v`
+    across."""
     v: Tensor
     shift: Tensor
     """Where along u the middle of the law lies [m], shape (n,)."""

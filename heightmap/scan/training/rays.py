@@ -21,8 +21,8 @@ def first_hits(
 ) -> Tensor:
     """How far along each ray the ground is, in lengths of its direction.
 
-    It is 0 where there is none, where a ray begins in the ground, and where it only grazes an edge, which a camera
-    does not see either.
+    It is 0 where there is none, where a ray begins in the ground, and where it only grazes an edge,
+    which a camera does not see either.
 
     Args:
         ground: Of the robots.
@@ -31,7 +31,8 @@ def first_hits(
         near: Where rays begin, shape (robots, n).
         far: Where they end, shape (robots, n).
         raster_m: Side of the raster's cells [m].
-        samples: Places between which a hit is looked for; an obstacle that is thinner along the ray may be missed.
+        samples: Places between which a hit is looked for; an obstacle that is thinner along the ray
+            may be missed.
     """
     height, top, bottom = ground.height, ground.top[:, None] + MARGIN_M, ground.bottom[:, None] - MARGIN_M
     fall = direction[..., 2].clamp(max=-_LEVEL)

@@ -27,7 +27,8 @@ class FlightSettings(Value):
     """Kinds of ground, equally often."""
     gaits: tuple[str, ...] = ("walk", "trot", "bound", "hand")
     patch_m: float = 6.4
-    """Side of the ground of one robot, rasterised at `raster_m`; beyond it goes on as at its border [m]."""
+    """Side of the ground of one robot, rasterised at `raster_m`; beyond it goes on as at its
+    border [m]."""
     raster_m: float = 0.01
     trench_m: tuple[float, float] = (0.05, 1.5)
     """Depths of trenches and ditches, drawn evenly in their logarithm [m]."""
@@ -124,7 +125,8 @@ class ScanTrainSettings(Value):
     batch: int = 256
     """Robots at once; each of their images is an example."""
     round: int = 192
-    """Updates from one set of flights to the next; a checkpoint goes on at the beginning of a round."""
+    """Updates from one set of flights to the next; a checkpoint goes on at the beginning of a
+    round."""
     learning_rate: float = 1.5e-3
     weight_decay: float = 1e-4
     gradient_norm: float = 1.0
