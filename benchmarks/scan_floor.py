@@ -96,7 +96,10 @@ def _rows(folder: Path) -> list[dict[str, float]]:
 
 def _points(path: Path) -> tuple[Floats, Floats]:
     """In a base at the camera that looks along x [m], and their depth [m], of valid pixels."""
-    depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[::STRIDE_PX, ::STRIDE_PX] * 1e-3
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise SaltusError(f"{path} is missing or no image: plane.csv names it")
+    depth = image[::STRIDE_PX, ::STRIDE_PX] * 1e-3
     v, u = np.mgrid[: depth.shape[0], : depth.shape[1]] * STRIDE_PX + 0.5
     right, down = (u - CENTRE_PX[0]) / FOCAL_PX, (v - CENTRE_PX[1]) / FOCAL_PX
     valid = depth > 0.0
