@@ -33,7 +33,7 @@ STRIDE_PX = 8
 ON_FLOOR_M = 0.05
 SEEN_M = 0.03
 AHEAD = HeightGrid(x=tuple(np.arange(0.3, 1.21, 0.05)), y=tuple(np.arange(-0.8, 0.81, 0.05)))
-"""What a camera that looks ahead sees of the window."""
+"""Points of the window that a camera sees that looks ahead."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ class Benchmark(Command):
     """By this pitch and roll are off besides."""
 
     def measure(self) -> dict[str, Any]:
-        """Of the network, of the classical map and of flat ground at the camera's height."""
+        """Figures of the network, of the classical map and of flat ground at the camera's height."""
         rows = _rows(self.folder)
         network = ScanNetwork(resource("models/scan.onnx"))
         errors: dict[str, list[Floats]] = {}

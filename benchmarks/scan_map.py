@@ -1,4 +1,4 @@
-"""What each number of the scan's classical map does, without a network.
+"""Other numbers of the scan's classical map, one at a time, without a network.
 
 The rival that a network has to beat deserves the best numbers, and the network starts from the same
 map.

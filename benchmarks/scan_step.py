@@ -31,7 +31,7 @@ class Benchmark(Command):
     """Milliseconds of an image with map and network, of the network alone, and of 187 heights."""
 
     images: int = 40
-    """Of one flight, 48 at most."""
+    """Images of one flight, 48 at most."""
 
     def measure(self) -> dict[str, Any]:
         """Medians; weights are random, which costs the same."""

@@ -24,7 +24,7 @@ class Benchmark(Command):
     """In the round that is timed."""
 
     def measure(self) -> dict[str, Any]:
-        """Of a training as it is, and on a GPU of one that is compiled."""
+        """Speed of a training as it is, and on a GPU of one that is compiled."""
         on_gpu = torch.cuda.is_available()
         device = torch.device("cuda" if on_gpu else "cpu")
         settings = replace(ScanTrainSettings(), batch=self.batch, round=self.updates)

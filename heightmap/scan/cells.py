@@ -21,7 +21,7 @@ class CellHeights(NamedTuple):
 
     mean: Array
     variance: Array
-    """Of the mean [m^2]."""
+    """Variance of the mean [m^2]."""
     high: Array
     low: Array
     count: Array

@@ -18,13 +18,13 @@ UNKNOWN_M2 = 1e3
 NEVER_S = -1e6
 """When a cell was seen that never was [s]."""
 FADES = 0.9
-"""What is left per image of the distance of a cell's extremes from its height."""
+"""Share that an image leaves of the distance of a cell's extremes from its height."""
 CALMS = 0.9
-"""What is left of `ElevationMap.unrest` after an image."""
+"""Share of `ElevationMap.unrest` that an image leaves."""
 BODY_M = 0.15
 """Half of a square under the base for whose height the body's usual one is a guess [m]."""
 BODY_WEIGHT = 1e-3
-"""Of that guess beside a measured height."""
+"""Weight of that guess beside a measured height."""
 WIDEST = 1.0
 """Half-width [m] that a map without memory starts with."""
 
@@ -39,7 +39,7 @@ class Pose(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """What one image and the robot's state at its arrival tell."""
+    """Everything that one image and the robot's state at its arrival tell."""
 
     points: Array
     """In the base frame at the exposure [m], shape (batch, n, 3)."""
@@ -54,7 +54,7 @@ class Measurement(NamedTuple):
     standing: Array
     """Which of them surely stand, as truth values, shape (batch, feet)."""
     body_height: Array
-    """Of the base above the ground when the robot stands [m], roughly. Shape (batch,)."""
+    """Height of the base above the ground when the robot stands [m], roughly. Shape (batch,)."""
     exposed_s: Array
     """Time of the exposure [s], on any clock. Shape (batch,)."""
 
@@ -75,9 +75,9 @@ class ElevationMap(NamedTuple):
     told_width: Array
     """Its half-width [m]; `WIDEST` where it told none."""
     corner: Array
-    """Of the window, see `saltus.heightmap.scan.cells.window_corner`. Shape (batch, 2)."""
+    """First cell of the window, see `saltus.heightmap.scan.cells.window_corner`. Shape (batch, 2)."""
     correction: Array
-    """What is added to the odometry's positions [m], shape (batch, 3)."""
+    """Added to the odometry's positions [m], shape (batch, 3)."""
     images: Array
     """How many the map was made from, shape (batch,)."""
     unrest: Array
@@ -91,13 +91,13 @@ class Surroundings(NamedTuple):
     filled: Array
     """Height of every cell in the odometry's world [m]."""
     new: CellHeights
-    """Of this image."""
+    """Heights of this image."""
     feet: CellHeights
-    """Of the feet that stand."""
+    """Heights of the feet that stand."""
     base: Array
     """Position of the base, corrected [m], shape (batch, 3)."""
     drift: Array
-    """What this image and the feet changed of the correction [m], shape (batch, 3)."""
+    """Change by this image and the feet of the correction [m], shape (batch, 3)."""
 
 
 def new_map(batch: int, settings: MapSettings, like: Array) -> ElevationMap:

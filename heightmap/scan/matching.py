@@ -22,7 +22,7 @@ class Drift(NamedTuple):
     """Error of the pose at which an image was measured."""
 
     shift: Array
-    """Of the position [m], which stays until it is corrected. Shape (batch, 3)."""
+    """Error of the position [m], which stays until it is corrected. Shape (batch, 3)."""
     tilt: Array
     """About x and y of the odometry's world [rad], which swings and is of this image alone.
     Shape (batch, 2)."""

@@ -1,4 +1,4 @@
-"""What the network is shown of the map, and what its answer means: plain numbers in SI units."""
+"""Planes of the map that the network is shown, and the meaning of its answer: plain numbers in SI units."""
 
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ NUMBERS = ("drift_x", "drift_y", "drift_z", "unrest_m", "unrest_rad", "images", 
 """`Inputs.numbers`: how far this image and the feet moved the pose [m], how much images lately
 moved and tilted it [m, rad], how many images the map has, and cells under standing feet."""
 OLDEST_S, MOST_IMAGES = 3.0, 20.0
-"""What is older, or more, looks like this."""
+"""An older cell, or a map of more images, looks like this."""
 REACH_M = 2.0
 """No height is farther than this from the ground under the robot; what is, looks like this."""
 
@@ -39,7 +39,7 @@ class Inputs(NamedTuple):
 
 
 class Heights(NamedTuple):
-    """What is told of each cell, in the odometry's world, or of each point of a grid, relative to the base."""
+    """Heights of each cell, in the odometry's world, or of each point of a grid, relative to the base."""
 
     height: Array
     """[m]."""
@@ -48,7 +48,7 @@ class Heights(NamedTuple):
 
 
 def inputs_of(state: ElevationMap, around: Surroundings, now_s: Array, body_height: Array) -> Inputs:
-    """What the network is shown after an image; `now_s` and `body_height` have shape (batch,)."""
+    """Inputs of the network after an image; `now_s` and `body_height` have shape (batch,)."""
     xp = namespace(state.height)
     level = (around.base[:, 2] - body_height)[:, None, None]
     known, hit, foot = is_known(state), around.new.count > 0.0, around.feet.count > 0.0

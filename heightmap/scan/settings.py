@@ -24,7 +24,7 @@ class MapSettings(Value):
     """Standard deviation of depth at 1 m [m]; it grows with its square. A D435i at 424 x 240 has
     0.0076, smoothed."""
     point_noise_m: float = 0.003
-    """What a point is off however near it is [m]."""
+    """Error of a point, however near it is [m]."""
     shared_noise: float = 0.3
     """Share of a point's variance that all points of a cell share, so that more of them do not
     make it smaller."""

@@ -12,7 +12,7 @@ from saltus.heightmap.scan.training.settings import FlightSettings
 from saltus.heightmap.scan.training.tables import rotation
 
 BASELINE_M = 0.05
-"""Of a stereo camera's imagers [m] (D435i datasheet): what only one of them sees is a dead
+"""Distance of a stereo camera's imagers [m] (D435i datasheet): what only one of them sees is a dead
 margin at the left."""
 DEPTH_NOISE = (0.001, 0.012)
 """Standard deviation of depth at 1 m [m], growing with its square: a D435i at 848 x 480 has
@@ -26,7 +26,7 @@ _FORWARD = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
 
 
 class Cameras(NamedTuple):
-    """Of each robot one camera, or two with half of the columns each: the two halves of the images."""
+    """One camera of each robot, or two with half of the columns each: the two halves of the images."""
 
     position: Tensor
     """In the base frame as it is known [m], shape (robots, 2, 3)."""
@@ -64,11 +64,7 @@ def draw_cameras(camera_height: Tensor, body_height: Tensor, settings: FlightSet
     side = torch.where(draws.chance(settings.turned, n), draws.uniform(-math.pi, math.pi, n), aim)
     two = draws.chance(settings.pairs, n)
     other = side + math.pi + draws.normal(0.3, n)
-    roll = torch.where(
-        draws.chance(settings.rolled, n),
-        draws.one_of((-0.5, 0.5, 0.0), n) * math.pi + draws.uniform(-0.5, 0.5, n),
-        draws.normal(0.03, n),
-    ).clamp(-0.5 * math.pi, 0.5 * math.pi)
+    roll = _roll(n, settings, draws)
     yaw = torch.stack((side, torch.where(two, other, side)), 1)
     pitch = torch.stack((down[:, 0], torch.where(two, down[:, 1], down[:, 0])), 1)
     looks = rotation(torch.stack((torch.zeros_like(pitch), pitch, yaw), -1))
@@ -99,6 +95,16 @@ def draw_cameras(camera_height: Tensor, body_height: Tensor, settings: FlightSet
         margin=BASELINE_M * draws.chance(0.6, n) * errors * 0.5 * settings.columns / half.tan(),
         lost=draws.uniform(0.0, 0.15, n) * draws.chance(0.4, n) * errors,
     )  # fmt: skip
+
+
+def _roll(n: int, settings: FlightSettings, draws: Draws) -> Tensor:
+    """About the optical axis [rad]: hardly any, or any angle up to a quarter turn."""
+    roll: Tensor = torch.where(
+        draws.chance(settings.rolled, n),
+        draws.one_of((-0.5, 0.5, 0.0), n) * math.pi + draws.uniform(-0.5, 0.5, n),
+        draws.normal(0.03, n),
+    ).clamp(-0.5 * math.pi, 0.5 * math.pi)
+    return roll
 
 
 def _rays(width: Tensor, shape: Tensor, two: Tensor, settings: FlightSettings) -> Tensor:

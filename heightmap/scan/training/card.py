@@ -17,7 +17,7 @@ _MEANING = (
 
 
 def read_results(path: Path) -> list[Score]:
-    """What `saltus.heightmap.scan.training.evaluation.write_results` wrote."""
+    """Scores that `saltus.heightmap.scan.training.evaluation.write_results` wrote."""
     return [Score(**table) for table in json.loads(path.read_text())]
 
 

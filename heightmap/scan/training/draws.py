@@ -8,7 +8,7 @@ from torch import Tensor
 
 
 class Draws:
-    """What is drawn of one seed; the same seed gives the same numbers on the same kind of device."""
+    """Draws of one seed; the same seed gives the same numbers on the same kind of device."""
 
     def __init__(self, seed: int, device: torch.device) -> None:
         self.device = device
@@ -27,7 +27,7 @@ class Draws:
         return self.uniform(math.log(low), math.log(high), *shape).exp()
 
     def normal(self, deviation: float, *shape: int) -> Tensor:
-        """Of mean 0."""
+        """Normally distributed around 0."""
         return deviation * torch.randn(shape, generator=self.generator, device=self.device)
 
     def chance(self, share: float, *shape: int) -> Tensor:

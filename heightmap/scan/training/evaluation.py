@@ -41,7 +41,7 @@ WIDTHS_KEPT = 64
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """Of one method on the points of one group."""
+    """Errors of one method on the points of one group."""
 
     row: str
     grid: str
@@ -51,7 +51,7 @@ class Score:
     """A family's name, or "every"."""
     points: int
     share: float
-    """Of all points."""
+    """Part of all points."""
     error_mm: float
     """Mean absolute error."""
     inside: float
@@ -61,7 +61,7 @@ class Score:
 
 
 def usual_flights(trained: FlightSettings) -> FlightSettings:
-    """What the first row is judged on: D435i errors, 30 to 110 ms late, odometry off by 3 %."""
+    """Flights of the first row: D435i errors, 30 to 110 ms late, odometry off by 3 %."""
     return replace(
         trained, families=FAMILIES, odometry=(1.0, 1.0), latency_s=(0.03, 0.11), rate_hz=(15.0, 40.0), images=60,
         height_m=(0.15, 1.2), down_deg=(0.0, 60.0), fov_deg=(50.0, 100.0), pitch_deg=(8.0, 40.0), errors=1.0,

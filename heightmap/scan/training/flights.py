@@ -32,7 +32,7 @@ Batch = TypeVar("Batch", bound=tuple)
 
 
 class Flight(NamedTuple):
-    """What is drawn of a batch of robots, once per flight."""
+    """Everything that is drawn of a batch of robots, once per flight."""
 
     ground: Ground
     motion: Motion
@@ -43,9 +43,9 @@ class Flight(NamedTuple):
     latency_s: Tensor
     """From exposure to arrival, shape (robots,)."""
     tells_feet: Tensor
-    """Whether the robot tells its feet, shape (robots,)."""
+    """True where the robot tells its feet, shape (robots,)."""
     told_height: Tensor
-    """Of the body above the ground, as the robot knows it [m], shape (robots,)."""
+    """Height of the body above the ground, as the robot knows it [m], shape (robots,)."""
     image: Tensor
     """Number of the next image, shape (robots,)."""
 
@@ -59,10 +59,10 @@ class Shot(NamedTuple):
     hits: Tensor
     """Where valid rays truly ended, in the world [m], shape (robots, n, 3)."""
     position: Tensor
-    """Of the base now, in the world, truly [m], shape (robots, 3); and `angles` [rad]."""
+    """True place of the base now, in the world [m], shape (robots, 3); and `angles` [rad]."""
     angles: Tensor
     believed_yaw: Tensor
-    """That of the odometry now [rad], shape (robots,)."""
+    """Yaw by the odometry now [rad], shape (robots,)."""
 
 
 def draw_flight(robots: int, settings: FlightSettings, draws: Draws) -> Flight:

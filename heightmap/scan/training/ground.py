@@ -30,7 +30,7 @@ class Ground(NamedTuple):
     floor: Tensor
     """Height below which no base sinks, however deep the trench [m], shape (robots,)."""
     top: Tensor
-    """Of the highest place [m], shape (robots,); `bottom` of the lowest."""
+    """Height of the highest place [m], shape (robots,); `bottom` of the lowest."""
     bottom: Tensor
 
 

@@ -19,9 +19,9 @@ from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.settings import NetworkSettings
 
 USUAL_M = 0.1
-"""Of residuals [m]."""
+"""A usual residual [m]."""
 NARROWEST_M = 5e-4
-"""Of half-widths [m]."""
+"""The narrowest half-width [m]."""
 _SHOWN = 3.0  # a difference of heights is shown as this many times USUAL_M at most
 _NUMBERS = (0.005, 0.005, 0.005, 0.002, 0.002, MOST_IMAGES, 36.0)  # what usual `NUMBERS` are
 _OUTPUTS = 4  # of a height: residual, its gate, the memory's gate, half-width
@@ -98,7 +98,7 @@ class ScanModel(nn.Module):
 
 
 def told(model: Callable[..., Any], inputs: Inputs, filled: Tensor) -> Heights:
-    """What the network tells of each cell, in the world of `filled` (batch, side, side) [m]."""
+    """Height and half-width that the network tells of each cell, in the world of `filled` (batch, side, side) [m]."""
     height, half_width = model(*inputs)
     return Heights(filled + height, half_width)
 

@@ -23,10 +23,10 @@ _FOOT_REACH_M = 0.12
 
 
 class Motion(NamedTuple):
-    """What a batch of robots does: tables of steps of `STEP_S`, in the world."""
+    """Motion of a batch of robots: tables of steps of `STEP_S`, in the world."""
 
     position: Tensor
-    """Of the base [m], shape (robots, steps, 3)."""
+    """Place of the base [m], shape (robots, steps, 3)."""
     angles: Tensor
     """Roll, pitch, yaw [rad], shape (robots, steps, 3)."""
     feet: Tensor
@@ -34,7 +34,7 @@ class Motion(NamedTuple):
     standing: Tensor
     """Which feet stand, shape (robots, steps, 4)."""
     body_height: Tensor
-    """Of the base above the ground where it stands [m], shape (robots,)."""
+    """Height of the base above the ground where it stands [m], shape (robots,)."""
     gait: Tensor
     """Place in `GAITS`, shape (robots,)."""
 

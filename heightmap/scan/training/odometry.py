@@ -14,7 +14,7 @@ from saltus.heightmap.scan.training.tables import STEP_S, turned
 SPEED_SHARE = 0.03
 """By how much speed is off, usually."""
 SPEED_MPS = 0.015
-"""What speed is off beside that, whatever it is [m/s]."""
+"""Error of the speed beside that, however fast the robot is [m/s]."""
 HEIGHT_MPS = 0.02
 """Drift of the height [m/s]; a Go1's that climbs drifts by 0.05 (recorded runs of the project)."""
 YAW_RADPS = math.radians(0.5)

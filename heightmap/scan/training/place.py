@@ -16,7 +16,7 @@ class Place:
     """Where the law of each of n patches lies."""
 
     x: Tensor
-    """Of the raster's cells [m], shape (1, raster, 1), and `y` of shape (1, 1, raster)."""
+    """Places of the raster's cells [m], shape (1, raster, 1), and `y` of shape (1, 1, raster)."""
     y: Tensor
     u: Tensor
     """Along the law's direction, at any yaw, from its origin [m], shape (n, raster, raster); `v`

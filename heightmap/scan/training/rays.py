@@ -8,7 +8,7 @@ from saltus.heightmap.scan.training.ground import Ground, heights_at, nearest_he
 BISECTIONS = 9
 """A bracket of 10 cm becomes one of 0.2 mm."""
 REACH = 0.75
-"""Of a cell: so far from where a ray enters the cells' ground it may enter the bilinear one."""
+"""Part of a cell: so far from where a ray enters the cells' ground it may enter the bilinear one."""
 FURTHEST_M = 0.25
 """The same along a steep ray, at most [m]."""
 MARGIN_M = 0.01

@@ -38,12 +38,12 @@ class FlightSettings(Value):
     samples: int = 96
     """Places along a ray at which it is compared with the ground before the hit is bisected."""
     images: int = 48
-    """Of a flight."""
+    """Images of a flight."""
     rate_hz: tuple[float, float] = (10.0, 60.0)
     """Images a second, drawn evenly in their logarithm."""
     latency_s: tuple[float, float] = (0.02, 0.2)
     height_m: tuple[float, float] = (0.15, 1.7)
-    """Of the camera above the ground [m], drawn evenly in its logarithm."""
+    """Height of the camera above the ground [m], drawn evenly in its logarithm."""
     above_m: tuple[float, float] = (-0.08, 0.25)
     """By how much the camera is above the base [m]."""
     ahead_m: tuple[float, float] = (-0.05, 0.35)
@@ -68,7 +68,7 @@ class FlightSettings(Value):
     feet: float = 0.5
     """Share of robots that tell standing feet."""
     errors: float = 1.0
-    """Of the images: 1 as drawn, 0 none."""
+    """Errors of the images: 1 as drawn, 0 none."""
     odometry: tuple[float, float] = (0.0, 2.2)
     """Errors of the odometry, drawn evenly: 0 none, 1 usual (speed off by 3 %), 2 bad."""
 
@@ -131,7 +131,7 @@ class ScanTrainSettings(Value):
     weight_decay: float = 1e-4
     gradient_norm: float = 1.0
     average: float = 0.998
-    """What is left per update of the average of weights that is kept as the network."""
+    """Share that an update leaves of the average of weights that is kept as the network."""
     seed: int = 0
 
     def __post_init__(self) -> None:

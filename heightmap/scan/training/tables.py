@@ -6,7 +6,7 @@ from torch import Tensor
 from saltus import rotations
 
 STEP_S = 0.01
-"""Of all tables: they are linear in between."""
+"""Step of all tables: they are linear in between."""
 
 
 def at(table: Tensor, time_s: Tensor) -> Tensor:

@@ -10,11 +10,11 @@ from saltus.heightmap.scan.training.flights import Shot
 from saltus.heightmap.scan.training.settings import FlightSettings
 
 CELL_M = 0.02
-"""Of the raster of views; with its neighbours a cell reaches 3 cm around its middle [m]."""
+"""Cell of the raster of views; with its neighbours a cell reaches 3 cm around its middle [m]."""
 
 
 class LastSeen:
-    """Of a batch of robots: a raster over each patch of the time of the last image with a point there."""
+    """A raster over the patch of each robot: the time of the last image with a point there."""
 
     def __init__(self, robots: int, settings: FlightSettings, like: Tensor) -> None:
         self._side = round(settings.patch_m / CELL_M)

@@ -1,4 +1,4 @@
-"""What docs/scan.md shows runs as it stands, and its network tells flat ground within its half-widths."""
+"""The example of docs/scan.md runs, and its network tells flat ground within its half-widths."""
 
 import re
 from pathlib import Path
