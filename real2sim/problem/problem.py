@@ -43,6 +43,8 @@ class Unknown:
     """A shape matters only where another unknown of its candidate is not 0, e.g. the knee of a saturation."""
     stated: float | None = None
     """The only value other than 0 that a verdict can state; the values between help fits to get there."""
+    is_choice: bool = False
+    """Whether only 0 and 1 are values: the better of the starts is taken, and nothing between is fitted."""
     is_told: bool = True
     """Whether the effect has a parameter for it. What has none is fitted, and is 0 where a profile has the effect."""
 
@@ -111,7 +113,7 @@ class Candidate:
         if self.base:
             unknowns = unknowns + np.asarray(self.base[block])
         if self.coordinates is None:
-            named = zip(self.unknowns, unknowns, strict=True)
+            named = [(u, round(v) if u.is_choice else v) for u, v in zip(self.unknowns, unknowns, strict=True)]
             found = {u.name: self._null(u) + value for u, value in named if u.stated is None and u.is_told}
         else:
             found = self.coordinates.parameters(unknowns)

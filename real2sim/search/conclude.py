@@ -26,6 +26,9 @@ from saltus.real2sim.search.reported import Groups, stated_model
 
 CERTAIN = 1.645
 """Standard errors that half of a 90 % interval has."""
+WORSE = 1.5
+"""Ratio of a signal's gap after to before from which a model does not explain the log, whatever it does for others: a
+dead zone of a drive looks like play in angles, but not in velocities. True effects leave no signal worse by a tenth."""
 RANKED = 12
 """Number of models in the report."""
 
@@ -138,7 +141,8 @@ def _rule(
     )
     if len(chosen.fit.model) > 2:  # three effects imitate a fourth, but not to within noise
         is_closed = is_closed and tested.largest_rms(tested.structure(final)) < least
-    if not is_closed:
+    gaps = _gaps(problem, tested, null.fit.residuals, final)
+    if not is_closed or any(gap.after > WORSE * max(gap.before, 1.0) for gap in gaps):
         return _unnamed(problem, comparison, null)
     return "set" if any(alike.values()) else "named"
 

@@ -101,7 +101,7 @@ KINDS = (
     _kind(
         "backlash",
         Unknown("width", 0.0, 0.15, 2e-3),
-        _shape("motor_side", 0.0, 1.0, 0.5),
+        Unknown("motor_side", 0.0, 1.0, 0.5, is_shape=True, is_choice=True),
         starts=((0.01, 0.0), (0.01, 1.0)),
         closable_share=0.9,  # which tooth a light leg lies on when little torque is asked for is up to chance
     ),
@@ -228,7 +228,8 @@ class JointCandidates:
         values = []
         for i, unknown in enumerate(kind.unknowns):
             array = np.ascontiguousarray(unknowns[:, :, [c.start + i for c in present]].transpose(1, 2, 0))
-            values.append(np.clip(array, unknown.low, unknown.high) if unknown.is_shape else array)
+            array = np.clip(array, unknown.low, unknown.high) if unknown.is_shape else array
+            values.append(np.round(array) if unknown.is_choice else array)
         return tuple(values)
 
 
