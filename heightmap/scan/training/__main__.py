@@ -12,7 +12,7 @@ from saltus.config import load_changes
 from saltus.errors import SaltusError, nearest_hint
 from saltus.heightmap.scan.training.card import card
 from saltus.heightmap.scan.training.evaluation import evaluate, rows_of, table_of, write_results
-from saltus.heightmap.scan.training.export import export
+from saltus.heightmap.scan.training.export import export, read_weights
 from saltus.heightmap.scan.training.model import parameters
 from saltus.heightmap.scan.training.settings import FlightSettings, ScanTrainSettings
 from saltus.heightmap.scan.training.train import Progress, train, trained_images
@@ -23,6 +23,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m saltus.heightmap.scan.training", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/scan"), help="folder of checkpoint, CSV, ONNX, tables")
     parser.add_argument("--config", type=Path, help="TOML file with the settings that are to be other ones")
+    parser.add_argument("--start", type=Path, help="ONNX file of a network to begin with, as models/scan.onnx")
     parser.add_argument("--seed", type=int, help="of weights and flights")
     parser.add_argument("--minutes", type=float, help="how long to train")
     parser.add_argument("--updates", type=int, help="how many updates to make, in place of --minutes")
@@ -64,7 +65,7 @@ def _run(given: argparse.Namespace) -> int:
 
     model = train(
         settings, given.out, minutes=given.minutes, updates=given.updates, device=device, compiled=given.compile,
-        progress=show,
+        progress=show, start=read_weights(given.start) if given.start else None,
     )  # fmt: skip
     export(model.cpu(), settings, given.out / "scan.onnx")
     if given.robots:

@@ -1,13 +1,17 @@
-"""From a trained network of the scan to the ONNX file that is deployed."""
+"""From a trained network of the scan to the ONNX file that is deployed, and back."""
 
 from pathlib import Path
 
+import onnx
 import torch
+from onnx import numpy_helper
+from torch import Tensor
 
 from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS
 from saltus.heightmap.scan.predictor import FORMAT, INPUTS, OUTPUTS
 from saltus.heightmap.scan.training.model import ScanModel, parameters
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
+from saltus.model_file import ModelFile
 from saltus.onnx_export import write_onnx
 
 
@@ -25,3 +29,14 @@ def export(model: ScanModel, settings: ScanTrainSettings, path: Path) -> None:
             "numbers": NUMBERS, "seed": settings.seed, "parameters": parameters(model),
         },
     )  # fmt: skip
+
+
+def read_weights(path: Path) -> dict[str, Tensor]:
+    """Weights of an exported network by name, so that a training can go on from what is shipped.
+
+    Raises:
+        ModelError: the file is missing or damaged.
+    """
+    ModelFile(path)  # compares its checksum
+    tensors = onnx.load_model(path).graph.initializer
+    return {tensor.name: torch.from_numpy(numpy_helper.to_array(tensor).copy()) for tensor in tensors}

@@ -173,6 +173,19 @@ class Trainer:
                 mine.copy_(new)
             self._totals += torch.nan_to_num(_figures(value.detach(), around.filled, estimate, truth, known))
 
+    def begin_with(self, weights: dict[str, Tensor]) -> None:
+        """Takes weights in place of those that were drawn.
+
+        Raises:
+            ModelError: they are of a network of other sizes, or of another kind.
+        """
+        try:
+            for model in (self.model, self.average):
+                model.load_state_dict(weights)
+        except RuntimeError as error:
+            reason = str(error).splitlines()[-1].strip()
+            raise ModelError(f"the weights to start with do not fit the network of the settings: {reason}") from error
+
     def save(self, path: Path) -> None:
         """Writes what `resume` reads, whole or not at all."""
         table = {
@@ -229,9 +242,11 @@ def example(
 def train(
     settings: ScanTrainSettings, folder: Path, *, minutes: float | None = None, updates: int | None = None,
     device: torch.device, compiled: bool = False, progress: Callable[[Progress], None] | None = None,
-    save_every_s: float = 60.0,
+    save_every_s: float = 60.0, start: dict[str, Tensor] | None = None,
 ) -> ScanModel:  # fmt: skip
     """Trains until time or updates are over; goes on where `folder` has a checkpoint of the same training.
+
+    Without one it begins with `start`, weights by name, or from nothing.
 
     Returns:
         The mean of the last weights.
@@ -241,6 +256,8 @@ def train(
     trainer = Trainer(settings, device, compiled=compiled)
     if checkpoint.exists():
         trainer.resume(checkpoint)
+    elif start is not None:
+        trainer.begin_with(start)
     saved, last = time.monotonic(), 0.0
     while True:
         before, after = _shares(trainer, last, minutes, updates)
@@ -267,7 +284,9 @@ def _shares(trainer: Trainer, last_s: float, minutes: float | None, updates: int
             return 1.0, 1.0
         return trainer.seconds / whole, min(1.0, (trainer.seconds + last_s) / whole)
     whole = float(updates or 0)
-    return trainer.updates / max(whole, 1.0), (trainer.updates + trainer.settings.round) / max(whole, 1.0)
+    if trainer.updates >= whole:
+        return 1.0, 1.0
+    return trainer.updates / whole, (trainer.updates + trainer.settings.round) / whole
 
 
 def _schedule(share: float) -> float:

@@ -15,7 +15,7 @@ from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.card import card, read_results
 from saltus.heightmap.scan.training.draws import Draws
 from saltus.heightmap.scan.training.evaluation import evaluate, table_of, usual_flights, write_results
-from saltus.heightmap.scan.training.export import export
+from saltus.heightmap.scan.training.export import export, read_weights
 from saltus.heightmap.scan.training.flights import draw_flight
 from saltus.heightmap.scan.training.model import ScanModel, parameters
 from saltus.heightmap.scan.training.settings import FlightSettings, NetworkSettings, ScanTrainSettings
@@ -43,6 +43,19 @@ def test_a_checkpoint_of_another_training_is_refused(small, tmp_path):
     (tmp_path / "scan.pt").write_bytes(b"no checkpoint")
     with pytest.raises(ModelError, match="no checkpoint"):
         load_model(tmp_path / "scan.pt")
+
+
+def test_a_training_begins_with_an_exported_network(small, tmp_path):
+    torch.manual_seed(9)
+    model = ScanModel(small.network, small.map)
+    export(model, small, tmp_path / "scan.onnx")
+    weights = read_weights(tmp_path / "scan.onnx")
+    begun = train(small, tmp_path / "run", updates=0, device=CPU, start=weights)
+    for one, other in zip(model.parameters(), begun.parameters(), strict=True):
+        torch.testing.assert_close(one, other, rtol=0.0, atol=0.0)
+    wider = replace(small, network=NetworkSettings(channels=(16, 8, 8, 8)))
+    with pytest.raises(ModelError, match="do not fit"):
+        train(wider, tmp_path / "other", updates=3, device=CPU, start=weights)
 
 
 @pytest.mark.parametrize("memory", [True, False])
