@@ -36,11 +36,11 @@ def _jumped(terrain: str, profile: Profile, folder: Path) -> None:
     """A run whose log claims none of the profile's effects."""
     file = folder.with_suffix(".toml")
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(profile_to_toml(profile))
+    file.write_text(profile_to_toml(profile), encoding="utf-8")
     jumped(terrain, JUMP_SEED, folder, str(file) if profile.effects else "ideal")
-    meta = json.loads((folder / "meta.json").read_text())
+    meta = json.loads((folder / "meta.json").read_text(encoding="utf-8"))
     meta["camera"]["latency"] = 0.0
-    (folder / "meta.json").write_text(json.dumps(meta))
+    (folder / "meta.json").write_text(json.dumps(meta), encoding="utf-8")
 
 
 LOGS: dict[str, Callable[[Path], None]] = {

@@ -69,7 +69,7 @@ class Benchmark(Command):
             waiting = [pool.submit(answer, case, self.out, self._file(case)) for case in todo]
             for done in progress(as_completed(waiting), total=len(waiting)):
                 tell(json.dumps(done.result()))
-        rows = [json.loads(self._file(case).read_text()) for case in cases]
+        rows = [json.loads(self._file(case).read_text(encoding="utf-8")) for case in cases]
         table = {name: counted([row for row in rows if row["log"] == name]) for name in self.logs}
         return {"cuts": self.cuts * len(self.logs), **_added(list(table.values())), "by_log": table}
 
@@ -96,10 +96,12 @@ def answer(case: Case, out: Path, file: Path) -> dict[str, Any]:
             write_run_log(until(log, float(log.joints.time_s[0]) + seconds), folder)
     row = {"log": case.log, "cut": case.cut, "seconds_of_log": round(seconds, 3)}
     row |= searched(folder, out / "found" / file.stem)
-    row["is_tested"] = json.loads((out / "found" / file.stem / "verdict.json").read_text())["gap"] is not None
+    row["is_tested"] = (
+        json.loads((out / "found" / file.stem / "verdict.json").read_text(encoding="utf-8"))["gap"] is not None
+    )
     file.parent.mkdir(parents=True, exist_ok=True)
     part = file.with_suffix(".part")
-    part.write_text(json.dumps(row))
+    part.write_text(json.dumps(row), encoding="utf-8")
     part.replace(file)
     return row
 

@@ -90,7 +90,7 @@ def _rows(folder: Path) -> list[dict[str, float]]:
     path = folder / "plane.csv"
     if not path.exists():
         raise SaltusError(f"{path} is missing: --folder names one with images and plane.csv")
-    with path.open(newline="") as file:
+    with path.open(newline="", encoding="utf-8") as file:
         return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
 
 

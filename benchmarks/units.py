@@ -76,9 +76,9 @@ class Benchmark(Command):
             done = self.out / f"{self.seed}_{number}.json"
             if not done.exists():
                 row = _looked_at(self.seed, number, number in asked)
-                done.write_text(json.dumps(row))
+                done.write_text(json.dumps(row), encoding="utf-8")
                 tell(json.dumps(row))
-            rows.append(json.loads(done.read_text()))
+            rows.append(json.loads(done.read_text(encoding="utf-8")))
         return {
             "logs": len(rows),
             "told_by_channel_and_factor": sum(row["is_told"] for row in rows),

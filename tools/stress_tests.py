@@ -95,7 +95,7 @@ def run(piece: Piece, commit: str) -> Outcome:
     order = [] if piece.seed is None else ["--order", str(piece.seed)]
     command = [sys.executable, "-m", "pytest", "-q", "-rfE", *order, *piece.files]
     begun_s = time.monotonic()
-    with log.open("w") as said:
+    with log.open("w", encoding="utf-8") as said:
         both = {"stdout": said, "stderr": subprocess.STDOUT}
         process = subprocess.Popen(command, cwd=ROOT, start_new_session=True, **both)
         RUNNING.add(process.pid)
@@ -107,7 +107,7 @@ def run(piece: Piece, commit: str) -> Outcome:
     process.returncode = os.waitstatus_to_exitcode(status)
     return Outcome(
         passed=process.returncode == 0,
-        failed=FAILURE.findall(log.read_text(errors="replace")),
+        failed=FAILURE.findall(log.read_text(encoding="utf-8", errors="replace")),
         processor_s=round(used.ru_utime + used.ru_stime, 1),
         wall_s=round(time.monotonic() - begun_s, 1),
         commit=commit,
@@ -137,13 +137,13 @@ def read_done() -> dict[str, Outcome]:
     """The outcomes of earlier calls, by the name of their piece."""
     if not DONE.exists():
         return {}
-    return {name: Outcome(**outcome) for name, outcome in json.loads(DONE.read_text()).items()}
+    return {name: Outcome(**outcome) for name, outcome in json.loads(DONE.read_text(encoding="utf-8")).items()}
 
 
 def write_done(done: dict[str, Outcome]) -> None:
     """Replaces the file as a whole: this may be interrupted at any time."""
     partial = DONE.with_suffix(".partial")
-    partial.write_text(json.dumps({name: asdict(each) for name, each in done.items()}, indent=1))
+    partial.write_text(json.dumps({name: asdict(each) for name, each in done.items()}, indent=1), encoding="utf-8")
     partial.replace(DONE)
 
 
@@ -181,7 +181,7 @@ def main() -> int:
     wanted = pieces(asked.phases, asked.only, asked.orders, asked.times)
     done = {} if asked.again else read_done()
     head = ["git", "rev-parse", "--short", "HEAD"]
-    commit = subprocess.check_output(head, cwd=ROOT, text=True)
+    commit = subprocess.check_output(head, cwd=ROOT, encoding="utf-8")
     print(f"20 million additions: {reference_s():.2f} s of processor time", flush=True)
     lock = threading.Lock()
 

@@ -16,6 +16,7 @@ from saltus.heightmap.scan.training.export import export, read_weights
 from saltus.heightmap.scan.training.model import parameters
 from saltus.heightmap.scan.training.settings import FlightSettings, ScanTrainSettings
 from saltus.heightmap.scan.training.train import Progress, train, trained_images
+from saltus.provenance import commit
 
 
 def main() -> int:
@@ -24,6 +25,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("runs/scan"), help="folder of checkpoint, CSV, ONNX, tables")
     parser.add_argument("--config", type=Path, help="TOML file with the settings that are to be other ones")
     parser.add_argument("--start", type=Path, help="ONNX file of a network to begin with, as models/scan.onnx")
+    parser.add_argument("--commit", help="which code trains, where this machine has no repository")
     parser.add_argument("--seed", type=int, help="of weights and flights")
     parser.add_argument("--minutes", type=float, help="how long to train")
     parser.add_argument("--updates", type=int, help="how many updates to make, in place of --minutes")
@@ -72,7 +74,7 @@ def _run(given: argparse.Namespace) -> int:
         rows = _rows(settings, given.rows)
         results = evaluate(model.to(device), settings, robots=given.robots, device=device, rows=rows)
         write_results(results, given.out / "scan.json")
-        text = card(settings, results, parameters(model), trained_images(given.out))
+        text = card(settings, results, parameters(model), trained_images(given.out), given.commit or commit())
         (given.out / "scan.md").write_text(text, encoding="utf-8")
         print(table_of(results), flush=True)
     return 0

@@ -18,12 +18,12 @@ _MEANING = (
 
 def read_results(path: Path) -> list[Score]:
     """Scores that `saltus.heightmap.scan.training.evaluation.write_results` wrote."""
-    return [Score(**table) for table in json.loads(path.read_text())]
+    return [Score(**table) for table in json.loads(path.read_text(encoding="utf-8"))]
 
 
-def card(settings: ScanTrainSettings, scores: list[Score], parameters: int, images: int) -> str:
-    """The card as Markdown."""
-    trained = f"{images / 1e6:.1f} million images, seed {settings.seed}, {parameters:,} parameters"
+def card(settings: ScanTrainSettings, scores: list[Score], parameters: int, images: int, commit: str) -> str:
+    """The card as Markdown; `commit` says which code trained last."""
+    trained = f"{images / 1e6:.1f} million images, seed {settings.seed}, {parameters:,} parameters, commit {commit}"
     rows = list(dict.fromkeys(score.row for score in scores))
     parts = [
         "# Heights in two dimensions: card of the model",

@@ -215,7 +215,7 @@ def _judge(
 
 def write_results(scores: list[Score], path: Path) -> None:
     """All scores as JSON."""
-    path.write_text(json.dumps([vars(score) for score in scores], indent=0))
+    path.write_text(json.dumps([vars(score) for score in scores], indent=0), encoding="utf-8")
 
 
 def table_of(scores: list[Score]) -> str:

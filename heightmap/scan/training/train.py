@@ -340,13 +340,13 @@ def trained_images(folder: Path) -> int:
     path = folder / "scan.csv"
     if not path.exists():
         return 0
-    with path.open(newline="") as file:
+    with path.open(newline="", encoding="utf-8") as file:
         return max((int(float(row["images"])) for row in csv.DictReader(file)), default=0)
 
 
 def _write_row(path: Path, found: Progress) -> None:
     is_new = not path.exists()
-    with path.open("a", newline="") as file:
+    with path.open("a", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         if is_new:
             writer.writerow(COLUMNS)
