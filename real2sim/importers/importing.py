@@ -10,7 +10,7 @@ from saltus.real2sim.importers.absent import without_absent
 from saltus.real2sim.importers.kinds import kind_of
 from saltus.real2sim.importers.table import READERS, read_table
 from saltus.real2sim.screening.clock import MIN_ROWS, clock_faults
-from saltus.real2sim.screening.joints import unit_faults
+from saltus.real2sim.screening.screen import believed_units
 from saltus.recordings.description import Description
 from saltus.recordings.rosbag import read_rosbag
 from saltus.recordings.run_claims import GAINS, SCHEMA, check_claims, claim_of
@@ -131,7 +131,7 @@ def _completed(log: RunLog, recording: Path, description: Description, robot: Ro
         raise RecordingError(f"{recording}: {error} (say it in [claims])") from error
     stated = description.units if "units" not in claims else stated_units(meta)
     log = in_si(replace(log, meta=meta), replace(stated, depth_unit_m=None))  # images are in millimetres already
-    faults = [f for f in (*clock_faults(log), *unit_faults(log)) if f.is_fatal or f.name == "too_short"]
+    faults = [f for f in (*clock_faults(log), *believed_units(log)) if f.is_fatal or f.name == "too_short"]
     if faults:
         raise RecordingError(f"{recording}: {faults[0].text}{CURES.get(faults[0].name, '')}")
     return log, notes
@@ -159,4 +159,4 @@ def _lacking(log: RunLog, description: Description) -> list[str]:
     notes = [f"not in the log: {', '.join(absent)}; what needs them will be untestable"] if absent else []
     if "base" not in description.claims:
         notes.append('the robot is taken to have moved freely: if it was held, say base = "fixed" in [claims]')
-    return [*notes, *(fault.text for fault in unit_faults(log))]
+    return [*notes, *(fault.text for fault in believed_units(log))]

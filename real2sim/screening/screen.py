@@ -46,14 +46,23 @@ def _of_contents(log: RunLog) -> list[Fault]:
     """Faults of what the columns hold; those that only the end of the log shows are no damage."""
     if len(log.joints.time_s) < MIN_ROWS:
         return pose_faults(log)
+    if _is_short(log):
+        return [*believed_units(log), *pose_faults(log)]
     end_s = float(log.joints.time_s[-1])
-    if end_s - float(log.joints.time_s[0]) < LEAST_S:
-        return [*unit_faults(log), *pose_faults(log)]
     found = _by_motion(log)
     if all(fault.name in AT_ONCE for fault in found if fault.is_fatal):
         return found
     is_everywhere = any(fault.is_fatal for fault in _by_motion(until(log, end_s - END_S)))
     return found if is_everywhere else [fault if fault.name in AT_ONCE else _of_end(fault) for fault in found]
+
+
+def believed_units(log: RunLog) -> list[Fault]:
+    """Faults of units; of a log too short for its motion to be judged, those that single rows show."""
+    return [fault for fault in unit_faults(log) if not _is_short(log) or fault.name in AT_ONCE]
+
+
+def _is_short(log: RunLog) -> bool:
+    return float(log.joints.time_s[-1] - log.joints.time_s[0]) < LEAST_S
 
 
 def _of_end(fault: Fault) -> Fault:

@@ -145,9 +145,11 @@ def intrinsics(info: Any, width: int, height: int, *, rectified: bool) -> Intrin
     """
     k, p = (np.asarray(getattr(info, name, getattr(info, name.upper(), ())), np.float64) for name in "kp")
     of_k, of_p = (k[0], k[4], k[2], k[5]), (p[0], p[5], p[2], p[6])
-    chosen = next((m for m in ((of_p, of_k) if rectified else (of_k, of_p)) if m[0] > 0.0 and m[1] > 0.0), None)
+    matrices = (of_p, of_k) if rectified else (of_k, of_p)
+    chosen = next((m for m in matrices if m[0] > 0.0 and m[1] > 0.0), None)
     if chosen is None:
-        raise MessageError("camera_info", "its focal lengths are 0: the camera is not calibrated")
+        fx, fy = matrices[0][:2]
+        raise MessageError("camera_info", f"its fx is {fx:g}, its fy {fy:g}: the camera is not calibrated")
     fx, fy, cx, cy = (float(value) for value in chosen)
     cx, cy = cx + PIXEL_CENTRE, cy + PIXEL_CENTRE
     roi = info.roi

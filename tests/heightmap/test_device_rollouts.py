@@ -47,7 +47,7 @@ def collected(folder: Path, *more: str) -> list[Episode]:
 
 def command(folder: Path) -> list[str]:
     given = {"episodes": 2 * ROBOTS, "loop.robots": ROBOTS, "loop.ticks": TICKS, "seed": 3, "device": "cpu"}
-    files = {"policy": CHECKPOINTS / "policy.pt", "predictor": CHECKPOINTS / "heightmap.pt", "out": folder}
+    files = {"policy": CHECKPOINTS / "policy.pt", "predictor": CHECKPOINTS.parent / "heightmap.onnx", "out": folder}
     flags = (part for name, value in {**given, **files}.items() for part in (f"--{name}", str(value)))
     return ["heightmap", "collect", "gpu", *flags]
 

@@ -286,7 +286,7 @@ BAGS: tuple[Stranger, ...] = (
     _as(
         "not calibrated",
         Bag(images=(Images(k=(0.0, 0.0, 0.0, 0.0)),)),
-        r"focal lengths are 0.*\[claims.camera\]",
+        r"its fx is 0, its fy 0: .*\[claims.camera\]",
         lacks=("camera",),
         description=described(),
     ),
