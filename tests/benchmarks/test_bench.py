@@ -78,6 +78,7 @@ def test_each_has_a_help_with_an_example(name: str, capsys: pytest.CaptureFixtur
     assert any(line.startswith(f"saltus bench {name}") for line in lines)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TINY)
 def test_those_that_take_seconds_end_with_one_json_object(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert figures(capsys, name, "--", *TINY[name].split())

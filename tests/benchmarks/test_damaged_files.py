@@ -18,6 +18,8 @@ from saltus.errors import ConfigError, SaltusError
 from saltus.heightmap.data.inventory import validate
 from saltus.wire.topics import TOPICS
 
+pytestmark = pytest.mark.slow
+
 FILES, PAYLOADS = 10, 300
 
 

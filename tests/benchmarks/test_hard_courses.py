@@ -19,6 +19,8 @@ from saltus.sim.plant import Plant
 from saltus.terrain.curriculum import FAMILIES
 from saltus.terrain.terrain import checked
 
+pytestmark = pytest.mark.slow
+
 SHORT = ["gap 0.8", "step down 0.6"]
 
 

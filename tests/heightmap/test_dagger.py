@@ -27,7 +27,7 @@ from saltus.policy.planner import make_planner
 from saltus.states import standing_state
 from saltus.workers import in_order
 
-pytestmark = pytest.mark.usefixtures("short_calibration", "short_stand")
+pytestmark = [pytest.mark.usefixtures("short_calibration", "short_stand"), pytest.mark.slow]
 TICKS = SHORT_STAND_STEPS + 12  # just beyond the stand: beliefs matter
 LOOP = ClosedLoop(robots=6, courses=2, ticks=TICKS, hardest=0.3)
 CONFIG = DaggerConfig(rounds=2, batches=2, updates=2, batch=2, loop=LOOP)
@@ -75,7 +75,6 @@ def test_rounds_alternate_between_the_loop_and_training(whole: Path) -> None:
     assert main(["heightmap", "dataset", "validate", str(whole / "dataset")]) == 0
 
 
-@pytest.mark.slow
 def test_a_run_that_was_killed_again_and_again_gives_the_same_data(whole: Path, tmp_path: Path) -> None:
     for when in ("collect 0 1", "train 0", "collect 1 2", "train 1"):
         with pytest.raises(Killed):

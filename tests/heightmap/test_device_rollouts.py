@@ -33,6 +33,8 @@ from saltus.policy.env.settings import TrainConfig
 from saltus.policy.features import SIZE
 from saltus.policy.training.checkpoint import read_checkpoint
 
+pytestmark = pytest.mark.slow
+
 CHECKPOINTS = Path(__file__).resolve().parents[2] / "models" / "checkpoints"
 ROBOTS, TICKS = len(TERRAINS), 70
 LED_TICKS = 15
@@ -192,7 +194,6 @@ def test_heights_on_a_device_are_those_of_the_file(model: HeightmapModel, model_
         np.testing.assert_allclose(found, np.tile(expected[k], (2, 1)), atol=1e-4)
 
 
-@pytest.mark.slow
 def test_all_that_a_gpu_machine_needs_is_imported_without_what_it_lacks() -> None:
     blocked = f"import sys; sys.modules.update(dict.fromkeys({NOT_ON_GPU_MACHINES!r}))"
     needed = "saltus.heightmap.device_collection, saltus.heightmap.training.train, saltus.sim.warp, saltus.cli.main"

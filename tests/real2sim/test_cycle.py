@@ -35,6 +35,8 @@ from saltus.real2sim.patch import Applicability, Patch
 from saltus.real2sim.search.findings import FoundEffect, Interval
 from saltus.robots.loading import load_robot
 
+pytestmark = pytest.mark.slow
+
 HIDDEN = 0.4  # Nm
 GAP = "gap 0.80 m"
 TINY = (

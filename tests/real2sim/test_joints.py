@@ -432,7 +432,7 @@ def test_effects_that_a_motion_cannot_tell_apart_come_as_a_set() -> None:
     assert {"encoder_bias", "joint_spring"} <= set(alike)
 
 
-@pytest.mark.parametrize("stretched", [0.0, 0.5])
+@pytest.mark.parametrize("stretched", [0.0, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_an_ideal_robot_is_not_accused(stretched: float) -> None:
     """Also where its knees hit the limits that the model claims."""
     assert search(JointProblem(of_one_leg(noisy(motion(stretched=stretched))))).verdict == "no_gap"

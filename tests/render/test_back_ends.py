@@ -232,6 +232,7 @@ print(render(4000) - first)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("back_end", ["embree", "pyrender", "warp"])
 def test_thousands_of_frames_of_many_renderers_leave_no_memory_behind(back_end: str) -> None:
     """In a process of its own, so that nothing else grows or shrinks meanwhile."""

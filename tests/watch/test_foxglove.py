@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
 from foxglove.websocket import PlaybackCommand, PlaybackStatus
 from plain_reader import messages_of
 from recorded import MS, STEPS, raw, run_samples, write
@@ -18,6 +19,8 @@ from saltus.watch.foxglove import BACK_NS, LAYOUT, Playback
 from saltus.watch.recorded import RecordedRun
 from saltus.wire.schemas import TYPE_NAME
 from saltus.wire.topics import TOPICS
+
+pytestmark = pytest.mark.slow
 
 RAW = {f"/{name}" for name, row in TOPICS.items() if row.recorded and row.publisher != "*"}
 EVERYTHING = {*viewer.TOPICS, *RAW, "/event/heightmap", "/status/controller"}
