@@ -49,12 +49,12 @@ class Piece:
     """Begins with the phase."""
     files: tuple[str, ...]
     seed: int | None = None
-    """Of their order, None for the usual one."""
+    """Seed of their order, None for the usual one."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a piece."""
+    """The outcome of a piece."""
 
     passed: bool
     failed: list[str]
@@ -66,7 +66,7 @@ class Outcome:
 
 
 def pieces(phases: list[str], only: list[str], orders: int, times: int) -> list[Piece]:
-    """What is to be run, in its order."""
+    """The pieces to run, in their order."""
     files = [str(path.relative_to(ROOT)) for path in sorted((ROOT / "tests").rglob("test_*.py"))]
     files = [file for file in files if not only or any(file.startswith(each) for each in only)]
     found: list[Piece] = []
@@ -148,7 +148,7 @@ def write_done(done: dict[str, Outcome]) -> None:
 
 
 def table(wanted: list[Piece], done: dict[str, Outcome]) -> str:
-    """What passed, what did not, and what is not yet run."""
+    """The pieces that passed, that did not, and that are not yet run."""
     lines = ["phase    pieces  passed  failed  left  processor s"]
     for phase in dict.fromkeys(piece.name.split()[0] for piece in wanted):
         names = [piece.name for piece in wanted if piece.name.split()[0] == phase]

@@ -17,15 +17,15 @@ class Way:
     """How far one robot went."""
 
     distance_m: float
-    """Of its trunk, from its first place to the farthest [m]."""
+    """Distance of its trunk from its first place to the farthest [m]."""
     edges: int
-    """That it passed."""
+    """Edges that it passed."""
     of_edges: int
-    """That its course has."""
+    """Edges that its course has."""
 
     @classmethod
     def of(cls, terrain: Terrain, position: Floats) -> "Way":
-        """That of a trunk that was at these places of a terrain [m], shape (n, 3)."""
+        """The way of a trunk that was at these places of a terrain [m], shape (n, 3)."""
         away = np.linalg.norm(position[:, :2] - position[0, :2], axis=1)
         passed = (terrain.edges_x > position[0, 0]) & (terrain.edges_x <= position[:, 0].max())
         return cls(distance_m=float(away.max()), edges=int(passed.sum()), of_edges=len(terrain.edges_x))

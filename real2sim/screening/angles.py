@@ -129,7 +129,7 @@ def _reach(values: Floats, is_deg: bool) -> str:
 
 
 def _are_alike(joints: JointTable) -> bool:
-    """Whether q and q_des are in one unit."""
+    """True where q and q_des are in one unit."""
     if joints.q_des is None:
         return False
     ratio = float(np.sum(joints.q * joints.q_des) / max(np.sum(joints.q_des**2), np.finfo(np.float64).tiny))

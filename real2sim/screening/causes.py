@@ -54,14 +54,14 @@ class Cause:
 
 @dataclass(frozen=True, kw_only=True)
 class Causes:
-    """Of one drive."""
+    """Causes that explain the torque of one drive."""
 
     of: Mapping[str, Cause]
     """By name, of `CAUSES`; without what the law has no part of."""
     left: float
     """Share that the law leaves as it is logged."""
     means: tuple[float, float]
-    """Of the torque and of the law [Nm]."""
+    """Means of the torque and of the law [Nm]."""
     slow: Cause | None = None
     """The factor of the torque in slow motion; None where the law hardly changes."""
 

@@ -81,7 +81,7 @@ def _known_factor(ratio: float, near: float) -> float | None:
 
 
 def _in_unit(factor: float, is_alone: bool = False) -> str:
-    """What a factor of times says of their unit, and what to do."""
+    """The unit that a factor of times tells, and the cure."""
     unit = next((name for name, seconds in TIMES.items() if abs(factor * seconds - 1.0) < 1e-6), "")
     if not unit:
         return "turned into seconds twice?"

@@ -165,7 +165,7 @@ def _compare(table: str, rate: str, pose: str, change: Floats, mean: Floats, see
 
 
 def _correlation(one: Floats, other: Floats) -> float:
-    """Of two motions without their means, as a size."""
+    """Factor between two motions without their means, as a size."""
     a, b = one - one.mean(), other - other.mean()
     return float(abs(np.sum(a * b)) / np.sqrt(max(np.sum(a**2) * np.sum(b**2), np.finfo(np.float64).tiny)))
 

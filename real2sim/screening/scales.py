@@ -31,7 +31,7 @@ GEARS = (6.33, 9.495)
 
 
 def is_off(factor: float) -> bool:
-    """Whether no effect explains a factor."""
+    """True for a factor that no effect explains."""
     return not RIGHT[0] < factor < RIGHT[1]
 
 

@@ -78,4 +78,4 @@ class Description:
     columns: Columns | None = None
     """Of a table."""
     units: Units = field(default_factory=Units)
-    """Of what is not in SI units."""
+    """Units of the signals that are not in SI units."""

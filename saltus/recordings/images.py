@@ -13,14 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.depth import MILLIMETRE, NOTHING
 from saltus.errors import MessageError
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 ENCODINGS = {"mono16": "u2", "16UC1": "u2", "32FC1": "f4"}
 """Encodings of depth images. Whole numbers count a unit, which is a millimetre (REP 118) unless
 somebody says otherwise; others are metres."""
-MILLIMETRE = 0.001
-NOTHING = 65535  # in whole millimetres: nothing within range
 PIXEL_CENTRE = 0.5  # a camera_info's principal point counts from the centre of the first pixel, ours from its corner
 PIXELS_MAX = 2**24  # of a compressed image: its few bytes could claim any size
 TRANSPORTS = ("/compressedDepth", "/compressed")

@@ -19,11 +19,12 @@ from tqdm import tqdm
 
 from saltus.archive import ARCHIVE_MAX
 from saltus.arrays import Floats
+from saltus.depth import NOTHING
 from saltus.errors import MessageError, RecordingError
 from saltus.recordings.bag_files import opened
 from saltus.recordings.bag_topics import COMMANDS, choose
 from saltus.recordings.description import Topics
-from saltus.recordings.images import NOTHING, intrinsics, is_rectified, matrices_differ, millimetres, pixels_of
+from saltus.recordings.images import intrinsics, is_rectified, matrices_differ, millimetres, pixels_of
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, period_of
 from saltus.rotations import rotation_matrix
 

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.config import from_table
+from saltus.depth import MILLIMETRE
 from saltus.errors import ConfigError, RecordingError, nearest_hint
 
 Log = TypeVar("Log")
 """`saltus.recordings.run_log.RunLog`, whose module reads by this one."""
 Unit = str | float | None
-MILLIMETRE_M = 0.001
 FARTHEST_MM = 65535
 """Largest distance that uint16 holds."""
 POUND_FORCE_N, INCH_M = 4.4482216152605, 0.0254
@@ -77,19 +77,19 @@ class Units:
     """
 
     time_unit: Unit = None
-    """Of all times: "s", "ms", "us", "ns"."""
+    """Unit of all times: "s", "ms", "us", "ns"."""
     angle_unit: Unit = None
-    """Of q and q_des: "rad", "deg", "mrad", "rev"."""
+    """Unit of q and q_des: "rad", "deg", "mrad", "rev"."""
     speed_unit: Unit = None
-    """Of dq and dq_des: "rad/s", "deg/s", "rpm", "rev/s", "mrad/s"."""
+    """Unit of dq and dq_des: "rad/s", "deg/s", "rpm", "rev/s", "mrad/s"."""
     torque_unit: Unit = None
-    """Of tau_est and tau_ff: "Nm", "mNm", "kgf cm", "kgf m", "lbf ft", "lbf in", "ozf in"."""
+    """Unit of tau_est and tau_ff: "Nm", "mNm", "kgf cm", "kgf m", "lbf ft", "lbf in", "ozf in"."""
     gyro_unit: Unit = None
-    """Of the gyroscope: as speed_unit."""
+    """Unit of the gyroscope: as speed_unit."""
     acceleration_unit: Unit = None
-    """Of the accelerometer: "m/s^2", "g", "mg"."""
+    """Unit of the accelerometer: "m/s^2", "g", "mg"."""
     length_unit: Unit = None
-    """Of the base's position, and of its velocity per second: "m", "mm", "cm", "in", "ft"."""
+    """Unit of the base's position, and of its velocity per second: "m", "mm", "cm", "in", "ft"."""
     depth_unit_m: float | None = None
     """Metres that one step of a depth image is: 0.001 (millimetres), 0.0001 (D405), 0.00025
     (L515)."""
@@ -192,6 +192,6 @@ def _table(name: str, table: Any, units: Units) -> Any:
 
 def millimetres(steps: NDArray[Any], unit_m: float) -> NDArray[np.uint16]:
     """Depth images of steps of `unit_m` [m], of any shape, in whole millimetres; 0 stays 0."""
-    if unit_m == MILLIMETRE_M:
+    if unit_m == MILLIMETRE:
         return steps.astype(np.uint16)
-    return np.minimum(np.rint(steps * (unit_m / MILLIMETRE_M)), FARTHEST_MM).astype(np.uint16)
+    return np.minimum(np.rint(steps * (unit_m / MILLIMETRE)), FARTHEST_MM).astype(np.uint16)

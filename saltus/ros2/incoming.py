@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from saltus.depth import MILLIMETRE
 from saltus.errors import ConfigError, MessageError, nearest_hint
 from saltus.recordings import ros_messages as ros
-from saltus.recordings.images import COMPRESSED, MILLIMETRE, intrinsics, is_rectified, millimetres, pixels_of
+from saltus.recordings.images import COMPRESSED, intrinsics, is_rectified, millimetres, pixels_of
 from saltus.recordings.units import check_depth_unit
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot

@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from saltus.depth import NOTHING
 from saltus.errors import MessageError
-from saltus.recordings.images import NOTHING, millimetres, pixels_of
+from saltus.recordings.images import millimetres, pixels_of
 
 
 @pytest.mark.parametrize(

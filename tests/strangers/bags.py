@@ -53,7 +53,7 @@ class Bag:
     compression: str = ""
     """Compression of a bag of ROS 1: BZ2 or LZ4."""
     chunk_bytes: int = 2**20
-    """Of which a bag of ROS 1 makes a chunk."""
+    """Bytes of which a bag of ROS 1 makes a chunk."""
     images: tuple[Images, ...] = (Images(),)
     gripper: bool = False
     """Another program tells a joint of its own on the topic of the legs; no command names it."""

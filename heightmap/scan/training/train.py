@@ -202,7 +202,7 @@ class Trainer:
             raise ModelError(f"cannot write {path}: {error}") from error
 
     def resume(self, path: Path) -> None:
-        """Goes on from a checkpoint of the same settings.
+        """Continues from a checkpoint of the same settings.
 
         Raises:
             ModelError: the file is none, or of another training.
