@@ -2,21 +2,17 @@
 
 import ast
 import importlib
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from saltus.cli.checkout import checkout
 from saltus.cli.output import print_figures, print_json
 from saltus.cli.parsing import parse
 from saltus.errors import SaltusError, nearest_hint
 from saltus.flags import shown
 from saltus.policy.training.command import TRAINING
-
-SOURCE = Path(__file__).resolve().parents[2]
-"""The checkout, where this is one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +34,7 @@ class Bench:
 
     def run(self) -> int:
         """Lists or runs."""
-        folder = _folder()
+        folder = checkout("benchmarks/_command.py", "bench") / "benchmarks"
         files = {path.stem: path for path in folder.glob("[!_]*.py")}
         files |= {path.parent.name: path for path in folder.glob("*/command.py")}
         if not self.name:
@@ -50,14 +46,12 @@ class Bench:
             raise SaltusError(f"there is no benchmark '{self.name}': {nearest_hint(self.name, files)}")
         file = files[self.name].relative_to(folder.parent)
         try:
-            return self._measure(folder.parent, ".".join(file.with_suffix("").parts))
+            return self._measure(".".join(file.with_suffix("").parts))
         except ModuleNotFoundError as error:
             needed = f"the package '{error.name}', which is not installed"
             raise SaltusError(f"benchmark '{self.name}' needs {needed}: {TRAINING}, or what {file} says") from error
 
-    def _measure(self, root: Path, module: str) -> int:
-        if str(root) not in sys.path:
-            sys.path.insert(0, str(root))  # processes that a benchmark starts get it from here
+    def _measure(self, module: str) -> int:
         found = importlib.import_module(module)
         arguments = self.arguments[1:] if self.arguments[:1] == ("--",) else self.arguments
         prog = f"saltus bench {self.name}"
@@ -68,11 +62,3 @@ class Bench:
         else:
             print_figures(figures)
         return 0
-
-
-def _folder() -> Path:
-    """The benchmarks of the checkout that runs; of the one around, where saltus is installed from a wheel."""
-    for root in (SOURCE, Path.cwd()):
-        if (root / "benchmarks" / "_command.py").is_file():
-            return root / "benchmarks"
-    raise SaltusError("benchmarks are not in the installed package: run `saltus bench` in a checkout of saltus")

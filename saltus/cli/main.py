@@ -152,6 +152,8 @@ def command_of(arguments: Sequence[str]) -> Command:
         kind = _imported(name)
         if name == "bench" and words and not words[0].startswith("-"):
             return cast(Command, kind(name=words[0], arguments=tuple(words[1:])))
+        if name == "paper":
+            return cast(Command, kind(arguments=tuple(words)).read())
         with suppress(SaltusError):  # which is told below, with what the other commands take
             return cast(Command, parse(kind, words, prog=f"saltus {name}", description=None))
     union = _union(_described if name in ("-h", "--help") else _imported)

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from benchmarks._command import Command
-from saltus.cli import bench
+from saltus.cli import checkout
 from saltus.cli.main import main
 from saltus.cli.output import print_figures
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import write_shard
 from saltus.heightmap.service.features import PROPRIOCEPTION
 
-FOLDER = Path(bench.__file__).resolve().parents[2] / "benchmarks"
+FOLDER = checkout.SOURCE / "benchmarks"
 NAMES = sorted([p.stem for p in FOLDER.glob("[!_]*.py")] + [p.parent.name for p in FOLDER.glob("*/command.py")])
 TINY = {
     "qp": "--problems 20 --ticks 20 --robots 4",
@@ -144,14 +144,16 @@ def test_hidden_effects_take_their_flags(
     assert asked == {"tuning": True, "jobs": 1}
 
 
-def test_a_wheel_says_where_benchmarks_are(
+def test_a_wheel_says_where_benchmarks_and_the_paper_are(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(bench, "SOURCE", tmp_path)
+    monkeypatch.setattr(checkout, "SOURCE", tmp_path)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "benchmarks").mkdir()  # somebody else's
     assert main(["bench", "qp"]) == 2
     assert "in a checkout of saltus" in capsys.readouterr().err
+    assert main(["paper", "staircase"]) == 2
+    assert capsys.readouterr().err.endswith("run `saltus paper` in a checkout of saltus\n")
     monkeypatch.chdir(FOLDER.parent)
     assert main(["bench"]) == 0
 

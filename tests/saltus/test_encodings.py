@@ -12,7 +12,18 @@ import pytest
 from saltus.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = ("saltus", "heightmap", "render", "policy", "controller", "real2sim", "benchmarks", "examples", "tools")
+ROOMS = (
+    "saltus",
+    "heightmap",
+    "render",
+    "policy",
+    "controller",
+    "real2sim",
+    "paper",
+    "benchmarks",
+    "examples",
+    "tools",
+)
 TEXTS = {"read_text": 0, "write_text": 1}
 """Calls that always read or write text, and how many arguments come before the encoding."""
 OPENERS = {"open": 1, "fdopen": 1, "NamedTemporaryFile": 0, "TemporaryFile": 0, "makefile": 0}

@@ -14,6 +14,15 @@ import numpy as np
 import pytest
 from report_pages import opens_without_a_network
 
+from paper import ablations, drawing, making, motion, new_ground, sysid
+from paper.ablations import STAND_IN, SYSTEMS, files_of, shipped_in, trainings_of
+from paper.drawing import save, subplots
+from paper.making import check_makeable, is_makeable, made_before, make, number_at
+from paper.report import write_report
+from paper.rows import ABLATION, BY_NAME, NEEDS, ROWS, SOURCES, Row
+from paper.runs import FIRST_SEED, Effort, Ran, Setting, ran
+from paper.stand_in import STAND_IN_SEED, stand_in
+from paper.training import ABLATIONS, FULL, IMITATION, PUBLISHED, config_of
 from saltus.cli.main import main
 from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.effects.camera_latency import CameraLatency
@@ -22,25 +31,14 @@ from saltus.errors import SaltusError
 from saltus.folders import differences
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.mounts import PITCH_ERROR, POSITION_ERROR_M
-from saltus.paper import ablations, drawing, making, motion, new_ground, sysid
-from saltus.paper.ablations import STAND_IN, SYSTEMS, files_of, shipped_in, trainings_of
-from saltus.paper.drawing import save, subplots
-from saltus.paper.making import check_makeable, is_makeable, made_before, make, number_at
-from saltus.paper.report import write_report
-from saltus.paper.rows import ABLATION, BY_NAME, NEEDS, ROWS, SOURCES, Row
-from saltus.paper.runs import FIRST_SEED, Effort, Ran, Setting, ran
-from saltus.paper.stand_in import STAND_IN_SEED, stand_in
-from saltus.paper.training import ABLATIONS, FULL, IMITATION, config_of
 from saltus.policy.env.settings import for_gpu
 from saltus.policy.evaluation.trace import Trace
 from saltus.provenance import commit
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
-from saltus.resources import resource
 from saltus.robots.loading import load_robot
 from saltus.terrain.curriculum import make_terrain
 
-RESULTS = resource("benchmarks/paper")
 NOT_ON_GPU_MACHINES = ("open3d", "cv2", "pyrender", "zenoh", "rosbags", "mcap", "plotly", "matplotlib")
 SEARCHED = ("torque-saturation", "camera-latency")
 """Searches take half a minute; `tests/real2sim` tests them."""
@@ -114,7 +112,7 @@ def test_jumps_are_landings_on_the_course(climbed: Ran) -> None:
 
 
 def test_every_number_of_ours_that_stands_beside_the_papers_is_among_the_published_results() -> None:
-    published = {path.stem: json.loads(path.read_text()) for path in RESULTS.glob("*.json")}
+    published = {path.stem: json.loads(path.read_text()) for path in PUBLISHED.glob("*.json")}
     assert published.keys() == {row.name for row in ROWS if is_makeable(row, None)} > {row.name for row in FROM_SHIPPED}
     for row in (row for row in ROWS if row.name in published):
         for number in row.numbers:
@@ -122,8 +120,8 @@ def test_every_number_of_ours_that_stands_beside_the_papers_is_among_the_publish
     assert all(not result["commit"].endswith("+") for result in published.values())
     for row in (row for row in ROWS if row.needs == ABLATION and row.name in published):
         for system, trainings in published[row.name]["configuration"]["trainings"].items():
-            assert trainings == trainings_of(system, RESULTS / "trainings"), "measured again since the last training"
-            files = files_of(system, RESULTS / "trainings")
+            assert trainings == trainings_of(system, PUBLISHED / "trainings"), "measured again since the last training"
+            files = files_of(system, PUBLISHED / "trainings")
             if system != IMITATION:  # whose seed stands in its weights
                 seeds = [config_file(of_one_seed[0])["seed"] for of_one_seed in files]
                 assert seeds == [known["seed"] for known in trainings]
@@ -136,7 +134,7 @@ def test_the_page_shows_published_results_of_ablations_without_measuring_them(
     monkeypatch.setattr(ablations, "ran", None)
     if is_makeable(row, None):
         numbers = make(row, Effort(), tmp_path, again=False)["numbers"]
-        assert numbers == json.loads((RESULTS / f"{row.name}.json").read_text())["numbers"]
+        assert numbers == json.loads((PUBLISHED / f"{row.name}.json").read_text())["numbers"]
 
 
 def config_file(policy: Path) -> dict[str, Any]:
@@ -194,10 +192,10 @@ def test_the_page_never_mixes_a_robot_with_a_simulation(tmp_path: Path, capsys: 
 
 
 def test_the_page_says_at_its_head_what_each_part_is_worth(tmp_path: Path) -> None:
-    rows = [row.name for row in ROWS if row.needs == ABLATION and (RESULTS / f"{row.name}.json").exists()]
+    rows = [row.name for row in ROWS if row.needs == ABLATION and (PUBLISHED / f"{row.name}.json").exists()]
     for name in rows:
         (tmp_path / f"{name}.png").write_bytes(b"drawn")
-    results = {name: json.loads((RESULTS / f"{name}.json").read_text()) for name in rows}
+    results = {name: json.loads((PUBLISHED / f"{name}.json").read_text()) for name in rows}
     head = write_report(results, tmp_path).read_text().split("<h2")[1]
     for system, places in results["transfer"]["numbers"].items():
         (figures,) = places.values()
@@ -349,14 +347,14 @@ def test_an_ablation_is_measured_beside_the_full_system(
 
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_the_shipped_networks_of_a_system_are_those_that_no_training_replaces(system: str) -> None:
-    for files in files_of(system, RESULTS / "trainings"):
+    for files in files_of(system, PUBLISHED / "trainings"):
         setting = ablations._setting(files)
         replaced = {"policy": setting.policy or setting.imitator, "heightmap": setting.predictor or setting.imitator}
         assert shipped_in(system) == tuple(kind for kind, training in replaced.items() if training is None)
 
 
 def test_weights_that_are_not_kept_are_asked_for_before_the_work(tmp_path: Path) -> None:
-    kept = next(iter(sorted((RESULTS / "trainings").rglob("*.sha256"))))
+    kept = next(iter(sorted((PUBLISHED / "trainings").rglob("*.sha256"))))
     folder = tmp_path / FULL / "seed-0"
     folder.mkdir(parents=True)
     (folder / kept.name).write_bytes(kept.read_bytes())
@@ -375,7 +373,7 @@ def put_policy(trained: Path, name: str, seed: int) -> None:
 
 
 def test_a_machine_that_trains_an_ablation_needs_no_camera_and_no_pictures() -> None:
-    program = f"import sys\nsys.modules |= dict.fromkeys({NOT_ON_GPU_MACHINES})\nimport saltus.paper.training"
+    program = f"import sys\nsys.modules |= dict.fromkeys({NOT_ON_GPU_MACHINES})\nimport paper.training"
     subprocess.run([sys.executable, "-P", "-c", program], check=True, timeout=60)
 
 

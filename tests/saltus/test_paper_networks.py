@@ -7,6 +7,12 @@ import numpy as np
 import pytest
 import torch
 
+from paper import networks
+from paper.ablations import files_of, shown_in, trained_systems, trainings_of
+from paper.imitation import ImitationNetwork, PassOn
+from paper.networks import NetworkEffort, for_imitation, train_network, write_imitator
+from paper.runs import Effort, Setting, ran
+from paper.training import FULL, NETWORKS
 from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X
@@ -15,12 +21,6 @@ from saltus.heightmap.model import HeightmapModel, Normalisation
 from saltus.heightmap.settings import MIN_TICKS, DeviceLoop, ModelConfig
 from saltus.heightmap.training import calibration
 from saltus.heightmap.training.train import load_checkpoint
-from saltus.paper import networks
-from saltus.paper.ablations import files_of, shown_in, trained_systems, trainings_of
-from saltus.paper.imitation import ImitationNetwork, PassOn
-from saltus.paper.networks import NetworkEffort, for_imitation, train_network, write_imitator
-from saltus.paper.runs import Effort, Setting, ran
-from saltus.paper.training import FULL, NETWORKS
 from saltus.policy.bounds import ACTIONS, action_from_values
 from saltus.policy.env.settings import TrainConfig
 from saltus.policy.features import PROPRIOCEPTION_SIZE, features
@@ -126,10 +126,10 @@ def test_without_a_policy_or_data_it_says_what_makes_them(
     tmp_path: Path, trained: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(networks, "published", lambda _: trained)  # the published policy drives
+        patch.setattr(networks, "PUBLISHED_TRAININGS", trained)  # the published policy drives
         with pytest.raises(SaltusError, match="saltus paper train predictor --seed 0 makes them"):
             train_network("imitation", 0, tmp_path, effort=TINY)
-    monkeypatch.setattr(networks, "published", lambda otherwise: otherwise)
+    monkeypatch.setattr(networks, "PUBLISHED_TRAININGS", trained)
     with pytest.raises(SaltusError, match="saltus paper train full-system --seed 0 makes one"):
         train_network("predictor", 0, tmp_path, effort=TINY)
     with pytest.raises(SaltusError, match="saltus paper train predictor --seed 5 makes them"):

@@ -6,10 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from saltus.errors import SaltusError, nearest_hint
-from saltus.folders import ask_for_room
-from saltus.models import ModelKind, model_id, model_path
-from saltus.paper.ablations import (
+from paper.ablations import (
     STAND_IN,
     TRANSFER,
     Places,
@@ -24,13 +21,15 @@ from saltus.paper.ablations import (
     trainings_folder,
     trainings_of,
 )
-from saltus.paper.drawing import check_drawing, save
-from saltus.paper.motion import Made
-from saltus.paper.rows import ABLATION, BY_NAME, ROWS, Row
-from saltus.paper.runs import Effort
-from saltus.paper.training import CAMERA, FULL, PUBLISHED
+from paper.drawing import check_drawing, save
+from paper.motion import Made
+from paper.rows import ABLATION, BY_NAME, ROWS, Row
+from paper.runs import Effort
+from paper.training import CAMERA, FULL, PUBLISHED
+from saltus.errors import SaltusError, nearest_hint
+from saltus.folders import ask_for_room
+from saltus.models import ModelKind, model_id, model_path
 from saltus.provenance import commit
-from saltus.resources import resource
 
 MODELS: tuple[ModelKind, ...] = ("policy", "heightmap")
 
@@ -75,7 +74,7 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *,
     if row.make:
         more = (trainings,) if row.needs == ABLATION else ()
         module, function = row.make.split(".")
-        made: Made = getattr(import_module(f"saltus.paper.{module}"), function)(effort, *more)
+        made: Made = getattr(import_module(f"paper.{module}"), function)(effort, *more)
         seeds = [effort.seeds[0], effort.seeds[: made.most_seeds][-1]]
     else:
         taken = {
@@ -112,10 +111,7 @@ def _measured(system: str, effort: Effort, folder: Path, trainings: Path) -> lis
     trials, these may be others than those of `effort`; else nothing is taken of other trials, so that all of a system
     run the same.
     """
-    try:
-        folders = [folder, resource(PUBLISHED)]
-    except SaltusError:
-        folders = [folder]
+    folders = (folder, PUBLISHED)
     wanted, models, ran_with = trainings_of(system, trainings), _models(), shipped_in(system)
     taken: list[Places | None] = [None] * len(wanted)
     for row in (row for row in ROWS if row.needs == ABLATION and row.name != TRANSFER):

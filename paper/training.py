@@ -17,15 +17,16 @@ from saltus.errors import SaltusError
 from saltus.policy.env.settings import TrainConfig, for_gpu
 from saltus.policy.training.command import Train
 from saltus.policy.training.files import CHECKPOINT
-from saltus.resources import resource
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder
 
 FULL = "full-system"
 TRAINED = Path("runs/paper-train")
 """Folder of trainings: NAME/seed-N/ holds checkpoint.pt and policy.onnx."""
-PUBLISHED = "benchmarks/paper"
-"""Results, and the trainings that they are of, without their weights, in the repository."""
+PUBLISHED = Path(__file__).resolve().parents[1] / "benchmarks" / "paper"
+"""Folder of the results that the repository holds."""
+PUBLISHED_TRAININGS = PUBLISHED / "trainings"
+"""Folder of the trainings that they are of, without their weights."""
 BRING_BACK = "git restore --source=a1142b1 'benchmarks/paper/trainings/*.onnx'"
 """Brings back their weights, which the commit named held last: the repository keeps their checksums alone."""
 STEPS = 250e6
@@ -35,7 +36,7 @@ CAMERA = "d435i"
 """Of all robots that see."""
 PREDICTOR, NO_LATENCY, IMITATION = "predictor", "no-latency", "imitation"
 NETWORKS = (PREDICTOR, NO_LATENCY, IMITATION)
-"""What sees, see `saltus.paper.networks`: those of a seed learn from the same data, which the first one makes."""
+"""What sees, see `paper.networks`: those of a seed learn from the same data, which the first one makes."""
 ROUNDS = 3
 """Of a predictor; in the first, robots are driven with true heights."""
 PREDICTED, IMITATOR = "heightmap.onnx", "imitator.onnx"
@@ -65,14 +66,6 @@ ABLATIONS = {
     "no-tracking-reward": Ablation(changes={"env": {"reward": {"tracking_cost": 0.0}}}),
     "no-saturation": Ablation(without=("torque_saturation",)),
 }
-
-
-def published(otherwise: Path) -> Path:
-    """Folder of the published trainings; another one where an installation lacks them."""
-    try:
-        return resource(f"{PUBLISHED}/trainings")
-    except SaltusError:
-        return otherwise
 
 
 def find_ablation(name: str) -> Ablation:

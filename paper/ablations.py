@@ -9,17 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT
-from saltus.effects.profile import SHIPPED, load_profile
-from saltus.errors import SaltusError
-from saltus.model_file import checksum_path
-from saltus.models import MODEL_ID_DIGITS, ModelKind, model_id
-from saltus.paper.drawing import OTHER, OURS, legend, subplots
-from saltus.paper.motion import STAIRS, Made
-from saltus.paper.runs import Effort, Ran, Setting, ran
-from saltus.paper.stand_in import STAND_IN_SEED, stand_in
-from saltus.paper.training import (
+from paper.drawing import OTHER, OURS, legend, subplots
+from paper.motion import STAIRS, Made
+from paper.runs import Effort, Ran, Setting, ran
+from paper.stand_in import STAND_IN_SEED, stand_in
+from paper.training import (
     ABLATIONS,
     BRING_BACK,
     FULL,
@@ -29,10 +23,15 @@ from saltus.paper.training import (
     NO_LATENCY,
     PREDICTED,
     PREDICTOR,
+    PUBLISHED_TRAININGS,
     ROUNDS,
-    TRAINED,
-    published,
 )
+from saltus.arrays import Floats
+from saltus.config import DEFAULT_ROBOT
+from saltus.effects.profile import SHIPPED, load_profile
+from saltus.errors import SaltusError
+from saltus.model_file import checksum_path
+from saltus.models import MODEL_ID_DIGITS, ModelKind, model_id
 from saltus.policy.evaluation.evaluate import success_interval
 from saltus.policy.training.files import COMMIT, PROGRESS
 from saltus.provenance import commit
@@ -44,8 +43,8 @@ TRANSFER, ROUNDS_ROW = "transfer", "predictor-rounds"
 
 
 def trainings_folder(given: Path | None) -> Path:
-    """Where policies are read from; by default the published ones, of an installation without them `TRAINED`."""
-    return published(TRAINED) if given is None else given
+    """Folder that policies are read from, by default the published one."""
+    return PUBLISHED_TRAININGS if given is None else given
 
 
 Figures = dict[str, Any]

@@ -14,6 +14,21 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
+from paper.training import (
+    BRING_BACK,
+    CAMERA,
+    FULL,
+    IMITATOR,
+    IMITATOR_FORMAT,
+    IMITATOR_INPUTS,
+    IMITATOR_OUTPUTS,
+    MODEL,
+    NO_LATENCY,
+    PREDICTED,
+    PREDICTOR,
+    PUBLISHED_TRAININGS,
+    ROUNDS,
+)
 from saltus.config import DEFAULT_ROBOT
 from saltus.depth_camera import load_camera
 from saltus.errors import SaltusError
@@ -26,21 +41,6 @@ from saltus.heightmap.training.export import Origin, export
 from saltus.heightmap.training.train import Progress, train
 from saltus.heightmap.training.validate import MIN_WARMUP
 from saltus.onnx_export import write_onnx
-from saltus.paper.training import (
-    BRING_BACK,
-    CAMERA,
-    FULL,
-    IMITATOR,
-    IMITATOR_FORMAT,
-    IMITATOR_INPUTS,
-    IMITATOR_OUTPUTS,
-    MODEL,
-    NO_LATENCY,
-    PREDICTED,
-    PREDICTOR,
-    ROUNDS,
-    published,
-)
 from saltus.policy.bounds import ACTIONS
 from saltus.policy.env.settings import TrainConfig as PolicyConfig
 from saltus.policy.features import PROPRIOCEPTION_SIZE
@@ -105,7 +105,7 @@ def train_network(
     """
     if effort is None and not torch.cuda.is_available():
         raise SaltusError(f"training '{name}' needs a GPU: {NetworkEffort().loop.robots} robots that see")
-    teachers = _trained_policies(trained) or _trained_policies(published(trained))
+    teachers = _trained_policies(trained) or _trained_policies(PUBLISHED_TRAININGS)
     if not teachers:
         raise SaltusError(
             f"no policy of {FULL} in {trained}: saltus paper train {FULL} --seed 0 makes one, or {BRING_BACK}"
@@ -137,7 +137,7 @@ def for_imitation(episode: Episode) -> Episode:
 
 
 def write_imitator(model: HeightmapModel, config: PolicyConfig, path: Path, seed: int, commit: str | None) -> Path:
-    """Writes the network as ONNX: normalised plans within [-1, 1]; see `saltus.paper.imitation`."""
+    """Writes the network as ONNX: normalised plans within [-1, 1]; see `paper.imitation`."""
     shapes = (IMAGE_SHAPE, (), (), (PROPRIOCEPTION_SIZE,), (model.config.hidden,))
     example = tuple(torch.zeros(2, *shape) for shape in shapes)
     robot, bounds = load_robot(DEFAULT_ROBOT), config.env.bounds

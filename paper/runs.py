@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from paper.imitation import ImitatedPlansFactory, ImitationNetwork, PassOn
+from paper.training import CAMERA
 from saltus.arrays import Floats
 from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
-from saltus.paper.imitation import ImitatedPlansFactory, ImitationNetwork, PassOn
-from saltus.paper.training import CAMERA
 from saltus.policy.evaluation.evaluate import BATCH
 from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, exact_heights
 from saltus.policy.evaluation.trace import Failure, Trace, failure_of, traces_of

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from paper.drawing import OTHER, OURS, legend, subplots
+from paper.motion import Made
+from paper.runs import Effort
 from saltus.arrays import Floats
 from saltus.config import DEFAULT_ROBOT
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import SaltusError
-from saltus.paper.drawing import OTHER, OURS, legend, subplots
-from saltus.paper.motion import Made
-from saltus.paper.runs import Effort
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.pipeline import find

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from paper.training import IMITATOR_FORMAT, IMITATOR_INPUTS, IMITATOR_OUTPUTS
 from saltus.action import Action
 from saltus.arrays import Singles
 from saltus.config import DEFAULT_ROBOT
@@ -21,7 +22,6 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
 from saltus.heightmap.service.network import Tick
 from saltus.model_file import ModelFile
-from saltus.paper.training import IMITATOR_FORMAT, IMITATOR_INPUTS, IMITATOR_OUTPUTS
 from saltus.policy.bounds import ACTIONS, ActionBounds, action_from_values
 from saltus.policy.features import PROPRIOCEPTION_SIZE, features
 from saltus.policy.observation import Observation, observe
@@ -34,7 +34,7 @@ from saltus.wire.messages import Floats
 
 
 class ImitationNetwork:
-    """A file of `saltus.paper.networks.write_imitator` in ONNX Runtime; called as a predictor's network is.
+    """A file of `paper.networks.write_imitator` in ONNX Runtime; called as a predictor's network is.
 
     Raises:
         ModelError: the file is unreadable, or is something else.

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from saltus.paper.ablations import ROUNDS_ROW, SIMULATION, STAND_IN
-from saltus.paper.making import number_at
-from saltus.paper.rows import ABLATION, ROWS, Row
+from paper.ablations import ROUNDS_ROW, SIMULATION, STAND_IN
+from paper.making import number_at
+from paper.rows import ABLATION, ROWS, Row
 from saltus.policy.evaluation.evaluate import success_interval
 from saltus.recordings.page import page, table, write_page
 
@@ -33,7 +33,7 @@ WORTH = (
 
 
 def write_report(results: Mapping[str, dict[str, Any]], folder: Path) -> Path:
-    """Writes FOLDER/report.html of rows that `saltus.paper.making` made there, by name; returns its path."""
+    """Writes FOLDER/report.html of rows that `paper.making` made there, by name; returns its path."""
     body = [
         "<h1>Agile Continuous Jumping in Discontinuous Terrains, made again</h1>",
         f"<p>{INTRODUCTION}</p>",

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from paper.drawing import FRONT, OTHER, OURS, REAR, draw_ground, draw_stance, legend, subplots
+from paper.new_ground import NEW_GROUND
+from paper.runs import PAIRS, Effort, Ran, Setting, ran, watched
 from saltus.arrays import Floats
 from saltus.config import TerrainConfig
-from saltus.paper.drawing import FRONT, OTHER, OURS, REAR, draw_ground, draw_stance, legend, subplots
-from saltus.paper.new_ground import NEW_GROUND
-from saltus.paper.runs import PAIRS, Effort, Ran, Setting, ran, watched
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 
