@@ -129,7 +129,7 @@ def test_without_a_policy_or_data_it_says_what_makes_them(
         patch.setattr(networks, "PUBLISHED_TRAININGS", trained)  # the published policy drives
         with pytest.raises(SaltusError, match="saltus paper train predictor --seed 0 makes them"):
             train_network("imitation", 0, tmp_path, effort=TINY)
-    monkeypatch.setattr(networks, "PUBLISHED_TRAININGS", trained)
+    monkeypatch.setattr(networks, "PUBLISHED_TRAININGS", tmp_path)
     with pytest.raises(SaltusError, match="saltus paper train full-system --seed 0 makes one"):
         train_network("predictor", 0, tmp_path, effort=TINY)
     with pytest.raises(SaltusError, match="saltus paper train predictor --seed 5 makes them"):
