@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.moving_logs import jumped
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.command_delay import CommandDelay
@@ -22,6 +21,7 @@ from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
 from saltus.recordings.run_log import RunLog, write_run_log
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 CALVES = (0.0, 0.0, 0.3) * 4
 JUMP_SEED = 1

@@ -13,7 +13,7 @@ import numpy as np
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
-from saltus.config import DEFAULT_ROBOT, RunConfig, TerrainConfig, load
+from saltus.config import RunConfig, TerrainConfig, load
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import load_profile
 from saltus.errors import RecordingError
@@ -38,7 +38,7 @@ from saltus.recordings.summary import summarise
 from saltus.resources import resource
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
-from saltus.robots.shipped import shipped_profiles
+from saltus.robots.shipped import DEFAULT_ROBOT, shipped_profiles
 from saltus.runtime.run_folder import ROBOT_FILE, RUN_FILE, TERRAIN_FILE
 from saltus.runtime.stack import Stack
 from saltus.terrain.curriculum import make_terrain
@@ -83,7 +83,7 @@ BAGS = ("mcap", "sqlite3", "ros1")
 
 def make_samples(folder: Path, robot: Robot) -> None:
     """Writes a sound file of each kind."""
-    config = RunConfig(terrain=TerrainConfig(terrain="flat"), planner="scripted", time_limit_s=RUN_S)
+    config = RunConfig(robot="go1", terrain=TerrainConfig(terrain="flat"), planner="scripted", time_limit_s=RUN_S)
     with Stack(config, folder / "run") as stack:
         stack.wait()
     export_run_log(read_recording(stack.recording), folder / "log")

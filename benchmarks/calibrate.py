@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks._command import Command, progress, tell
-from saltus.config import DEFAULT_ROBOT, RunConfig, TerrainConfig
+from saltus.config import RunConfig, TerrainConfig
 from saltus.effects.offsets_and_factors import CameraHeight, CameraPitch
 from saltus.effects.profile import SHIPPED, load_profile, profile_to_toml
 from saltus.render.calibrate import calibrate
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.runtime.stack import Stack
 
 PITCH, HEIGHT_M = np.deg2rad(5.0), 0.03
@@ -60,7 +61,7 @@ class Benchmark(Command):
             (folder / "hidden.toml").write_text(
                 profile_to_toml(replace(shipped, camera=(*shipped.camera, *hidden))), encoding="utf-8"
             )
-            config = RunConfig(
+            config = RunConfig(robot="go1",
                 terrain=TerrainConfig(terrain="flat"), planner="scripted", seed=seed, time_limit_s=STANDS_S,
                 profile=str(folder / "hidden.toml"),
             )  # fmt: skip

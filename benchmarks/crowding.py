@@ -81,7 +81,12 @@ class Benchmark(Command):
     def _trial(self, disturb: Disturbance, number: int) -> dict[str, Any]:
         after_s = BEFORE_S + float(np.random.default_rng([self.seed, number]).uniform(0.0, 0.5))
         config = RunConfig(
-            terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted", speed=self.speed, seed=number
+            robot="go1",
+            terrain=TerrainConfig(terrain="flat"),
+            pace="realtime",
+            planner="scripted",
+            speed=self.speed,
+            seed=number,
         )
         with tempfile.TemporaryDirectory() as folder:
             host, port = address = free_address()

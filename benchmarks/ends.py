@@ -129,7 +129,7 @@ class Benchmark(Command):
 
     def _cut(self) -> dict[str, Any]:
         rng = np.random.default_rng(self.seed)
-        config = RunConfig(terrain=TerrainConfig(terrain="flat"), planner="scripted", time_limit_s=3.0)
+        config = RunConfig(robot="go1", terrain=TerrainConfig(terrain="flat"), planner="scripted", time_limit_s=3.0)
         with tempfile.TemporaryDirectory() as directory:
             folder = Path(directory)
             whole, cut, out = folder / RECORDING_FILE, folder / "cut.mcap", folder / "out.mcap"
@@ -151,7 +151,9 @@ class Benchmark(Command):
     def _order(self, folder: Path, rng: np.random.Generator, number: int) -> dict[str, Any]:
         """A run whose processes are started one after the other, each up to a second after the one before."""
         order = ORDERS[number % len(ORDERS)]
-        config = RunConfig(terrain=TerrainConfig(terrain="flat"), time_limit_s=LIMIT_S, epoch_ns=time.monotonic_ns())
+        config = RunConfig(
+            robot="go1", terrain=TerrainConfig(terrain="flat"), time_limit_s=LIMIT_S, epoch_ns=time.monotonic_ns()
+        )
         robot, terrain = load_robot(config.robot), make_terrain(config.terrain)
         write_run(folder, config, robot, terrain, load_camera(config.camera))
         endpoint, router = open_router()

@@ -71,7 +71,9 @@ class Benchmark(Command):
         # between 0.5 and 2.5 s lies more than a cycle of the gait: every phase
         after_s = float(np.random.default_rng([seed, *process.encode()]).uniform(0.5, 2.5))
         terrain = replace(COURSES[self.terrain], layout_seed=seed)
-        config = RunConfig(terrain=terrain, pace="realtime", planner=self.planner, seed=seed, speed=self.speed)
+        config = RunConfig(
+            robot="go1", terrain=terrain, pace="realtime", planner=self.planner, seed=seed, speed=self.speed
+        )
         with tempfile.TemporaryDirectory() as directory:
             programs = WITH_STANDBYS if self.standbys else PROGRAMS
             recording = kill_during_run(config, Path(directory), process, after_s, watch_s=COURSE_S, programs=programs)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from benchmarks._command import progress
 from benchmarks._pictures import Pictured, save, subplots
 from saltus.action import Action
-from saltus.config import DEFAULT_ROBOT, TerrainConfig
+from saltus.config import TerrainConfig
 from saltus.constants import PHYSICS_DT
 from saltus.controller.estimator import Estimator
 from saltus.controller.gait import standing
@@ -26,6 +26,7 @@ from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.signals import Plan, plan_from_action
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.states import states_of
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial

@@ -19,7 +19,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks._command import Command
-from saltus.config import DEFAULT_ROBOT, TerrainConfig
+from saltus.config import TerrainConfig
 from saltus.depth_camera import load_camera
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.effect import Effect
@@ -34,6 +34,7 @@ from saltus.policy.evaluation.evaluate import BATCH, HEIGHTS, Evaluation, run_ba
 from saltus.policy.evaluation.rollout import HeightsFactory
 from saltus.policy.planner import make_planner
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.workers import in_order
 
 RUBBER = (ContactCompliance(time_constant=0.02), SoftFeet(torsion=0.02, rolling=0.01, touch=0.015, depth=0.022))
@@ -168,6 +169,7 @@ def run(heights: HeightsFactory, task: tuple[Path, str, Sequence[int]]) -> dict[
     model, name, seeds = task
     row = ROWS[name]
     evaluation = Evaluation(
+        robot="go1",
         course=row.course,
         profile=load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)).having(*row.effects),
         friction=row.friction,

@@ -23,7 +23,6 @@ from benchmarks._command import Command
 from benchmarks._scenes import SCENES, scene
 from benchmarks.hard_courses import PAPER_COURSES
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT
 from saltus.depth_camera import load_camera
 from saltus.errors import ConfigError
 from saltus.flags import shown
@@ -36,6 +35,7 @@ from saltus.heightmap.service.replay import replay_predictor
 from saltus.heightmap.service.service import HeightmapService
 from saltus.models import model_id, model_path
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import DepthFrame, HeightmapStatus
@@ -132,8 +132,8 @@ class Benchmark(Command):
         policy = self.other_policy if name == "other policy" else self.policy_model
         kinds = {"courses": HeldOutRuns, "other policy": HeldOutRuns, "readme": ReadmeRuns, "scenes": SceneRuns}
         runs = kinds[name](
-            runs=self.runs, seed=self.seed, policy=policy, terrains=tuple(FAMILIES), baselines=(),
-            statuses=name in ("readme", "scenes"),
+            robot=DEFAULT_ROBOT, runs=self.runs, seed=self.seed, policy=policy, terrains=tuple(FAMILIES),
+            baselines=(), statuses=name in ("readme", "scenes"),
         )  # fmt: skip
         # Policies drive the batches of even number.
         step = 2 if name in ("other policy", "readme") else 1

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks._command import Command
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.command_delay import CommandDelay
@@ -36,6 +35,7 @@ from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.mounts import PITCH_ERROR, POSITION_ERROR_M
 from saltus.policy.env.randomisation import SOFT_RUBBER, RandomisationConfig, WideConfig
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.topics import CAMERA_LATENCY_S
 
 BEYOND = (1.3, 1.8)

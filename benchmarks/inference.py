@@ -16,7 +16,6 @@ import numpy as np
 
 from benchmarks._command import Command
 from benchmarks._measuring import Stopwatch, random_frames
-from saltus.config import DEFAULT_ROBOT
 from saltus.depth import MODEL_CAMERA, Intrinsics, sampled_model_camera
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.fleet import Arrival, FleetService
@@ -24,6 +23,7 @@ from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
 from saltus.resources import resource
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.messages import DepthFrame, RobotState
 
 WARM_UP = 200

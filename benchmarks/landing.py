@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from benchmarks._command import Command, progress
-from saltus.config import DEFAULT_ROBOT, TerrainConfig
+from saltus.config import TerrainConfig
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
@@ -24,6 +24,7 @@ from saltus.policy.planner import Planner, make_planner
 from saltus.policy.process import PlannerProcess
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import rotation_matrix
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain

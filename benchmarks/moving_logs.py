@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks._command import Command, progress, tell
 from benchmarks._measuring import recorded_run
-from saltus.config import DEFAULT_ROBOT, RunConfig, TerrainConfig
+from saltus.config import RunConfig, TerrainConfig
 from saltus.constants import PHYSICS_DT
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import Experiment
@@ -30,6 +30,7 @@ from saltus.recordings.run_log_export import export_run_log
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 TERRAINS: tuple[str, ...] = ("stairs", "stepping_stones", "gap")
 PERIOD_S, STANCE, LIFT_M = 0.5, 0.6, 0.06
@@ -67,7 +68,7 @@ class Benchmark(Command):
 
 def jumped(terrain: str, seed: int, folder: Path, profile: str = "ideal") -> None:
     """Writes the log of a run; by default without effects."""
-    config = RunConfig(terrain=TerrainConfig(terrain=terrain), seed=seed, profile=profile, camera="ideal")
+    config = RunConfig(robot="go1", terrain=TerrainConfig(terrain=terrain), seed=seed, profile=profile, camera="ideal")
     export_run_log(recorded_run(config), folder)
 
 

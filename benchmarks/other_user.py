@@ -63,7 +63,9 @@ def attempts(user: Pool) -> dict[str, str]:
     with tempfile.TemporaryDirectory() as directory:
         folder = Path(directory)
         folder.chmod(0o755)  # as folders in most homes
-        config = RunConfig(terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted", speed=0.25)
+        config = RunConfig(
+            robot="go1", terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted", speed=0.25
+        )
         with Stack(config, folder) as stack:
             plans, met = stack.latest("policy/plan"), False
             trial = user.apply_async(attack, (folder, config.prefix))

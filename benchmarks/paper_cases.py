@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks._command import Command, progress, tell
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import IDEAL, SHIPPED, Profile, load_profile
 from saltus.effects.torque_saturation import TorqueSaturation
@@ -26,6 +25,7 @@ from saltus.real2sim.pipeline import find
 from saltus.real2sim.results import Judgement
 from saltus.recordings.run_log import write_run_log
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 ROBOT = load_robot(DEFAULT_ROBOT)
 LATENCY_S = 0.050  # paper

@@ -13,13 +13,14 @@ import numpy as np
 
 from benchmarks._command import Command, progress
 from benchmarks._measuring import Stopwatch
-from saltus.config import DEFAULT_ROBOT, TerrainConfig
+from saltus.config import TerrainConfig
 from saltus.policy.evaluation.evaluate import HEIGHTS, Evaluation, collect, evaluate
 from saltus.policy.observation import Observation, observe
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.states import standing_state
 
 STAIRS = TerrainConfig(terrain="stairs", steps=14, rise_m=0.06, run_m=0.25)
@@ -50,7 +51,7 @@ class Benchmark(Command):
         return {"first_seed": self.seed, "rows": rows, "plan": plan_times()}
 
     def _row(self, course: TerrainConfig, heights: str) -> dict[str, Any]:
-        evaluation = Evaluation(course=course, trials=self.trials, seed=self.seed)
+        evaluation = Evaluation(robot="go1", course=course, trials=self.trials, seed=self.seed)
         result = collect(evaluate(evaluation, HEIGHTS[heights]))
         return {
             "success": result.successes,

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from benchmarks._command import Command
 from benchmarks._measuring import Stopwatch
 from saltus.action import Action
-from saltus.config import DEFAULT_ROBOT
 from saltus.controller.estimator import Estimator
 from saltus.controller.law import LegController
 from saltus.controller.signals import Plan, observe, plan_from_action
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.states import RobotStates
 

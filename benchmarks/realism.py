@@ -33,7 +33,6 @@ import numpy as np
 import torch
 
 from benchmarks._command import Command
-from saltus.config import DEFAULT_ROBOT
 from saltus.depth_camera import SHIPPED
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.delivery import DELIVERIES, TICK_S
@@ -50,6 +49,7 @@ from saltus.heightmap.training.train import load_checkpoint, split, train
 from saltus.heightmap.training.validate import MIN_WARMUP, accuracy
 from saltus.resources import resource
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.messages import Floats
 
 DATA_SEED, EVAL_SEED, SEED = 2031, 5, 1
@@ -123,7 +123,7 @@ class Benchmark(Command):
 
 def collect(data: Path, name: str) -> None:
     """Adds the rounds that are missing; those of both cameras show the same motion."""
-    loop = ClosedLoop(learned=LEARNED, camera=_CAMERAS[name])
+    loop = ClosedLoop(robot="go1", learned=LEARNED, camera=_CAMERAS[name])
     model = resource("models/heightmap.onnx")
     for index in range(len(read_manifest(data)), ROUNDS):
         logging.info("collecting round %d, %s", index, name)
@@ -168,7 +168,7 @@ def trained(out: Path, name: str, updates: int) -> Path:
 def exported(model: HeightmapModel, path: Path) -> Path:
     """The network as a file."""
     # Its warm-up is the service's business: nothing reads it here, so it is not measured.
-    export(model, path, Origin(camera=SHIPPED["d435i"], warmup_frames=MIN_WARMUP, dataset="", seed=SEED))
+    export(model, path, Origin(robot="go1", camera=SHIPPED["d435i"], warmup_frames=MIN_WARMUP, dataset="", seed=SEED))
     return path
 
 
@@ -196,7 +196,7 @@ def measured(model: Path, runs: int, held_out: dict[str, list[Episode]]) -> dict
 
 def in_the_loop(model: Path, runs: int, camera: str) -> dict[str, Any]:
     """Errors in the held-out runs, with the network in the loop."""
-    config = HeldOutRuns(runs=runs, seed=EVAL_SEED, camera=camera, baselines=())
+    config = HeldOutRuns(robot="go1", runs=runs, seed=EVAL_SEED, camera=camera, baselines=())
     found = scores([run for batch in config.batches for run in config.measure(model, batch)])
     table: dict[str, Any] = {key: round(1e3 * found[key], 2) for key in _LENGTHS}
     table |= {key: round(1e2 * found[key], 1) for key in _PERCENT}

@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks._command import Command, progress
 from benchmarks._measuring import own_processes, processor_s, random_frames, resident_mb
-from saltus.config import DEFAULT_ROBOT, TerrainConfig
+from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, model_image, sampled_model_camera
 from saltus.render.backends import make_renderer, make_stereo, present
 from saltus.render.camera import RobotCamera
@@ -28,6 +28,7 @@ from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
 from saltus.render.stereo.optics import Optics
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import Floats

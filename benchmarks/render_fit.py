@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks._command import Command, progress, tell
-from saltus.config import DEFAULT_ROBOT
 from saltus.depth import D435I, depth_frame, depth_in_millimetres
 from saltus.render.camera import RobotCamera
 from saltus.render.fit import fit
@@ -21,6 +20,7 @@ from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.terrain import FIRST_EDGE_X, Terrain, build
 from saltus.wire.messages import DepthFrame

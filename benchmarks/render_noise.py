@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from benchmarks._command import Command
-from saltus.config import DEFAULT_ROBOT, TerrainConfig
+from saltus.config import TerrainConfig
 from saltus.depth import D435I, Intrinsics, sampled_model_camera
 from saltus.effects.signals import DepthImage
 from saltus.render.camera import RobotCamera
@@ -25,6 +25,7 @@ from saltus.render.stereo.model_view import pooled
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import Floats

@@ -16,7 +16,6 @@ import numpy as np
 import tyro
 
 from benchmarks._command import Command, progress
-from saltus.config import DEFAULT_ROBOT
 from saltus.errors import SaltusError
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
 from saltus.heightmap.data.episode import Episode
@@ -24,6 +23,7 @@ from saltus.heightmap.data.shards import read_dataset
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.training.validate import run_episode
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 AFTER_S = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 SPAN = round(0.1 / TICK_S)  # ticks that are averaged

@@ -16,12 +16,13 @@ import numpy as np
 from benchmarks._command import progress
 from benchmarks._measuring import recorded_run
 from benchmarks._pictures import Pictured, save, subplots
-from saltus.config import DEFAULT_ROBOT, RunConfig, TerrainConfig
+from saltus.config import RunConfig, TerrainConfig
 from saltus.heightmap.evaluation.comparison import Run, read_run
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
 from saltus.resources import resource
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.messages import ControllerMode, DepthFrame, Floats, HeightmapStatus, RobotState
 
 STAIRS = TerrainConfig(terrain="stairs", rise_m=0.08, steps=60)  # nine seconds: a pause of 3 s, and time after it
@@ -265,7 +266,7 @@ def draw(curves: dict[str, Curves], out: Path) -> None:
 
 def record(seed: int) -> Run:
     """A run of the stack."""
-    return read_run(recorded_run(RunConfig(terrain=STAIRS, camera="d435i", planner="learned", seed=seed)))
+    return read_run(recorded_run(RunConfig(robot="go1", terrain=STAIRS, camera="d435i", planner="learned", seed=seed)))
 
 
 def long_enough(run: Run) -> bool:

@@ -88,6 +88,7 @@ class Benchmark(Command):
 
     def _go(self, rng: np.random.Generator) -> Iterator[Row]:
         config = RunConfig(
+            robot="go1",
             terrain=TerrainConfig(terrain="flat"),
             pace="realtime",
             speed=self.speed,

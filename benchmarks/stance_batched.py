@@ -15,7 +15,6 @@ import torch
 
 from benchmarks._command import Command
 from benchmarks._measuring import percentiles
-from saltus.config import DEFAULT_ROBOT
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus.controller.stance_batched import BatchedSolver
 from saltus.policy.env.env import JumpEnv
@@ -23,6 +22,7 @@ from saltus.policy.env.settings import EnvConfig
 from saltus.policy.training.learner import FIRST_ACTION
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.sim.batch_engine import BatchEngine
 from saltus.terrain.batch import BOXES
 from saltus.wire.messages import Floats

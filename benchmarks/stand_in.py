@@ -22,12 +22,12 @@ from benchmarks._command import Command
 from paper.motion import STAIRS
 from paper.runs import Effort, Ran, Setting, ran
 from paper.stand_in import stand_in
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.errors import SaltusError, nearest_hint
 from saltus.flags import Flag
 from saltus.policy.planner import make_planner
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.curriculum import make_terrain
 
 NONE, ALL = "none", "all"

@@ -19,7 +19,6 @@ import numpy as np
 from scipy import stats
 
 from benchmarks._command import Command, tell
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.offsets_and_factors import Armature, CoulombFriction, ViscousFriction
 from saltus.effects.profile import Profile
 from saltus.real2sim.experiments.instruments import SensorNoise
@@ -29,6 +28,7 @@ from saltus.real2sim.pipeline import find
 from saltus.recordings.run_log import RunLog, write_run_log
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import LEGS
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.sim import scene
 from saltus.sim.plant import HELD_HEIGHT, HELD_INERTIA, HELD_TOLERANCE
 from saltus.terrain import flat

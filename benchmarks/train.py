@@ -14,13 +14,13 @@ from typing import Any, Literal
 import torch
 
 from benchmarks._command import Command
-from saltus.config import DEFAULT_ROBOT
 from saltus.constants import POLICY_STEPS
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import TrainConfig, for_cpu, for_gpu
 from saltus.policy.training.learner import Learner
 from saltus.policy.training.train import device_of_this_process, make_engine
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 _WARM_UPS = 2  # iterations: the first ones allocate, and on a GPU choose their kernels
 _REPEATS = 50  # of a stage
@@ -37,7 +37,7 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         device = device_of_this_process(self.device).device
-        config = for_cpu() if device == "cpu" else for_gpu()
+        config = for_cpu("go1") if device == "cpu" else for_gpu("go1")
         return measure(replace(config, robots=self.robots or config.robots), device, self.iterations)
 
 

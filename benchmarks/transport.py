@@ -33,11 +33,12 @@ import numpy as np
 from benchmarks._command import Command
 from benchmarks._measuring import percentiles, processor_s, random_frames, resident_mb
 from saltus.action import REST, plan_message
-from saltus.config import DEFAULT_ROBOT, RunConfig
+from saltus.config import RunConfig
 from saltus.depth import D435I
 from saltus.depth_camera import SHIPPED
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.runtime.child import ENVIRONMENT
 from saltus.runtime.process import PEER_FLAG
 from saltus.runtime.run_folder import write_run
@@ -219,7 +220,7 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
     """
     prefixes = [f"bench/{i}" for i in range(robots)]
     load = os.getloadavg()[0]
-    config = RunConfig(prefix=prefixes[0], pace="realtime", epoch_ns=time.monotonic_ns())
+    config = RunConfig(robot="go1", prefix=prefixes[0], pace="realtime", epoch_ns=time.monotonic_ns())
     with served(config, prefixes) as (endpoint, service):
         latency, overruns, ages, behind, share, memory_mb = _watched(
             service, endpoint, prefixes, config.epoch_ns, count

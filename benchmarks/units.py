@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks._command import Command, progress, tell
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.offsets_and_factors import TorqueGain
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import EXPERIMENTS
@@ -30,6 +29,7 @@ from saltus.real2sim.screening.screen import screen
 from saltus.recordings.run_log import RunLog, write_run_log
 from saltus.recordings.units import SIGNALS
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 DEGREE, G, GEARS = 180.0 / np.pi, 1.0 / 9.80665, (6.33, 9.495, 1.0 / 6.33, 1.0 / 9.495)
 OF_ANGLES = (DEGREE, 1.0 / DEGREE, 1000.0, *GEARS)

@@ -11,7 +11,6 @@ import matplotlib as mpl
 import numpy as np
 import tyro
 
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import IDEAL, Profile
 from saltus.real2sim.demonstration import Demonstration, demonstrate
 from saltus.real2sim.experiments.instruments import SensorNoise
@@ -21,6 +20,7 @@ from saltus.real2sim.reporting.words import sentence
 from saltus.recordings.run_log import RunLog, read_run_log
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 
 def main(*, seed: int = 2, out: Path = Path("runs/real2sim")) -> None:

@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from saltus.config import DEFAULT_ROBOT
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
@@ -63,7 +62,7 @@ def closed_loop_batches(
 def round_table(loop: ClosedLoop, batches: int, index: int, model: Path | None) -> dict[str, Any]:
     """What the manifest says of a round; by it a dataset knows the episodes that it has."""
     camera = load_camera(loop.camera)
-    robot = camera.mounted_on(load_robot(DEFAULT_ROBOT))
+    robot = camera.mounted_on(load_robot(loop.robot))
     heights = "true" if model is None else HeightmapNetwork(robot, model).model_id
     table = {"source": "dagger", "round": index, "batches": batches, **loop.table, "heights": heights}
     return {**table, "camera": camera.record}

@@ -11,6 +11,7 @@ from saltus.config import check_between
 from saltus.effects.profile import SHIPPED
 from saltus.errors import ConfigError
 from saltus.flags import Flag
+from saltus.robots.shipped import robot_named
 
 BackEnd = Literal["embree", "pyrender", "warp"]
 DeliveryName = Literal["training", "nominal", "at-once"]
@@ -105,6 +106,8 @@ class Loop:
         ConfigError: a number that leaves no robots, no time, or no course.
     """
 
+    robot: str
+    """Their kind: a robot that Saltus ships, or the path of an MJCF or of a folder with a robot.toml."""
     robots: int
     ticks: int = 600
     """Of 10 ms, of every robot; one that falls or arrives starts again, which begins another episode."""
@@ -125,10 +128,15 @@ class Loop:
         if not self.terrains:
             raise ConfigError("terrains = (): name at least one")
 
+    @staticmethod
+    def completed(table: dict[str, Any]) -> dict[str, Any]:
+        """A table with the robot that older files do not name."""
+        return {"robot": robot_named(table), **table}
+
     @property
     def table(self) -> dict[str, Any]:
-        """What a manifest says of it; of terrains and renderers only others than the usual, as older manifests."""
-        usual = {"terrains": list(USUAL_TERRAINS), "renderer": USUAL_RENDERER, "plans": False}
+        """What a manifest says of it; of robots, terrains and renderers only others than older manifests mean."""
+        usual = {"robot": robot_named({}), "terrains": list(USUAL_TERRAINS), "renderer": USUAL_RENDERER, "plans": False}
         table = asdict(self) | {"terrains": list(self.terrains)}
         return {name: value for name, value in table.items() if name not in usual or value != usual[name]}
 
@@ -181,7 +189,7 @@ class DaggerConfig:
     profile: str = SHIPPED
     """Hardware of the robots and how their cameras sit: shipped (those of the robot), ideal, one of your own, or a TOML
     file."""
-    loop: ClosedLoop = field(default_factory=ClosedLoop)
+    loop: ClosedLoop
 
     def __post_init__(self) -> None:
         check_between(self, rounds=(1, MANY), batches=(1, MANY), updates=(1, MANY), batch=(1, LARGEST), seed=SEEDS)
@@ -204,7 +212,7 @@ class ProcessorCollection:
     file."""
     model: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint=_NONE)] = None
     """ONNX file of the predictor in the loop."""
-    loop: ClosedLoop = field(default_factory=ClosedLoop)
+    loop: ClosedLoop
 
     def __post_init__(self) -> None:
         check_between(self, batches=(1, MANY), seed=SEEDS)
@@ -259,7 +267,7 @@ class DeviceCollection:
     """Hardware of the robots and of their cameras: shipped, ideal, one of your own, or a TOML file."""
     device: Literal["cuda", "cpu"] = "cuda"
     """Where all of it runs."""
-    loop: DeviceLoop = field(default_factory=DeviceLoop)
+    loop: DeviceLoop
 
     def __post_init__(self) -> None:
         check_between(self, episodes=(1, MANY), seed=SEEDS)

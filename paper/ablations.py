@@ -27,7 +27,6 @@ from paper.training import (
     ROUNDS,
 )
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import SaltusError
 from saltus.model_file import checksum_path
@@ -36,6 +35,7 @@ from saltus.policy.evaluation.evaluate import success_interval
 from saltus.policy.training.files import COMMIT, PROGRESS
 from saltus.provenance import commit
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.curriculum import make_terrain
 
 SIMULATION, STAND_IN = "simulation", "simulated stand-in"

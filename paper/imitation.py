@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from paper.training import IMITATOR_FORMAT, IMITATOR_INPUTS, IMITATOR_OUTPUTS
 from saltus.action import Action
 from saltus.arrays import Singles
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import Profile
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
@@ -27,6 +26,7 @@ from saltus.policy.features import PROPRIOCEPTION_SIZE, features
 from saltus.policy.observation import Observation, observe
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.states import RobotStates
 from saltus.terrain.stack import TerrainStack
 from saltus.trial import Trial

@@ -289,9 +289,9 @@ def step_pitch(effort: Effort) -> Made:
 
 def step_and_gap(effort: Effort) -> Made:
     """One run over the step and one over the gap: predicted heights, the camera's image, the robot."""
-    from saltus.config import DEFAULT_ROBOT
     from saltus.grid import HEIGHTMAP_X, LINE
     from saltus.robots.loading import load_robot
+    from saltus.robots.shipped import DEFAULT_ROBOT
     from saltus.sim.video import render_run
 
     figure, axes = subplots(2, 3, 5.2, gridspec_kw={"width_ratios": (1.7, 1.8, 0.7)})

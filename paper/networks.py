@@ -29,7 +29,6 @@ from paper.training import (
     PUBLISHED_TRAININGS,
     ROUNDS,
 )
-from saltus.config import DEFAULT_ROBOT
 from saltus.depth_camera import load_camera
 from saltus.errors import SaltusError
 from saltus.heightmap.data.episode import Episode
@@ -50,6 +49,7 @@ from saltus.policy.training.export import read_policy
 from saltus.policy.training.files import COMMIT, PROGRESS
 from saltus.provenance import commit as this_commit
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 TERRAINS = ("flat", "stairs", "stairs", "stepping_stones", "step", "gap")
 """The paper's kinds."""
@@ -63,7 +63,7 @@ class NetworkEffort:
     """Gradient steps of a round, as in the original; the other networks take those of all rounds."""
     batch: int = 512
     """Windows in a gradient step."""
-    loop: DeviceLoop = field(default_factory=lambda: DeviceLoop(terrains=TERRAINS, plans=True))
+    loop: DeviceLoop = field(default_factory=lambda: DeviceLoop(robot=DEFAULT_ROBOT, terrains=TERRAINS, plans=True))
     """Of a round."""
 
 
@@ -224,6 +224,7 @@ def _exported(model: HeightmapModel, path: Path, work: "_Work") -> Path:
     """Writes it as a predictor; its warm-up is the service's business, no roll-out reads it: it is not measured."""
     records = read_records(work.data)
     origin = Origin(
+        robot=DEFAULT_ROBOT,
         camera=load_camera(CAMERA),
         latency_s=float(records[0].latency.latency),
         warmup_frames=MIN_WARMUP,

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from paper.imitation import ImitatedPlansFactory, ImitationNetwork, PassOn
 from paper.training import CAMERA
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
 from saltus.policy.evaluation.evaluate import BATCH
@@ -22,6 +21,7 @@ from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutSte
 from saltus.policy.evaluation.trace import Failure, Trace, failure_of, traces_of
 from saltus.policy.planner import Planner, make_planner
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial

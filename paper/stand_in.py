@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.effect import Effect
@@ -23,6 +22,7 @@ from saltus.effects.offsets_and_factors import (
 )
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 STAND_IN_SEED = 20261122
 """A day."""

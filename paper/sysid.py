@@ -13,7 +13,6 @@ from paper.drawing import OTHER, OURS, legend, subplots
 from paper.motion import Made
 from paper.runs import Effort
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.effects.torque_saturation import TorqueSaturation
@@ -26,6 +25,7 @@ from saltus.recordings.run_log import RunLog, write_run_log
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 LATENCY_S = 0.050
 """Paper: "about 50ms"."""

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from saltus.config import DEFAULT_ROBOT, changed
+from saltus.config import changed
 from saltus.effects.profile import SHIPPED, load_profile, profile_to_toml
 from saltus.errors import SaltusError
 from saltus.policy.env.settings import TrainConfig, for_gpu
 from saltus.policy.training.command import Train
 from saltus.policy.training.files import CHECKPOINT
 from saltus.robots.loading import load_robot
-from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder
+from saltus.robots.shipped import DEFAULT_ROBOT, SUPPLEMENT_FILE, shipped_folder
 
 FULL = "full-system"
 TRAINED = Path("runs/paper-train")
@@ -78,7 +78,7 @@ def find_ablation(name: str) -> Ablation:
 
 def config_of(name: str, seed: int, folder: Path) -> TrainConfig:
     """What `saltus policy train` is given; writes a profile or a robot that it needs into a folder."""
-    ablation, config = find_ablation(name), replace(for_gpu(), seed=seed)
+    ablation, config = find_ablation(name), replace(for_gpu(DEFAULT_ROBOT), seed=seed)
     changes = dict(ablation.changes)
     if ablation.without:
         changes["env"] = {**changes.get("env", {}), "profile": str(_profile(ablation, folder))}

@@ -11,7 +11,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import RecordingError, SaltusError
@@ -19,7 +18,7 @@ from saltus.folders import ask_for_room
 from saltus.real2sim.experiments.next_experiment import next_experiment
 from saltus.real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of, supported
 from saltus.real2sim.problem.joints.problem import JointProblem
-from saltus.real2sim.problem.log import in_sequence, load_rigs, model_of, shifts_s
+from saltus.real2sim.problem.log import in_sequence, load_rigs, model_of, quadruped_of, shifts_s
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.progress import ComparisonProgress, Progress
 from saltus.real2sim.rebased import RebasedProblem
@@ -35,8 +34,6 @@ from saltus.real2sim.sensors import SENSORS, Sensor
 from saltus.real2sim.stacked import StackedProblem, stackable
 from saltus.real2sim.verdict import Missing, Verdict, merge
 from saltus.recordings.run_log import RunLog
-from saltus.robots.loading import load_robot
-from saltus.robots.robot import Robot
 
 
 def find(
@@ -229,17 +226,13 @@ def judge(examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...],
         verdict = replace(
             verdict,
             untestable=untestable,
-            next_experiment=next_experiment(_robot(examinations), verdict.sets, rivals, rigs),
+            next_experiment=next_experiment(
+                quadruped_of(model_of(examinations[0].log.meta)), verdict.sets, rivals, rigs
+            ),
             minimum_detectable={n: e for n, e in verdict.minimum_detectable.items() if math.isfinite(e.value)},
         )
     patch = Patch(effects=supported(verdict.effects, profile), evidence=evidence, range=_range(examinations))
     return Judgement(verdict=verdict, patch=patch, examinations=examinations, evidence=evidence, profile=profile)
-
-
-def _robot(examinations: Sequence[Examination]) -> Robot:
-    """The robot that an experiment is proposed for: where a log brings a model of its own, the default one."""
-    model = model_of(examinations[0].log.meta)
-    return model if isinstance(model, Robot) else load_robot(DEFAULT_ROBOT)
 
 
 def _names(effects: Sequence[FoundEffect]) -> list[str]:

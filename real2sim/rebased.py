@@ -16,7 +16,7 @@ from saltus.real2sim.problem.body.problem import BodyProblem
 from saltus.real2sim.problem.body.replay import Limit, Pull
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.jumps.problem import JumpProblem
-from saltus.real2sim.problem.log import reference_robot
+from saltus.real2sim.problem.log import quadruped_of
 from saltus.real2sim.problem.problem import Candidate, Problem, WrappedProblem
 from saltus.robots.robot import JOINTS, Robot
 
@@ -80,7 +80,7 @@ def _owner(effect: Limit | Pull, model: Robot | Path) -> Robot:
     """
     if isinstance(effect, TorqueSaturation) and effect.curve and not isinstance(model, Robot):
         raise ConfigError(f"a saturation given as a curve is one of a robot with a name; the log has {model}")
-    return reference_robot(model)
+    return quadruped_of(model)
 
 
 def _saturated(problem: JointProblem | JumpProblem, saturation: TorqueSaturation) -> JointProblem | JumpProblem:

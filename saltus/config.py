@@ -32,9 +32,6 @@ TOML_MAX = 4 * 2**20
 """Characters of a file: a terrain of 10,000 boxes has a third of it."""
 _LONG_NAME = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*\.[ \t]*){30}""")  # its parser takes minutes for thousands
 
-DEFAULT_ROBOT = "go1"
-"""The robot where none is named."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class TerrainConfig:
@@ -73,7 +70,7 @@ class TerrainConfig:
 class RunConfig:
     """Everything that the processes of one run agree on."""
 
-    robot: str = DEFAULT_ROBOT
+    robot: str
     """Name of a robot that Saltus ships, or path of an MJCF or of a folder with a robot.toml."""
     prefix: str = "robot/0"
     """Of every key."""
@@ -189,6 +186,8 @@ def read_toml(text: str) -> dict[str, Any]:
 
 def from_table(kind: type[Config], table: dict[str, Any], where: str = "") -> Config:
     """Builds a config dataclass from nested tables; same errors as `from_toml`."""
+    if (completed := getattr(kind, "completed", None)) is not None:
+        table = completed(table)  # what files of before do not say
     hints = typing.get_type_hints(kind)
     keys = [f for f in dataclasses.fields(kind) if f.init]  # type: ignore[arg-type]
     known = [f.name for f in keys]

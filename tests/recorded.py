@@ -108,7 +108,7 @@ def run_samples(steps: int = STEPS, epoch_ns: int = 0) -> Iterator[RawSample]:
 
 
 def write(path: Path, samples: list[RawSample], pace: Pace = "lockstep", epoch_ns: int = 0) -> Recording:
-    config = RunConfig(pace=pace, seed=7, epoch_ns=epoch_ns, terrain=TerrainConfig(terrain="gap"))
+    config = RunConfig(robot="go1", pace=pace, seed=7, epoch_ns=epoch_ns, terrain=TerrainConfig(terrain="gap"))
     with Recorder(path, config, ROBOT, make_terrain(config.terrain), SHIPPED["ideal"]) as file:
         for sample in samples:
             file.write(sample)

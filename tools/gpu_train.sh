@@ -21,8 +21,8 @@ fi
 export PYTHONPATH=$site:$PWD PYTHONUNBUFFERED=1 PYTHONWARNINGS=ignore
 export TORCHINDUCTOR_CACHE_DIR=${TORCHINDUCTOR_CACHE_DIR:-/tmp/inductor}
 if [ "${GPUS:-1}" -gt 1 ]; then
-  run=(python3 -m torch.distributed.run --standalone --nproc_per_node "$GPUS" -m saltus.policy.training.command)
+  run=(python3 -m torch.distributed.run --standalone --nproc_per_node "$GPUS" -m saltus.cli.policy_train)
 else
-  run=(python3 -m saltus.policy.training.command)
+  run=(python3 -m saltus.cli.policy_train)
 fi
 exec "${run[@]}" --out "$out" "$@"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from saltus.action import Action
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT, TerrainConfig
+from saltus.config import TerrainConfig
 from saltus.controller.compensation import compensation_of
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera, load_camera
@@ -36,6 +36,7 @@ from saltus.render.camera import RobotCamera
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.batch import DITCH_M
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.law import PAPER

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT
 from saltus.constants import POLICY_DT
 from saltus.depth_camera import DepthCamera
 from saltus.effects.camera import CameraChain, drawn_around
@@ -17,6 +16,7 @@ from saltus.effects.profile import SHIPPED, load_profile
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.settings import DeliveryName
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.topics import CAMERA_LATENCY_S
 
 TICK_S = POLICY_DT

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from saltus.config import DEFAULT_ROBOT, from_toml
+from saltus.config import from_toml
 from saltus.depth_camera import load_camera
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import load_profile
@@ -37,6 +37,7 @@ from saltus.policy.training.export import DeployedPolicy
 from saltus.policy.training.train import make_engine
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.law import KINDS
 

@@ -15,12 +15,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from saltus.config import DEFAULT_ROBOT
 from saltus.constants import POLICY_DT
 from saltus.folders import whole_folder
 from saltus.heightmap.data.columns import COLUMNS, NO_IMAGE_S, SCHEMA, nested
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import DatasetError, ShardRecord, dataset_hash, read_records, read_shard
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 DATA_FILE = "data/chunk-000/file-{index:03d}.parquet"
 EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"

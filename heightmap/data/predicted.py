@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Singles
-from saltus.config import DEFAULT_ROBOT
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres, model_images
 from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
@@ -30,6 +29,7 @@ from saltus.render.process import random_stream
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates
 from saltus.terrain.stack import TerrainStack

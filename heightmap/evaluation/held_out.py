@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT, PlannerName, TerrainConfig, check_between
+from saltus.config import PlannerName, TerrainConfig, check_between
 from saltus.depth import MODEL_CAMERA, depth_frame, depth_in_millimetres
 from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
@@ -69,6 +69,8 @@ class HeldOutRuns:
         ConfigError: no runs, none that counts, or a baseline that is not known.
     """
 
+    robot: str
+    """Their kind: a robot that Saltus ships, or a path."""
     runs: int = 200
     seed: int = 0
     camera: str = "d435i"
@@ -116,7 +118,7 @@ class HeldOutRuns:
         levels, terrains = zip(*self.courses(rng, count), strict=True)
         planner: PlannerName = "learned" if number % 2 == 0 else "scripted"
         seeds = FIRST_SEED + ROBOTS * (10_000 * self.seed + number) + np.arange(count)
-        kind, ticks = load_camera(self.camera).mounted_on(load_robot(DEFAULT_ROBOT)), list[_Tick]()
+        kind, ticks = load_camera(self.camera).mounted_on(load_robot(self.robot)), list[_Tick]()
         network = HeightmapNetwork(kind, model)
         rollout = Rollout(
             kind,

@@ -22,8 +22,8 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from saltus.config import DEFAULT_ROBOT, from_table
-from saltus.depth_camera import DepthCamera, load_camera
+from saltus.config import from_table
+from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED, load_profile, profile_to_toml
 from saltus.errors import ConfigError
 from saltus.folders import whole_folder
@@ -41,7 +41,7 @@ from saltus.heightmap.data.shards import (
     write_shard,
     write_whole,
 )
-from saltus.heightmap.settings import FURTHER_RATE, DaggerConfig, TrainConfig
+from saltus.heightmap.settings import FURTHER_RATE, ClosedLoop, DaggerConfig, TrainConfig
 from saltus.heightmap.training.export import Origin, export
 from saltus.heightmap.training.release import release
 from saltus.heightmap.training.train import Progress, load_checkpoint, train
@@ -108,7 +108,7 @@ def dagger(
     if base is not None and not read_manifest(data):
         merge([base], data)
     begun_with = 0 if base is None else len({record.sha256 for record in read_manifest(base)})
-    before = None if start is None else _started(directory / "start", start, load_camera(config.loop.camera))
+    before = None if start is None else _started(directory / "start", start, config.loop)
     for index in range(config.rounds):
         if index >= len(read_manifest(data)) - begun_with:
             _collect(
@@ -143,14 +143,14 @@ def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: P
         "loop": config.loop.table,
         "start": start and file_sha256(start),
         "base": base and dataset_hash(read_records(base)),
-        "profile_sha256": _digest(config.profile),
+        "profile_sha256": _digest(config.profile, config.loop.robot),
     }
     path = directory / BEGUN
     if not path.exists():
         write_whole(path, lambda temporary: temporary.write_text(json.dumps(wanted, indent=1) + "\n", encoding="utf-8"))
         return
     try:
-        older = {"profile": SHIPPED, "profile_sha256": _digest(SHIPPED)}  # runs that did not name it
+        older = {"profile": SHIPPED, "profile_sha256": _digest(SHIPPED, config.loop.robot)}  # runs that did not name it
         begun = older | json.loads(path.read_text(encoding="utf-8"))
         for name, value in wanted.items():
             if begun[name] != value:
@@ -159,11 +159,11 @@ def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: P
         raise DatasetError(f"{path} is damaged: {error}") from error
 
 
-def _digest(profile: str) -> str:
-    return hashlib.sha256(profile_to_toml(load_profile(profile, load_robot(DEFAULT_ROBOT))).encode()).hexdigest()
+def _digest(profile: str, robot: str) -> str:
+    return hashlib.sha256(profile_to_toml(load_profile(profile, load_robot(robot))).encode()).hexdigest()
 
 
-def _started(folder: Path, start: Path, camera: DepthCamera) -> Path:
+def _started(folder: Path, start: Path, loop: ClosedLoop) -> Path:
     """A folder like that of a round, made of the checkpoint to begin with."""
     if not folder.exists():
         with whole_folder(folder) as partial_folder:
@@ -171,7 +171,8 @@ def _started(folder: Path, start: Path, camera: DepthCamera) -> Path:
             model, training = load_checkpoint(start)
             # Its warm-up is the service's business: nothing reads it here, so it is not measured.
             origin = Origin(
-                camera=camera,
+                robot=loop.robot,
+                camera=load_camera(loop.camera),
                 warmup_frames=MIN_WARMUP,
                 dataset=training["dataset"],
                 seed=training["config"]["seed"],

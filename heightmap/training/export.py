@@ -10,7 +10,6 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from saltus.config import DEFAULT_ROBOT
 from saltus.depth_camera import DepthCamera
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel, Normalisation
@@ -27,6 +26,8 @@ from saltus.wire.topics import CAMERA_LATENCY_S
 class Origin:
     """What a model was made from."""
 
+    robot: str
+    """Name of the robot that it was trained on, or path of its model."""
     camera: DepthCamera
     """Whose images it was trained on."""
     latency_s: float = CAMERA_LATENCY_S
@@ -65,7 +66,7 @@ def export(model: HeightmapModel, path: Path, origin: Origin) -> None:
 
 def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
     """What the file says about itself; `saltus.heightmap.service.network` refuses what does not fit."""
-    robot = origin.camera.mounted_on(load_robot(DEFAULT_ROBOT))
+    robot = origin.camera.mounted_on(load_robot(origin.robot))
     normalisation = {name: getattr(model, name).tolist() for name in Normalisation._fields}
     return {
         "format": FORMAT,

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from saltus.config import DEFAULT_ROBOT
 from saltus.depth_camera import DepthCamera
 from saltus.errors import ModelError
 from saltus.heightmap.data.delivery import TRAINING
@@ -31,6 +30,7 @@ from saltus.heightmap.training.validate import Accuracy, accuracy, episode_input
 from saltus.model_file import put_model
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.robots.shipped import robot_named
 
 PARITY_STEPS = 1000
 MAX_DIFFERENCE = 1e-5  # in a tick, see `Release.parity`; single precision is up to 4e-6 off on held-out episodes
@@ -94,10 +94,11 @@ def release(
     held_out = _spread(split(read_dataset(data))[1]) if unseen is None else read_dataset(unseen)
     begun()
     camera = camera_of(data, records)
-    robot = camera.mounted_on(load_robot(DEFAULT_ROBOT))
+    name = robot_named(records[0].config)
+    robot = camera.mounted_on(load_robot(name))
     origin = Origin(
-        camera=camera, latency_s=float(records[0].latency.latency), warmup_frames=1, dataset=dataset_hash(records),
-        seed=int(training["config"]["seed"]),
+        robot=name, camera=camera, latency_s=float(records[0].latency.latency), warmup_frames=1,
+        dataset=dataset_hash(records), seed=int(training["config"]["seed"]),
     )  # fmt: skip
     model_path.parent.mkdir(parents=True, exist_ok=True)
     # Until all is measured the model that may be there stays.

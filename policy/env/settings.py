@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from saltus.config import DEFAULT_ROBOT, check_between
+from saltus.config import check_between
 from saltus.effects.profile import Profile
 from saltus.errors import ConfigError
 from saltus.policy.bounds import ActionBounds
@@ -118,7 +118,7 @@ class LearningConfig:
 class TrainConfig:
     """One training: what is learned, from what, and how."""
 
-    robot: str = DEFAULT_ROBOT
+    robot: str
     """Name, or path of an MJCF or of a folder with a robot.toml."""
     robots: int = 4096
     """Of each process."""
@@ -136,14 +136,17 @@ class TrainConfig:
             )
 
 
-def for_gpu() -> TrainConfig:
+def for_gpu(robot: str) -> TrainConfig:
     """What one GPU trains: the paper's terrains."""
-    return TrainConfig(robots=16384)
+    return TrainConfig(robot=robot, robots=16384)
 
 
-def for_cpu() -> TrainConfig:
+def for_cpu(robot: str) -> TrainConfig:
     """What two cores learn within minutes: to bound on flat ground, with networks a twelfth of the size."""
     flat = CurriculumConfig(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
     return TrainConfig(
-        robots=256, env=EnvConfig(curriculum=flat), learning=LearningConfig(hidden=(128, 128, 64), epochs=4)
+        robot=robot,
+        robots=256,
+        env=EnvConfig(curriculum=flat),
+        learning=LearningConfig(hidden=(128, 128, 64), epochs=4),
     )

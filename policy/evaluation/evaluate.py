@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from saltus.config import DEFAULT_ROBOT, TerrainConfig, check_between
+from saltus.config import TerrainConfig, check_between
 from saltus.controller.compensation import compensation_for
 from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
@@ -42,7 +42,7 @@ HEIGHTS: dict[str, HeightsFactory] = {"true": shifted_heights, "true-exact": exa
 class Evaluation:
     """What is evaluated."""
 
-    robot: str = DEFAULT_ROBOT
+    robot: str
     """Name, or path of an MJCF or of a folder with a robot.toml."""
     course: TerrainConfig
     trials: int = 20

@@ -1,11 +1,9 @@
-"""The command line of a training: `saltus policy train`, and this module under torchrun."""
+"""A training of the motion policy as it is asked for: from where it starts, where it writes, how long it takes."""
 
 import math
 import os
-import signal
 import sys
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -48,12 +46,12 @@ class Train:
     config: Annotated[Path | None, shown("PATH", "none")] = None
     """TOML file with what is to differ from the resumed training, or from the defaults."""
     device: Literal["auto", "cpu"] = "auto"
-    """auto: a GPU where there is one. Several GPUs: torchrun --nproc_per_node N -m saltus.policy.training.command."""
+    """auto: a GPU where there is one. Several GPUs: torchrun --nproc_per_node N -m saltus.cli.policy_train."""
     evaluate_minutes: Annotated[float | None, shown("FLOAT", "3 beside a GPU, 0 on a CPU")] = None
     """Time between evaluations with the deployed stack, which run beside the training; 0: none."""
     commit: Annotated[str | None, shown("STR", "as git says")] = None
     """Which code trains, where this machine has no repository."""
-    training: Annotated[TrainConfig, tyro.conf.arg(name="")] = field(default_factory=for_gpu)
+    training: Annotated[TrainConfig, tyro.conf.arg(name="")]
 
     def defaults(self) -> "Train":
         """The same command with what its flags go on from: resumed training or the device's defaults, and --config.
@@ -123,7 +121,8 @@ class Train:
             raise SaltusError(f"training needs {error.name}: {TRAINING}") from error
         if self.resume is not None:
             return config_of(read_checkpoint(self.resume))
-        return for_cpu() if self.device == "cpu" or not has_gpu() else for_gpu()
+        usual = for_cpu if self.device == "cpu" or not has_gpu() else for_gpu
+        return usual(self.training.robot)
 
     def _check_networks(self, start: TrainConfig) -> None:
         if self.resume is not None and self.training.learning.hidden != start.learning.hidden:
@@ -143,11 +142,6 @@ class Train:
         raise another_training(there, asdict(config_of(read_checkpoint(there))), asdict(self.training))
 
 
-def parse(arguments: Sequence[str] | None = None) -> Train:
-    """The command line, read twice: first for what says where the defaults come from."""
-    return tyro.cli(Train, args=arguments, default=tyro.cli(Train, args=arguments).defaults())
-
-
 def _note(start: TrainConfig, now: TrainConfig, what: str) -> str:
     found = [f"{d.name} = {d.now} (there {d.before})" for d in differences(asdict(start), asdict(now))]
     return f"differs from {what}: {', '.join(found)}" if found else f"as {what}"
@@ -155,21 +149,3 @@ def _note(start: TrainConfig, now: TrainConfig, what: str) -> str:
 
 def _is_same_file(one: Path, other: Path) -> bool:
     return one.samefile(other) or one.read_bytes() == other.read_bytes()
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Trains as the command line says; errors are one line. Returns the exit code."""
-    for number in (signal.SIGTERM, signal.SIGHUP):  # of torchrun, schedulers and terminals: saves as Ctrl-C does
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, signal.default_int_handler)
-    try:
-        return parse(arguments).run()
-    except SaltusError as error:
-        print(error, file=sys.stderr)  # noqa: T201
-        return 2
-    except KeyboardInterrupt:
-        return 130
-
-
-if __name__ == "__main__":
-    sys.exit(main())

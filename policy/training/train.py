@@ -1,8 +1,8 @@
-"""Trains the motion policy, on a CPU or on GPUs, resumable at any time (`python -m saltus.policy.training.command`).
+"""Trains the motion policy, on a CPU or on GPUs, resumable at any time (`python -m saltus.cli.policy_train`).
 
 The folder gets `checkpoint.pt` (everything that is needed to go on), `config.toml`, `commit.txt`, `log.txt`,
 `progress.csv`, `evaluation.csv` and curves for tensorboard. With `torchrun --nproc_per_node N -m
-saltus.policy.training.command ...` N GPUs learn together.
+saltus.cli.policy_train ...` N GPUs learn together.
 """
 
 import os

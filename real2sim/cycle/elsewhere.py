@@ -6,7 +6,7 @@ from pathlib import Path
 
 import tomli_w
 
-from saltus.config import DEFAULT_ROBOT, to_toml
+from saltus.config import to_toml
 from saltus.depth_camera import load_camera
 from saltus.errors import ConfigError
 from saltus.folders import whole_folder
@@ -18,7 +18,6 @@ from saltus.policy.training.files import CHECKPOINT
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.training import device_collection, differs_beyond_camera, policy_changes, shipped_checkpoint
-from saltus.robots.loading import load_robot
 
 PROFILE, CAMERA = "profile.toml", "camera.toml"
 _BEGIN = """#!/usr/bin/env bash
@@ -109,7 +108,7 @@ def take_training(folder: CycleFolder, settings: CycleSettings, given: Path) -> 
     if folder.read(given / PROFILE) != folder.read(folder.profile):
         raise ConfigError(f"--take-training {given}: its {PROFILE} is not that of {folder.profile}")
     models = _models(given)
-    robot = load_camera(settings.loop.camera).mounted_on(load_robot(DEFAULT_ROBOT))
+    robot = load_camera(settings.loop.camera).mounted_on(folder.robot)
     if "heightmap" in models:
         HeightmapNetwork(robot, models["heightmap"])
     if "policy" in models:

@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
-from saltus.config import DEFAULT_ROBOT, from_table
+from saltus.config import from_table
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import Profile, profile_to_toml
 from saltus.errors import ConfigError, RecordingError
@@ -24,7 +24,7 @@ from saltus.real2sim.results import Judgement
 from saltus.real2sim.search.findings import SignalGap
 from saltus.recordings.run_log import read_claims, write_run_log
 from saltus.recordings.run_log_export import as_run_log
-from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 
 ROUNDS = 2
 """Most searches: the first, and one with the experiment that separates the effects of a set."""
@@ -59,8 +59,10 @@ def record_logs(folder: CycleFolder, settings: CycleSettings, tell: Progress) ->
     if settings.logs:
         logs = [as_run_log(log, folder.logs / log.name) for log in settings.logs]
         for log in logs:
-            if (robot := read_claims(log)["robot"]) != DEFAULT_ROBOT:
-                raise ConfigError(f"{log}: of the robot {robot}; the models that a cycle trains are of {DEFAULT_ROBOT}")
+            if (robot := read_claims(log)["robot"]) != settings.loop.robot:
+                raise ConfigError(
+                    f"{log}: of the robot {robot}; the models that a cycle trains are of {settings.loop.robot}"
+                )
         return logs
     return [record(folder, settings, tell, name) for name in settings.experiments]
 
@@ -70,7 +72,7 @@ def record(folder: CycleFolder, settings: CycleSettings, tell: Progress, name: s
     log = folder.logs / name
     if log.exists():
         return log
-    robot, known = load_robot(DEFAULT_ROBOT), folder.read(folder.known)
+    robot, known = folder.robot, folder.read(folder.known)
     latency = next((float(e.latency) for e in known.camera if isinstance(e, CameraLatency)), 0.0)
     made = run(
         experiment_named(name), robot, folder.read(folder.hidden), seed=settings.seed,
@@ -96,18 +98,18 @@ def find_effects(
     found, logs = search_until_told(logs, partial(_look, folder.found, known, settings.seed, tell, "find"), recorded)
     if found.verdict.verdict == "bad_log":
         raise RecordingError(f"{sentence(found.verdict)}: see {folder.found / 'report.html'}")
-    patched, _ = apply_what_can_be(found.patch, known)
+    patched, _ = apply_what_can_be(found.patch, known, folder.robot)
     again = _look(folder.again, patched, settings.seed, tell, "again", logs) if patched != known else None
     folder.profile.write_text(profile_to_toml(patched), encoding="utf-8")
     return found, again
 
 
-def apply_what_can_be(patch: Patch, known: Profile) -> tuple[Profile, tuple[str, ...]]:
+def apply_what_can_be(patch: Patch, known: Profile, robot: Robot) -> tuple[Profile, tuple[str, ...]]:
     """The profile with the effects of the patch that it can have, and a line for each that it cannot."""
     refused = []
     for effect in patch.effects:
         try:
-            known = replace(patch, effects=(effect,)).applied_to(known, load_robot(DEFAULT_ROBOT))
+            known = replace(patch, effects=(effect,)).applied_to(known, robot)
         except ConfigError as error:
             refused.append(f"not applied: {effect.name}: {error}")
     return known, tuple(refused)
@@ -115,7 +117,7 @@ def apply_what_can_be(patch: Patch, known: Profile) -> tuple[Profile, tuple[str,
 
 def not_applied(folder: CycleFolder) -> tuple[str, ...]:
     """A line for each effect that was found and that the profile cannot have."""
-    return apply_what_can_be(load_patch(folder.found / "patch.toml"), folder.read(folder.known))[1]
+    return apply_what_can_be(load_patch(folder.found / "patch.toml"), folder.read(folder.known), folder.robot)[1]
 
 
 def _look(out: Path, profile: Profile, seed: int, tell: Progress, name: str, logs: Sequence[Path]) -> Judgement:

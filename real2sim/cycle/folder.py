@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from saltus.config import DEFAULT_ROBOT, load, to_toml
+from saltus.config import load, to_toml
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import Profile, load_profile, profile_to_toml
 from saltus.errors import ConfigError
@@ -11,7 +11,9 @@ from saltus.folders import ask_for_room, differences
 from saltus.models import ModelKind
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 
+SETTINGS = "cycle.toml"
 MODELS: tuple[ModelKind, ...] = ("heightmap", "policy")
 
 
@@ -20,11 +22,13 @@ class CycleFolder:
     """Names of what lies in the folder."""
 
     root: Path
+    robot: Robot
+    """Whose models are trained."""
 
     @property
     def settings(self) -> Path:
         """How it was begun."""
-        return self.root / "cycle.toml"
+        return self.root / SETTINGS
 
     @property
     def hidden(self) -> Path:
@@ -98,7 +102,7 @@ class CycleFolder:
 
     def read(self, path: Path) -> Profile:
         """One of the folder's profiles."""
-        return load_profile(str(path), load_robot(DEFAULT_ROBOT))
+        return load_profile(str(path), self.robot)
 
 
 def open_folder(root: Path, given: CycleSettings) -> tuple[CycleFolder, CycleSettings]:
@@ -108,7 +112,7 @@ def open_folder(root: Path, given: CycleSettings) -> tuple[CycleFolder, CycleSet
         ConfigError: there is neither a robot nor a log, or a profile cannot be read.
         SaltusError: the folder cannot be written into, or was begun with other settings or profiles.
     """
-    folder, robot = CycleFolder(root), load_robot(DEFAULT_ROBOT)
+    folder = CycleFolder(root, load_robot(given.loop.robot))
     if given.hidden is None and not given.logs:
         raise ConfigError("nothing to look at: name the robot's profile with --hidden, or run logs with --logs")
     missing = [str(log) for log in given.logs if not log.exists()]
@@ -116,7 +120,7 @@ def open_folder(root: Path, given: CycleSettings) -> tuple[CycleFolder, CycleSet
         raise ConfigError(f"logs = {missing[0]}: there is no such folder")
     begun = folder.settings.exists()
     names = {folder.known: given.profile} | ({folder.hidden: str(given.hidden)} if given.hidden is not None else {})
-    profiles = {} if begun else {path: load_profile(name, robot) for path, name in names.items()}
+    profiles = {} if begun else {path: load_profile(name, folder.robot) for path, name in names.items()}
     for profile in profiles.values():
         refuse_shift(profile.heightmap, "a robot that sees with a camera")
     texts = {path: profile_to_toml(profile) for path, profile in profiles.items()}
@@ -135,7 +139,7 @@ def open_folder(root: Path, given: CycleSettings) -> tuple[CycleFolder, CycleSet
 
 def settings_of(root: Path) -> CycleSettings | None:
     """How the cycle in a folder was begun; None where there is none."""
-    path = CycleFolder(root).settings
+    path = root / SETTINGS
     return load(CycleSettings, path) if path.exists() else None
 
 

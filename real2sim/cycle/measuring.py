@@ -61,7 +61,7 @@ def measure(folder: CycleFolder, settings: CycleSettings, when: When, course: st
     if missing <= 0:
         return known
     seed = settings.seed + len(known.failures)
-    robot = (folder.hidden, known_of(folder, when), settings.loop.camera)
+    robot = (settings.loop.robot, folder.hidden, known_of(folder, when), settings.loop.camera)
     for batch in run_trials(models, *robot, course, seed, missing, ran):
         known = replace(known, failures=known.failures | {str(seed): trial.failure for seed, trial in batch.items()})
         write_whole(_file(folder, when, course), partial(Path.write_text, data=json.dumps(asdict(known))))

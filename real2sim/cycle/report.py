@@ -8,7 +8,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from saltus.config import DEFAULT_ROBOT
 from saltus.heightmap.data.shards import read_records
 from saltus.models import ModelKind
 from saltus.policy.evaluation.evaluate import collect, courses_of
@@ -25,7 +24,6 @@ from saltus.real2sim.cycle.truth import Row, rows_of
 from saltus.real2sim.reporting.figures import gap_figure
 from saltus.real2sim.reporting.report import MORE_STYLE
 from saltus.recordings.page import figure_html, page, table, write_page
-from saltus.robots.loading import load_robot
 
 Courses = dict[str, dict[When, Measured]]
 
@@ -227,11 +225,11 @@ def _strip(folder: CycleFolder, settings: CycleSettings, trials: Measured, when:
     kept = folder.measured / f"{when}-{course.partition(' ')[0]}-{seed}-{'-'.join(trials.models.values())}.html"
     if not kept.exists():
         models = models_of(folder, when)
-        robot = (folder.hidden, known_of(folder, when), settings.loop.camera)
+        robot = (settings.loop.robot, folder.hidden, known_of(folder, when), settings.loop.camera)
         trial = collect(run_trials(models, *robot, course, seed, 1)).trials[0]
         (terrain,) = courses_of(COURSES[course], [seed])
         ended = trial.failure.replace("_", " ") or "success"
-        pictures = picture_strip(load_robot(DEFAULT_ROBOT), terrain, trial.trace)
+        pictures = picture_strip(folder.robot, terrain, trial.trace)
         kept.write_text(f"<h3>{course}, seed {seed}, {when}: {ended}</h3>{pictures}", encoding="utf-8")
     return kept.read_text(encoding="utf-8")
 

@@ -43,7 +43,7 @@ class CycleSettings:
     each: what does best is taken. Fewer do not tell 92 % from 98 %."""
     trials: int = 20
     """On each course, with the models before and after; more may be asked for later, and add to those there are."""
-    loop: ClosedLoop = field(default_factory=ClosedLoop)
+    loop: ClosedLoop
     """How training data are collected. Its camera takes the images of the measurement, too."""
     predictor: TrainConfig = field(default_factory=lambda: TrainConfig(learning_rate=FURTHER_RATE))
     """The predictor's training, from the shipped checkpoint; on a GPU it bears 12,000 updates of 128 windows."""

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from saltus.config import DEFAULT_ROBOT, changed
+from saltus.config import changed
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.folders import whole_folder
 from saltus.heightmap.collection import collect
@@ -17,7 +17,6 @@ from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.progress import Progress
 from saltus.resources import resource
-from saltus.robots.loading import load_robot
 
 FURTHER_KL = 0.01
 """Of a policy that is trained further: `LearningConfig.desired_kl`, with which trainings begin."""
@@ -80,7 +79,11 @@ def collect_data(folder: CycleFolder, settings: CycleSettings, tell: Progress) -
 def device_collection(settings: CycleSettings, policy: Path, predictor: Path, profile: Path) -> DeviceCollection:
     """What `saltus heightmap collect gpu` is told: these files, and the courses and the camera of the cycle."""
     loop = DeviceLoop(
-        ticks=settings.loop.ticks, learned=LEARNED, terrains=settings.loop.terrains, cameras=(settings.loop.camera,)
+        robot=settings.loop.robot,
+        ticks=settings.loop.ticks,
+        learned=LEARNED,
+        terrains=settings.loop.terrains,
+        cameras=(settings.loop.camera,),
     )
     return DeviceCollection(
         episodes=settings.episodes, seed=settings.seed, policy=policy, predictor=predictor, profile=str(profile),
@@ -114,7 +117,7 @@ def differs_beyond_camera(folder: CycleFolder) -> bool:
 
     If only the camera does there is nothing for the policy to learn: its inputs are heights, not images.
     """
-    profiles = folder.read(folder.profile), load_profile(SHIPPED, load_robot(DEFAULT_ROBOT))
+    profiles = folder.read(folder.profile), load_profile(SHIPPED, folder.robot)
     found, learned = (replace(profile, camera=()) for profile in profiles)
     return found != learned
 

@@ -26,6 +26,7 @@ def names_of(models: Mapping[ModelKind, Path | None]) -> dict[str, str]:
 
 def run_trials(
     models: Mapping[ModelKind, Path | None],
+    robot: str,
     profile: Path,
     known: str,
     camera: str,
@@ -38,6 +39,8 @@ def run_trials(
 
     The leg controller makes up for what the profile `known` says of the drives.
     """
-    evaluation = Evaluation(course=COURSES[course], trials=count, seed=seed, profile=str(profile), known=known)
+    evaluation = Evaluation(
+        robot=robot, course=COURSES[course], trials=count, seed=seed, profile=str(profile), known=known
+    )
     heights = PredictedHeightsFactory(model=models["heightmap"], camera=camera)
     return evaluate(evaluation, heights, partial(make_planner, "learned", model=models["policy"]), listener=listener)

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.footage import Camera
 from saltus.real2sim.experiments.instruments import SensorNoise
@@ -22,7 +21,7 @@ from saltus.real2sim.experiments.menu import EXPERIMENTS, SEPARATIONS, Experimen
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.problem.problem import Candidate, Problem, Unknown
 from saltus.real2sim.sensors import SENSORS
-from saltus.robots.loading import load_robot
+from saltus.robots.loading import reference_robot
 from saltus.robots.robot import Robot
 
 SEED = 20
@@ -126,7 +125,7 @@ def _short(value: float) -> float:
 
 def main(names: list[str]) -> None:
     """Measures experiments, all where none is named, and writes the table."""
-    robot = load_robot(DEFAULT_ROBOT)
+    robot = reference_robot()
     measured: dict[str, Any] = (
         json.loads(SEPARATIONS.read_text(encoding="utf-8"))["experiments"] if SEPARATIONS.exists() else {}
     )

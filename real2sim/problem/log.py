@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT
 from saltus.errors import RecordingError, SaltusError
 from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_claims import segments
@@ -25,7 +24,7 @@ from saltus.recordings.run_log import (
     read_claims,
     read_run_log,
 )
-from saltus.robots.loading import load_robot
+from saltus.robots.loading import load_robot, reference_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import shipped_robots
 
@@ -133,18 +132,18 @@ def robot_of_runs(runs: Sequence[Path]) -> Robot:
     for run in runs[:1]:
         with suppress(SaltusError):
             return robot_of(_located(read_claims(run), run))
-    return load_robot(DEFAULT_ROBOT)
+    return reference_robot()
 
 
-def reference_robot(model: Robot | Path) -> Robot:
+def quadruped_of(model: Robot | Path) -> Robot:
     """The robot to whose torque limits parameters of a saturation refer: for an MJCF that of the schema of run logs."""
-    return model if isinstance(model, Robot) else load_robot(DEFAULT_ROBOT)
+    return model if isinstance(model, Robot) else reference_robot()
 
 
 def torque_limits(model: Robot | Path) -> Floats:
     """Torques to which parameters of a saturation refer [Nm], shape (12,); of the schema where a robot has none."""
-    limits = reference_robot(model).torque_limit
-    return np.where(np.isfinite(limits), limits, load_robot(DEFAULT_ROBOT).torque_limit)
+    limits = quadruped_of(model).torque_limit
+    return np.where(np.isfinite(limits), limits, reference_robot().torque_limit)
 
 
 def commanded(log: RunLog) -> Floats:

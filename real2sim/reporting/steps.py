@@ -5,13 +5,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import IDEAL, SHIPPED, load_profile
 from saltus.real2sim.patch import PATCH_FILE
 from saltus.real2sim.problem.log import model_of
 from saltus.real2sim.reporting.draws import is_drawn
 from saltus.real2sim.results import Judgement
 from saltus.robots.robot import Robot
+from saltus.robots.shipped import robot_named
 
 HELD = "joint_tour"
 """Shows all that a held robot's drives can show."""
@@ -72,6 +72,6 @@ def _is_on_the_ground(metas: Sequence[dict[str, Any]]) -> bool:
 
 
 def _command(experiment: str, metas: Sequence[dict[str, Any]]) -> str:
-    robot = str(metas[0].get("robot", DEFAULT_ROBOT))
-    own = "" if robot == DEFAULT_ROBOT else f" --robot {shlex.quote(robot)}"
+    robot = robot_named(metas[0])
+    own = "" if robot == robot_named({}) else f" --robot {shlex.quote(robot)}"
     return f"saltus real2sim experiments --run {experiment}{own} --out logs/{experiment}"

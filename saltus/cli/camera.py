@@ -10,9 +10,9 @@ import tyro
 
 from saltus.cli.output import print_figures, print_json, run_directory
 from saltus.cli.run_options import Course, CourseOptions, mounted_camera
-from saltus.config import DEFAULT_ROBOT
 from saltus.flags import Flag, shown
 from saltus.grid import HEIGHTMAP_X
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True, kw_only=True)

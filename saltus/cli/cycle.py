@@ -9,10 +9,11 @@ import tyro
 from saltus.cli.heightmap_train import SettingsCommand, training_packages
 from saltus.cli.output import Bar, print_json
 from saltus.cli.run_options import mounted_camera
-from saltus.config import DEFAULT_ROBOT
 from saltus.flags import Flag, shown
+from saltus.heightmap.settings import ClosedLoop
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +32,9 @@ class Cycle(SettingsCommand):
 
     out: Path = Path("runs/cycle")
     """Folder of the cycle, with report.html."""
-    settings: Annotated[CycleSettings, tyro.conf.arg(name="")] = field(default_factory=CycleSettings)
+    settings: Annotated[CycleSettings, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: CycleSettings(loop=ClosedLoop(robot=DEFAULT_ROBOT))
+    )
     export_training: Annotated[Path | None, shown("PATH", "none, train here")] = None
     """Folder to write for a machine with a GPU: profile, checkpoints, settings and commands, which make the data there;
     nothing is trained here."""
@@ -55,7 +58,7 @@ class Cycle(SettingsCommand):
             from saltus.real2sim.cycle.report import results
 
         refuse(self.export_training, self.take_training)
-        mounted_camera(self.settings.loop.camera, load_robot(DEFAULT_ROBOT))
+        mounted_camera(self.settings.loop.camera, load_robot(self.settings.loop.robot))
         folder, settings = open_folder(self.out, self.settings)
         with Bar() as bar:
             Stages(folder=folder, settings=settings, observer=bar).run(self.export_training, self.take_training)

@@ -148,8 +148,8 @@ def _mujoco_frame() -> str:
 
 
 def _robot() -> "Robot":
-    from saltus.config import DEFAULT_ROBOT
     from saltus.robots.loading import load_robot
+    from saltus.robots.shipped import DEFAULT_ROBOT
 
     return load_robot(DEFAULT_ROBOT)
 

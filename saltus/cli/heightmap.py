@@ -18,10 +18,11 @@ from saltus.cli.heightmap_eval import Eval
 from saltus.cli.heightmap_report import Report
 from saltus.cli.heightmap_train import Export, Train
 from saltus.cli.serve import serve
-from saltus.config import DEFAULT_ROBOT, RunConfig
+from saltus.config import RunConfig
 from saltus.errors import RecordingError, SaltusError
 from saltus.flags import Flag, Group, Subcommands, shown
 from saltus.heightmap.level_robot import LevelRobot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.messages import DepthFrame, HeightmapStatus
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ class Serve:
     """Prefixes of the robots to serve, e.g. robot/0 robot/1."""
     peer: Flag = False
     """Link to the robots directly; the router must be on this machine, not behind a tunnel."""
-    prefix: str = RunConfig().prefix
+    prefix: str = RunConfig.prefix
     """With --recording: of the keys."""
 
     def run(self) -> int:

@@ -13,10 +13,10 @@ import tyro
 from saltus.cli.heightmap_eval import BAR, COLUMNS
 from saltus.cli.heightmap_train import QUIET_S
 from saltus.cli.output import print_json, table_lines
-from saltus.config import DEFAULT_ROBOT
 from saltus.errors import ConfigError, nearest_hint
 from saltus.flags import Flag, Group, Subcommands, shown
 from saltus.models import model_id, model_path
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.workers import check_processes, in_order
 
 if TYPE_CHECKING:

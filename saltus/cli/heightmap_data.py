@@ -13,12 +13,12 @@ from tyro.conf import subcommand
 from saltus.cli.heightmap_train import QUIET_S, SettingsCommand, training_packages
 from saltus.cli.output import print_json
 from saltus.cli.run_options import mounted_camera
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.flags import AT_LEAST_ONE, Flag, Group, Subcommands, shown
-from saltus.heightmap.settings import DaggerConfig, DeviceCollection, ProcessorCollection
+from saltus.heightmap.settings import ClosedLoop, DaggerConfig, DeviceCollection, DeviceLoop, ProcessorCollection
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.workers import check_processes
 
 if TYPE_CHECKING:
@@ -46,7 +46,9 @@ class OnProcessors(SettingsCommand):
 
     out: Path = DATASET
     """Folder of the dataset; it is made, or a shard is added to it."""
-    settings: Annotated[ProcessorCollection, tyro.conf.arg(name="")] = field(default_factory=ProcessorCollection)
+    settings: Annotated[ProcessorCollection, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: ProcessorCollection(loop=ClosedLoop(robot=DEFAULT_ROBOT))
+    )
     processes: Processes = None
     """That collect. The data do not depend on it."""
     ray: Ray = None
@@ -57,10 +59,10 @@ class OnProcessors(SettingsCommand):
         with training_packages():
             from saltus.heightmap.collection import collect
 
-        profile = load_profile(self.settings.profile, load_robot(DEFAULT_ROBOT))
+        profile = load_profile(self.settings.profile, load_robot(self.settings.loop.robot))
         if self.settings.model is not None:
             refuse_shift(profile.heightmap, "a predictor")
-        mounted_camera(self.settings.loop.camera, load_robot(DEFAULT_ROBOT))
+        mounted_camera(self.settings.loop.camera, load_robot(self.settings.loop.robot))
         check_processes(self.processes)
         total = self.settings.batches * self.settings.loop.ticks
         with _CollectionBar(self, total) as progress:
@@ -88,7 +90,9 @@ class OnDevice(SettingsCommand):
 
     out: Path = DATASET
     """Folder of the dataset; it is made, or a shard is added to it. A second camera's images go to OUT-ideal."""
-    settings: Annotated[DeviceCollection, tyro.conf.arg(name="")] = field(default_factory=DeviceCollection)
+    settings: Annotated[DeviceCollection, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: DeviceCollection(loop=DeviceLoop(robot=DEFAULT_ROBOT))
+    )
     commit: Annotated[str | None, shown("STR", "as git says")] = None
     """Which code collects, where this machine has no repository."""
     json: Flag = False
@@ -99,7 +103,7 @@ class OnDevice(SettingsCommand):
         with training_packages():
             from saltus.heightmap.device_collection import collect
 
-        loop, speeds, robot = self.settings.loop, list["DeviceSpeed"](), load_robot(DEFAULT_ROBOT)
+        loop, speeds, robot = self.settings.loop, list["DeviceSpeed"](), load_robot(self.settings.loop.robot)
         load_profile(self.settings.profile or SHIPPED, robot)
         names = [mounted_camera(camera, robot)[0].name for camera in loop.cameras]
         outputs = {
@@ -180,7 +184,9 @@ class Dagger(SettingsCommand):
     """Checkpoint of the predictor to begin with."""
     base: Annotated[Path | None, shown("PATH", "none")] = None
     """Dataset to train on as well."""
-    settings: Annotated[DaggerConfig, tyro.conf.arg(name="")] = field(default_factory=DaggerConfig)
+    settings: Annotated[DaggerConfig, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: DaggerConfig(loop=ClosedLoop(robot=DEFAULT_ROBOT))
+    )
     processes: Processes = None
     """That collect. The data do not depend on it."""
     ray: Ray = None
@@ -192,8 +198,8 @@ class Dagger(SettingsCommand):
             from saltus.heightmap.training.dagger import Observer, dagger
 
         check_processes(self.processes)
-        mounted_camera(self.settings.loop.camera, load_robot(DEFAULT_ROBOT))
-        refuse_shift(load_profile(self.settings.profile, load_robot(DEFAULT_ROBOT)).heightmap, "a predictor")
+        mounted_camera(self.settings.loop.camera, load_robot(self.settings.loop.robot))
+        refuse_shift(load_profile(self.settings.profile, load_robot(self.settings.loop.robot)).heightmap, "a predictor")
         with _Bars(self.settings.batches, self.settings.updates, cache(self.print_differences)) as bars:
             observer = Observer(collected=bars.collected, trained=bars.trained)
             model = dagger(

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
@@ -53,7 +53,8 @@ class SettingsCommand:
 
     def usual(self) -> Any:
         """Settings where nothing is given and no run goes on."""
-        return type(self.settings)()
+        usual: Any = next(f.default_factory for f in fields(self) if f.name == "settings")
+        return usual()
 
     def defaults(self) -> Self:
         """The same command with the settings that its flags change."""

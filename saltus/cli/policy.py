@@ -7,14 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from saltus.cli.output import print_json, run_directory, table_lines
+from saltus.cli.policy_train import Train
 from saltus.cli.run_options import Course, CourseOptions, mounted_camera
 from saltus.cli.serve import ServeProcess
-from saltus.config import DEFAULT_ROBOT, PlannerName
+from saltus.config import PlannerName
 from saltus.errors import ConfigError, SaltusError
 from saltus.flags import Flag, Group, Subcommands, shown
 from saltus.folders import new_folder
 from saltus.models import model_id, model_path
-from saltus.policy.training.command import TRAINING, Train
+from saltus.policy.training.command import TRAINING
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.workers import check_processes
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"

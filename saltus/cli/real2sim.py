@@ -8,11 +8,12 @@ import tyro
 
 from saltus.cli.cycle import Cycle
 from saltus.cli.output import Bar, print_json, run_directory
-from saltus.config import DEFAULT_ROBOT, load
+from saltus.config import load
 from saltus.errors import ConfigError, RecordingError
 from saltus.flags import AT_LEAST_ONE, Flag, Group, Subcommands, shown
 from saltus.folders import ask_for_room, new_folder
 from saltus.recordings.description import Description, Topics
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 if TYPE_CHECKING:
     from saltus.real2sim.experiments.menu import Experiment

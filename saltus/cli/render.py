@@ -9,8 +9,8 @@ import tyro
 from saltus.cli.output import print_json, run_directory
 from saltus.cli.run_options import Course, CourseOptions, mounted_camera
 from saltus.cli.serve import ServeProcess
-from saltus.config import DEFAULT_ROBOT
 from saltus.flags import Flag, Group, Subcommands, shown
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True, kw_only=True)

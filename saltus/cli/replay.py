@@ -12,10 +12,10 @@ import numpy as np
 import tyro
 
 from saltus.cli.output import finite, print_json
-from saltus.config import DEFAULT_ROBOT
 from saltus.errors import RecordingError
 from saltus.flags import Flag, shown
 from saltus.heightmap.level_robot import LevelRobot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.messages import DepthFrame, GroundTruth, Heightmap, HeightmapStatus, RobotState
 
 if TYPE_CHECKING:

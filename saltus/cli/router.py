@@ -9,9 +9,10 @@ from typing import Annotated
 
 from saltus.cli.output import run_directory
 from saltus.cli.run_options import NetworkOptions, mounted_camera
-from saltus.config import DEFAULT_ROBOT, RunConfig, TerrainConfig
+from saltus.config import RunConfig, TerrainConfig
 from saltus.errors import ModelError
 from saltus.flags import shown
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 LOOK_S = 0.2
 
@@ -31,11 +32,11 @@ class Router(NetworkOptions):
 
     robot: str = DEFAULT_ROBOT
     """A robot that Saltus ships, or the path of an MJCF or of a folder with a robot.toml."""
-    camera: str = RunConfig().camera
+    camera: str = RunConfig.camera
     """Where your camera sits, if not where the robot has its own: a TOML file. Images say their own intrinsics."""
     heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
     """ONNX file of the heightmap service: your own, where your camera sits elsewhere."""
-    prefix: str = RunConfig().prefix
+    prefix: str = RunConfig.prefix
     """Of the keys."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-router")] = None
     """Folder."""

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from saltus.config import DEFAULT_ROBOT, Pace, PlannerName, Renderer, RunConfig, TerrainConfig
+from saltus.config import Pace, PlannerName, Renderer, RunConfig, TerrainConfig
 from saltus.flags import shown
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.curriculum import FAMILIES
 
 if TYPE_CHECKING:

@@ -20,13 +20,14 @@ from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Metadata, S
 from mcap.stream_reader import StreamReader
 
 from saltus import config
-from saltus.config import DEFAULT_ROBOT, RunConfig
+from saltus.config import RunConfig
 from saltus.depth_camera import DepthCamera, load_camera
 from saltus.errors import ConfigError, MessageError, RecordingError
 from saltus.recordings.chunks import RECORD_MAX, rows, sound_records, torn_chunk
 from saltus.recordings.recorder import LIBRARY, LOST, METADATA, METADATA_END
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.robots.shipped import robot_named
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.wire import codec, schemas
@@ -72,6 +73,11 @@ class Recording:
     _chunks: list[Chunk] = field(default_factory=list, repr=False)
     _unpacked: dict[int, list[Arrival]] = field(default_factory=dict, repr=False)
 
+    @property
+    def known_config(self) -> RunConfig:
+        """The configuration of the run; where the head of the file is lost, the default one."""
+        return self.config or RunConfig(robot=robot_named({}))
+
     @cached_property
     def robot(self) -> Robot:
         """The robot of the run; where the head of the file is lost, the default one.
@@ -81,8 +87,7 @@ class Recording:
         """
         if "robot" in self.metadata:
             return Robot.from_toml(self.metadata["robot"])
-        name = self.config.robot if self.config is not None else DEFAULT_ROBOT
-        return load_robot(name.split("/")[0])  # recordings without a robot have the prefix of their keys there
+        return load_robot(self.known_config.robot.split("/")[0])  # older recordings have the prefix of their keys there
 
     @cached_property
     def terrain(self) -> Terrain:
@@ -93,7 +98,7 @@ class Recording:
         """
         if "terrain" in self.metadata:
             return Terrain.from_toml(self.metadata["terrain"])
-        return make_terrain((self.config or RunConfig()).terrain)
+        return make_terrain(self.known_config.terrain)
 
     @cached_property
     def camera(self) -> DepthCamera:
@@ -104,7 +109,7 @@ class Recording:
         """
         if "camera" in self.metadata:
             return DepthCamera.from_toml(self.metadata["camera"])
-        return load_camera((self.config or RunConfig()).camera)
+        return load_camera(self.known_config.camera)
 
     @cached_property
     def models(self) -> dict[str, str]:

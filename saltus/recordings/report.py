@@ -75,7 +75,7 @@ def collect(recording: Recording) -> RunData:
 
 def write_report(recording: Recording, summary: RunSummary, path: Path, video: Path | None = None) -> None:
     """Writes the report of a run; it opens without a network. It shows the video, which may be yet to be written."""
-    config = recording.config or RunConfig()
+    config = recording.known_config
     data = collect(recording)
     terrain = recording.terrain
     scheduled = np.array([state.leg_contact for state in data.states], dtype=bool).reshape(-1, 4)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from saltus.errors import ConfigError
 from saltus.robots.robot import Robot
-from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder, shipped_robots
+from saltus.robots.shipped import REFERENCE, SUPPLEMENT_FILE, shipped_folder, shipped_robots
 from saltus.robots.supplement import load_supplement
 
 if TYPE_CHECKING:
@@ -23,6 +23,11 @@ def load_robot(name_or_path: str) -> Robot:
         ModelError: its model cannot be read, or its legs are not of our kind.
     """
     return _shipped(name_or_path) if name_or_path in shipped_robots() else derive_robot(name_or_path).robot
+
+
+def reference_robot() -> Robot:
+    """The robot to whose torque limits the schema of run logs refers where a log's own model states none."""
+    return load_robot(REFERENCE)
 
 
 def derive_robot(name_or_path: str, supplement: Path | None = None) -> "Derivation":

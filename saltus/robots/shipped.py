@@ -1,12 +1,25 @@
 """What Saltus ships of robots: folders of data beside this module."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from saltus.errors import ConfigError, nearest_hint
 
 SUPPLEMENT_FILE = "robot.toml"
 PROFILE_FILE = "profile.toml"
 _HERE = Path(__file__).resolve().parent
+
+DEFAULT_ROBOT = "go1"
+"""The robot that a command takes where none is named; nothing below the command line reads it."""
+
+REFERENCE = "go1"
+"""The robot that the schema of run logs refers to, and whose controller is tuned (`saltus.robots.similarity`)."""
+
+
+def robot_named(table: Mapping[str, Any]) -> str:
+    """Name of the robot in a table of a file. Files that name none were written for the Go1."""
+    return str(table.get("robot", DEFAULT_ROBOT))
 
 
 def shipped_robots() -> list[str]:

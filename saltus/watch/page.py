@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from saltus.config import RunConfig
+from saltus.config import TerrainConfig
 from saltus.terrain.curriculum import FAMILIES
 from saltus.watch.drawing import SKY, Drawing, aside
 from saltus.watch.panel import GREY, Panel
@@ -171,7 +171,7 @@ class Page:
             self._play_speed = gui.add_dropdown("Speed", PLAY_SPEEDS)
         self._run = gui.add_folder("New run")
         with self._run:
-            terrain = gui.add_dropdown("Terrain", tuple(FAMILIES), initial_value=RunConfig().terrain.terrain)
+            terrain = gui.add_dropdown("Terrain", tuple(FAMILIES), initial_value=TerrainConfig.terrain)
             seed = gui.add_number("Seed", initial_value=0, min=0, step=1)
             speed = gui.add_dropdown("Speed", SPEEDS, initial_value="0.5")
             start = gui.add_button("Start")

@@ -4,7 +4,6 @@ from bisect import bisect_right
 from collections.abc import Iterator
 from pathlib import Path
 
-from saltus.config import RunConfig
 from saltus.recordings.recording import Arrival, Recording, read_recording
 from saltus.watch.scene import LOOK_BACK_NS, Scene, SceneMaker, World
 from saltus.wire.messages import DepthFrame, Event, GroundTruth, Heightmap, MotionPlan, ProcessStatus, RobotState
@@ -34,7 +33,7 @@ class RecordedRun:
         """From the first message to the last [s]."""
         self.world = World(
             title=_title(recording),
-            config=recording.config or RunConfig(),
+            config=recording.known_config,
             robot=recording.robot,
             terrain=recording.terrain,
             camera=recording.camera,

@@ -10,10 +10,10 @@ import pytest
 from benchmarks import hard_courses
 from benchmarks.hard_courses import ROWS
 from saltus.cli.main import main
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.chain import BodyChain
 from saltus.policy.evaluation.evaluate import courses_of
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.sim import scene
 from saltus.sim.plant import Plant
 from saltus.terrain.curriculum import FAMILIES

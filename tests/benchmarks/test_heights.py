@@ -10,13 +10,13 @@ import pytest
 from benchmarks import heights
 from benchmarks._scenes import FINISH_X, SCENES, scene
 from benchmarks.heights import Benchmark, desk_rows, table
-from saltus.config import DEFAULT_ROBOT
 from saltus.depth import MODEL_CAMERA, depth_frame
 from saltus.heightmap.evaluation.held_out import HARD, NETWORK, HeldOutRun, Prediction
 from saltus.heightmap.evaluation.visibility import UNSEEN
 from saltus.heightmap.evaluation.way import Way
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.boxes import Box
 from saltus.terrain.curriculum import SCENERY
 from saltus.terrain.terrain import checked

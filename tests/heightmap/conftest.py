@@ -29,7 +29,7 @@ def model() -> HeightmapModel:
 @pytest.fixture(scope="session")
 def model_path(model: HeightmapModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("model") / "heightmap.onnx"
-    export(model, path, Origin(camera=SHIPPED["d435i"], warmup_frames=WARMUP, dataset="none", seed=0))
+    export(model, path, Origin(robot="go1", camera=SHIPPED["d435i"], warmup_frames=WARMUP, dataset="none", seed=0))
     return path
 
 

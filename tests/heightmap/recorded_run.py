@@ -81,7 +81,7 @@ def record(
     path: Path, run: Glide, heightmaps: Sequence[Heightmap], *, truth: bool = True, config: RunConfig | None = None
 ) -> Recording:
     """Writes and reads a recording."""
-    config = config or RunConfig(terrain=run.terrain)
+    config = config or RunConfig(robot="go1", terrain=run.terrain)
     with Recorder(path, config, ROBOT, make_terrain(run.terrain), load_camera(config.camera)) as file:
         for state, true, heightmap in zip(run.states, run.truths, heightmaps, strict=True):
             if truth:

@@ -71,7 +71,7 @@ def test_all_that_a_profile_says_of_robots_and_cameras_reaches_both_collections(
     assert {effect.name for effect in (*held, *EVERYTHING.camera)} == said
     episodes = collected(tmp_path / "cpu", "ideal", "--profile", str(path))
 
-    loop, policy = DeviceLoop(robots=2, ticks=MIN_TICKS, cameras=("ideal",)), read_checkpoint(POLICY)
+    loop, policy = DeviceLoop(robot="go1", robots=2, ticks=MIN_TICKS, cameras=("ideal",)), read_checkpoint(POLICY)
     device = DeviceRollouts(loop, policy, None, device="cpu", seed=0, profile=str(path))
     env, cameras = device._env, device._cameras
     held = (*env._drives.effects, *env._imu.effects, *env.episodes._body.effects, *cameras._view.effects)

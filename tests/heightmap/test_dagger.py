@@ -29,7 +29,7 @@ from saltus.workers import in_order
 
 pytestmark = [pytest.mark.usefixtures("short_calibration", "short_stand"), pytest.mark.slow]
 TICKS = SHORT_STAND_STEPS + 12  # just beyond the stand: beliefs matter
-LOOP = ClosedLoop(robots=6, courses=2, ticks=TICKS, hardest=0.3)
+LOOP = ClosedLoop(robot="go1", robots=6, courses=2, ticks=TICKS, hardest=0.3)
 CONFIG = DaggerConfig(rounds=2, batches=2, updates=2, batch=2, loop=LOOP)
 
 
@@ -115,7 +115,7 @@ def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_dat
 @pytest.mark.parametrize("field", ["batches", "updates", "seed", "profile", "loop", "start", "base"])
 def test_a_run_of_another_configuration_is_refused_by_name(whole: Path, field: str) -> None:
     changed: dict[str, dict[str, Any]] = {
-        "loop": {"loop": ClosedLoop(hardest=0.1)},
+        "loop": {"loop": ClosedLoop(robot="go1", hardest=0.1)},
         "profile": {"profile": "ideal"},
         **{name: {name: 7} for name in ("batches", "updates", "seed")},
     }
@@ -187,7 +187,7 @@ def test_each_planner_leads_its_share(learned: float, name: PlannerName) -> None
 )
 def test_a_loop_that_cannot_be_is_refused(values: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(values))):
-        ClosedLoop(**values)  # type: ignore[arg-type]
+        ClosedLoop(robot="go1", **values)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("processes", [1, 2])

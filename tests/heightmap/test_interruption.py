@@ -76,7 +76,9 @@ class Relay:
 @pytest.fixture
 def service(model_path: Path, tmp_path: Path) -> Iterator[tuple[str, RunClock]]:
     """The router of a heightmap service, and the run's clock."""
-    config = RunConfig(pace="realtime", speed=SPEED, heightmap_model=str(model_path), epoch_ns=time.monotonic_ns())
+    config = RunConfig(
+        robot="go1", pace="realtime", speed=SPEED, heightmap_model=str(model_path), epoch_ns=time.monotonic_ns()
+    )
     endpoint, router = open_router()
     with contextlib.closing(router), ZenohBus(endpoint, config.prefix) as bus:
         context = ProcessContext("heightmap", config, put_run(tmp_path, config), bus)

@@ -74,7 +74,12 @@ def deployed(profile: str, folder: Path) -> list[CameraProcess]:
     processes = []
     for trial, kind in zip(TRIALS, KINDS, strict=True):
         config = RunConfig(
-            seed=trial.seed, terrain=TerrainConfig(terrain=kind), camera="ideal", renderer="embree", profile=profile
+            robot="go1",
+            seed=trial.seed,
+            terrain=TerrainConfig(terrain=kind),
+            camera="ideal",
+            renderer="embree",
+            profile=profile,
         )
         bus = MemoryBus("robot/0", MemoryHub())
         processes.append(build(ProcessContext("render", config, put_run(folder, config), bus)))
@@ -139,7 +144,7 @@ def test_a_robot_that_starts_again_has_forgotten(model_path: Path) -> None:
     ids=["ideal", "d435i"],
 )
 def test_a_trial_does_not_depend_on_who_else_is_in_the_batch(camera: str, course: dict[str, Any]) -> None:
-    evaluation = Evaluation(course=TerrainConfig(**course), time_limit_s=1.5)
+    evaluation = Evaluation(robot="go1", course=TerrainConfig(**course), time_limit_s=1.5)
     run = partial(run_batch, evaluation, PredictedHeightsFactory(camera=camera), partial(make_planner, "learned"))
     alone, together = run([4])[4], run([3, 4, 5])[4]
     assert alone.outcome == together.outcome

@@ -146,7 +146,7 @@ def test_a_clock_of_its_own_is_named_for_which_no_service_answers(
     standing: Recording, tmp_path: Path, ahead_s: float, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, begin_ns = tmp_path / "own.mcap", 10**15
-    config = replace(standing.config or RunConfig(), pace="realtime", epoch_ns=1)
+    config = replace(standing.config or RunConfig(robot="go1"), pace="realtime", epoch_ns=1)
     with Recorder(path, config, standing.robot, standing.terrain, standing.camera) as file:
         for topic in ("controller/state", "camera/depth"):
             for arrival_ns, envelope, payload in standing.payloads(topic):

@@ -72,7 +72,7 @@ def test_images_do_not_depend_on_the_renderer(motion: list[Trajectory]) -> None:
 
 def test_motion_does_not_depend_on_camera_and_renderer() -> None:
     seen_by = [("ideal", "embree"), ("d435i", "embree"), ("d435i", "pyrender")]
-    loop = ClosedLoop(robots=2, courses=2, ticks=STAND_STEPS)
+    loop = ClosedLoop(robot="go1", robots=2, courses=2, ticks=STAND_STEPS)
     true, rays, drawn = (
         closed_loop_episodes(replace(loop, camera=camera, renderer=renderer), None, (5, 0, 0))
         for camera, renderer in seen_by

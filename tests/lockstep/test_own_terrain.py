@@ -174,6 +174,9 @@ def test_robots_stand_on_their_own_courses_and_on_those_of_saltus() -> None:
 
 
 def test_rollouts_on_a_device_take_the_same_families() -> None:
-    usual, own = _curriculum(DeviceLoop()), _curriculum(DeviceLoop(terrains=("beams", "beams", "gap")))
+    usual, own = (
+        _curriculum(DeviceLoop(robot="go1")),
+        _curriculum(DeviceLoop(robot="go1", terrains=("beams", "beams", "gap"))),
+    )
     assert usual.shares == dict.fromkeys(KINDS, 1.0) | {"stairs": 2.0, "stepping_stones": 2.0}
     assert {kind: share for kind, share in own.shares.items() if share} == {"gap": 1.0, "beams": 2.0}

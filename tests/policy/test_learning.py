@@ -18,7 +18,9 @@ from saltus.policy.training.export import export
 from saltus.policy.training.learner import FIRST_ACTION, Learner, make_actor, rebase
 from saltus.policy.training.train import Rank, make_engine, train
 
-CONFIG = TrainConfig(robots=16, learning=LearningConfig(hidden=(32, 16), horizon=4, epochs=1, minibatches=2))
+CONFIG = TrainConfig(
+    robot="go1", robots=16, learning=LearningConfig(hidden=(32, 16), horizon=4, epochs=1, minibatches=2)
+)
 
 
 def run(folder, iterations, resume=None):

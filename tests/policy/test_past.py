@@ -31,6 +31,7 @@ from saltus.trial import Trial
 STEPS = (1, 2, 5)
 N = 6
 CONFIG = TrainConfig(
+    robot="go1",
     robots=16,
     env=EnvConfig(past_steps=STEPS),
     learning=LearningConfig(hidden=(32, 16), horizon=4, epochs=1, minibatches=2),

@@ -22,7 +22,10 @@ from saltus.terrain.curriculum import FAMILIES
 
 FLAT = CurriculumConfig(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
 CONFIG = TrainConfig(
-    robots=4, env=EnvConfig(curriculum=FLAT), learning=LearningConfig(hidden=(8,), horizon=2, epochs=1, minibatches=1)
+    robot="go1",
+    robots=4,
+    env=EnvConfig(curriculum=FLAT),
+    learning=LearningConfig(hidden=(8,), horizon=2, epochs=1, minibatches=1),
 )
 ROW = Row(
     iteration=7, steps=9, course="gap_0.40", trials=2, success_rate=0.5, way_share=0.75, mean_speed_mps=1.5,

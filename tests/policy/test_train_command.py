@@ -13,16 +13,18 @@ import tomli_w
 import torch
 
 from saltus.cli.main import main
+from saltus.cli.policy_train import Train, parse
 from saltus.config import to_toml
 from saltus.errors import SaltusError
 from saltus.folders import differences
 from saltus.policy.env.settings import LearningConfig, TrainConfig, for_cpu
 from saltus.policy.tables import read_table
 from saltus.policy.training.checkpoint import NEEDED, read_checkpoint
-from saltus.policy.training.command import Train, parse
 
 TINY = ("--device", "cpu", "--robots", "8", "--learning.hidden", "8", "--learning.horizon", "2")
-RESUMED = replace(for_cpu(), robots=40, seed=7, learning=LearningConfig(hidden=(16, 8), epochs=2, desired_kl=0.003))
+RESUMED = replace(
+    for_cpu("go1"), robots=40, seed=7, learning=LearningConfig(hidden=(16, 8), epochs=2, desired_kl=0.003)
+)
 
 
 def leaves(config: Any, path: tuple[str, ...] = ()) -> list[tuple[tuple[str, ...], Any]]:
@@ -32,7 +34,7 @@ def leaves(config: Any, path: tuple[str, ...] = ()) -> list[tuple[tuple[str, ...
     return [leaf for f in fields(config) for leaf in leaves(getattr(config, f.name), (*path, f.name))]
 
 
-FAMILY = leaves(TrainConfig())
+FAMILY = leaves(TrainConfig(robot="go1"))
 
 
 def other(value: Any) -> Any:
@@ -78,7 +80,7 @@ def resumed(tmp_path: Path) -> Path:
 def begun(request: pytest.FixtureRequest, resumed: Path) -> tuple[TrainConfig, Train]:
     """What a training begins with, and its command."""
     goes_on = request.param == "goes on"
-    return (RESUMED if goes_on else for_cpu()), Train(device="cpu", resume=resumed if goes_on else None)
+    return (RESUMED if goes_on else for_cpu("go1")), Train(device="cpu", resume=resumed if goes_on else None)
 
 
 each_value = pytest.mark.parametrize("path", [path for path, _ in FAMILY], ids=".".join)
@@ -195,7 +197,7 @@ def replace_iteration(path: Path, old: str, new: str) -> int:
     ("program", "number"),
     [
         ("saltus.cli.main policy train", signal.SIGINT),
-        pytest.param("saltus.policy.training.command", signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param("saltus.cli.policy_train", signal.SIGTERM, marks=pytest.mark.slow),
     ],
 )
 def test_an_interruption_saves_and_says_so(program: str, number: int, tmp_path: Path) -> None:

@@ -107,6 +107,7 @@ class Victim:
         directory.mkdir()
         self.step = 0
         config = RunConfig(
+            robot="go1",
             prefix=self.prefix,
             pace="realtime",
             time_limit_s=600.0,

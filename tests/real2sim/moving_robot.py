@@ -37,7 +37,7 @@ STEP_NS = TICK_NS * POLICY_STEPS
 
 def jumping_log(folder: Path, seconds: float = 4.5, profile: Profile = IDEAL) -> RunLog:
     """The log of a run onto a step; the robot sets out after a second. Effects of `profile` are not claimed."""
-    config = RunConfig(seed=1, profile="ideal", terrain=TerrainConfig(terrain="step", height_m=0.15))
+    config = RunConfig(robot="go1", seed=1, profile="ideal", terrain=TerrainConfig(terrain="step", height_m=0.15))
     terrain = make_terrain(config.terrain)
     with Recorder(folder / "recording.mcap", config, ROBOT, terrain, load_camera(config.camera)) as file:
         for key, message in _run(terrain, Trial.draw(config.seed), round(1e9 * seconds / STEP_NS), profile):

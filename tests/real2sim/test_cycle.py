@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from report_pages import opens_without_a_network
+from samples import ROBOT
 
 from saltus.cli.main import command_of, main
 from saltus.config import load
@@ -54,7 +55,7 @@ def _small(short_calibration: None) -> Any:
     def collect(settings: DeviceCollection, outputs: dict[str, Path], ticked: Any, _: Any) -> Any:
         (folder,) = outputs.values()
         assert settings.policy.exists()
-        loop = ClosedLoop(robots=12, courses=1, ticks=settings.loop.ticks, camera=settings.loop.cameras[0])
+        loop = ClosedLoop(robot="go1", robots=12, courses=1, ticks=settings.loop.ticks, camera=settings.loop.cameras[0])
         few = ProcessorCollection(batches=1, seed=settings.seed, profile=settings.profile, loop=loop)
         return collection.collect(few, folder, lambda _: None, listener=ticked)
 
@@ -147,7 +148,7 @@ def test_drives_are_made_up_for_where_that_is_better(tmp_path: Path) -> None:
     """A trained policy runs as it was trained; a shipped one with the drives made up for and without."""
     pairs = {"+".join(pair) for pair in choosing.pairs_of(("heightmap", "policy"), with_drives=True)}
     assert pairs == {"heightmap+policy+drives", "heightmap+drives", "policy+drives", "drives", "heightmap", ""}
-    folder = measuring.CycleFolder(tmp_path)
+    folder = measuring.CycleFolder(tmp_path, ROBOT)
     known, weak = load_profile("shipped", load_robot("go1")), TorqueGain(gain=0.7)
     folder.known.write_text(profile_to_toml(known))
     for found, better, after in (
@@ -170,8 +171,8 @@ def test_what_no_profile_can_have_is_said_and_the_rest_is_applied(tmp_path: Path
 
     effects = (found("torque_saturation", knee=35.55, plateau=34.9), found("coulomb_friction", torque=HIDDEN))
     shipped = load_profile("shipped", load_robot("go1"))
-    patch, folder = Patch(effects=effects, evidence=(), range=Applicability()), measuring.CycleFolder(tmp_path)
-    patched, (refused,) = finding.apply_what_can_be(patch, shipped)
+    patch, folder = Patch(effects=effects, evidence=(), range=Applicability()), measuring.CycleFolder(tmp_path, ROBOT)
+    patched, (refused,) = finding.apply_what_can_be(patch, shipped, ROBOT)
     assert refused.startswith("not applied: torque_saturation: ")
     assert patched == replace(shipped, actuator=(*shipped.actuator, CoulombFriction(torque=HIDDEN)))
     folder.found.mkdir()
@@ -179,7 +180,7 @@ def test_what_no_profile_can_have_is_said_and_the_rest_is_applied(tmp_path: Path
     (folder.found / "verdict.json").write_text('{"verdict": "named", "gap": null, "untestable": []}')
     folder.known.write_text(profile_to_toml(shipped))
     folder.settings.write_text("")
-    write_cycle_report(folder, CycleSettings())
+    write_cycle_report(folder, CycleSettings(loop=ClosedLoop(robot="go1")))
     assert html.escape(refused) in folder.report.read_text()
 
 
@@ -192,11 +193,11 @@ def test_what_is_done_is_not_repeated(
     capsys.readouterr()
     results(run, capsys)
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
-    first = measuring.measured(measuring.CycleFolder(run), "before", GAP)
+    first = measuring.measured(measuring.CycleFolder(run, ROBOT), "before", GAP)
     more = results(run, capsys, "--trials", "2", "--choice-trials", "2")
     assert more["courses"][GAP]["before"]["trials"] == 2
     assert all(row[GAP]["trials"] == 2 for row in more["choice"]["tallies"].values())
-    second = measuring.measured(measuring.CycleFolder(run), "before", GAP)
+    second = measuring.measured(measuring.CycleFolder(run, ROBOT), "before", GAP)
     assert first is not None
     assert second is not None
     assert second.failures.items() > first.failures.items()
@@ -239,14 +240,14 @@ def test_logs_of_ones_own_are_trained_with_elsewhere(
 @pytest.mark.parametrize("name", [name for name, kind in EFFECTS.items() if PARTS[kind.site] != "heightmap"])
 def test_the_policy_is_trained_where_more_than_the_camera_differs(name: str, tmp_path: Path) -> None:
     """Of profiles that have an effect more than the shipped one, or one less."""
-    folder, away = CycleFolder(tmp_path), tmp_path / "away"
+    folder, away = CycleFolder(tmp_path, ROBOT), tmp_path / "away"
     shipped, part = load_profile("shipped", load_robot("go1")), PARTS[EFFECTS[name].site]
     others = tuple(effect for effect in getattr(shipped, part) if effect.name != name)
     less = replace(shipped, **{part: others})
     folder.profile.write_text(profile_to_toml(less if name in shipped.effects else shipped.having(EFFECTS[name]())))
     beyond = part != "camera"
     assert training.differs_beyond_camera(folder) == beyond
-    elsewhere.export_training(folder, CycleSettings(policy_minutes=3.0), away)
+    elsewhere.export_training(folder, CycleSettings(loop=ClosedLoop(robot="go1"), policy_minutes=3.0), away)
     script, driver = (away / "train.sh").read_text(), load(DeviceCollection, away / "collection.toml").policy
     assert driver == Path("policy/checkpoint.pt" if beyond else "policy.pt")
     assert ("saltus policy train" in script) == ("--minutes 3 " in script) == (away / "policy.toml").exists() == beyond
@@ -271,7 +272,7 @@ def test_without_a_gpu_the_policy_stays_and_this_is_said(
 
 def test_a_curve_is_told_only_where_it_was_hidden(tmp_path: Path) -> None:
     """The shipped profile has one, which is no number at each joint."""
-    folder, shipped = measuring.CycleFolder(tmp_path), load_profile("shipped", load_robot("go1"))
+    folder, shipped = measuring.CycleFolder(tmp_path, ROBOT), load_profile("shipped", load_robot("go1"))
     stronger = replace(shipped, actuator=tuple(e for e in shipped.actuator if e.name != "torque_saturation"))
     folder.found.mkdir()
     (folder.found / "patch.toml").write_text(Patch(effects=(), evidence=(), range=Applicability()).to_toml())

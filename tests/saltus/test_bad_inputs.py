@@ -441,11 +441,11 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (root / "table.csv").write_text("t,angle\n0.0,0.1\n0.1,spam\n")
     (root / "torque.toml").write_text('[columns]\nq = "angle"\ntorque = "load"\n')
     (root / "columns.toml").write_text('[columns]\ntime = "t"\nq = "angle"\njoints = ["FR_hip"]\n')
-    contents = {"junk": junk, "mistyped": b"sed = 3", "half": b"", "run": to_toml(RunConfig()).encode()}
+    contents = {"junk": junk, "mistyped": b"sed = 3", "half": b"", "run": to_toml(RunConfig(robot="go1")).encode()}
     for name, content in contents.items():
         (root / name).mkdir()
         (root / name / "run.toml").write_bytes(content)
-    put_run(root / "run", RunConfig())
+    put_run(root / "run", RunConfig(robot="go1"))
     for name, content in CAMERAS.items():
         (root / f"camera_{name}.toml").write_text(content)
     (root / "folder").mkdir()

@@ -140,7 +140,11 @@ def test_the_camera_process_takes_all_of_a_profile(camera: Literal["ideal", "d43
     path = tmp_path / "profile.toml"
     path.write_text(profile_to_toml(Profile(camera=effects)))
     config = RunConfig(
-        terrain=TerrainConfig(terrain="step", height_m=0.2), camera=camera, renderer="embree", profile=str(path)
+        robot="go1",
+        terrain=TerrainConfig(terrain="step", height_m=0.2),
+        camera=camera,
+        renderer="embree",
+        profile=str(path),
     )
     process = build(ProcessContext("render", config, put_run(tmp_path, config), MemoryBus("robot/0", MemoryHub())))
     frame = next(frame for k in range(20) if (frame := process.step(truth(k), 10_000_000 * k)) is not None)

@@ -24,7 +24,7 @@ from paper.runs import FIRST_SEED, Effort, Ran, Setting, ran
 from paper.stand_in import STAND_IN_SEED, stand_in
 from paper.training import ABLATIONS, FULL, IMITATION, PUBLISHED, config_of
 from saltus.cli.main import main
-from saltus.config import DEFAULT_ROBOT, TerrainConfig
+from saltus.config import TerrainConfig
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.errors import SaltusError
@@ -37,6 +37,7 @@ from saltus.provenance import commit
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.curriculum import make_terrain
 
 NOT_ON_GPU_MACHINES = ("open3d", "cv2", "pyrender", "zenoh", "rosbags", "mcap", "plotly", "matplotlib")
@@ -246,7 +247,7 @@ def test_what_is_not_made_says_so_in_a_line(row: Row, tmp_path: Path, capsys: py
 def test_an_ablation_differs_from_the_full_system_in_what_it_is_named_after(tmp_path: Path) -> None:
     configs = {name: config_of(name, 3, tmp_path) for name in ABLATIONS}
     full = asdict(configs[FULL])
-    assert configs[FULL] == replace(for_gpu(), seed=3)
+    assert configs[FULL] == replace(for_gpu("go1"), seed=3)
     found = {name: {d.name for d in differences(full, asdict(config))} for name, config in configs.items()}
     assert found == {
         FULL: set(),
@@ -266,7 +267,7 @@ def test_an_ablation_differs_from_the_full_system_in_what_it_is_named_after(tmp_
 
 
 def test_the_stand_in_lies_beyond_what_trainings_draw() -> None:
-    draws, shipped = for_gpu().env.randomisation, load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)).effects
+    draws, shipped = for_gpu("go1").env.randomisation, load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)).effects
     assert stand_in() == stand_in() != stand_in(STAND_IN_SEED + 1)
     for seed in (STAND_IN_SEED, *range(20)):
         effects = stand_in(seed).effects

@@ -13,7 +13,7 @@ from paper.imitation import ImitationNetwork, PassOn
 from paper.networks import NetworkEffort, for_imitation, train_network, write_imitator
 from paper.runs import Effort, Setting, ran
 from paper.training import FULL, NETWORKS
-from saltus.config import DEFAULT_ROBOT, TerrainConfig
+from saltus.config import TerrainConfig
 from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.shards import read_dataset, read_manifest
@@ -28,11 +28,12 @@ from saltus.policy.observation import observe
 from saltus.resources import resource
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.states import standing_state
 from saltus.terrain.curriculum import make_terrain
 
 TINY = NetworkEffort(
-    updates=1, batch=2, loop=DeviceLoop(robots=14, ticks=MIN_TICKS, terrains=("flat", "step"), plans=True)
+    updates=1, batch=2, loop=DeviceLoop(robot="go1", robots=14, ticks=MIN_TICKS, terrains=("flat", "step"), plans=True)
 )
 
 
@@ -92,7 +93,7 @@ def test_robots_run_with_what_was_trained(trained: Path) -> None:
 
 def test_an_imitator_that_is_told_what_to_plan_plans_as_the_policy_does(tmp_path: Path) -> None:
     """A network whose answer is always one plan, through the file, the place of heights, and the planner."""
-    robot, config = load_robot(DEFAULT_ROBOT), TrainConfig()
+    robot, config = load_robot(DEFAULT_ROBOT), TrainConfig(robot="go1")
     observation = observe(standing_state(robot), LegKinematics(robot))
     heights = np.full(len(HEIGHTMAP_X), -robot.stand_height)
     plan = config.env.bounds.denormalised(np.random.default_rng(0).uniform(-1.0, 1.0, len(ACTIONS)))

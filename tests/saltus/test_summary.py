@@ -61,7 +61,7 @@ def recorded(event: tuple[float, str, str]) -> RawSample:
 @pytest.mark.parametrize("turned", [False, True])
 def test_what_began_a_failure_comes_first_and_its_end_last(case: str, turned: bool, tmp_path: Path) -> None:
     events, explanation = CASES[case]
-    config = RunConfig()
+    config = RunConfig(robot="go1")
     with Recorder(tmp_path / "run.mcap", config, ROBOT, make_terrain(config.terrain), SHIPPED["ideal"]) as file:
         for event in reversed(events) if turned else events:  # messages may overtake each other
             file.write(recorded(event))
@@ -76,7 +76,7 @@ def test_what_began_a_failure_comes_first_and_its_end_last(case: str, turned: bo
 
 
 def test_a_report_shows_the_video_and_leads_to_the_recording(tmp_path: Path) -> None:
-    config, folder = RunConfig(), tmp_path / "a run"
+    config, folder = RunConfig(robot="go1"), tmp_path / "a run"
     folder.mkdir()
     with Recorder(folder / "run.mcap", config, ROBOT, make_terrain(config.terrain), SHIPPED["ideal"]) as file:
         file.write(recorded(FELL))
@@ -91,7 +91,7 @@ def test_a_report_shows_the_video_and_leads_to_the_recording(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("kind", ["flat", "stairs"])
 def test_times_are_said_to_run_from_where_they_run(kind: str, tmp_path: Path) -> None:
-    config = RunConfig(terrain=TerrainConfig(terrain=kind))
+    config = RunConfig(robot="go1", terrain=TerrainConfig(terrain=kind))
     terrain = make_terrain(config.terrain)
     with Recorder(tmp_path / "run.mcap", config, ROBOT, terrain, SHIPPED["ideal"]) as file:
         file.write(recorded(FELL))

@@ -23,7 +23,7 @@ from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 
 Path = tuple[str | int, ...]
-RUN = RunConfig(terrain=TerrainConfig(terrain="gap", gap_m=0.5), policy_model="a", heightmap_model="b")
+RUN = RunConfig(robot="go1", terrain=TerrainConfig(terrain="gap", gap_m=0.5), policy_model="a", heightmap_model="b")
 TABLES: dict[str, tuple[str, Callable[[str], Any]]] = {
     "run": (to_toml(RUN), partial(from_toml, RunConfig)),
     "profile": (profile_to_toml(EVERYTHING), profile_from_toml),
@@ -31,7 +31,7 @@ TABLES: dict[str, tuple[str, Callable[[str], Any]]] = {
     "terrain": (make_terrain(TerrainConfig(terrain="gap")).to_toml(), Terrain.from_toml),
     "grid": (HeightGrid(x=(-0.1, 0.1)).to_toml(), HeightGrid.from_toml),
     "robot": ((shipped_folder("go1") / SUPPLEMENT_FILE).read_text(), partial(from_toml, Supplement)),
-    "training of policies": (to_toml(for_gpu()), lambda text: changed(for_gpu(), read_toml(text))),
+    "training of policies": (to_toml(for_gpu("go1")), lambda text: changed(for_gpu("go1"), read_toml(text))),
     "training of heights": (to_toml(HeightmapTrainConfig()), partial(from_toml, HeightmapTrainConfig)),
 }
 FREE = {"terrain": {"params"}}

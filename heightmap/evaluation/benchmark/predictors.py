@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from saltus.config import DEFAULT_ROBOT
 from saltus.constants import POLICY_DT
 from saltus.depth import MODEL_CAMERA, depth_frame
 from saltus.depth_camera import load_camera
@@ -23,6 +22,7 @@ from saltus.heightmap.service.replay import Predictor, replay_predictor
 from saltus.heightmap.service.service import HeightmapService
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.states import RobotStates, state_message
 from saltus.wire.messages import ControllerMode, DepthFrame, Heightmap, HeightmapStatus, RobotState
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Singles
-from saltus.config import DEFAULT_ROBOT, PlannerName, TerrainConfig
+from saltus.config import PlannerName, TerrainConfig
 from saltus.depth import depth_in_millimetres
 from saltus.depth_camera import DepthCamera, load_camera
 from saltus.effects.camera import drawn_around
@@ -40,6 +40,7 @@ from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.states import RobotStates
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.stack import TerrainStack
