@@ -31,10 +31,10 @@ import numpy as np
 import zenoh
 
 from benchmarks._command import Command, progress, tell
+from benchmarks._kills import SILENT_S, end_of, stale_uses, wait_until_running
 from saltus.config import RunConfig, TerrainConfig
 from saltus.errors import StackError
 from saltus.recordings.recording import Recording, read_recording
-from saltus.runtime.faults import SILENT_S, end_of, stale_uses, wait_until_running
 from saltus.runtime.run_folder import CLIENT_FILE
 from saltus.runtime.stack import Stack
 from saltus.wire.keys import create, network_of

@@ -31,6 +31,7 @@ from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from benchmarks._command import Command, progress, tell
+from benchmarks._kills import is_upright, witness
 from benchmarks._measuring import SIGNALS, hear_signals
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth_camera import load_camera
@@ -42,7 +43,6 @@ from saltus.recordings.recorder import FLUSH_S, RECORDING_FILE, SYNC_S
 from saltus.recordings.recording import read_recording
 from saltus.recordings.repair import repair
 from saltus.robots.loading import load_robot
-from saltus.runtime.faults import is_upright, witness
 from saltus.runtime.programs import PROGRAMS
 from saltus.runtime.run_folder import write_run
 from saltus.runtime.stack import Stack

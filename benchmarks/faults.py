@@ -18,9 +18,9 @@ from typing import Any, Literal
 import numpy as np
 
 from benchmarks._command import Command, progress, tell
+from benchmarks._kills import PRODUCT, judge, kill_during_run
 from saltus.config import RunConfig, TerrainConfig
 from saltus.recordings.recorder import RECORDING_FILE
-from saltus.runtime.faults import PRODUCT, judge, kill_during_run
 from saltus.runtime.programs import PROGRAMS, WITH_STANDBYS
 
 COURSE_S = 20.0  # the time limit of a trial

@@ -26,12 +26,12 @@ from typing import Any, Literal
 import numpy as np
 
 from benchmarks._command import Command, progress
+from benchmarks._kills import PRODUCT
 from benchmarks._measuring import Use, percentiles, use_of
 from benchmarks.transport import Scenes, served
 from saltus.clock import RunClock
 from saltus.config import RunConfig, TerrainConfig
 from saltus.errors import StackError
-from saltus.runtime.faults import PRODUCT
 from saltus.runtime.stack import HUNG_S, POLL_S, Stack
 from saltus.runtime.ticker import Ticker
 from saltus.wire.bus import Sample

@@ -1,8 +1,8 @@
 """A predictor of heights that needs no Saltus: reads the inputs of the benchmark, writes a file that can be scored.
 
-    saltus heightmap benchmark make
+    saltus bench depth_to_heights make
     python examples/own_predictor.py runs/depth_to_heights/inputs.parquet mine.parquet
-    saltus heightmap benchmark score mine.parquet
+    saltus bench depth_to_heights score mine.parquet
 
 It takes all ground to be as high as the feet that stand. Yours may look at the images (`observation.depth`) and keep a
 memory within a run; docs/benchmark.md says what the columns hold. Needs numpy and pyarrow.

@@ -54,6 +54,6 @@ def way_warning(figures: dict[str, float]) -> str:
     return (
         f"these errors say little: {moved:.0f} % of the robots met an edge, or went "
         f"{FIRST_EDGE_X:g} m on flat ground, where {least:.0f} % are needed. The others fell or "
-        "stood on level ground, which is easy to predict; compare saltus heightmap benchmark "
+        "stood on level ground, which is easy to predict; compare saltus bench depth_to_heights "
         "score, whose robots go by true heights"
     )

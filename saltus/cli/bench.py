@@ -60,5 +60,5 @@ class Bench:
         if benchmark.json:
             print_json(figures)
         else:
-            print_figures(figures)
+            getattr(benchmark, "show", print_figures)(figures)
         return 0

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from saltus.cli.heightmap_benchmark import Benchmark
 from saltus.cli.heightmap_check import Check
 from saltus.cli.heightmap_data import Collect, Dagger, Dataset
 from saltus.cli.heightmap_eval import Eval
@@ -140,9 +139,9 @@ class Give:
 
 @dataclass(frozen=True, kw_only=True)
 class Heightmap(Group):
-    """The heightmap: serve, check, give, collect, dagger, dataset, train, export, eval, benchmark, report.
+    """The heightmap: serve, check, give, collect, dagger, dataset, train, export, eval, report.
 
     A --model is an ONNX file, a --checkpoint the file of a training (.pt), from which `export` makes a model.
     """
 
-    command: Subcommands[Serve | Check | Give | Collect | Dagger | Dataset | Train | Export | Eval | Benchmark | Report]
+    command: Subcommands[Serve | Check | Give | Collect | Dagger | Dataset | Train | Export | Eval | Report]

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from benchmarks import faults
+from benchmarks._kills import FaultResult
 from saltus.recordings.recorder import RECORDING_FILE
-from saltus.runtime.faults import FaultResult
 
 
 def test_recordings_stay_of_runs_that_used_something_too_old(

@@ -10,9 +10,9 @@ from pathlib import Path
 import psutil
 import pytest
 
+from benchmarks._kills import is_upright, witness
 from saltus.recordings.recording import Recording, read_recording
 from saltus.recordings.repair import repair
-from saltus.runtime.faults import is_upright, witness
 from saltus.wire.messages import ControllerMode, RobotState
 
 AFTER_S = 0.8

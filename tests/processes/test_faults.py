@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks._kills import PRODUCT, decided_ns, heard_alone_ns, judge, kill_during_run, last_before, late_uses
 from saltus.config import RunConfig, TerrainConfig
 from saltus.constants import POLICY_DT
 from saltus.controller.watchdog import WatchdogConfig
 from saltus.errors import StackError
 from saltus.heightmap.service.service import LOSS_MARGIN_S
 from saltus.recordings.recording import Recording, read_recording
-from saltus.runtime.faults import PRODUCT, decided_ns, heard_alone_ns, judge, kill_during_run, last_before, late_uses
 from saltus.runtime.programs import WITH_STANDBYS
 from saltus.wire.codec import Envelope
 from saltus.wire.topics import MAX_EXTRA_AGE_S

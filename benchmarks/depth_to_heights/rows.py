@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.depth_to_heights.split import Truth
 from saltus.arrays import Floats
-from saltus.heightmap.evaluation.benchmark.split import Truth
 from saltus.heightmap.evaluation.held_out import Prediction
 from saltus.heightmap.evaluation.scores import FIGURES, mean_of, totals
 from saltus.policy.evaluation.rollout import STAND_STEPS

@@ -15,11 +15,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from saltus.cli.main import main
-from saltus.heightmap.data import closed_loop
-from saltus.heightmap.evaluation import held_out
-from saltus.heightmap.evaluation.benchmark import split as splits
-from saltus.heightmap.evaluation.benchmark.files import (
+from benchmarks.depth_to_heights import split as splits
+from benchmarks.depth_to_heights.files import (
     HALF_WIDTH,
     HEIGHT,
     INPUTS,
@@ -33,9 +30,9 @@ from saltus.heightmap.evaluation.benchmark.files import (
     write_predictions,
     write_split,
 )
-from saltus.heightmap.evaluation.benchmark.predictors import BASELINES, predict
-from saltus.heightmap.evaluation.benchmark.rows import Row, row
-from saltus.heightmap.evaluation.benchmark.split import (
+from benchmarks.depth_to_heights.predictors import BASELINES, predict
+from benchmarks.depth_to_heights.rows import Row, row
+from benchmarks.depth_to_heights.split import (
     OBSERVED,
     RUNS,
     Inputs,
@@ -46,10 +43,14 @@ from saltus.heightmap.evaluation.benchmark.split import (
     plans,
     truth_digest,
 )
+from saltus.cli.main import main
+from saltus.heightmap.data import closed_loop
+from saltus.heightmap.evaluation import held_out
 from saltus.heightmap.evaluation.held_out import HeldOutRuns, Prediction
 from saltus.heightmap.evaluation.visibility import VIEWS
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.settings import ClosedLoop
+from saltus.models import model_path
 from saltus.policy.evaluation.rollout import STAND_STEPS
 from saltus.robots.loading import load_robot
 from saltus.terrain.curriculum import FAMILIES
@@ -96,7 +97,7 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("short") / "split"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(splits, "TIME_LIMIT_S", SHORT_S)
-        assert main(["heightmap", "benchmark", "make", "--runs", "1", "--out", str(path), "--processes", "1"]) == 0
+        assert main(["bench", "depth_to_heights", "make", "--runs", "1", "--out", str(path), "--processes", "1"]) == 0
     return path
 
 
@@ -167,10 +168,12 @@ def test_a_file_scores_what_its_rows_say_in_any_order(folder: Path, tmp_path: Pa
     order = np.random.default_rng(0).permutation(table.num_rows)
     pq.write_table(table.take(order), tmp_path / "mixed.parquet")
     files = [str(tmp_path / name) for name in ("mine.parquet", "mixed.parquet")]
-    assert main(["heightmap", "benchmark", "score", *files, "--split", str(folder), "--json"]) == 0
+    assert main(["bench", "depth_to_heights", "score", *files, "--split", str(folder), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert main(["bench", "depth_to_heights", "score", *files, "--split", str(folder)]) == 0
     out = capsys.readouterr().out
-    assert f"only {len(LENGTHS)} of {RUNS} runs" in out
-    found = json.loads(out.splitlines()[-1])
+    assert f"{len(LENGTHS)} runs of {RUNS}: no rows of the table" in out
+    assert f"{files[0]}  5.00 +-0.00" in re.sub(r" {2,}", "  ", out)
     assert found["split"]["whole"] is False
     assert found["split"]["truth"] == truth_digest(TRUTHS)
     mine, mixed = (found["rows"][name] for name in files)
@@ -233,7 +236,7 @@ def test_what_cannot_be_scored_is_refused_by_one_line(name: str, folder: Path, t
     write_predictions(path, said())
     damage, told = DAMAGES[name]
     pq.write_table(damage(pq.read_table(path)), path)
-    assert main(["heightmap", "benchmark", "score", str(path), "--split", str(folder)]) == 2
+    assert main(["bench", "depth_to_heights", "score", str(path), "--split", str(folder)]) == 2
     printed = capsys.readouterr()
     assert re.fullmatch(f"saltus: [^\n]*{re.escape(str(path))}[^\n]*{re.escape(told)}[^\n]*\n", printed.err), (
         printed.err
@@ -245,7 +248,7 @@ def test_what_cannot_be_scored_is_refused_by_one_line(name: str, folder: Path, t
 def test_no_parquet_is_refused_by_one_line(content: bytes, folder: Path, tmp_path: Path, capsys: Any) -> None:
     path = tmp_path / "mine.parquet"
     path.write_bytes(content)
-    assert main(["heightmap", "benchmark", "score", str(path), "--split", str(folder)]) == 2
+    assert main(["bench", "depth_to_heights", "score", str(path), "--split", str(folder)]) == 2
     assert re.fullmatch(r"saltus: cannot read [^\n]*mine.parquet: [^\n]*\n", capsys.readouterr().err)
 
 
@@ -262,7 +265,7 @@ def test_a_split_that_was_changed_is_refused(name: str, folder: Path, tmp_path: 
         (copy / name).write_bytes((tmp_path / "other" / name).read_bytes())
     else:
         (copy / name).write_bytes((copy / name).read_bytes()[:-3])
-    assert main(["heightmap", "benchmark", "score", "--split", str(copy)]) == 2
+    assert main(["bench", "depth_to_heights", "score", "--split", str(copy)]) == 2
     assert re.fullmatch(r"saltus: [^\n]*make[^\n]*\n", capsys.readouterr().err)
 
 
@@ -281,7 +284,7 @@ def test_inputs_say_nothing_of_the_truth(folder: Path, tmp_path: Path) -> None:
 
 def test_what_is_read_is_what_was_written(folder: Path) -> None:
     split = read_split(folder)
-    assert (split.runs, split.whole) == (len(SYNTHETIC), False)
+    assert (split.runs, split.table["whole"]) == (len(SYNTHETIC), False)
     for number, (run, truth) in enumerate(zip(SYNTHETIC, read_truth(split), strict=True)):
         assert truth.terrain == run.truth.terrain
         np.testing.assert_array_equal(truth.height, run.truth.height)
@@ -312,9 +315,7 @@ def seeds_of(module: Any, begin: Callable[[], object], monkeypatch: pytest.Monke
     return set(seen)
 
 
-def test_no_training_and_no_other_evaluation_draws_these_trials(
-    monkeypatch: pytest.MonkeyPatch, model_path: Path
-) -> None:
+def test_no_training_and_no_other_evaluation_draws_these_trials(monkeypatch: pytest.MonkeyPatch) -> None:
     own = {plan.seed for plan in plans()}
     assert len(own) == RUNS
     loop = ClosedLoop(robot="go1", robots=4, courses=1)
@@ -323,7 +324,7 @@ def test_no_training_and_no_other_evaluation_draws_these_trials(
         assert min(seeds_of(closed_loop, begin, monkeypatch)) > max(own)
     for seed in (0, 7, held_out.LAST_SEED):
         for batch in ((0, held_out.ROBOTS), (10**6 // held_out.ROBOTS, held_out.ROBOTS)):
-            begin = partial(HeldOutRuns(robot="go1", runs=10**6, seed=seed).measure, model_path, batch)
+            begin = partial(HeldOutRuns(robot="go1", runs=10**6, seed=seed).measure, model_path("heightmap"), batch)
             assert max(seeds_of(held_out, begin, monkeypatch)) < min(own)
 
 
@@ -363,7 +364,7 @@ def test_a_run_is_made_of_its_plan_alone(short: Path, monkeypatch: pytest.Monkey
 
 
 def test_all_baselines_predict_from_the_inputs(short: Path, capsys: Any) -> None:
-    assert main(["heightmap", "benchmark", "score", "--split", str(short), "--processes", "1", "--json"]) == 0
+    assert main(["bench", "depth_to_heights", "score", "--split", str(short), "--processes", "1", "--json"]) == 0
     found = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert list(found["rows"]) == [*BASELINES, "network"]
     assert all(figures["mae_m"] < 0.03 for figures in found["rows"].values())  # of a robot on flat ground
@@ -386,7 +387,7 @@ def test_the_example_scores_as_flat_ground(short: Path, tmp_path: Path, capsys: 
     out = tmp_path / "mine.parquet"
     example = PROJECT / "examples" / "own_predictor.py"
     subprocess.run([sys.executable, "-I", example, short / INPUTS, out], check=True, timeout=60)
-    words = ["heightmap", "benchmark", "score", str(out), "--baselines", "flat", "--split", str(short), "--json"]
+    words = ["bench", "depth_to_heights", "score", str(out), "--baselines", "flat", "--split", str(short), "--json"]
     assert main([*words, "--processes", "1"]) == 0
     rows = json.loads(capsys.readouterr().out.splitlines()[-1])["rows"]
     assert rows[str(out)]["mae_m"] == pytest.approx(rows["flat"]["mae_m"], abs=1e-6)
@@ -394,6 +395,6 @@ def test_the_example_scores_as_flat_ground(short: Path, tmp_path: Path, capsys: 
 
 def test_it_needs_no_package_that_only_training_needs() -> None:
     blocked = "import sys; sys.modules.update(dict.fromkeys(('h5py', 'torch', 'kornia', 'warp', 'mujoco_warp')));"
-    modules = ("benchmark.predictors", "benchmark.rows", "held_out", "scores")
-    imports = "".join(f"import saltus.heightmap.evaluation.{module};" for module in modules)
+    modules = ("benchmarks.depth_to_heights.command", "saltus.heightmap.evaluation.held_out")
+    imports = "".join(f"import {module};" for module in modules)
     subprocess.run([sys.executable, "-c", blocked + imports], check=True, timeout=60)

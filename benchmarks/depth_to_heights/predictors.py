@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.depth_to_heights.files import Split, read_inputs
+from benchmarks.depth_to_heights.split import CAMERA, Inputs
 from saltus.constants import POLICY_DT
 from saltus.depth import MODEL_CAMERA, depth_frame
 from saltus.depth_camera import load_camera
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.evaluation.benchmark.files import Split, read_inputs
-from saltus.heightmap.evaluation.benchmark.split import CAMERA, Inputs
 from saltus.heightmap.evaluation.comparison import BASELINES as GEOMETRIC
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.evaluation.held_out import Prediction, step_ns

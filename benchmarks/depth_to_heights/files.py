@@ -12,12 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from saltus.arrays import Floats
-from saltus.errors import SaltusError
-from saltus.folders import ask_for_room, whole_folder
-from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.data.columns import COLUMNS, nested
-from saltus.heightmap.evaluation.benchmark.split import (
+from benchmarks.depth_to_heights.split import (
     OBSERVED,
     RUNS,
     VERSION,
@@ -28,6 +23,11 @@ from saltus.heightmap.evaluation.benchmark.split import (
     definition,
     truth_digest,
 )
+from saltus.arrays import Floats
+from saltus.errors import SaltusError
+from saltus.folders import ask_for_room, whole_folder
+from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.data.columns import COLUMNS, nested
 from saltus.heightmap.evaluation.held_out import Prediction
 from saltus.provenance import commit
 
@@ -54,18 +54,18 @@ class Split:
     version: int
     runs: int
     definition: str
-    """See `saltus.heightmap.evaluation.benchmark.split.definition`."""
+    """See `benchmarks.depth_to_heights.split.definition`."""
     truth: str
-    """See `saltus.heightmap.evaluation.benchmark.split.truth_digest`."""
+    """See `benchmarks.depth_to_heights.split.truth_digest`."""
     inputs: str
     """sha256 of the file of inputs."""
     commit: str
     """Of the code that made it."""
 
     @property
-    def whole(self) -> bool:
-        """Whether rows of the table may be of it."""
-        return self.runs == RUNS
+    def table(self) -> dict[str, Any]:
+        """All but the folder as plain values; `whole` says that rows of the table may be of it."""
+        return {name: value for name, value in vars(self).items() if name != "folder"} | {"whole": self.runs == RUNS}
 
 
 def write_split(
@@ -117,7 +117,7 @@ def read_split(folder: Path) -> Split:
         split = Split(folder=folder, **json.loads((folder / SPLIT).read_text(encoding="utf-8")))
         inputs = _sha256(folder / INPUTS)
     except (OSError, ValueError, TypeError) as error:
-        raise BenchmarkError(f"{folder} holds no split: saltus heightmap benchmark make --out {folder}") from error
+        raise BenchmarkError(f"{folder} holds no split: saltus bench depth_to_heights make --out {folder}") from error
     if split.version != VERSION:
         raise BenchmarkError(f"{folder} is a split of version {split.version}, not {VERSION}: make it anew")
     if split.inputs != inputs:
