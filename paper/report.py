@@ -1,7 +1,5 @@
 """One page about the paper: what it shows, in words of our own, ours drawn, and numbers side by side."""
 
-import base64
-import html
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,43 +8,29 @@ from paper.ablations import ROUNDS_ROW, SIMULATION, STAND_IN
 from paper.making import number_at
 from paper.rows import ABLATION, ROWS, Row
 from saltus.policy.evaluation.evaluate import success_interval
-from saltus.recordings.page import page, table, write_page
+from saltus.reports.page import render, write_page
 
-STYLE = "img { max-width: 100%; } summary { cursor: pointer; color: #555; } .why { max-width: 60em; }"
 PLACES = (SIMULATION, STAND_IN)
-HEAD = ("what", "the paper", "measured on", "Saltus", "measured in")
-INTRODUCTION = (
-    "The paper's numbers are those of the machine that its column names, mostly a real robot. <b>All of Saltus's are "
-    "simulation</b>: MuJoCo, the shipped policy and predictor, in the ablations what was trained for them, late images "
-    "of a D435i with its errors. Start, friction, payload, strength of the motors and delays are drawn for each trial. "
-    "They stand beside each other and are no comparison of like with like. The paper ran its ablations on a robot, "
-    "too. Here another simulated robot takes its place, the <b>stand-in</b>: it has ten effects, such as weak drives, "
-    "friction in the joints, soft feet and later images, each beyond what the trainings draw."
-)
-WORTH = (
-    "Successes on 14 stairs of 0.20 m. Each system lacks one part of that which it is held against, no-sysid two; "
-    "imitation has plans from images in the place of heights and policy. Systems above round 3 see with the shipped "
-    "predictor; round 3 and those below with what was trained for these rows on the same data: no-latency, no-sysid "
-    "and imitation with as many updates as the three rounds together. Differences are of the shares of successes, in "
-    "simulation and on the stand-in, in percentage points."
-)
 
 
 def write_report(results: Mapping[str, dict[str, Any]], folder: Path) -> Path:
     """Writes FOLDER/report.html of rows that `paper.making` made there, by name; returns its path."""
-    body = [
-        "<h1>Agile Continuous Jumping in Discontinuous Terrains, made again</h1>",
-        f"<p>{INTRODUCTION}</p>",
-        *_worth(results),
-        f"<p>{len(results)} of {len(ROWS)} rows are made; what is not made says what it needs.</p>",
-        *(_row(row, results.get(row.name), folder) for row in ROWS),
-    ]
     path = folder / "report.html"
-    write_page(path, page("Saltus: the paper made again", "\n".join(body), STYLE))
+    text = render(
+        __file__,
+        rows=ROWS,
+        results=results,
+        folder=folder,
+        worth=_worth(results),
+        side_by_side=_side_by_side,
+        flat=_flat,
+        provenance=_provenance,
+    )
+    write_page(path, text)
     return path
 
 
-def _worth(results: Mapping[str, dict[str, Any]]) -> list[str]:
+def _worth(results: Mapping[str, dict[str, Any]]) -> list[tuple[str, ...]]:
     """What each part of the system is worth, of all that stands in rows of ablations."""
     systems: dict[str, Any] = {}
     against: dict[str, str] = {}
@@ -59,7 +43,7 @@ def _worth(results: Mapping[str, dict[str, Any]]) -> list[str]:
         elif row.name == ROUNDS_ROW:
             *earlier, last = numbers
             against |= dict.fromkeys(earlier, last)
-    rows = [
+    return [
         (
             name,
             against.get(name, "-"),
@@ -68,8 +52,6 @@ def _worth(results: Mapping[str, dict[str, Any]]) -> list[str]:
         )
         for name, places in systems.items()
     ]
-    head = ("system", "held against", "in simulation", "on the stand-in", "difference")
-    return ["<h2>What each part is worth</h2>", f"<p>{WORTH}</p>", table(head, rows, "text")] if rows else []
 
 
 def _difference(places: Mapping[str, Any], others: Mapping[str, Any]) -> str:
@@ -87,29 +69,6 @@ def _successes(figures: Mapping[str, Any]) -> str:
     count = figures["trials"] * len(figures["success"])
     each = f"; seeds {_text(figures['success'])}" if len(figures["success"]) > 1 else ""
     return f"{sum(figures['success'])} of {count} ({low:.0f} to {high:.0f} %){each}"
-
-
-def _row(row: Row, result: dict[str, Any] | None, folder: Path) -> str:
-    parts = [
-        f"<h2 id={row.name}>{row.where}: {row.name}</h2>",
-        f"<p><b>The paper:</b> {html.escape(row.shows)}</p>",
-    ]
-    if row.numbers:
-        parts.append(table(HEAD, _side_by_side(row, result), "text"))
-    if result is None:
-        return "\n".join([*parts, f"<p class=bad>Not made ({row.needs}): {html.escape(row.missing)}</p>"])
-    if row.differs:
-        parts.append(f"<p class=why><b>Where ours differs:</b> {html.escape(row.differs)}</p>")
-    picture = base64.b64encode((folder / f"{row.name}.png").read_bytes()).decode()
-    shown = table(("number", "Saltus, simulation"), _flat(result["numbers"]), "text")
-    return "\n".join(
-        [
-            *parts,
-            f'<img src="data:image/png;base64,{picture}" alt="{row.name}, simulated">',
-            f"<details><summary>all numbers of ours</summary>{shown}</details>",
-            f"<p class=note>{html.escape(_provenance(row, result))}</p>",
-        ]
-    )
 
 
 def _side_by_side(row: Row, result: dict[str, Any] | None) -> list[tuple[str, ...]]:

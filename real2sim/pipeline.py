@@ -282,7 +282,7 @@ def _write(texts: Mapping[str, str | None], out: Path) -> None:
         for name, text in texts.items():
             parts[name].write_text(text or "", encoding="utf-8")
         if texts.get("report.html"):
-            from saltus.recordings.page import bring_plotly
+            from saltus.reports.page import bring_plotly
 
             bring_plotly(out, texts["report.html"] or "")
         for name, text in texts.items():

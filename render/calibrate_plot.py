@@ -6,15 +6,12 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
-from saltus.recordings.page import figure_html, page, table, write_page
 from saltus.render.calibrate import Calibration
+from saltus.reports.figures import laid_out
+from saltus.reports.page import render, write_page
 
 SHOWN = 4000  # points: more would hide each other
 CLAIMED, FOUND = "#d1495b", "#1f5fa8"
-NOTE = (
-    "Each point is a pixel: how far ahead of the trunk, and how high over the ground on which the feet stand. With the "
-    "right place they lie on the line; stereo matching spreads them more the farther they are."
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,15 +50,9 @@ def write_calibration_plot(found: Calibration, path: Path) -> Path:
             marker={"color": colour, "size": 3},
         )  # fmt: skip
     figure.add_hline(y=0.0, line={"color": "#444", "width": 1})
-    figure.update_xaxes(title="ahead of the trunk's centre [m]")
-    figure.update_yaxes(title="over the ground [cm]", range=[-30, 30])
-    figure.update_layout(height=460, width=1000, margin={"l": 60, "r": 20, "t": 30, "b": 50})
-    head = ("", "unit", "claimed", "found", "+- (90 %)")
-    cells = (
-        (row.name, row.unit, f"{row.claimed:.3f}", f"{row.found:.3f}", f"{row.half_width_90:.3f}")
-        for row in rows_of(found)
-    )
-    shares = f"{100 * found.on_ground:.0f} % of the points of {found.frames} images lie on the ground."
-    body = f"<h1>Where the camera sits</h1><p>{shares} {NOTE}</p>{figure_html(figure)}{table(head, cells)}"
-    write_page(path, page("Where the camera sits", body))
+    figure.update_yaxes(range=[-30, 30])
+    margin = {"l": 60, "r": 20, "t": 30, "b": 50}
+    x, y = "ahead of the trunk's centre [m]", "over the ground [cm]"
+    laid_out(figure, 460, x=x, y=y, width=1000, margin=margin)
+    write_page(path, render(__file__, found=found, points=figure, rows=rows_of(found)))
     return path

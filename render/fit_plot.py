@@ -1,17 +1,15 @@
 """Measured against model: what a recording shows of a stereo camera, and what the fitted model says of it."""
 
 import math
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from saltus.recordings.page import figure_html, page, table, write_page
 from saltus.render.fit import FitResult
-from saltus.render.stereo.estimate import Estimate
 from saltus.render.stereo.fit_baseline import edge_shadows, left_bands
+from saltus.reports.page import render, write_page
 from saltus.wire.messages import Floats
 
 Curve = tuple[Floats, Floats]
@@ -38,7 +36,7 @@ def write_fit_plot(result: FitResult, path: Path) -> Path:
     _edges(figure, result)
     figure.update_layout(height=1080, width=1100, showlegend=False, margin={"l": 60, "r": 20, "t": 100, "b": 50})
     figure.update_layout(title=f"{result.scene.frames} frames at rest: measured (dots) and fitted model (lines)")
-    write_page(path, page("Stereo camera fit", figure_html(figure) + _table(result)))
+    write_page(path, render(__file__, plots=figure, found=vars(result.parameters)))
     return path
 
 
@@ -122,12 +120,3 @@ def _edges(figure: go.Figure, result: FitResult) -> None:
         _add(figure, 2, 2, (edges.distance_px, edges.invalid), (edges.distance_px.astype(float), model))
     else:
         figure.add_annotation(text="no clean right edge in view", showarrow=False, x=0.5, y=0.5, row=2, col=2)
-
-
-def _table(result: FitResult) -> str:
-    rows = []
-    for f in fields(result.parameters):
-        estimate: Estimate = getattr(result.parameters, f.name)
-        value = "untestable" if estimate.value is None else f"{estimate.value:.4g} ± {estimate.error:.2g}"
-        rows.append((f.name, value, estimate.note))
-    return table(("parameter", "value", "remark"), rows, "text")

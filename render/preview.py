@@ -1,11 +1,10 @@
 """What the camera sees along a terrain, effect by effect, as one HTML file that opens without a network."""
 
-import base64
-import html
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -16,13 +15,13 @@ from saltus.depth import RANGE_M, depth_frame, depth_in_millimetres, model_image
 from saltus.depth_camera import DepthCamera
 from saltus.errors import SaltusError
 from saltus.grid import LINE
-from saltus.recordings.page import figure_html, page, write_page
-from saltus.recordings.report import BLUE, add_ground
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
+from saltus.reports.figures import BLUE, ground_figure, laid_out
+from saltus.reports.page import data_url, render, write_page
 from saltus.robots.robot import Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.sim.video import render_run
@@ -38,13 +37,16 @@ NOTHING_COLOUR, INVALID_COLOUR = (110, 110, 110), (0, 0, 0)
 CLOUD_POINTS = 12_000  # every third pixel of a D435i, along both axes; the page stays below 1 MB
 ROBOT_SIZE, ROBOT_QUALITY = (320, 240), (cv2.IMWRITE_WEBP_QUALITY, 85)
 LOSSLESS = (cv2.IMWRITE_WEBP_QUALITY, 101)  # above 100, as OpenCV says it; half the size of a PNG
-STYLE = """
-body { max-width: 1340px; } p { color: #555; margin: 0.2em 0; }
-.row { display: flex; flex-wrap: wrap; gap: 16px; } figure { margin: 0.5em 0; max-width: 424px; }
-figure.narrow { max-width: 150px; } img { image-rendering: pixelated; height: 240px; display: block; }
-figcaption { font-size: 0.85em; min-height: 3em; } .scale { width: 424px; height: 14px; }
-.marks { width: 424px; display: flex; justify-content: space-between; }
-"""
+
+
+class Picture(NamedTuple):
+    """A picture with its caption."""
+
+    title: str
+    text: str
+    source: str
+    """A data URL."""
+    is_narrow: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,21 +73,16 @@ class Scale:
         colours[depth <= 0.0] = INVALID_COLOUR
         return colours.astype(np.uint8)
 
-    def figure(self, title: str, text: str, depth: Depth) -> str:
-        """A picture with its caption, embedded."""
-        shape = ' class="narrow"' if depth.shape[1] < depth.shape[0] else ""
-        return _figure(title, text, self.coloured(depth), LOSSLESS, shape)
+    def picture(self, title: str, text: str, depth: Depth) -> Picture:
+        """Depth in colours, with its caption."""
+        return Picture(title, text, _source(self.coloured(depth), LOSSLESS), depth.shape[1] < depth.shape[0])
 
-    def legend(self) -> str:
-        """What the colours mean."""
+    def legend(self) -> list[tuple[float, tuple[int, int, int]]]:
+        """Depths [m] from the nearest to the farthest, and their colours (red, green, blue)."""
         depths = np.geomspace(self.near, self.far, 16)
-        colours = ", ".join(f"rgb({r},{g},{b})" for b, g, r in self.coloured(depths[None])[0].tolist())
-        marks = "".join(f"<span>{depth:.2g} m</span>" for depth in depths[::5])
-        return (
-            "<p>Grey: nothing within range. Black: invalid.</p>"
-            f'<div class="scale" style="background: linear-gradient(to right, {colours})"></div>'
-            f'<div class="marks">{marks}</div>'
-        )
+        return [
+            (float(d), (r, g, b)) for d, (b, g, r) in zip(depths, self.coloured(depths[None])[0].tolist(), strict=True)
+        ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,45 +135,35 @@ def write_preview(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Pat
     depth, hidden = wide.render_pair_batch(*robots)
     narrow = EmbreeRenderer(terrain, RobotCamera.on(robot)).render_batch(*robots)
     scale = Scale.of([*depth, *narrow])
-    true, size = depth[EFFECTS_VIEW], f"{sensor.width} x {sensor.height}"
-    place = html.escape(f"{terrain.kind.replace('_', ' ')}: {camera.name}")
+    true = depth[EFFECTS_VIEW]
     stages = list(effect_stages(true, hidden[EFFECTS_VIEW], camera))
     reported = camera.in_range(stages[-1][2] if stages else true)
-    effects = _row(scale.figure(title, text, image) for title, text, image in stages) or "<p>It has none.</p>"
-    cloud = cloud_figure(wide, camera, robots, true, reported)
-    body = "".join(
-        [
-            f"<h1>What the camera sees on {place}</h1>",
-            "<h2>The course from the side, along its middle</h2>",
-            figure_html(course_figure(terrain)),
-            "<h2>Where it looks from</h2>",
-            _row(_robots(robot, terrain, shown, robots)),
-            scale.legend(),
-            f"<h2>True depth, {size} and 16 x 48 pixels</h2>",
-            _row(f for i, view in enumerate(shown) for f in _clean(view, scale, depth[i], narrow[i])),
-            f"<h2>{shown[EFFECTS_VIEW].title.capitalize()}: the effects of the camera, switched on in turn</h2>",
-            effects,
-            "<h2>What the model gets: cut and pooled to 16 x 48</h2>",
-            _row(_model_figures(scale, camera, true, reported)),
-            "<h2>Point cloud: true and as reported</h2>",
-            cloud.to_html(full_html=False, include_plotlyjs=False),
-        ]
+    robots_seen, trouble = _robots(robot, terrain, shown, robots)
+    text = render(
+        __file__,
+        place=f"{terrain.kind.replace('_', ' ')}: {camera.name}",
+        course=course_figure(terrain),
+        robots=robots_seen,
+        trouble=trouble,
+        legend=scale.legend(),
+        size=f"{sensor.width} x {sensor.height}",
+        clean=[picture for i, view in enumerate(shown) for picture in _clean(view, scale, depth[i], narrow[i])],
+        effects_view=shown[EFFECTS_VIEW].title,
+        effects=[scale.picture(*stage) for stage in stages],
+        for_model=_for_model(scale, camera, true, reported),
+        cloud=cloud_figure(wide, camera, robots, true, reported),
     )
-    write_page(path, page("Saltus camera", body, STYLE))
+    write_page(path, text)
     return path
 
 
 def course_figure(terrain: Terrain) -> go.Figure:
     """The ground from the first box to the end of the last, with start and finish."""
     center, reach = terrain.box_center[:, 0], terrain.arrays.extent[:, 0]
-    figure = go.Figure()
-    add_ground(figure, terrain, (center - reach).min(), (center + reach).max())
+    figure = ground_figure(terrain, (center - reach).min(), (center + reach).max())
     for name, x in (("start", terrain.start_x), ("finish", terrain.finish_x)):
         figure.add_vline(x=x, line={"color": BLUE, "width": 2}, opacity=1.0, annotation_text=name)
-    figure.update_xaxes(title="x [m]")
-    figure.update_yaxes(title="z [m]", scaleanchor="x", scaleratio=1)
-    figure.update_layout(height=330)
-    return figure
+    return laid_out(figure, 330, x="x [m]", y="z [m]")
 
 
 def poses(terrain: Terrain, shown: Sequence[View]) -> Poses:
@@ -234,43 +221,33 @@ def cloud_figure(wide: StereoEmbree, camera: DepthCamera, robots: Poses, true: D
     return figure
 
 
-def _robots(robot: Robot, terrain: Terrain, shown: Sequence[View], robots: Poses) -> Iterator[str]:
-    """The robot in each pose, seen from aside; a sentence where there is no way to draw."""
+def _robots(robot: Robot, terrain: Terrain, shown: Sequence[View], robots: Poses) -> tuple[list[Picture], str]:
+    """The robot in each pose, seen from aside; or why there is no way to draw it."""
     position, quaternion, joints = robots
     pose, none = np.concatenate([position, quaternion], axis=-1), np.full((len(shown), LINE.size), np.nan)
     time_s = np.arange(float(len(shown)))  # one a second, so that each is a picture of its own
     try:
         frames = list(render_run(robot, terrain, time_s, pose, joints, LINE, none, size=ROBOT_SIZE, fps=1))
     except SaltusError as error:
-        yield f"<p>No pictures: {html.escape(str(error))}</p>"
-        return
-    for view, frame in zip(shown, frames, strict=True):
-        yield _figure(view.title, "", cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), ROBOT_QUALITY)
+        return [], str(error)
+    sources = [_source(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), ROBOT_QUALITY) for frame in frames]
+    return [Picture(view.title, "", source) for view, source in zip(shown, sources, strict=True)], ""
 
 
-def _figure(title: str, text: str, picture: NDArray[np.uint8], quality: tuple[int, int], attribute: str = "") -> str:
-    """A picture (BGR) with its caption, embedded."""
-    data = base64.b64encode(cv2.imencode(".webp", picture, quality)[1].tobytes()).decode()
-    source = f'<img alt="{html.escape(title)}" src="data:image/webp;base64,{data}">'
-    return (
-        f"<figure{attribute}>{source}<figcaption><b>{html.escape(title)}</b> {html.escape(text)}</figcaption></figure>"
-    )
+def _source(picture: NDArray[np.uint8], quality: tuple[int, int]) -> str:
+    return data_url("webp", cv2.imencode(".webp", picture, quality)[1])
 
 
-def _clean(view: View, scale: Scale, wide: Depth, narrow: Depth) -> list[str]:
+def _clean(view: View, scale: Scale, wide: Depth, narrow: Depth) -> list[Picture]:
     nearest = float(wide.min())
     text = f"nearest {nearest:.2f} m" if np.isfinite(nearest) else "nothing within range"
-    return [scale.figure(view.title, text, wide), scale.figure("", "", narrow)]
+    return [scale.picture(view.title, text, wide), scale.picture("", "", narrow)]
 
 
-def _model_figures(scale: Scale, camera: DepthCamera, true: Depth, reported: Depth) -> list[str]:
-    figures = []
+def _for_model(scale: Scale, camera: DepthCamera, true: Depth, reported: Depth) -> list[Picture]:
+    pictures = []
     for title, depth in (("true", true), ("as reported", reported)):
         seen = model_image(depth_frame(camera.matching, depth_in_millimetres(depth)))
         pixels = camera.for_model(np.where(seen.valid, RANGE_M * seen.depth, np.float32(0.0)))
-        figures.append(scale.figure(title, "", pixels))
-    return figures
-
-
-def _row(figures: Iterator[str] | list[str]) -> str:
-    return f'<div class="row">{"".join(figures)}</div>'
+        pictures.append(scale.picture(title, "", pixels))
+    return pictures

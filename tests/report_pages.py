@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from saltus.recordings.page import PLOTLY
+from saltus.reports.page import PLOTLY
 
 MOST_BYTES = 1_000_000
 

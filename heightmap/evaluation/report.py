@@ -1,30 +1,25 @@
 """One HTML file, and the same as numbers, about the errors of predicted heights in recorded runs."""
 
-import html
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import plotly.graph_objects as go
 
 from saltus.errors import RecordingError
 from saltus.heightmap.evaluation import report_figures as figures
 from saltus.heightmap.evaluation.comparison import Comparison, Run, compare, read_run
 from saltus.heightmap.evaluation.edges import EdgeErrors, edge_errors
 from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, Errors
-from saltus.recordings.page import figure_html, page, table, write_page
 from saltus.recordings.recording import Recording
 from saltus.recordings.summary import rounded
+from saltus.reports.page import render, write_page
 
 WORST = 10
 WORST_M = 0.01  # of mean error: a moment that is off by less is not bad
 APART_S = 0.3  # about one gait cycle: worst moments nearer than this to each other are the same one
-_TABLE_STYLE = (
-    "td, th { padding: 0.25em 0.5em; } td { white-space: nowrap; } "
-    "th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left; }\n"
-    "td:nth-child(-n+2) { white-space: normal; min-width: 6em; overflow-wrap: anywhere; }"
-)
 _SECTIONS = (
     ("phase", "By gait phase", Errors.by_phase, "scheduled contact, and how far it is"),
     ("speed_mps", "By speed", Errors.by_speed, "speed as estimated [m/s]"),
@@ -150,31 +145,23 @@ def measure(recordings: Sequence[Recording], models: Sequence[str] = ()) -> Erro
 def write_report(report: ErrorReport, path: Path) -> None:
     """Writes the HTML file, which opens without a network; `RecordingError` where it cannot be written."""
     errors = report.errors()
-    parts = [
-        f"<h1>{html.escape(_headline(report))}</h1>",
-        _lost(report),
-        _summary_table(report),
-        "<h2>By distance ahead</h2>",
-        '<p class="note">Ground nearer than the camera sees is remembered.</p>',
-        figure_html(figures.distance_figure(errors)),
-    ]
-    for _, title, rows_of, axis in _SECTIONS:
-        parts += [f"<h2>{title}</h2>", figure_html(figures.group_figure(errors, rows_of, axis))]
-    parts += [
-        "<h2>Edges</h2>",
-        '<p class="note">Mean error of the position of jumps of more than 3 cm that were predicted.</p>',
-        figure_html(figures.edge_figure(report.edges())),
-        "<h2>Stated intervals</h2>",
-        '<p class="note">Left: how many of the true heights lie in the intervals that should hold a share of them. '
-        "Right: the error that 90 % are below, of the points whose stated intervals are as wide.</p>",
-        figure_html(figures.calibration_figure(errors)),
-        f"<h2>The worst moments of {html.escape(report.predictors[0])}</h2>",
-        f'<p class="note">Steps with a mean error above {centimetres(WORST_M)} cm, at most {WORST}, at least '
-        f"{APART_S:g} s apart.{'' if report.worst() else ' There are none.'}</p>",
-        *_moments(report),
-    ]
+    text = render(
+        __file__,
+        report=report,
+        headline=_headline(report),
+        is_without_truth=any(comparison.reference != "truth" for comparison in report.comparisons),
+        summaries=_summaries(report),
+        distance=figures.distance_figure(errors),
+        groups=[(title, figures.group_figure(errors, rows_of, axis)) for _, title, rows_of, axis in _SECTIONS],
+        edges=figures.edge_figure(report.edges()),
+        calibration=figures.calibration_figure(errors),
+        least=centimetres(WORST_M),
+        most=WORST,
+        apart_s=APART_S,
+        moments=_moments(report),
+    )
     try:
-        write_page(path, page("Saltus heightmap errors", "\n".join(parts), _TABLE_STYLE))
+        write_page(path, text)
     except OSError as error:
         raise RecordingError(f"cannot write the report '{path}' ({error.strerror}): name another folder") from error
 
@@ -218,23 +205,8 @@ def _headline(report: ErrorReport) -> str:
     return f"Heights, {report.predictors[0]}: {mean} in {count} run{'s' if count > 1 else ''}"
 
 
-def _lost(report: ErrorReport) -> str:
-    lines = [f"{run.name}: {item}" for run in report.runs for item in run.lost]
-    text = "".join(f'<p class="bad">Lost in {html.escape(line)}</p>' for line in lines)
-    text += "".join(f'<p class="bad">Not compared: {html.escape(line)}</p>' for line in report.failed)
-    if any(comparison.reference != "truth" for comparison in report.comparisons):
-        text += (
-            '<p class="note">Without ground truth: each prediction is compared with what was predicted for the same '
-            "place when it was last in view, 0.1 to 2 s later, by the robot's own odometry.</p>"
-        )
-    return text
-
-
-def _summary_table(report: ErrorReport) -> str:
-    head = (
-        "run", "predictor", "mean [cm]", "in view [cm]", "remembered [cm]", "edges [cm]", "edges found", "false edges",
-        "90 % interval covers", "NLL", "status OK",
-    )  # fmt: skip
+def _summaries(report: ErrorReport) -> list[tuple[str, ...]]:
+    """The rows of the table at the head: all runs, then each one, by each predictor."""
     rows = []
     runs = list(dict.fromkeys(comparison.run for comparison in report.comparisons))
     for run in [None, *runs] if len(runs) > 1 else runs:
@@ -249,7 +221,7 @@ def _summary_table(report: ErrorReport) -> str:
                 f"{100 * np.mean(shares):.0f} %",
             )  # fmt: skip
             rows.append((run or "all runs", name, *cells))
-    return table(head, rows)
+    return rows
 
 
 def centimetres(value: float | None) -> str:
@@ -257,16 +229,17 @@ def centimetres(value: float | None) -> str:
     return "-" if value is None else rounded(100 * value, 2)
 
 
-def _moments(report: ErrorReport) -> list[str]:
+def _moments(report: ErrorReport) -> list[tuple[str, go.Figure]]:
+    """The worst moments in words and as figures."""
     frames = {(run.name, frame.frame_id): frame for run in report.runs for frame in run.frames}
-    parts = []
+    moments = []
     for comparison, i in report.worst():
         others = [c for c in report.comparisons if c.run == comparison.run and c is not comparison]
         frame = frames.get((comparison.run, int(comparison.frame_id[i])))
-        parts.append(
-            f'<p class="note">{html.escape(comparison.run)}, {comparison.time_s[i]:.2f} s: '
-            f"{100 * _mean_error(comparison, i):.1f} cm; {comparison.phase[i]}, {comparison.speed_mps[i]:.1f} m/s, "
-            f"image {1e3 * comparison.age_s[i]:.0f} ms old{'' if frame is not None else ', not in the recording'}</p>"
+        text = (
+            f"{comparison.run}, {comparison.time_s[i]:.2f} s: {100 * _mean_error(comparison, i):.1f} cm; "
+            f"{comparison.phase[i]}, {comparison.speed_mps[i]:.1f} m/s, image {1e3 * comparison.age_s[i]:.0f} ms old"
+            f"{'' if frame is not None else ', not in the recording'}"
         )
-        parts.append(figure_html(figures.moment_figure(i, comparison, others, frame, report.predictors)))
-    return parts
+        moments.append((text, figures.moment_figure(i, comparison, others, frame, report.predictors)))
+    return moments

@@ -12,7 +12,7 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.comparison import Comparison
 from saltus.heightmap.evaluation.edges import EdgeErrors
 from saltus.heightmap.evaluation.errors_by import Errors, Row
-from saltus.recordings.report import BLUE, GREEN, GREY, ORANGE, RED
+from saltus.reports.figures import BLUE, GREEN, GREY, ORANGE, RED
 from saltus.wire.messages import DepthFrame
 
 COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9", "#F0E442")  # the rest of Okabe and Ito's palette

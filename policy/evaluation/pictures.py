@@ -1,13 +1,13 @@
 """A strip of pictures of one trial: the robot, and on the terrain what the planner saw."""
 
-import base64
-
 import cv2
 import numpy as np
+from markupsafe import Markup
 
 from saltus.errors import SaltusError
 from saltus.grid import LINE
 from saltus.policy.evaluation.trace import Trace
+from saltus.reports.page import data_url
 from saltus.robots.robot import Robot
 from saltus.sim.video import render_run
 from saltus.terrain.terrain import Terrain
@@ -17,7 +17,7 @@ FIRST_S = 1.2  # the robot stands for 1 s
 SIZE = (320, 240)
 
 
-def picture_strip(robot: Robot, terrain: Terrain, trace: Trace) -> str:
+def picture_strip(robot: Robot, terrain: Terrain, trace: Trace) -> Markup:
     """HTML with pictures at even times from the first jump to the end; a sentence where there is no way to draw."""
     last = len(trace.pose) - 1
     chosen = np.linspace(min(FIRST_S, trace.time_s[last]), trace.time_s[last], MOMENTS)
@@ -37,11 +37,10 @@ def picture_strip(robot: Robot, terrain: Terrain, trace: Trace) -> str:
             )
         )
     except SaltusError as error:
-        return f"<p>No pictures: {error}</p>"
-    return "".join(_image(frame, time_s) for frame, time_s in zip(frames, chosen, strict=True))
+        return Markup("<p>No pictures: {}</p>").format(error)
+    shown = Markup('<img src="{}" alt="robot at {:.2f} s" width="33%">')
+    return Markup().join(shown.format(_source(frame), time_s) for frame, time_s in zip(frames, chosen, strict=True))
 
 
-def _image(frame: np.ndarray, time_s: float) -> str:
-    _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
-    data = base64.b64encode(jpeg.tobytes()).decode()
-    return f'<img src="data:image/jpeg;base64,{data}" alt="robot at {time_s:.2f} s" width="33%">'
+def _source(frame: np.ndarray) -> str:
+    return data_url("jpeg", cv2.imencode(".jpg", cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))[1])

@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 from saltus.policy.evaluation.evaluate import success_interval
 from saltus.real2sim.cycle.measuring import MOMENTS, Measured, When
 from saltus.real2sim.cycle.truth import Row
-from saltus.recordings.report import BLUE, GREEN, GREY, RED
+from saltus.reports.figures import BLUE, GREEN, GREY, RED
 
 COLOURS: dict[When, str] = {"before": RED, "after": BLUE}
 

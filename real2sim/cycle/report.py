@@ -1,12 +1,13 @@
 """One HTML file that tells a cycle: what was hidden, what was found, what training with it is worth."""
 
-import html
 import json
 import math
 from collections import Counter
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
+
+from markupsafe import Markup
 
 from saltus.heightmap.data.shards import read_records
 from saltus.models import ModelKind
@@ -22,8 +23,8 @@ from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.trials import COURSES, run_trials
 from saltus.real2sim.cycle.truth import Row, rows_of
 from saltus.real2sim.reporting.figures import gap_figure
-from saltus.real2sim.reporting.report import MORE_STYLE
-from saltus.recordings.page import figure_html, page, table, write_page
+from saltus.real2sim.reporting.words import by_reason
+from saltus.reports.page import render, write_page
 
 Courses = dict[str, dict[When, Measured]]
 
@@ -61,22 +62,41 @@ def trained(folder: CycleFolder) -> dict[ModelKind, str]:
 def write_cycle_report(folder: CycleFolder, settings: CycleSettings) -> None:
     """Writes the report of what is done so far; it opens without a network."""
     rows, courses = rows_of(folder), _courses(folder)
-    parts = [
-        f"<h1>{html.escape(_headline(rows, courses))}</h1>",
-        "<h2>What was hidden, and what was found</h2>",
-        *_found(folder, rows),
-        "<h2>The gap between logs and simulation</h2>",
-        *_gap(folder),
-        "<h2>Training</h2>",
-        *_training(folder, settings),
-        "<h2>The hidden robot on courses, before and after</h2>",
-        *_success(folder, settings, courses),
-        "<h2>What these logs cannot show</h2>",
-        _untestable(folder),
-        "<h2>Provenance</h2>",
-        f"<pre>commit = {commit()}\n\n{html.escape(folder.settings.read_text(encoding='utf-8'))}</pre>",
-    ]
-    write_page(folder.report, page("The cycle", "\n".join(parts), MORE_STYLE))
+    hidden = [row for row in rows if row.true is not None and row.true != row.known]
+    found, again = _verdict(folder.found), _verdict(folder.again)
+    before, after = gaps_of(folder.found), gaps_of(folder.again)
+    shown = [replace(gap, after=after[name].before if name in after else gap.before) for name, gap in before.items()]
+    untestable = {each["name"]: each["why"] for each in (found or {})["untestable"]}
+    text = render(
+        __file__,
+        folder=folder,
+        headline=_headline(rows, hidden, courses),
+        truth=figures.truth_figure(hidden) if hidden else None,
+        effects=[_cells(row) for row in rows],
+        not_applied=not_applied(folder),
+        found=_words(found),
+        again=_words(again) if again else "",
+        gaps=gap_figure(shown) if shown else None,
+        trained=trained(folder),
+        data_ticks=sum(record.ticks for record in read_records(folder.dataset)) if folder.dataset.exists() else None,
+        updates=settings.predictor.updates,
+        choice=chosen(folder),
+        course_names=tuple(COURSES),
+        named=_named,
+        choices=_choices(folder),
+        successes=figures.success_figure(courses) if courses else None,
+        failures=[
+            (course, when, f"{trials.successes} of {len(trials.failures)}", _causes(trials))
+            for course, done in courses.items()
+            for when, trials in done.items()
+        ],
+        not_measured="Not measured yet." if folder.hidden.exists() else NOT_MEASURED,
+        strips=_pictures(folder, settings, courses),
+        untestable=by_reason(untestable),
+        commit=commit(),
+        settings=folder.settings.read_text(encoding="utf-8"),
+    )
+    write_page(folder.report, text)
 
 
 def _courses(folder: CycleFolder) -> Courses:
@@ -95,8 +115,7 @@ def _verdict(found: Path) -> dict[str, Any] | None:
     return verdict
 
 
-def _headline(rows: list[Row], courses: Courses) -> str:
-    hidden = [row for row in rows if row.true is not None and row.true != row.known]
+def _headline(rows: list[Row], hidden: list[Row], courses: Courses) -> str:
     found = sum(row.found is not None for row in hidden)
     said = [f"{found} of {len(hidden)} hidden parameters found" if hidden else f"{len(rows)} parameters found"]
     whole = [done for done in courses.values() if len(done) == len(MOMENTS)]
@@ -108,78 +127,22 @@ def _headline(rows: list[Row], courses: Courses) -> str:
     return f"The cycle: {'; '.join(said)}"
 
 
-def _found(folder: CycleFolder, rows: list[Row]) -> list[str]:
-    """A figure where the truth is known, and a table."""
-    parts = [
-        "" if folder.hidden.exists() else "<p>No profile of the robot is known: there is no truth to compare with.</p>"
-    ]
-    if not rows:
-        return [*parts, f"<p>Nothing was found: {_words(_verdict(folder.found))}.</p>", _link(folder.found)]
-    hidden = [row for row in rows if row.true is not None and row.true != row.known]
-    if hidden:
-        parts.append(figure_html(figures.truth_figure(hidden)))
-    head = ("effect", "where", "parameter", "unit", "known before", "hidden", "found", "90 % interval", "remark")
-    cells = [
-        (row.effect, row.where, row.parameter, row.unit, _number(row.known), _number(row.true), _number(row.found),
-         "-" if row.ci90 is None else f"{_number(row.ci90[0])} to {_number(row.ci90[1])}", row.remark)
-        for row in rows
-    ]  # fmt: skip
-    refused = (f"<p>{html.escape(line)}</p>" for line in not_applied(folder))
-    return [*parts, table(head, cells, "text"), *refused, _link(folder.found)]
+def _cells(row: Row) -> tuple[str, ...]:
+    """A row of the table of effects."""
+    interval = "-" if row.ci90 is None else f"{_number(row.ci90[0])} to {_number(row.ci90[1])}"
+    values = (_number(value) for value in (row.known, row.true, row.found))
+    return (row.effect, row.where, row.parameter, row.unit, *values, interval, row.remark)
 
 
-def _gap(folder: CycleFolder) -> list[str]:
-    """Figures of the gap before the patch and with it."""
-    before, after = gaps_of(folder.found), gaps_of(folder.again)
-    shown = [replace(gap, after=after[name].before if name in after else gap.before) for name, gap in before.items()]
-    again = _verdict(folder.again)
-    words = (
-        f"With what was found in the simulator: {_words(again)}." if again else "Nothing was found that could be added."
-    )
-    parts = [
-        '<p class="note">Root mean square of each signal on segments that no fit has seen, in units of noise, without '
-        "and with the patch in the simulator.</p>",
-        f"<p>Before: {_words(_verdict(folder.found))}. {words}</p>",
-    ]
-    if shown:
-        parts.append(figure_html(gap_figure(shown)))
-    return [*parts, _link(folder.again)] if again else parts
-
-
-def _training(folder: CycleFolder, settings: CycleSettings) -> list[str]:
-    became = trained(folder)
-    if not became:
-        return ["<p>Not done yet.</p>"]
-    rows = [(f"{kind} model", what) for kind, what in became.items()]
-    if folder.dataset.exists():
-        records = read_records(folder.dataset)
-        ticks = sum(record.ticks for record in records)
-        rows.append(("predictor's data", f"{ticks} steps of 10 ms of robots with the profile that was found"))
-        rows.append(("predictor's training", f"{settings.predictor.updates} updates from the shipped checkpoint"))
-    return [table((), rows, "text"), *_choice(folder)]
-
-
-def _choice(folder: CycleFolder) -> list[str]:
+def _choices(folder: CycleFolder) -> str:
     """Which of the trained models were taken, and why."""
     choice = chosen(folder)
     if choice is None:
-        return []
-    head = ("models", *COURSES)
-    rows = [
-        (
-            _named(pair),
-            *(f"{tally.successes} of {tally.trials}" for tally in tallies.values()),
-        )
-        for pair, tallies in choice.tallies.items()
-    ]
-    note = (
-        '<p class="note">Simulated robots with the found profile: the pair with the best worst course is taken. '
-        "The robot itself was not asked.</p>"
-    )
+        return ""
     said = [f"{kind} model {verdict(choice, kind)}" for kind in MODELS if str(kind) in choice.models]
     if any(DRIVES in pair for pair in choice.tallies):
         said.append("the leg controller " + ("makes up for the drives" if DRIVES in choice.best else "stays as it was"))
-    return [note, table(head, rows, "text"), f"<p>{'; '.join(said)}.</p>"]
+    return "; ".join(said)
 
 
 def _named(pair: str) -> str:
@@ -190,26 +153,12 @@ def _named(pair: str) -> str:
     return ", ".join(words)
 
 
-def _success(folder: CycleFolder, settings: CycleSettings, courses: Courses) -> list[str]:
-    if not courses:
-        return [f"<p>{'Not measured yet.' if folder.hidden.exists() else NOT_MEASURED}</p>"]
-    failures = [
-        (course, when, f"{trials.successes} of {len(trials.failures)}", _causes(trials))
-        for course, done in courses.items()
-        for when, trials in done.items()
-    ]
-    note = '<p class="note">Predicted heights, trials of the same seeds; bars with 95 % intervals.</p>'
-    parts = [note, figure_html(figures.success_figure(courses))]
-    parts.append(table(("course", "models", "succeeded", "why the others failed"), failures, "text"))
-    return [*parts, *_pictures(folder, settings, courses)]
-
-
 def _causes(trials: Measured) -> str:
     causes = Counter(cause for cause in trials.failures.values() if cause)
     return ", ".join(f"{count} {cause.replace('_', ' ')}" for cause, count in causes.most_common()) or "-"
 
 
-def _pictures(folder: CycleFolder, settings: CycleSettings, courses: Courses) -> list[str]:
+def _pictures(folder: CycleFolder, settings: CycleSettings, courses: Courses) -> list[Markup]:
     """One trial before and after, on the course where most changed; there the first that failed before."""
     gains = {c: done["after"].successes - done["before"].successes for c, done in courses.items() if len(done) == 2}
     if not gains:
@@ -220,7 +169,9 @@ def _pictures(folder: CycleFolder, settings: CycleSettings, courses: Courses) ->
     return [_strip(folder, settings, courses[course][when], when, course, int(seed)) for when in MOMENTS]
 
 
-def _strip(folder: CycleFolder, settings: CycleSettings, trials: Measured, when: When, course: str, seed: int) -> str:
+def _strip(
+    folder: CycleFolder, settings: CycleSettings, trials: Measured, when: When, course: str, seed: int
+) -> Markup:
     """Pictures of a trial, which is run again for them once."""
     kept = folder.measured / f"{when}-{course.partition(' ')[0]}-{seed}-{'-'.join(trials.models.values())}.html"
     if not kept.exists():
@@ -230,15 +181,9 @@ def _strip(folder: CycleFolder, settings: CycleSettings, trials: Measured, when:
         (terrain,) = courses_of(COURSES[course], [seed])
         ended = trial.failure.replace("_", " ") or "success"
         pictures = picture_strip(folder.robot, terrain, trial.trace)
-        kept.write_text(f"<h3>{course}, seed {seed}, {when}: {ended}</h3>{pictures}", encoding="utf-8")
-    return kept.read_text(encoding="utf-8")
-
-
-def _untestable(folder: CycleFolder) -> str:
-    reasons: dict[str, list[str]] = {}
-    for each in (_verdict(folder.found) or {})["untestable"]:
-        reasons.setdefault(each["why"], []).append(each["name"])
-    return table(("effects", "why"), [(", ".join(names), why) for why, names in reasons.items()], "words")
+        head = Markup("<h3>{}, seed {}, {}: {}</h3>").format(course, seed, when, ended)
+        kept.write_text(head + pictures, encoding="utf-8")
+    return Markup(kept.read_text(encoding="utf-8"))  # noqa: S704 # written above
 
 
 def _words(verdict: dict[str, Any] | None) -> str:
@@ -251,7 +196,3 @@ def _words(verdict: dict[str, Any] | None) -> str:
 
 def _number(value: float | None) -> str:
     return "-" if value is None else "a curve" if math.isnan(value) else f"{value:.4g}"
-
-
-def _link(found: Path) -> str:
-    return f'<p><a href="{found.name}/report.html">All of this search</a></p>'

@@ -10,13 +10,13 @@ from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Driver
 from saltus.real2sim.reporting.localise import Channel
 from saltus.real2sim.reporting.regimes import TIME
-from saltus.real2sim.reporting.text import LEAST_NATS
 from saltus.real2sim.search.findings import Confusion, RankedModel, SignalGap
-from saltus.recordings.report import BLUE, GREEN, GREY, RED
+from saltus.reports.figures import BLUE, GREEN, GREY, RED
 
 BEFORE, AFTER, FLOOR = RED, BLUE, GREEN
 WIDE, THIN = 3.5, 1.5  # px: where two lines agree, both can be seen
 TITLE_PX, ROW_PX = 45, 34  # px: space between parts of a figure, height of a row of a table
+LEAST_NATS = 1.0  # gain of a model below which it is chance
 BINS = 15
 FEW = 50  # rows of a channel below which bins are chance
 TRACE_S = 2.0  # shown of a residual: about ten periods of a joint's oscillation
@@ -158,20 +158,30 @@ def image_figure(before: Channel, after: Channel, row: Driver, column: Driver) -
     return _sized(figure, 330)
 
 
+def ranked(ranking: Sequence[RankedModel]) -> list[RankedModel]:
+    """The models with a gain on held-out data."""
+    return [model for model in ranking if model.effects and model.gain >= LEAST_NATS]
+
+
+def idle(ranking: Sequence[RankedModel]) -> list[RankedModel]:
+    """The models without."""
+    return [model for model in ranking if model.effects and model.gain < LEAST_NATS]
+
+
 def ranking_figure(ranking: Sequence[RankedModel], chosen: tuple[str, ...]) -> go.Figure:
     """Held-out gain of every model that gains anything, best first; the chosen model in green."""
-    ranked = [model for model in ranking if model.effects and model.gain >= LEAST_NATS]
-    gains = np.array([model.gain for model in ranked])
-    low, high = (np.array([model.gain_ci90[i] for model in ranked]) for i in (0, 1))
+    models = ranked(ranking)
+    gains = np.array([model.gain for model in models])
+    low, high = np.array([model.gain_ci90 for model in models]).T
     figure = go.Figure()
     figure.add_scatter(
-        x=gains, y=[" + ".join(model.effects) for model in ranked], mode="markers+text", showlegend=False,
-        marker={"color": [GREEN if model.effects == chosen else BLUE for model in ranked], "size": 10},
+        x=gains, y=[" + ".join(model.effects) for model in models], mode="markers+text", showlegend=False,
+        marker={"color": [GREEN if model.effects == chosen else BLUE for model in models], "size": 10},
         error_x={
             "type": "data", "symmetric": False, "array": np.maximum(0.0, high - gains),
             "arrayminus": gains - np.clip(low, LEAST_NATS, gains), "color": GREY, "thickness": 1.5,
         },
-        text=[f" {max(0.0, model.closed):.0%} closed" for model in ranked], textposition="top right",
+        text=[f" {max(0.0, model.closed):.0%} closed" for model in models], textposition="top right",
         cliponaxis=False, customdata=np.stack([gains, low, high], axis=1),
         hovertemplate="%{y}: %{customdata[0]:.0f} nats (%{customdata[1]:.0f} to %{customdata[2]:.0f})<extra></extra>",
     )  # fmt: skip
@@ -181,7 +191,7 @@ def ranking_figure(ranking: Sequence[RankedModel], chosen: tuple[str, ...]) -> g
         title="held-out gain [nats], with 90 % intervals", type="log", range=[left, max(right, left + 1.0)]
     )
     figure.update_yaxes(autorange="reversed", type="category", automargin=True)
-    return _sized(figure, 90 + 34 * len(ranked)).update_layout(margin_r=100)  # labels of the rightmost marks
+    return _sized(figure, 90 + 34 * len(models)).update_layout(margin_r=100)  # labels of the rightmost marks
 
 
 def confusion_figure(confusion: Confusion) -> go.Figure:

@@ -4,141 +4,185 @@ It opens without a network. Residuals are in units of noise (sigma) and from tes
 otherwise.
 """
 
+import json
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
 import numpy as np
+import plotly.graph_objects as go
 
+from saltus.effects.profile import Profile, profile_to_toml
+from saltus.effects.registry import EFFECTS
+from saltus.provenance import commit, package_version
 from saltus.real2sim.problem.camera.problem import COLUMN, ROW
-from saltus.real2sim.problem.problem import Problem
-from saltus.real2sim.reporting import figures, text
-from saltus.real2sim.reporting.localise import Channel, localise
+from saltus.real2sim.reporting import figures
+from saltus.real2sim.reporting.draws import drawn_lines
+from saltus.real2sim.reporting.localise import Channel, Statement, localise
 from saltus.real2sim.reporting.regimes import channels_of
-from saltus.real2sim.results import Comparison, Examination, Judgement
+from saltus.real2sim.reporting.steps import next_steps
+from saltus.real2sim.reporting.words import by_reason, places, sentence
+from saltus.real2sim.results import Comparison, Judgement
 from saltus.real2sim.search.findings import Findings, Residuals
-from saltus.recordings.page import figure_html, page
-from saltus.recordings.run_log import RunLog
+from saltus.real2sim.verdict import Verdict
+from saltus.reports.page import render
 
-MORE_STYLE = """
-h2 { border-top: 1px solid #bbb; padding-top: 0.6em; } h3 { font-size: 1em; margin: 1.5em 0 0.2em; }
-table.words td, table.words th { text-align: left; vertical-align: top; }
-"""
+MEANING = {
+    "named": "Named: these effects explain the gap, and nothing else that was tried explains it as well.",
+    "set": "A set: something is missing, but these data cannot tell which of these effects it is.",
+    "unexplained": "Unexplained: no effect of the library closes the gap.",
+    "no_gap": "No gap: what the log differs by is within its noise.",
+    "bad_log": "Bad log: it contradicts itself, and a fit to it would be wrong.",
+}
+PACKAGES = ("saltus", "mujoco", "numpy", "scipy")
+NO_STEP = {
+    "named": "None is needed.",
+    "set": "No experiment of the menu would tell them apart.",
+    "unexplained": "None is proposed: these data are where to look.",
+    "no_gap": "None is needed.",
+    "bad_log": "The log must be mended first.",
+}
+IN_PART = "Unexplained in part: what is named explains its part; a gap remains that no effect of the library closes."
+UNTESTED = "Unexplained: these logs show too little to test anything, so nothing is named, and nothing is ruled out."
+LONG = 12  # length of a list in the claims; longer ones are cut
 SAID_BEFORE, SAID_AFTER = 6, 3
 """Number of statements on where the gap lies, and on what is left."""
+
+Pair = tuple[Channel, Channel]
+"""A channel before and after what was found."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShownResiduals:
+    """Residuals of one sensor, as the page shows them."""
+
+    statements: Sequence[Statement]
+    left: Sequence[Statement] | None
+    """Statements on what the chosen model leaves; None where it changes nothing."""
+    before: Sequence[Channel]
+    after: Sequence[Channel]
+    worst: Sequence[Pair]
+    images: Sequence[go.Figure]
+
+    @property
+    def has_places(self) -> bool:
+        """Whether channels are at several places, e.g. joints."""
+        return len({channel.place for channel in self.before}) > 1
 
 
 def report_page(judgement: Judgement, *, seed: int = 0) -> str:
     """The text of `report.html`; the simulator had the effects of its profile from the start."""
     verdict = judgement.verdict
     findings = [comparison.findings for each in judgement.examinations for comparison in each.comparisons]
+    return render(
+        __file__,
+        judgement=judgement,
+        verdict=verdict,
+        sentence=sentence(verdict, judgement.profile),
+        meaning=_meaning(verdict),
+        drawn=drawn_lines(judgement),
+        effects=_effects(verdict, findings),
+        has_findings=bool(findings),
+        residuals=_residuals,
+        figures=figures,
+        steps=next_steps(judgement),
+        no_step=NO_STEP[verdict.verdict],
+        untestable=by_reason(verdict.untestable),
+        detectable=[
+            (name, _known(judgement.profile, name, size.unit), f"{size.value:.4g}", size.unit)
+            for name, size in sorted(verdict.minimum_detectable.items())
+        ],
+        logs=[(each.log, each.sha256) for each in judgement.evidence],
+        provenance=_provenance(judgement, findings, seed),
+    )
+
+
+def _meaning(verdict: Verdict) -> str:
+    if verdict.gap is None and verdict.missing:
+        return UNTESTED
+    return IN_PART if verdict.verdict == "unexplained" and verdict.effects else MEANING[verdict.verdict]
+
+
+def _effects(verdict: Verdict, findings: Sequence[Findings]) -> list[tuple[str, ...]]:
+    """Values of the effects, of the members of sets as they fit alone, and of the best model of what has no name."""
     rivals = [rival for each in findings for rival in each.rivals]
-    parts = [text.headline(verdict, judgement.profile), text.draws(judgement)]
-    parts += [text.effects_table(verdict.effects, rivals, verdict.nearest)]
-    if findings:
-        parts += ["<h2>The gap</h2>", text.gap_paragraph(verdict.gap)]
-    parts += [_examination(each, is_alone=len(judgement.examinations) == 1) for each in judgement.examinations]
-    parts += ["<h2>Next</h2>", text.next_paragraph(judgement)]
-    parts += ["<h2>What these data cannot show</h2>", text.untestable_table(verdict)]
-    sizes = text.detectable_table(verdict, judgement.profile)
-    parts += ["<h2>Smallest effects that would have been seen</h2>", sizes] if findings else []
-    parts += ["<h2>Provenance</h2>", text.provenance(judgement, judgement.profile, seed)]
-    return page("What the simulator lacks", "".join(parts), MORE_STYLE)
+    return [
+        (effect.name, ", ".join(places(effect)), name, f"{found.value:.4g}",
+         "{:.4g} to {:.4g}".format(*found.ci90), found.unit, remark)
+        for effects, remark in (
+            (verdict.effects, "named"), (rivals, "in a set"), (verdict.nearest, "nearest, not named")
+        )
+        for effect in effects
+        for name, found in effect.params.items()
+    ]  # fmt: skip
 
 
-def _examination(examination: Examination, *, is_alone: bool) -> str:
-    """The part on one log."""
-    clocks = text.clocks(examination)
-    parts = ["<h2>Clocks</h2>", clocks] if clocks else []
-    return "".join([*parts, *(_comparison(comparison, is_alone) for comparison in examination.comparisons)])
-
-
-def _comparison(comparison: Comparison, is_alone: bool) -> str:
-    """The part on one sensor."""
-    problem, findings, log = comparison.problem, comparison.findings, comparison.log
-    which = "" if is_alone else f" of {', '.join(problem.blocks)}"
-    parts = [f"<h2>The {problem.name}{which}: {findings.verdict.replace('_', ' ')}</h2>"]
-    if findings.residuals is not None:
-        parts += _residuals(problem, log, findings.residuals)
-    if any(gap.before > 0.0 for gap in findings.gaps):
-        parts += [
-            "<h3>Each signal on segments that no fit has seen</h3>",
-            _note("Root mean square in units of noise; 1 is noise alone."),
-            figure_html(figures.gap_figure(findings.gaps)),
-        ]
-    return "".join([*parts, *_models(findings)])
-
-
-def _models(findings: Findings) -> list[str]:
-    """The compared models and the confusion of effects."""
-    parts = []
-    chosen = findings.residuals.effects if findings.residuals is not None else ()
-    if any(model.effects and model.gain >= text.LEAST_NATS for model in findings.ranking):
-        parts += [
-            "<h3>Models that were compared</h3>",
-            _note(
-                "Gain on data held out from each fit, by cross-validation with intervals from a block bootstrap; "
-                "beside it the share of the gap that the model closes. Green: the model that was chosen, the smallest "
-                "that no larger one beats by more than chance, and whose effects are all larger than what two correct "
-                "simulations differ by."
-            ),
-            figure_html(figures.ranking_figure(findings.ranking, chosen)),
-            text.idle_models(findings.ranking),
-        ]
-    if len(findings.confusion.effects) > 1:
-        parts += [
-            "<h3>What looks alike in these data</h3>",
-            _note(
-                "Cosine between what two effects do to these residuals; from 0.95 on they cannot be told apart. "
-                "An effect that leaves no trace has 0."
-            ),
-            figure_html(figures.confusion_figure(findings.confusion)),
-        ]
-    return parts
-
-
-def _residuals(problem: Problem, log: RunLog, residuals: Residuals) -> list[str]:
-    """Residuals before and after."""
+def _residuals(comparison: Comparison, residuals: Residuals) -> ShownResiduals:
+    """Residuals of a comparison before and after what was found."""
+    problem, log = comparison.problem, comparison.log
     both = (residuals.before, residuals.after)
     known = (residuals.before != 0.0) | (residuals.after != 0.0)  # missing samples are 0
-    whole = [channels_of(problem, log, left, known) for left in both]
-    tested = [channels_of(problem, log, left, known & residuals.is_test) for left in both]
-    parts = [
-        "<h3>Where the gap lies</h3>",
-        _note("Read off the whole log, independently of every fit. Sigma is one standard deviation of the noise."),
-        text.statements(localise(whole[0]), SAID_BEFORE),
+    before, after = (channels_of(problem, log, left, known & residuals.is_test) for left in both)
+    worst = [(before[i], after[i]) for i in figures.worst_channels(before)]
+    drivers = [{driver.name: driver for driver in channel.drivers} for channel, _ in worst]
+    return ShownResiduals(
+        statements=localise(channels_of(problem, log, residuals.before, known))[:SAID_BEFORE],
+        left=None
+        if np.array_equal(*both)
+        else localise(channels_of(problem, log, residuals.after, known))[:SAID_AFTER],
+        before=before,
+        after=after,
+        worst=worst,
+        images=[
+            figures.image_figure(*pair, of[ROW], of[COLUMN])
+            for pair, of in zip(worst, drivers, strict=True)
+            if ROW in of
+        ],
+    )
+
+
+def _known(profile: Profile, name: str, unit: str) -> str:
+    """What a profile gives the first parameter of an effect with this unit, or where it changes nothing."""
+    of_unit = [each for each in fields(EFFECTS[name]) if each.metadata.get("unit") == unit] if name in EFFECTS else []
+    if not of_unit:
+        return ""
+    effect = profile.effects.get(name)
+    value = of_unit[0].metadata.get("null") if effect is None else getattr(effect, of_unit[0].name)
+    if value is None or np.ndim(value) > 1 or not np.size(value):  # a curve is no size
+        return ""
+    if not np.all(np.isfinite(value)):
+        return "none"
+    low, high = (f"{end:.4g}" for end in (np.min(value), np.max(value)))
+    return low if low == high else f"{low} to {high}"
+
+
+def _provenance(judgement: Judgement, findings: Sequence[Findings], seed: int) -> list[str]:
+    """Commit and versions of the code with the profile, and the claims of each log."""
+    lines = [
+        f"commit = {commit()}",
+        f"seed = {seed}",
+        f"python = {platform.python_version()}",
+        *(f"{name} = {package_version(name)}" for name in PACKAGES),
+        f"simulated sets of unknowns = {sum(each.evaluations for each in findings)}",
+        "",
+        "# effects that the simulator had from the start",
+        profile_to_toml(judgement.profile).strip() or "none",
     ]
-    if not np.array_equal(residuals.before, residuals.after):
-        parts += [text.what_is_left(residuals.effects), text.statements(localise(whole[1]), SAID_AFTER)]
-    if len({channel.place for channel in tested[0]}) > 1:
-        parts += [
-            "<h3>Every joint</h3>",
-            _note("Root mean square of the residual in units of noise."),
-            figure_html(figures.matrix_figure(*tested)),
-        ]
-    parts += _regimes(*tested)
-    return parts
-
-
-def _regimes(before: tuple[Channel, ...], after: tuple[Channel, ...]) -> list[str]:
-    """The signals with the largest residuals over their drivers."""
-    worst = figures.worst_channels(before)
-    if not worst:
-        return []
-    parts = [
-        "<h3>The signals that are farthest off, by regime</h3>",
-        _note("One of each kind. Root mean square in bins of equal count; the dotted line is noise alone."),
-        *(figure_html(figures.regime_figure(before[i], after[i])) for i in worst),
+    claims = [
+        "\n".join(["# claimed by the log", *(f"{name} = {json.dumps(value)}" for name, value in claimed.items())])
+        for claimed in (_claims(each.log.meta) for each in judgement.examinations)
     ]
-    for i in worst:
-        drivers = {driver.name: driver for driver in before[i].drivers}
-        if ROW in drivers:
-            picture = figures.image_figure(before[i], after[i], drivers[ROW], drivers[COLUMN])
-            parts += ["<h3>Mean residual over the image</h3>", figure_html(picture)]
-    first = worst[0]
-    parts += [
-        "<h3>The two seconds that are farthest off</h3>",
-        _note("Measured minus simulated, of the first of these signals; for images, the mean over their pixels."),
-        figure_html(figures.trace_figure(before[first], after[first])),
-    ]
-    return parts
+    return ["\n".join(lines), *claims]
 
 
-def _note(words: str) -> str:
-    return f'<p class="note">{words}</p>'
+def _claims(meta: dict[str, Any]) -> dict[str, Any]:
+    """The claims without the path of a model and the segments."""
+    claims = {name: value for name, value in meta.items() if name not in ("excitation", "segments")}
+    claims["robot"] = Path(str(meta.get("robot", ""))).name
+    return {name: _short(value) for name, value in claims.items()}
+
+
+def _short(value: Any) -> Any:
+    return [*value[:LONG], "..."] if isinstance(value, list) and len(value) > LONG else value

@@ -1,6 +1,6 @@
 """A verdict in a sentence."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from saltus.effects.profile import IDEAL, Profile
 from saltus.real2sim.search.findings import FoundEffect, Interval
@@ -47,13 +47,25 @@ def value_lines(verdict: Verdict) -> list[str]:
     return lines
 
 
+def places(effect: FoundEffect) -> Sequence[str]:
+    """Where an effect is, e.g. some joints or one sensor."""
+    return [effect.where] if isinstance(effect.where, str) else effect.where
+
+
+def by_reason(untestable: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Effects that data cannot show, those of one reason in one row, and the reason."""
+    reasons: dict[str, list[str]] = {}
+    for name, why in untestable.items():
+        reasons.setdefault(why, []).append(name)
+    return [(", ".join(names), why) for why, names in reasons.items()]
+
+
 def _line(effect: FoundEffect, remark: str) -> str:
-    where = effect.where if isinstance(effect.where, str) else ", ".join(effect.where)
     values = ", ".join(
         f"{name} {found.value:.4g} ({found.ci90[0]:.4g} to {found.ci90[1]:.4g}) {found.unit}".rstrip()
         for name, found in effect.params.items()
     )
-    return f"{effect.name} at {where}: {values}{remark}"
+    return f"{effect.name} at {', '.join(places(effect))}: {values}{remark}"
 
 
 def _misfits(names: tuple[str, ...]) -> str:
@@ -86,8 +98,8 @@ def _spoken(effects: Sequence[FoundEffect]) -> str:
 def _effect(name: str, effects: list[FoundEffect]) -> str:
     """An effect once, however many places have values of their own."""
     values = ", ".join(_value(param, [effect.params[param] for effect in effects]) for param in effects[0].params)
-    places = [place for e in effects for place in ([e.where] if isinstance(e.where, str) else e.where)]
-    return f"{name} ({values}; {', '.join(places) if len(places) <= MOST_PLACES else f'{len(places)} joints'})"
+    where = [place for effect in effects for place in places(effect)]
+    return f"{name} ({values}; {', '.join(where) if len(where) <= MOST_PLACES else f'{len(where)} joints'})"
 
 
 def _value(param: str, found: list[Interval]) -> str:

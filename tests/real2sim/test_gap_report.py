@@ -27,8 +27,8 @@ from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.search.findings import Findings, Residuals
 from saltus.real2sim.search.search import search
 from saltus.real2sim.verdict import NextExperiment, Verdict, merge
-from saltus.recordings.page import write_page
 from saltus.recordings.run_log import RunLog
+from saltus.reports.page import write_page
 
 LOG = Evidence(log="a <strange> name", sha256="5a" * 32)
 NEXT = NextExperiment(name="joint_chirp", why="reaches 20 Hz", expected_separation=40.0)

@@ -63,12 +63,14 @@ PRINTED = """
 import sys
 from pathlib import Path
 from saltus.cli.main import main
-from saltus.recordings.page import page, write_page
+from saltus.reports.page import render, write_page
 from saltus.robots.loading import load_robot
 
 folder = Path(sys.argv[1])
 assert sys.stdout.encoding.lower() not in ("utf-8", "utf8")
-write_page(folder / "page.html", page("gap \u00d7 2", "<p>30 \u00b0</p>"))
+template = "{% extends 'page.html' %}{% block body %}gap \u00d7 {{ shown }}{% endblock %}"
+(folder / "page.html").write_text(template, encoding="utf-8")
+write_page(folder / "written.html", render(str(folder / "page.py"), shown="30 \u00b0"))
 codes = []
 for words in sys.argv[2:]:
     try:
@@ -107,7 +109,7 @@ def test_commands_print_and_pages_are_written_in_any_locale(tmp_path: Path) -> N
     *codes, sign = done.stdout.splitlines()[-1].split()
     assert [int(code) for code in codes] == list(COMMANDS.values()), done.stderr
     assert sign == b"?"
-    assert "gap \u00d7 2" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "gap \u00d7 30 \u00b0" in (tmp_path / "written.html").read_text(encoding="utf-8")
     assert b"latin.toml: not valid TOML: it is not text in UTF-8" in done.stderr
 
 

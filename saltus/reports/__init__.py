@@ -1,0 +1,1 @@
+"""Reports: what all pages look like, and the figures that several of them share."""

@@ -1,0 +1,86 @@
+"""Pages with figures, made of templates, which open without a network.
+
+A template stands beside the module whose values it shows and extends `page.html`. It has `figure` and `table`
+at hand; text becomes HTML by itself. A page is small: plotly, which draws its figures, lies once in a folder,
+whatever pages it holds.
+"""
+
+import base64
+from contextlib import suppress
+from pathlib import Path
+
+import jinja2
+import numpy as np
+import plotly
+import plotly.graph_objects as go
+from markupsafe import Markup
+from numpy.typing import NDArray
+from plotly.offline import get_plotlyjs
+
+PLOTLY = f"plotly-{plotly.__version__}.min.js"
+"""The file beside a page."""
+
+
+def figure(drawn: go.Figure) -> Markup:
+    """A figure as part of a page."""
+    drawn.update_layout(template="simple_white", hovermode="closest", legend_itemsizing="constant")
+    if drawn.layout.margin.l is None:
+        drawn.update_layout(margin={"l": 60, "r": 20, "t": 20, "b": 50})
+    for trace in drawn.data:
+        for axis in {"x", "y", "z"} & set(trace):
+            if isinstance(trace[axis], np.ndarray) and trace[axis].dtype == np.float64:
+                trace[axis] = trace[axis].astype(np.float32)  # more digits than a screen shows, in half of the page
+    return Markup(drawn.to_html(full_html=False, include_plotlyjs=False))  # noqa: S704 # plotly escapes it
+
+
+def data_url(kind: str, data: bytes | NDArray[np.uint8]) -> str:
+    """A picture as the source of an <img>: the bytes of a file of this kind, e.g. "jpeg"."""
+    return f"data:image/{kind};base64,{base64.b64encode(bytes(data)).decode()}"
+
+
+_TEMPLATES = jinja2.Environment(
+    loader=jinja2.FileSystemLoader(Path(__file__).parent, encoding="utf-8"),
+    autoescape=True,
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+_TEMPLATES.filters["capital"] = lambda text: text[0].upper() + text[1:]  # the rest as it is
+_TEMPLATES.globals |= {"figure": figure, "data_url": data_url, "plotly": PLOTLY}
+_TEMPLATES.globals["table"] = _TEMPLATES.get_template("table.html").module.table  # type: ignore[attr-defined]
+
+
+def render(module_file: str, **shown: object) -> str:
+    """The page of values, by the template beside a module: `module_file` is its `__file__`."""
+    template = Path(module_file).with_suffix(".html").read_text(encoding="utf-8")
+    return _TEMPLATES.from_string(template).render(shown)
+
+
+def write_page(path: Path, text: str) -> None:
+    """Writes a page whole or not at all, and beside it what draws its figures; `OSError` where it cannot."""
+    brought = bring_plotly(path.parent, text)
+    try:
+        _write_whole(path, text)
+    except OSError:
+        if brought:
+            (path.parent / PLOTLY).unlink(missing_ok=True)
+        raise
+
+
+def bring_plotly(folder: Path, text: str) -> bool:
+    """Puts what draws figures beside a page that has any, where it is not there yet; returns whether it did."""
+    if f'src="{PLOTLY}"' not in text or (folder / PLOTLY).exists():
+        return False
+    _write_whole(folder / PLOTLY, get_plotlyjs())
+    return True
+
+
+def _write_whole(path: Path, text: str) -> None:
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
+    except OSError:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise
