@@ -105,8 +105,12 @@ class Peak:
     torque: Floats
 
 
-def hidden(settings: tuple[Setting, ...], peak: Peak) -> Hidden:
-    """Table of the kernel for several effects at once."""
+def hidden(settings: tuple[Setting, ...], peak: Peak, period_s: float = np.inf) -> Hidden:
+    """Table of the kernel for several effects at once.
+
+    Packets come in whole periods only where they take one, `period_s`, or more: of a shorter delay a few packets would
+    be a whole period late. Sizes are found without such periods, in which they would make a jump.
+    """
     values: dict[str, Floats] = {}
     command_delay = forward_delay = curve = None
     command_way = forward_way = Way()
@@ -115,9 +119,9 @@ def hidden(settings: tuple[Setting, ...], peak: Peak) -> Hidden:
         if setting.size == 0.0:
             continue
         if setting.effect == "command_delay":
-            command_delay, command_way = there * setting.size, _packets(setting)
+            command_delay, command_way = there * setting.size, _packets(setting, period_s)
         elif setting.effect == "feedforward_delay":
-            forward_delay, forward_way = there * setting.size, _packets(setting)
+            forward_delay, forward_way = there * setting.size, _packets(setting, period_s)
         elif setting.effect == "torque_saturation":
             curve = there[:, None] * lost_curve(setting, peak)
         else:
@@ -134,11 +138,12 @@ def hidden(settings: tuple[Setting, ...], peak: Peak) -> Hidden:
     )
 
 
-def _packets(setting: Setting) -> Way:
+def _packets(setting: Setting, period_s: float) -> Way:
     shape = setting.shape
     if not shape:
         return Way()
-    return Way(jitter=shape["jitter"], late=shape["late"], is_whole=bool(shape["is_whole"]))
+    is_whole = bool(shape["is_whole"]) and setting.size >= period_s
+    return Way(jitter=shape["jitter"], late=shape["late"], is_whole=is_whole)
 
 
 def largest(setting: Setting, peak: Peak) -> float:

@@ -92,7 +92,7 @@ class JointScene(Scene):
         result = joint_effects.parameters(setting, self.peak)
         if setting.effect in ("command_delay", "feedforward_delay"):
             joint = JOINTS.index(setting.where[0])
-            late = mean_delay(self.rig, joint_effects.hidden((setting,), self.peak), self.seed)
+            late = mean_delay(self.rig, self._as_logged((setting,)), self.seed)
             result["delay"] = float(late[setting.effect == "feedforward_delay"][joint])
         return result
 
@@ -101,11 +101,14 @@ class JointScene(Scene):
 
     def measure(self, settings: tuple[Setting, ...], rng: np.random.Generator) -> Floats:
         """What is logged: position, velocity, believed torque with noise; shape (rows, 12, 3)."""
-        clean = simulate(self.rig, [joint_effects.hidden(settings, self.peak)], seed=self.seed)[0]
+        clean = simulate(self.rig, [self._as_logged(settings)], seed=self.seed)[0]
         rate = 1.0 / self.rig.control_dt
         slow = {"slow_share": self.noise.slow_share, "slow_hz": self.noise.slow_hz}
         noise = coloured(rng, clean.shape, self.noise.corner_hz, rate, self.tuning, **slow)
         return np.asarray(clean + self.noise.sigma * noise)
+
+    def _as_logged(self, settings: tuple[Setting, ...]) -> Hidden:
+        return joint_effects.hidden(settings, self.peak, self.rig.control_dt)
 
     def _unclaimed(self) -> Floats:
         """From the slowest drive to the fastest, and a clock that is off: of position and velocity alike, (2, m)."""

@@ -98,6 +98,7 @@ def _arrivals(rows: int, steps: int, hidden: Hidden, seed: int) -> tuple[np.ndar
     rng = np.random.default_rng(seed)
     sent = np.arange(rows) * steps
     total = np.zeros((12, rows))
+    arrival = np.tile(sent, (12, 1))
     results = []
     # rounded up or down by chance: otherwise a delay would come in whole steps
     chance = rng.uniform(size=rows)
@@ -106,8 +107,9 @@ def _arrivals(rows: int, steps: int, hidden: Hidden, seed: int) -> tuple[np.ndar
         spread, is_late = rng.normal(size=rows), rng.uniform(size=rows) < way.late
         if delay is not None:
             total = total + np.maximum(delay[:, None] * (1 + way.jitter * spread + LATE * is_late), 0.0)
-        grain = steps if way.is_whole else 1
-        arrival = np.maximum.accumulate(sent + grain * np.floor(total / (grain * STEP_S) + chance), axis=1)
+            grain = steps if way.is_whole else 1
+            own = np.maximum.accumulate(sent + grain * np.floor(total / (grain * STEP_S) + chance), axis=1)
+            arrival = np.maximum(arrival, own)  # no part of a packet is there before the packet
         arrival[:, 0] = 0
         results.append(arrival.astype(np.int32))
     return results[0], results[1]

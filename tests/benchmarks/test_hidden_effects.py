@@ -295,6 +295,22 @@ def test_packets_keep_their_order(late, is_whole):
     assert 1.0 + 2.0 * late < np.mean(waits) * STEP_S / 5e-3 < 1.15 + 6.0 * late
 
 
+@pytest.mark.parametrize("effect", ["command_delay", "feedforward_delay"])
+@pytest.mark.parametrize("periods", [0.1, 0.6, 1.0, 3.4])
+def test_packets_come_in_whole_periods_from_one_period_on(joint_scene, effect, periods):
+    """A delay below a period makes no packet a period late; `tau_ff` is never there before its packet."""
+    shape = {"jitter": 0.02, "late": 0.0, "is_whole": 1.0}
+    delay = Setting(effect=effect, where=LEG, size=periods * joint_scene.rig.control_dt, shape=shape)
+    rows, steps = 4000, round(joint_scene.rig.control_dt / STEP_S)
+    command, forward = _arrivals(rows, steps, joint_scene._as_logged((delay,)), seed=1)
+    assert np.all(forward >= command)
+    waits = ((command if effect == "command_delay" else forward) - steps * np.arange(rows))[:3, 1:]
+    assert np.mean(waits) / steps == pytest.approx(periods, rel=0.05, abs=0.02)
+    assert np.all(waits % steps == 0) == (periods >= 1.0)
+    if effect == "command_delay":
+        np.testing.assert_array_equal(command, forward)
+
+
 @pytest.mark.parametrize("share", [0.0, 0.3])
 def test_a_part_of_noise_lasts(share):
     """Unit variance, of which what is slow stays where half a second's mean is taken."""
