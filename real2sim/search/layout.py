@@ -64,6 +64,11 @@ class Layout:
         names = set(effects)
         return np.flatnonzero([self.candidates[i].effect in names for i in self.candidate])
 
+    def choices(self, effects: Iterable[str]) -> Indices:
+        """Columns of the choices of effects."""
+        unknowns = [unknown for candidate in self.candidates for unknown in candidate.unknowns]
+        return np.array([i for i in self.of_effects(effects) if unknowns[i].is_choice], dtype=np.int64)
+
     def of_model(self, model: Model) -> Indices:
         """Columns that a model fits: those of its effects and of the nuisances, in ascending order."""
         return np.sort(np.concatenate([self.of_effects(model), self.nuisances]))

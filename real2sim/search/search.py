@@ -61,6 +61,8 @@ class _Search:
         self._rest = np.tile(problem.absent, (len(problem.blocks), 1))
         self._fits: dict[Model, Fit] = {}
         self._libraries: dict[Model, Floats] = {}
+        self._choices: dict[str, dict[float, Floats]] = {}
+        """Of each effect with a choice: derivatives without any effect by all unknowns, at every value of it."""
         self._split: Split
         self._comparison: decide.ModelComparison
 
@@ -124,6 +126,11 @@ class _Search:
         seen = self._split.is_fit
         for moved, column, r in zip(sets, owners, change, strict=True):
             slope = r / layout.first[column]
+            candidate = layout.candidates[layout.candidate[column]]
+            for choice in layout.choices([candidate.effect]):
+                if layout.candidate[choice] == layout.candidate[column]:
+                    at = self._choices.setdefault(candidate.effect, {})
+                    at.setdefault(moved[0, choice], np.zeros_like(library))[:, column] = slope
             power = np.einsum("bm,bm->b", slope[:, seen], slope[:, seen])
             cross = np.einsum("bm,bm->b", slope[:, seen], null.residuals[:, seen])
             promise = np.where(power > 0.0, cross**2 / np.maximum(power, 1e-300), 0.0)
@@ -145,8 +152,9 @@ class _Search:
     def _fit_singles(self) -> None:
         """Fits each effect alone, and the best ones again with fresh derivatives and other shapes."""
         null = self._fits[()]
-        starts = [self._start((effect,), null) for effect in self._layout.effects]
-        fits = fit.refine(self._evaluate, self._layout, self._split, starts, stage="single effects")
+        starts = [start for effect in self._layout.effects for start in self._starts((effect,), null)]
+        tried = fit.refine(self._evaluate, self._layout, self._split, starts, stage="single effects")
+        fits = self._best_of_each(tried)
         self._fits |= {each.model: each for each in fits}
         best = sorted(fits, key=self._cost)[:REFITTED]
         self._refit([each.model for each in best], "single effects")
@@ -186,9 +194,10 @@ class _Search:
         proposed = [self._propose(leader, size), *(self._propose(other, size)[: PROPOSED // 2] for other in others)]
         models = [model for several in proposed for model in several if model not in self._fits]
         models = list(dict.fromkeys(models))
-        starts = [self._start(model, part) for model in models for part in self._parts(model)]
-        tried = fit.refine(self._evaluate, self._layout, self._split, starts, stage=f"{size} effects")
-        fits = [self._joined([each for each in tried if each.model == model]) for model in models]
+        starts = [start for model in models for part in self._parts(model) for start in self._starts(model, part)]
+        fits = self._best_of_each(
+            fit.refine(self._evaluate, self._layout, self._split, starts, stage=f"{size} effects")
+        )
         self._fits |= {each.model: each for each in fits}
         if fits:
             self._refit([each.model for each in sorted(fits, key=self._cost)[:2]], f"{size} effects")
@@ -202,7 +211,8 @@ class _Search:
         model = model_of([*leader, *other])
         if len(model) != size or model in self._fits:
             return
-        stage, fits = f"{size} effects", [self._start(model, self._fits[part]) for part in (leader, other)]
+        stage, parts = f"{size} effects", [self._fits[part] for part in (leader, other)]
+        fits = [start for part in parts for start in self._starts(model, part)]
         for patience in range(PATIENCE):
             if patience:
                 fits = self._renewed(fits, stage)
@@ -308,6 +318,35 @@ class _Search:
             models += [model_of([*kept, new]) for kept in combinations(leader, len(leader) - 1) for new in rest]
         costs = {model: quadratic.fit_cost(quadratic.where(self._layout.of_model(model))) for model in models}
         return sorted(costs, key=costs.__getitem__)[:PROPOSED]
+
+    def _starts(self, model: Model, nearest: Fit) -> list[Fit]:
+        """Starts of a fit, one for every value of a choice that the fit of fewer effects has not made.
+
+        No slope leads from one value of a choice to another, and the better one alone may be the worse one beside
+        another effect.
+        """
+        starts = [self._start(model, nearest)]
+        for effect in sorted((set(model) - set(nearest.model)) & self._choices.keys()):
+            starts = [
+                self._chosen(start, effect, value, slopes)
+                for start in starts
+                for value, slopes in self._choices[effect].items()
+            ]
+        return starts
+
+    def _chosen(self, start: Fit, effect: str, value: float, slopes: Floats) -> Fit:
+        """A start with this value of a choice; blocks that had another get the derivatives known there."""
+        choices, own = self._layout.choices([effect]), self._layout.of_effects([effect])
+        other = np.flatnonzero(np.any(start.unknowns[:, choices] != value, axis=1))
+        unknowns, jacobian = start.unknowns.copy(), start.jacobian.copy()
+        unknowns[:, choices] = value
+        jacobian[np.ix_(other, np.flatnonzero(np.isin(start.columns, own)))] = slopes[np.ix_(other, own)]
+        return replace(start, unknowns=unknowns, jacobian=jacobian)
+
+    def _best_of_each(self, tried: list[Fit]) -> list[Fit]:
+        """Fits of several models from several starts, joined."""
+        models = dict.fromkeys(each.model for each in tried)
+        return [self._joined([each for each in tried if each.model == model]) for model in models]
 
     def _start(self, model: Model, nearest: Fit) -> Fit:
         """Start of a fit: the fit of fewer effects, with derivatives from the nearest library."""

@@ -1,5 +1,6 @@
 """A problem whose residuals are linear in its unknowns: sines in two signals, seen in six segments."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,26 @@ class LinearProblem(Problem):
     def keep_unknowns(self, unknowns: slice) -> None:
         """Forgets what the other unknowns do."""
         self._signatures = self._signatures[unknowns]
+
+
+class ChoiceProblem(LinearProblem):
+    """The effect e1 has a choice, `side`: at 1 its signature is that of e6, which is no effect of its own here."""
+
+    def __init__(self, hidden: dict[tuple[str, str, str], float], *, alike: float) -> None:
+        super().__init__(hidden, alike=alike, effects=7)
+        side = Unknown(name="side", low=0.0, high=1.0, scale=0.5, is_shape=True, is_choice=True)
+        self.candidates = tuple(
+            replace(c, unknowns=(*c.unknowns, side), starts=((0.5, 0.0), (0.5, 1.0))) if c.effect == "e1" else c
+            for c in self.candidates
+            if c.effect != "e6"
+        )
+
+    def residuals(self, unknowns: Floats) -> Floats:
+        names = np.array(self.names)
+        size, side = unknowns[..., names == "e1.size"], np.round(unknowns[..., names == "e1.side"])
+        plain = unknowns[..., names != "e1.side"].copy()
+        plain[..., 2:4] = size * (1.0 - side)  # e1 comes after the two places of e0
+        return super().residuals(np.concatenate([plain[..., :-1], size * side, plain[..., -1:]], axis=-1))
 
 
 def _signatures(effects: int, alike: float | None) -> Floats:

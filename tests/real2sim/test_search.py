@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from linear_problem import WHERES, LinearProblem
+from linear_problem import WHERES, ChoiceProblem, LinearProblem
 from one_joint import WHERES as JOINTS
 from one_joint import OneJoint
 
@@ -140,6 +140,16 @@ def test_an_effect_is_named_only_beyond_what_two_correct_simulators_differ_by(re
     problem.candidates = tuple(replace(each, resolution=resolution) for each in problem.candidates)
     findings = search(problem)
     assert (findings.verdict, bool(findings.effects)) == (verdict, verdict == "named")
+
+
+@pytest.mark.parametrize("large", [3.0, 8.0])
+@pytest.mark.parametrize("side", ["e1", "e6"])
+def test_a_choice_that_looks_worse_alone_is_made_beside_another_effect(large: float, side: str) -> None:
+    findings = search(ChoiceProblem(sizes("e2", large) | sizes(side, 3.0), alike=0.9))
+    assert findings.verdict == "named"
+    found = {effect.name: effect.params for effect in findings.effects}
+    assert found.keys() == {"e1", "e2"}
+    assert found["e1"]["side"].value == (side == "e6")
 
 
 def test_what_is_not_in_the_library_stays_unexplained() -> None:
