@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.depth import Intrinsics, depth_frame
-from saltus.wire.messages import DepthFrame, Floats
+from saltus.wire.messages import DepthFrame
 
 if TYPE_CHECKING:
     from saltus.config import RunConfig

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from benchmarks._command import Command, progress
+from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
@@ -29,7 +30,7 @@ from saltus.rotations import rotation_matrix
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
-from saltus.wire.messages import ControllerMode, Floats, Heightmap, HeightmapStatus, MotionPlan
+from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan
 
 TICK_NS = round(1e9 * PHYSICS_DT)
 CYCLE_S = 0.3  # of the gait, about: 3 to 3.5 bounds a second

@@ -33,6 +33,7 @@ import numpy as np
 import torch
 
 from benchmarks._command import Command
+from saltus.arrays import Reals
 from saltus.depth_camera import SHIPPED
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.delivery import DELIVERIES, TICK_S
@@ -50,7 +51,6 @@ from saltus.heightmap.training.validate import MIN_WARMUP, accuracy
 from saltus.resources import resource
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.wire.messages import Floats
 
 DATA_SEED, EVAL_SEED, SEED = 2031, 5, 1
 ROUNDS, BATCHES = 3, 6  # of 32 robots for 6 s: a little over 100,000 steps a round
@@ -150,7 +150,7 @@ def check_twins(left: list[Episode], right: list[Episode]) -> None:
             raise DatasetError(f"episode {i} of {STEREO} and of {CLEAN} differ: they must be of one motion")
 
 
-def _same(left: Floats, right: Floats) -> bool:
+def _same(left: Reals, right: Reals) -> bool:
     return left.shape == right.shape and np.allclose(left, right, rtol=0.0, atol=_SAME)
 
 

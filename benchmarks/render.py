@@ -20,6 +20,7 @@ import numpy as np
 
 from benchmarks._command import Command, progress
 from benchmarks._measuring import own_processes, processor_s, random_frames, resident_mb
+from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, model_image, sampled_model_camera
 from saltus.render.backends import make_renderer, make_stereo, present
@@ -31,7 +32,6 @@ from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
-from saltus.wire.messages import Floats
 
 ROBOT = load_robot(DEFAULT_ROBOT)
 TERRAIN = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.06))

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from benchmarks._command import Command
+from saltus.arrays import Floats, Reals
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, Intrinsics, sampled_model_camera
 from saltus.effects.signals import DepthImage
@@ -28,7 +29,6 @@ from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
-from saltus.wire.messages import Floats
 
 ROBOT = load_robot(DEFAULT_ROBOT)
 NATIVE = sampled_model_camera(5, 5)
@@ -145,7 +145,7 @@ def recorded_rows(path: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def filled(inverse: Floats) -> Floats:
+def filled(inverse: Reals) -> Reals:
     """Invalid pixels take the farther of their valid neighbours in the row: a shadow falls on what is far."""
     result = inverse.copy()
     columns = np.arange(inverse.shape[1])
@@ -157,7 +157,7 @@ def filled(inverse: Floats) -> Floats:
     return result
 
 
-def shadows_of(disparity: Floats) -> Any:
+def shadows_of(disparity: Reals) -> Any:
     """What the right imager does not see of the surfaces that the left one sees, bool, shape as `disparity`."""
     place = np.round(np.arange(disparity.shape[1]) - disparity).astype(int)
     place -= place.min()
@@ -195,7 +195,7 @@ def cost_rows() -> list[dict[str, Any]]:
 DEPTH_EFFECTS = ("depth_unit", "hole_filling", "spatial_filter", "temporal_filter")
 
 
-def colours(depth: Floats, height: int = 360) -> Any:
+def colours(depth: Reals, height: int = 360) -> Any:
     """Near is red, 3 m is blue, in steps of 5 cm; invalid is black, nothing is grey."""
     near = np.clip(1.0 - np.nan_to_num(depth, posinf=3.0) / 3.0, 0.0, 1.0)
     image = cv2.applyColorMap((255 * near).astype(np.uint8), cv2.COLORMAP_TURBO)
@@ -213,7 +213,7 @@ def draw(path: Path) -> None:
     optics = Optics.of(D435I)
     pair = StereoEmbree(make_terrain(TerrainConfig(rise_m=0.06)), optics, RobotCamera.on(ROBOT, D435I))
     depth, hidden = pair.render_pair(*pose(1.0, 0.35, REACHING))
-    stages: list[tuple[str, Floats]] = [("true depth", depth)]
+    stages: list[tuple[str, Reals]] = [("true depth", depth)]
     stages.append(("not seen by the right imager", np.where(hidden, 0.0, depth)))
     names = [effect.name for effect in StereoConfig().effects]
     for title, count in (

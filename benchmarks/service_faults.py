@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks._command import progress
 from benchmarks._measuring import recorded_run
 from benchmarks._pictures import Pictured, save, subplots
+from saltus.arrays import Floats
 from saltus.config import RunConfig, TerrainConfig
 from saltus.heightmap.evaluation.comparison import Run, read_run
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -23,7 +24,7 @@ from saltus.heightmap.service.service import HeightmapService
 from saltus.resources import resource
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.wire.messages import ControllerMode, DepthFrame, Floats, HeightmapStatus, RobotState
+from saltus.wire.messages import ControllerMode, DepthFrame, HeightmapStatus, RobotState
 
 STAIRS = TerrainConfig(terrain="stairs", rise_m=0.08, steps=60)  # nine seconds: a pause of 3 s, and time after it
 TICK_S = 0.01

@@ -15,6 +15,7 @@ import torch
 
 from benchmarks._command import Command
 from benchmarks._measuring import percentiles
+from saltus.arrays import Floats
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus.controller.stance_batched import BatchedSolver
 from saltus.policy.env.env import JumpEnv
@@ -25,7 +26,6 @@ from saltus.robots.robot import Robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.sim.batch_engine import BatchEngine
 from saltus.terrain.batch import BOXES
-from saltus.wire.messages import Floats
 
 SHOWN = (50, 90, 99)
 

@@ -19,6 +19,7 @@ import numpy as np
 from scipy import stats
 
 from benchmarks._command import Command, tell
+from saltus.arrays import Floats
 from saltus.effects.offsets_and_factors import Armature, CoulombFriction, ViscousFriction
 from saltus.effects.profile import Profile
 from saltus.real2sim.experiments.instruments import SensorNoise
@@ -32,7 +33,6 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.sim import scene
 from saltus.sim.plant import HELD_HEIGHT, HELD_INERTIA, HELD_TOLERANCE
 from saltus.terrain import flat
-from saltus.wire.messages import Floats
 
 if TYPE_CHECKING:
     from mujoco.sysid._src.parameter import Parameter, ParameterDict

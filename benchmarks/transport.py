@@ -33,6 +33,7 @@ import numpy as np
 from benchmarks._command import Command
 from benchmarks._measuring import percentiles, processor_s, random_frames, resident_mb
 from saltus.action import REST, plan_message
+from saltus.arrays import Floats
 from saltus.config import RunConfig
 from saltus.depth import D435I
 from saltus.depth_camera import SHIPPED
@@ -47,7 +48,7 @@ from saltus.states import standing_state
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.bus import Bell
 from saltus.wire.codec import decode, encode
-from saltus.wire.messages import DepthFrame, Floats, Message, PlanStatus, RobotState
+from saltus.wire.messages import DepthFrame, Message, PlanStatus, RobotState
 from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus
 

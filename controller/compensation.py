@@ -15,8 +15,8 @@ from saltus.effects.effect import Effect
 from saltus.effects.offsets_and_factors import TorqueGain, ViscousFriction
 from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
+from saltus.joint_command import JointCommand
 from saltus.robots.robot import Robot
-from saltus.wire.messages import JointCommand
 
 MOST_OF_KD = 0.9
 """Share of kd that the joint's own damping may make up: what is known of a joint is not exact."""

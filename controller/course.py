@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 
+from saltus.arrays import Floats
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Outcome, TrialMonitor
-from saltus.wire.messages import ControllerMode, Floats
+from saltus.wire.messages import ControllerMode
 
 STOP_AFTER_FINISH_M = 0.2
 """The robot runs on so far, so that it passes the finish in full motion."""

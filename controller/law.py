@@ -16,10 +16,11 @@ from saltus.controller.gait import Gait, GaitConfig, GaitSignal, GaitState
 from saltus.controller.signals import Body, Plan, observe
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceSolver
 from saltus.controller.swing import SwingConfig, SwingLegs
+from saltus.joint_command import JointCommand
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.states import Proprioception
-from saltus.wire.messages import ControllerMode, JointCommand
+from saltus.wire.messages import ControllerMode
 
 _STANDING = (ControllerMode.STAND, ControllerMode.STOPPED)
 _MOVING = (ControllerMode.RUN, ControllerMode.COAST)

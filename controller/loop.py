@@ -14,11 +14,12 @@ from saltus.controller.robot.backend import Reading
 from saltus.controller.signals import Plan, plan_from_action
 from saltus.controller.watchdog import WatchdogConfig, WatchdogInput, WatchdogState, watch
 from saltus.errors import SaltusError
+from saltus.joint_command import JointCommand
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.states import RobotStates, state_message, states_of
-from saltus.wire.messages import ControllerMode, JointCommand, JointLog, MotionPlan, PlanStatus, RobotState
+from saltus.wire.messages import ControllerMode, JointLog, MotionPlan, PlanStatus, RobotState
 
 FIRST_STAND_S = 1.0
 """Time for estimator, camera and heightmap to settle before the first GO is obeyed."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from paper.training import IMITATOR_FORMAT, IMITATOR_INPUTS, IMITATOR_OUTPUTS
 from saltus.action import Action
-from saltus.arrays import Singles
+from saltus.arrays import Floats, Reals, Singles
 from saltus.effects.profile import Profile
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
@@ -30,7 +30,6 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.states import RobotStates
 from saltus.terrain.stack import TerrainStack
 from saltus.trial import Trial
-from saltus.wire.messages import Floats
 
 
 class ImitationNetwork:
@@ -93,7 +92,7 @@ class PassOn:
     def __init__(self, bounds: ActionBounds) -> None:
         self._bounds = bounds
 
-    def step(self, observation: Observation, heights: Floats, fresh: NDArray[np.bool_] | bool = False) -> Action:
+    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Action:
         """The plan; see `saltus.policy.planner.Planner`."""
         del observation, fresh
         return action_from_values(self._bounds.clipped(self._bounds.denormalised(heights[..., : len(ACTIONS)])))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.action import Action
+from saltus.arrays import Floats, Reals
 from saltus.errors import ConfigError, ModelError
 from saltus.grid import HEIGHTMAP_X
 from saltus.model_file import ModelFile
@@ -22,7 +23,7 @@ from saltus.policy.features import (
 )
 from saltus.policy.observation import Observation
 from saltus.robots.robot import Robot
-from saltus.wire.messages import Floats, MotionPlan
+from saltus.wire.messages import MotionPlan
 from saltus.wire.schemas import FIELDS
 
 FORMAT = "saltus-policy-1"
@@ -51,7 +52,7 @@ class PolicyActor:
         self._past = np.zeros((0, max(self.past_steps, default=0), RECALLED))
         self._latest = np.zeros((0, RECALLED))
 
-    def step(self, observation: Observation, heights: Floats, fresh: NDArray[np.bool_] | bool = False) -> Action:
+    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Action:
         """Plans the next 10 ms, within the bounds; see `saltus.policy.planner.Planner`."""
         vector = features(observation, heights)
         if not self.past_steps:
@@ -65,7 +66,7 @@ class PolicyActor:
         self._latest = np.concatenate([vector[..., :PROPRIOCEPTION_SIZE], self._bounds.normalised(values)], axis=-1)
         return action_from_values(values)
 
-    def values(self, given: Floats) -> Floats:
+    def values(self, given: Reals) -> Floats:
         """Values of `ACTIONS`, shape (..., 10), for vectors of `saltus.policy.features.with_past`, (..., some)."""
         flat = np.ascontiguousarray(given.reshape(-1, size_with(self.past_steps)), dtype=np.float32)
         plan = np.asarray(self._session.run(["plan"], {"features": flat})[0], dtype=np.float64)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.action import Action
+from saltus.arrays import Reals
 from saltus.config import PlannerName
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
@@ -15,13 +16,12 @@ from saltus.policy.observation import Observation, observe
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.states import standing_state
-from saltus.wire.messages import Floats
 
 
 class Planner(Protocol):
     """Plans for any batch of robots, always the same ones or such as begin."""
 
-    def step(self, observation: Observation, heights: Floats, fresh: NDArray[np.bool_] | bool = False) -> Action:
+    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Action:
         """Plans the next 10 ms.
 
         Args:

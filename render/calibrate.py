@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from saltus.arrays import Floats
 from saltus.config import Value
 from saltus.depth import BASELINE_M, NOTHING, Intrinsics
 from saltus.depth_camera import DepthCamera
@@ -22,7 +23,7 @@ from saltus.render.camera import Mount, ray_directions
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix
-from saltus.wire.messages import ControllerMode, DepthFrame, Floats, RobotState
+from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
 
 STANDING = (ControllerMode.STAND, ControllerMode.STOPPED)
 STILL_MPS, STILL_RAD_S = 0.05, 0.1

@@ -10,14 +10,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.arrays import Array, Constant
+from saltus.arrays import Array, Constant, Floats
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.effects.camera import ViewChain
 from saltus.effects.signals import CameraView
 from saltus.errors import SaltusError
 from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix
-from saltus.wire.messages import Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

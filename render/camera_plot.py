@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.depth import MODEL_CAMERA, RANGE_M, depth_frame, depth_in_millimetres, model_image
 from saltus.depth_camera import DepthCamera
 from saltus.errors import SaltusError
@@ -19,7 +20,6 @@ from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 
 HEIGHT, WIDTH = 480, 900  # of the panels, and of the one from the side [px]
 SPAN_M = (-0.6, 2.6)  # of the ground that is shown, from the base

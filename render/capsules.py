@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.depth import Intrinsics
 from saltus.render.legs import Capsules
-from saltus.wire.messages import Floats
 
 NEAREST = 1e-3  # what is nearer to the image plane than this is taken to be this far [m]: bounds the window it is in
 PIXELS_PER_PASS = 1 << 14  # pixels that are worked on together: their numbers stay in the processor's cache

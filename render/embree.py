@@ -7,13 +7,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.render._open3d import load_open3d
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.capsules import capsules_in_camera, draw_capsules
 from saltus.render.renderer import Renderer
 from saltus.render.surface import terrain_triangles
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 
 open3d = load_open3d()
 

@@ -2,9 +2,10 @@
 
 from typing import Protocol
 
+from saltus.arrays import Reals
 from saltus.depth import Intrinsics
 from saltus.render.renderer import Renderer
-from saltus.wire.messages import Floats, GroundTruth
+from saltus.wire.messages import GroundTruth
 
 
 class Exposure(Protocol):
@@ -12,7 +13,7 @@ class Exposure(Protocol):
 
     intrinsics: Intrinsics
 
-    def expose(self, truth: GroundTruth) -> Floats:
+    def expose(self, truth: GroundTruth) -> Reals:
         """Depth along the optical axis [m], shape (height, width); 0 is invalid, infinite is "nothing within range"."""
         ...
 
@@ -24,6 +25,6 @@ class PerfectExposure:
         self.intrinsics = claimed or renderer.intrinsics
         self._renderer = renderer
 
-    def expose(self, truth: GroundTruth) -> Floats:
+    def expose(self, truth: GroundTruth) -> Reals:
         """See `Exposure`; every pixel is valid."""
         return self._renderer.render(truth.position_base_in_world, truth.quaternion_base_in_world, truth.joint_position)

@@ -7,10 +7,10 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from saltus.arrays import Floats, Reals
 from saltus.render.fit import FitResult
 from saltus.render.stereo.fit_baseline import edge_shadows, left_bands
 from saltus.reports.page import render, write_page
-from saltus.wire.messages import Floats
 
 Curve = tuple[Floats, Floats]
 """Points, each of shape (n,)."""
@@ -40,9 +40,7 @@ def write_fit_plot(result: FitResult, path: Path) -> Path:
     return path
 
 
-def _add(
-    figure: go.Figure, row: int, column: int, measured: tuple[Floats, Floats], model: tuple[Floats, Floats]
-) -> None:
+def _add(figure: go.Figure, row: int, column: int, measured: tuple[Reals, Reals], model: tuple[Floats, Floats]) -> None:
     figure.add_trace(go.Scatter(x=measured[0], y=measured[1], **MEASURED), row=row, col=column)
     figure.add_trace(go.Scatter(x=model[0], y=model[1], **MODEL), row=row, col=column)
 

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Array, Constant, Floats, namespace
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
-from saltus.wire.messages import Floats
 
 # Of the reference robot's legs, by its maker's published model; other robots' are in proportion to their length.
 THIGH_RADIUS = 0.020  # the collision box is 0.0245 by 0.034 m

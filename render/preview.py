@@ -11,6 +11,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats, Reals
 from saltus.depth import RANGE_M, depth_frame, depth_in_millimetres, model_image
 from saltus.depth_camera import DepthCamera
 from saltus.errors import SaltusError
@@ -26,7 +27,6 @@ from saltus.robots.robot import Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.sim.video import render_run
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 
 Depth = NDArray[np.float32]
 Poses = tuple[Floats, Floats, Floats]
@@ -65,7 +65,7 @@ class Scale:
         far = float(seen.max(initial=0.0)) or RANGE_M
         return cls(near=min(float(seen.min(initial=far)), 0.9 * far), far=far)
 
-    def coloured(self, depth: NDArray[np.floating]) -> NDArray[np.uint8]:
+    def coloured(self, depth: Reals) -> NDArray[np.uint8]:
         """Colours of depth (BGR): nothing within range is grey, invalid is black."""
         share = np.log(np.clip(depth, self.near, self.far) / self.near) / math.log(self.far / self.near)
         colours = cv2.applyColorMap(np.rint(255 * (1.0 - share)).astype(np.uint8), cv2.COLORMAP_VIRIDIS)

@@ -7,6 +7,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.render._gl import gl_platform, load_pyrender
 from saltus.render.camera import RobotCamera, camera_pose
 from saltus.render.capsules import capsules_in_camera, windows
@@ -15,7 +16,6 @@ from saltus.render.renderer import Renderer
 from saltus.render.surface import terrain_triangles
 from saltus.rotations import rotation_matrix
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 
 # With 24 bits of depth the error at depth z is z^2 / (near 2^24): 0.03 mm at 3 m. No leg comes nearer to the camera.
 NEAR = 0.02

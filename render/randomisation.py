@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.render.stereo.camera import StereoConfig
-from saltus.wire.messages import Floats
 
 STRENGTH = (0.4, 2.0)
 """Factor on noise, holes and flying pixels: sub-pixel noise is 0.03 px at best, 0.08 px in practice, and worse on poor

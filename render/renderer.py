@@ -6,12 +6,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.errors import SaltusError
 from saltus.render.camera import RobotCamera
 from saltus.render.legs import LegShapes
 from saltus.render.stereo.optics import Optics
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 
 
 class Renderer(ABC):

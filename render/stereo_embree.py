@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.depth import Intrinsics
 from saltus.render.camera import RobotCamera, camera_pose
 from saltus.render.capsules import Quadrics, capsules_in_camera, windows
@@ -14,7 +15,6 @@ from saltus.render.renderer import StereoRenderer
 from saltus.render.stereo.doubt import doubtful
 from saltus.render.stereo.optics import Optics
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 
 FARTHEST_M = 20.0  # what is farther has a disparity of half a pixel: both imagers see it alike
 NEAREST_POINT_M = 0.02  # nothing that a leg could hide comes nearer

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.depth_camera import DepthCamera
 from saltus.effects.camera import ViewChain
 from saltus.render.backends import make_stereo
@@ -10,7 +11,7 @@ from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.optics import Optics
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats, GroundTruth
+from saltus.wire.messages import GroundTruth
 
 CLAIMED_VIEW = ViewChain()
 

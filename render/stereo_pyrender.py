@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.depth import Intrinsics
 from saltus.render.camera import RobotCamera
 from saltus.render.pyrender_osmesa import PyrenderRenderer
 from saltus.render.renderer import StereoRenderer
 from saltus.render.stereo.optics import Optics
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 
 # What is nearer is outside of the right image and counts as visible: a D435i at 424x240 does not measure it anyway,
 # its disparities end at 126 px (8.4 cm)

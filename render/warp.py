@@ -7,7 +7,7 @@ import numpy as np
 import warp
 from numpy.typing import NDArray
 
-from saltus.arrays import Array
+from saltus.arrays import Array, Floats
 from saltus.errors import SaltusError
 from saltus.render.camera import Mount, RobotCamera, camera_pose
 from saltus.render.capsules import capsules_in_camera
@@ -18,7 +18,6 @@ from saltus.render.warp_kernels import Scene, cast_kernel, hide_kernel
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 
 FARTHEST_M = 20.0  # what is farther has a disparity of half a pixel: both imagers see it alike
 ALONG_RAY = 0.999  # of the way from the right imager to a point: short of the surface that the point lies on

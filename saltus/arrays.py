@@ -12,6 +12,8 @@ Floats: TypeAlias = NDArray[np.float64]
 """A numpy array of doubles; docstrings say its shape and unit."""
 Singles: TypeAlias = NDArray[np.float32]
 """The same in single precision: what networks take and give, and what is kept of it on disk."""
+Reals: TypeAlias = NDArray[np.floating]
+"""A numpy array of either precision."""
 Indices: TypeAlias = NDArray[np.int64]
 """A numpy array of whole numbers: places in another array, or counts."""
 Array: TypeAlias = Any

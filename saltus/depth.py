@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.wire.messages import DepthFrame, Floats
+from saltus.arrays import Reals
+from saltus.wire.messages import DepthFrame
 
 RANGE_M = 3.0
 """What is farther is as far as this (original)."""
@@ -90,7 +91,7 @@ def model_image(frame: DepthFrame) -> ModelImage:
     return ModelImage(depth=mean, valid=seen)
 
 
-def model_images(depth_m: Floats) -> ModelImage:
+def model_images(depth_m: Reals) -> ModelImage:
     """The same for rendered images of the model's camera.
 
     Args:
@@ -104,7 +105,7 @@ def model_images(depth_m: Floats) -> ModelImage:
     return ModelImage(depth=near, valid=valid)
 
 
-def depth_in_millimetres(depth_m: Floats) -> NDArray[np.uint16]:
+def depth_in_millimetres(depth_m: Reals) -> NDArray[np.uint16]:
     """Rendered depth [m] as a camera sends it: whole millimetres; `NOTHING` where it is infinite or beyond 65.5 m."""
     millimetres = np.rint(np.minimum(depth_m, NOTHING * MILLIMETRE) * (1.0 / MILLIMETRE))
     return millimetres.astype(np.uint16)

@@ -12,10 +12,10 @@ from typing import Protocol
 
 import numpy as np
 
-from saltus.arrays import Array
+from saltus.arrays import Array, Floats
 from saltus.constants import GRAVITY, POLICY_DT
 from saltus.robots.robot import Robot
-from saltus.wire.messages import ControllerMode, Floats, RobotState
+from saltus.wire.messages import ControllerMode, RobotState
 
 
 class Measurement(Protocol):

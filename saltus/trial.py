@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.config import Value
 from saltus.effects.camera import drawn_around
 from saltus.effects.effect import Effect
@@ -18,7 +19,6 @@ from saltus.effects.offsets_and_factors import TorqueGain
 from saltus.effects.profile import Profile
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 from saltus.wire.topics import CAMERA_JITTER_S, CAMERA_LATENCY_S
 
 Effects: TypeAlias = tuple[Effect[Any], ...]

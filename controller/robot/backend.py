@@ -3,8 +3,9 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
+from saltus.arrays import Floats
+from saltus.joint_command import JointCommand
 from saltus.states import Measurement
-from saltus.wire.messages import Floats, JointCommand
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

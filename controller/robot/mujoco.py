@@ -5,12 +5,13 @@ import numpy as np
 from saltus.controller.robot.backend import Reading, RobotBackend
 from saltus.effects.profile import Profile
 from saltus.grid import LINE, HeightGrid
+from saltus.joint_command import JointCommand
 from saltus.robots.robot import Robot
 from saltus.sim.plant import Plant
 from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
-from saltus.wire.messages import GroundTruth, JointCommand
+from saltus.wire.messages import GroundTruth
 
 
 class MujocoRobot(RobotBackend):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.action import Action
-from saltus.arrays import Floats
+from saltus.arrays import Floats, Reals
 from saltus.config import TerrainConfig
 from saltus.controller.compensation import compensation_of
 from saltus.depth import MODEL_CAMERA
@@ -112,9 +112,7 @@ class MixedPlanner:
         self._speed = rng.uniform(*SPEED, count)
         self._frequency = rng.uniform(*RHYTHM, count)
 
-    def step(
-        self, observation: Observation, heights: NDArray[np.floating], fresh: NDArray[np.bool_] | bool = False
-    ) -> Action:
+    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Action:
         """Plans the next 10 ms of all robots; see `saltus.policy.planner.Planner`."""
         rules, policy = self._scripted.step(observation, heights), self._learned.step(observation, heights, fresh)
         policy = replace(

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.arrays import Floats, Singles
+from saltus.arrays import Floats, Reals, Singles
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres, model_images
 from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
@@ -147,7 +147,7 @@ def late_images(profile: Profile, trials: Sequence[Trial]) -> LateImages:
     return LateImages(chain, state, DepthImage(depth=depth, time_s=np.empty(len(trials))))
 
 
-def _as_sent(depth: NDArray[np.floating]) -> NDArray[np.float32]:
+def _as_sent(depth: Reals) -> NDArray[np.float32]:
     """Depth and validity of images that have arrived, shape (n, 2, 48, 16)."""
     image = model_images(depth_in_millimetres(depth) * MILLIMETRE)  # whole millimetres, as they travel
     return np.stack([image.depth, image.valid], 1).astype(np.float32)

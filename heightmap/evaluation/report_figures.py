@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from saltus.arrays import Reals
 from saltus.depth import NOTHING
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.comparison import Comparison
@@ -146,7 +146,7 @@ def moment_figure(
     return figure
 
 
-def _image(frame: DepthFrame) -> tuple[NDArray[np.floating], NDArray[np.floating], NDArray[np.floating]]:
+def _image(frame: DepthFrame) -> tuple[Reals, Reals, Reals]:
     """Depth [m] in view of the page: at most 96 rows, NaN where invalid or beyond range; and tangents of its pixels."""
     every = max(1, frame.depth.shape[0] // 96)
     raw = frame.depth[::every, ::every]

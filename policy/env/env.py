@@ -25,6 +25,7 @@ from saltus.effects.imu import ImuReading
 from saltus.effects.order import chosen_of
 from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
+from saltus.joint_command import JointCommand
 from saltus.policy.bounds import ACTIONS, action_from_values
 from saltus.policy.env.compiled import Stage
 from saltus.policy.env.curriculum import kinds_of_robots
@@ -40,7 +41,7 @@ from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
 from saltus.states import RobotStates
 from saltus.terrain.batch import Courses
-from saltus.wire.messages import ControllerMode, JointCommand
+from saltus.wire.messages import ControllerMode
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

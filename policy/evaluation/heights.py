@@ -5,12 +5,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.grid import LINE, HeightGrid
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates
 from saltus.terrain.stack import TerrainStack
-from saltus.wire.messages import Floats
 
 
 class HeightSource(Protocol):

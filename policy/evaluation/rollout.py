@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.action import Action
+from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT, POLICY_DT, POLICY_STEPS
 from saltus.controller.compensation import Compensation
 from saltus.controller.estimator import Estimator, EstimatorState
@@ -35,7 +36,7 @@ from saltus.states import RobotStates, states_of
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial, TrialMonitor, is_upright, strengthened
-from saltus.wire.messages import ControllerMode, Floats
+from saltus.wire.messages import ControllerMode
 
 STAND_STEPS = 100  # the controller stands for 1 s before it obeys its first plan
 

@@ -7,13 +7,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats, Reals
 from saltus.constants import LOADED_N, PHYSICS_DT, POLICY_STEPS
 from saltus.policy.evaluation.rollout import RolloutStep
 from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Outcome
-from saltus.wire.messages import Floats
 
 Failure = Literal["", "timeout", "trench", "astray", "edge_hit", "slip", "fall_in_flight", "fall_in_stance"]
 
@@ -38,7 +38,7 @@ class Trace:
     """The foot bears more than 5 N, shape (t, 4)."""
 
     @property
-    def time_s(self) -> Floats:
+    def time_s(self) -> Reals:
         """Since the start [s], shape (t,)."""
         return np.arange(len(self.pose)) * STEP_S
 

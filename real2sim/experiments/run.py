@@ -13,6 +13,7 @@ from saltus.arrays import Floats, Indices
 from saltus.constants import PHYSICS_DT
 from saltus.effects.imu import ImuReading
 from saltus.effects.profile import Profile
+from saltus.joint_command import JointCommand
 from saltus.real2sim.experiments.footage import Camera, film
 from saltus.real2sim.experiments.instruments import Instruments, SensorNoise
 from saltus.real2sim.experiments.menu import Experiment
@@ -23,7 +24,6 @@ from saltus.robots.robot import JOINTS, Robot
 from saltus.sim.plant import CLEARANCE, Plant
 from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import JointCommand
 
 SETTLE_S = 0.6  # a robot that was put on its feet has come to rest: three time constants of its slowest mode
 CARRIED_S = 1.0  # time on the log's clock that passes while somebody puts the robot elsewhere

@@ -9,10 +9,10 @@ corner. Boxes that are no columns leave every point in doubt.
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.depth import Intrinsics
 from saltus.terrain.columns import Columns
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 
 SLACK_ROWS = 0.01  # for rounding
 SLACK_M = 0.01

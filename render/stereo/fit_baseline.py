@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.render.stereo.estimate import Estimate, measured, untestable
 from saltus.render.stereo.optics import BASELINE_M
 from saltus.render.stereo.static_scene import StaticScene
-from saltus.wire.messages import Floats
 
 SELDOM = 0.05  # a shadow is invalid in every frame; noise at its border lets some through
 MIN_WIDTH = 3  # px: narrower ones may be holes at edges

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.render.stereo.edge_holes import EdgeHoles
 from saltus.render.stereo.estimate import Estimate, measured, untestable
 from saltus.render.stereo.static_scene import StaticScene
-from saltus.wire.messages import Floats
 
 MIN_STEP_PX = 2.0  # of nominal disparity: an edge
 SAME_PX = 1.0  # of nominal disparity: one surface

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats, Reals
 from saltus.render.stereo.estimate import Estimate, measured, untestable
 from saltus.render.stereo.static_scene import StaticScene
-from saltus.wire.messages import Floats
 
 MIN_FRAMES = 10  # for a variance over time
 MIN_PIXELS = 200
@@ -27,7 +27,7 @@ class NoiseCurves:
     """Middle of each bin that has enough pixels [m], shape (n,)."""
     sigma_m: Floats
     """Standard deviation of depth in it, depth unit and disparity step included [m], shape (n,)."""
-    lag_s: Floats
+    lag_s: Reals
     """Shape (k,)."""
     correlation_in_time: Floats
     """At these lags."""

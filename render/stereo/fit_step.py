@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.render.stereo.estimate import Estimate, measured, untestable
 from saltus.render.stereo.static_scene import StaticScene
-from saltus.wire.messages import Floats
 
 BINS = 1 << 18
 SAMPLES = 2_000_000  # inverse depths that are looked at

@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from saltus.arrays import namespace
+from saltus.arrays import Floats, namespace
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo.windows import ARRAY_WINDOWS, Windows
-from saltus.wire.messages import Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

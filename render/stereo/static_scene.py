@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
+from saltus.arrays import Reals
 from saltus.depth import NOTHING
 from saltus.errors import RecordingError
 from saltus.render.stereo.discontinuity import discontinuity
 from saltus.render.stereo.optics import BASELINE_M
-from saltus.wire.messages import DepthFrame, Floats
+from saltus.wire.messages import DepthFrame
 
 MOVED_PX = 1.0  # twelve times the noise of a D435i: a pixel that changes by more has seen something else
 MOVED_SHARE = 0.1  # of the pixels, from one frame to the next: more than edges that flicker
@@ -49,7 +50,7 @@ class StaticScene:
         return len(self.inverse)
 
     @property
-    def nominal(self) -> Floats:
+    def nominal(self) -> Reals:
         """Median as the disparity [px] that the datasheet's baseline would make of it, shape (height, width)."""
         return self.median * (self.fx * BASELINE_M)
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from saltus.arrays import Array, namespace
+from saltus.arrays import Array, Floats, namespace
 from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.backlash import Backlash
 from saltus.effects.battery_sag import BatterySag
@@ -37,8 +37,8 @@ from saltus.effects.stiction import Stiction
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.effects.velocity_filter import VelocityFilter
+from saltus.joint_command import JointCommand
 from saltus.robots.robot import Robot
-from saltus.wire.messages import Floats, JointCommand
 
 COMMAND_ORDER: Order = (CommandDelay, FeedforwardDelay)
 """What happens to a packet until the drive uses it."""

@@ -10,7 +10,7 @@ import numpy as np
 from saltus.arrays import Array, Constant, Floats, Indices, namespace
 from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Drawable, Drawn, Effect, parameter, period
-from saltus.wire.messages import JointCommand
+from saltus.joint_command import JointCommand
 
 
 class DelayLine:

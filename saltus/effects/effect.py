@@ -9,10 +9,9 @@ from typing import Any, ClassVar, Generic, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Array, Constant, Floats, Reals, namespace
 from saltus.errors import ConfigError
 from saltus.robots.robot import JOINTS, Robot
-from saltus.wire.messages import Floats
 
 Site = Literal["command", "torque", "joint", "joint_state", "imu", "depth", "heightmap", "model", "stand", "view"]
 
@@ -171,7 +170,7 @@ class Effect(Generic[Signal]):
             raise ConfigError(f"{self.name}.{name} is not given: fit the effect to a robot first")
         return np.asarray(values, dtype=np.float64)
 
-    def moved(self, **by: float | Floats) -> Self:
+    def moved(self, **by: float | Reals) -> Self:
         """The effect with parameters changed by so much, one number or one a robot, as far as their bounds allow."""
         declared = {f.name: f.metadata for f in fields(self)}
         moved = {name: getattr(self, name) + change for name, change in by.items()}

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 from saltus.arrays import Array, namespace
 from saltus.effects.delay_line import LateCommand
-from saltus.wire.messages import JointCommand
+from saltus.joint_command import JointCommand
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from saltus.wire.messages import Floats
+from saltus.arrays import Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

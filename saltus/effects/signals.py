@@ -1,11 +1,10 @@
-"""The signals that effects change, one frozen dataclass a site; the signal of "command" is `messages.JointCommand`."""
+"""The signals that effects change, a frozen dataclass a site; that of "command" is `joint_command.JointCommand`."""
 
 import math
 from dataclasses import dataclass
 from typing import Any
 
-from saltus.arrays import Array, namespace
-from saltus.wire.messages import Floats
+from saltus.arrays import Array, Floats, namespace
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

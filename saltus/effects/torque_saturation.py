@@ -6,12 +6,11 @@ from functools import cached_property
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Array, Constant, Floats, namespace
 from saltus.effects.effect import Effect, Values, from_robot, parameter
 from saltus.effects.signals import Drive
 from saltus.errors import ConfigError
 from saltus.robots.robot import JOINTS
-from saltus.wire.messages import Floats
 
 _CALF = 2  # in whose torque a curve is given
 LOSS_AT_KNEE = 0.05

@@ -8,6 +8,7 @@ from urllib.parse import quote
 import numpy as np
 import plotly.graph_objects as go
 
+from saltus.arrays import Floats
 from saltus.config import RunConfig, to_toml
 from saltus.constants import LOADED_N
 from saltus.provenance import commit
@@ -27,16 +28,7 @@ from saltus.reports.page import render, write_page
 from saltus.robots.robot import LEGS
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import (
-    ControllerMode,
-    Event,
-    Floats,
-    GroundTruth,
-    Heightmap,
-    HeightmapStatus,
-    MotionPlan,
-    RobotState,
-)
+from saltus.wire.messages import ControllerMode, Event, GroundTruth, Heightmap, HeightmapStatus, MotionPlan, RobotState
 
 PROFILE_EVERY = 10  # steps between the profiles that are drawn: more would hide each other
 MOST_POINTS = 2000  # of a curve; a page is 1100 pixels wide

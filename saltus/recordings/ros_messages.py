@@ -9,12 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from saltus.arrays import Floats, Reals
 from saltus.constants import NORMAL_90
 from saltus.errors import MessageError
 from saltus.rotations import rotation_matrix
 from saltus.wire import codec
 from saltus.wire.codec import header
-from saltus.wire.messages import Floats, Heightmap, HeightmapStatus, RobotState
+from saltus.wire.messages import Heightmap, HeightmapStatus, RobotState
 from saltus.wire.schemas import TYPE_NAME
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -167,7 +168,7 @@ def odometry(time_ns: int, base: str, position: Floats, state: RobotState) -> An
     )  # fmt: skip
 
 
-def usable_heights(heightmap: Heightmap) -> Floats:
+def usable_heights(heightmap: Heightmap) -> Reals:
     """The heights [m], NaN for all where the heightmap itself says that they are not to be used; shape (30,)."""
     height = np.asarray(heightmap.height)
     return height if heightmap.status in USABLE else np.full_like(height, np.nan)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from rosbags.typesys import get_types_from_msg
 
+from saltus.arrays import Floats
 from saltus.constants import FORCE_M_PER_N, LOADED_N
 from saltus.footholds import Footholds
 from saltus.recordings import ros_messages as ros
@@ -28,7 +29,7 @@ from saltus.sim.shapes import looks_of
 from saltus.terrain.terrain import Terrain
 from saltus.wire.bus import topic_of
 from saltus.wire.codec import LOG_INFO, depth_on_the_wire, header, stamp
-from saltus.wire.messages import DepthFrame, Event, Floats, GroundTruth, Heightmap, Message, MotionPlan, RobotState
+from saltus.wire.messages import DepthFrame, Event, GroundTruth, Heightmap, Message, MotionPlan, RobotState
 from saltus.wire.schemas import EVENT_TYPE
 
 EVERY = 5  # one in five, 20 a second, is enough for the eye

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.depth import MILLIMETRE
 from saltus.errors import ConfigError, MessageError, nearest_hint
 from saltus.recordings import ros_messages as ros
@@ -19,7 +20,7 @@ from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot
 from saltus.ros2.wall_clock import WallClock
 from saltus.rotations import rotation_matrix
-from saltus.wire.messages import ControllerMode, DepthFrame, Floats, RobotState
+from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
 from saltus.wire.topics import TOPICS
 
 HELD_S = TOPICS["controller/state"].invalid_age_s

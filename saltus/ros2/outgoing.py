@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.recordings import ros_messages as ros
 from saltus.recordings.ros_messages import BASE, BASE_YAW, ODOM
 from saltus.recordings.viewer import Frames
@@ -14,7 +15,7 @@ from saltus.robots.robot import JOINTS, Robot
 from saltus.ros2.wall_clock import WallClock
 from saltus.rotations import quaternion_inverse, quaternion_product
 from saltus.wire.codec import depth_on_the_wire, header
-from saltus.wire.messages import DepthFrame, Floats, Heightmap, RobotState
+from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 
 TRANSFORMS = "/tf"
 HEIGHTS = {

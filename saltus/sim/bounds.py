@@ -7,8 +7,8 @@ on another terrain needs the same tree with other boxes: any boxes will do that 
 import mujoco
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.terrain.boxes import Boxes
-from saltus.wire.messages import Floats
 
 WORLD = 0  # the body that terrain belongs to
 

@@ -10,11 +10,11 @@ from saltus.constants import GRAVITY
 from saltus.effects.chain import ActuatorChain, ImuChain, Torques
 from saltus.effects.imu import ImuReading
 from saltus.effects.order import chosen_of
+from saltus.joint_command import JointCommand
 from saltus.robots.robot import Robot
 from saltus.sim import scene
 from saltus.sim.state import Floats, PlantState, sensed
 from saltus.states import Sensed
-from saltus.wire.messages import JointCommand
 
 Motion = tuple[float | Floats, Floats, Floats, Floats, Floats, Floats, Floats]
 """Time [s], `qpos`, `qvel`, centres of the feet in the world [m], rotation of the base, `qacc`, `sensordata`."""

@@ -5,10 +5,10 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.grid import HeightGrid
 from saltus.rotations import roll_pitch_yaw, rotation_matrix, yaw_rotation
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 
 HEIGHTMAP_RGBA = (1.0, 0.25, 0.55, 1.0)
 POINT_RADIUS, LINE_RADIUS = 0.012, 0.005  # [m]

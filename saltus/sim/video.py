@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.errors import SaltusError
 from saltus.grid import LINE, HeightGrid
 from saltus.robots.robot import LEGS, Robot
@@ -19,7 +20,6 @@ from saltus.sim.osmesa import drawing_context, read_pixels
 from saltus.sim.plant import standing_pose
 from saltus.terrain import level
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 
 Frame = NDArray[np.uint8]
 

@@ -5,12 +5,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.constants import FORCE_M_PER_N, LOADED_N
 from saltus.sim.shapes import RobotShapes, terrain_edges, terrain_tops, terrain_walls
 from saltus.watch.pictures import PREDICTED, TRUE, UNTRUSTED
 from saltus.watch.scene import Heights, Scene, World
 from saltus.watch.server import Server
-from saltus.wire.messages import Floats, HeightmapStatus
+from saltus.wire.messages import HeightmapStatus
 
 Rgb = tuple[int, int, int]
 

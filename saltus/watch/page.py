@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.terrain.curriculum import FAMILIES
 from saltus.watch.drawing import SKY, Drawing, aside
 from saltus.watch.panel import GREY, Panel
 from saltus.watch.scene import Scene, World
 from saltus.watch.server import Server
-from saltus.wire.messages import Floats
 
 LEFT_PX, RIGHT_PX = 300, 400
 CAMERA_AT, CAMERA_LOOKS_AT = (-0.8, -1.5, 0.6), (0.2, 0.0, -0.05)

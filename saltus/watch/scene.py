@@ -3,11 +3,12 @@
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TypeVar, cast
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats, Reals
 from saltus.config import RunConfig
 from saltus.depth_camera import DepthCamera
 from saltus.errors import MessageError
@@ -23,7 +24,6 @@ from saltus.wire.messages import (
     ControllerMode,
     DepthFrame,
     Event,
-    Floats,
     GroundTruth,
     Heightmap,
     HeightmapStatus,
@@ -73,7 +73,7 @@ class Heights:
 
     predicted: Floats
     """World frame [m], shape (30, 3)."""
-    half_width_90: Floats
+    half_width_90: Reals
     """90 % of the errors are smaller [m], shape (30,)."""
     true: Floats | None
     """World frame [m], shape (30, 3); None where nobody knows."""
@@ -220,9 +220,9 @@ def _heights(heightmap: Heightmap, truths: dict[int, Arrival], pose: Floats | No
     if base is None:
         return None
 
-    def in_world(height: Floats) -> Floats:
+    def in_world(height: Reals) -> Floats:
         local = np.stack([np.asarray(heightmap.x), np.zeros(len(height)), np.asarray(height)], axis=-1)
-        return cast(Floats, base[:3] + local @ _heading(base).T)
+        return base[:3] + local @ _heading(base).T
 
     return Heights(
         predicted=in_world(heightmap.height),

@@ -16,7 +16,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.floating]
+from saltus.arrays import Floats, Reals
 
 OPERATOR = "operator"
 """Whose events, under `event/operator`, ask something of a run."""
@@ -126,9 +126,9 @@ class Heightmap:
     step: int
     x: Floats
     """Distance ahead of the base along its yaw [m], shape (30,)."""
-    height: Floats
+    height: Reals
     """Terrain height relative to the base [m], shape (30,)."""
-    half_width_90: Floats
+    half_width_90: Reals
     """Half of the 90 % interval of `height` [m]: 90 % of the errors are smaller, shape (30,)."""
     status: HeightmapStatus
     depth_age_s: float
@@ -159,22 +159,6 @@ class MotionPlan:
     """The same for the rear feet."""
     reason: str
     """Why the status is not GO; empty otherwise."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JointCommand:
-    """What a drive is told: torque = kp (q_des - q) + kd (dq_des - dq) + tau_ff, evaluated by the drive."""
-
-    position: Floats
-    """[rad], shape (..., 12)."""
-    velocity: Floats
-    """[rad/s], shape (..., 12)."""
-    kp: Floats
-    """[Nm/rad], shape (..., 12)."""
-    kd: Floats
-    """[Nm s/rad], shape (..., 12)."""
-    torque: Floats
-    """Feed-forward torque [Nm], shape (..., 12)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,12 +11,12 @@ from saltus.controller.compensation import KNOWN, LEAST_GAIN, MOST_OF_KD, compen
 from saltus.effects.offsets_and_factors import CoulombFriction, TorqueGain, ViscousFriction
 from saltus.effects.profile import IDEAL, SHIPPED, load_profile
 from saltus.errors import ConfigError
+from saltus.joint_command import JointCommand
 from saltus.policy.evaluation.rollout import Rollout
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.loading import load_robot
 from saltus.terrain import flat
 from saltus.trial import Trial
-from saltus.wire.messages import JointCommand
 
 ROBOT = load_robot("go1")
 

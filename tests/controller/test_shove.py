@@ -8,11 +8,12 @@ from saltus.constants import POLICY_DT, POLICY_STEPS, PUSH_STEPS
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.shove import HARDEST_NS, Shove
 from saltus.effects.profile import IDEAL
+from saltus.joint_command import JointCommand
 from saltus.robots.loading import load_robot
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 from saltus.wire.memory_bus import MemoryBus
-from saltus.wire.messages import OPERATOR, Event, JointCommand
+from saltus.wire.messages import OPERATOR, Event
 
 MASS_KG = 12.74  # of the Go1
 PUSHES = {

@@ -26,6 +26,7 @@ from saltus.effects.profile import Profile, profile_to_toml
 from saltus.effects.registry import EFFECTS
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
+from saltus.joint_command import JointCommand
 from saltus.policy.env.compiled import Stage
 from saltus.policy.env.env import JumpEnv, _reading
 from saltus.policy.env.randomisation import RandomisationConfig, WideConfig
@@ -43,7 +44,6 @@ from saltus.terrain import flat
 from saltus.terrain.batch import BOXES
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import NOMINAL_FEEDFORWARD_DELAY_S, Trial
-from saltus.wire.messages import JointCommand
 
 ACTUATOR = EVERYTHING.actuator
 BODY = (*EVERYTHING.body, ContactCompliance(time_constant=0.012))

@@ -4,12 +4,12 @@ from samples import ROBOT
 
 from saltus.config import TerrainConfig
 from saltus.constants import POLICY_DT, POLICY_STEPS
+from saltus.joint_command import JointCommand
 from saltus.policy.evaluation.evaluate import Evaluation
 from saltus.policy.evaluation.pushes import PUSH_STEPS, Pushes
 from saltus.sim.batch import BatchPlant
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
-from saltus.wire.messages import JointCommand
 
 STAIRS = make_terrain(TerrainConfig(terrain="stairs"))
 SEEDS = range(40)

@@ -10,6 +10,7 @@ from robots.odd_robot import odd_mjcf
 from samples import PROFILE, ROBOT
 
 from saltus.action import Action
+from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.effects.imu_bias import ImuBias
 from saltus.grid import HEIGHTMAP_X
@@ -20,7 +21,6 @@ from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
-from saltus.wire.messages import Floats
 
 FLAT = make_terrain(TerrainConfig(terrain="flat"))
 

@@ -10,6 +10,7 @@ from samples import KINEMATICS, ROBOT
 
 from benchmarks.planner import bounding
 from saltus.action import Action
+from saltus.arrays import Floats
 from saltus.grid import HEIGHTMAP_X
 from saltus.policy.observation import Observation, observe
 from saltus.policy.profile import height_at, highest_between, slope
@@ -24,7 +25,6 @@ from saltus.policy.scripted import (
 )
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.states import standing_state
-from saltus.wire.messages import Floats
 
 COUNT = 64
 

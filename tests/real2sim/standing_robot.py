@@ -10,12 +10,12 @@ from samples import KINEMATICS, ROBOT
 from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Effect
 from saltus.effects.profile import IDEAL
+from saltus.joint_command import JointCommand
 from saltus.recordings.run_log import JointTable, RunLog, Table
 from saltus.robots.robot import JOINTS
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.sim.plant import Plant
 from saltus.terrain import flat
-from saltus.wire.messages import JointCommand
 
 KP, KD = 100.0, 2.0
 DT = PHYSICS_DT

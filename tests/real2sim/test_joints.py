@@ -21,6 +21,7 @@ from saltus.effects.offsets_and_factors import BaseRoll, EncoderBias, VelocitySc
 from saltus.effects.registry import EFFECTS
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import RecordingError
+from saltus.joint_command import JointCommand
 from saltus.real2sim.problem.joints import motion as joint_motion
 from saltus.real2sim.problem.joints.candidates import LOOP_RATE
 from saltus.real2sim.problem.joints.drives import lost
@@ -32,7 +33,6 @@ from saltus.recordings.run_log import JOINT_SIGNALS, JointTable, RunLog
 from saltus.robots.robot import JOINTS
 from saltus.sim.plant import Plant
 from saltus.terrain import flat
-from saltus.wire.messages import JointCommand
 
 DT = PHYSICS_DT
 KP, KD = 40.0, 1.0

@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 from samples import ROBOT
 
+from saltus.arrays import Floats
 from saltus.depth import Intrinsics
 from saltus.render.camera import ray_directions
 from saltus.render.stereo.optics import Optics
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 
 
 def wall_and_panel(

@@ -10,6 +10,7 @@ from random_terrain import places, random_terrain
 from samples import ROBOT
 from stereo_scenes import poses
 
+from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics
 from saltus.errors import ConfigError, SaltusError
@@ -21,7 +22,6 @@ from saltus.render.renderer import Renderer
 from saltus.render.warp import WarpRenderer
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import RUN_OUT, WIDTH, Terrain
-from saltus.wire.messages import Floats
 
 KINDS: tuple[str, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
 POSES = 200

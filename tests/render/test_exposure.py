@@ -3,6 +3,7 @@
 import numpy as np
 from samples import ROBOT, level_truth
 
+from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.depth import Intrinsics, depth_frame, depth_in_millimetres, model_image
 from saltus.depth_camera import SHIPPED
@@ -11,7 +12,7 @@ from saltus.render.camera import RobotCamera
 from saltus.render.exposure import PerfectExposure
 from saltus.render.stereo_exposure import StereoExposure
 from saltus.terrain.curriculum import make_terrain
-from saltus.wire.messages import Floats, GroundTruth
+from saltus.wire.messages import GroundTruth
 
 TERRAIN = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.15))
 

@@ -8,6 +8,7 @@ import torch
 import warp
 from samples import ROBOT
 
+from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, Intrinsics, sampled_model_camera
 from saltus.errors import SaltusError
@@ -22,7 +23,6 @@ from saltus.terrain.boxes import Boxes
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import BOTTOM, Terrain
-from saltus.wire.messages import Floats
 
 STAIRS = make_terrain(TerrainConfig(terrain="stairs"))
 

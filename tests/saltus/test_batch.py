@@ -8,12 +8,12 @@ from samples import PROFILE, ROBOT
 from saltus.config import TerrainConfig
 from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.chain import ActuatorChain
+from saltus.joint_command import JointCommand
 from saltus.sim.batch import BatchPlant
 from saltus.sim.plant import Plant
 from saltus.sim.state import PlantState
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import JointCommand
 
 TERRAINS = [make_terrain(TerrainConfig(terrain=kind)) for kind in FAMILIES]
 COUNT = len(TERRAINS)

@@ -19,11 +19,11 @@ from saltus.effects.offsets_and_factors import (
     PayloadMass,
     SoftFeet,
 )
+from saltus.joint_command import JointCommand
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.batch import BatchPlant
 from saltus.sim.plant import Plant
 from saltus.terrain import flat
-from saltus.wire.messages import JointCommand
 
 BODY: tuple[Effect[Any], ...] = (
     PayloadMass(mass=1.5),

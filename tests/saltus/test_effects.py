@@ -25,7 +25,7 @@ from saltus.effects.signals import DepthImage, Drive, HeightQuery
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import ConfigError
-from saltus.wire.messages import JointCommand
+from saltus.joint_command import JointCommand
 
 ZERO = np.zeros(12)
 

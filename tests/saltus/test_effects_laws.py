@@ -58,7 +58,7 @@ from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.effects.velocity_filter import VelocityFilter
 from saltus.errors import ConfigError
-from saltus.wire.messages import JointCommand
+from saltus.joint_command import JointCommand
 
 ROBOTS = 5
 STEPS = 12

@@ -27,12 +27,12 @@ from saltus.effects.offsets_and_factors import (
 from saltus.effects.signals import Drive, JointState, Resistance
 from saltus.effects.stiction import Stiction
 from saltus.effects.velocity_filter import VelocityFilter
+from saltus.joint_command import JointCommand
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.batch import BatchPlant
 from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.plant import Plant
 from saltus.terrain import flat
-from saltus.wire.messages import JointCommand
 
 ZERO = np.zeros(12)
 GROUND = flat.make()

@@ -9,12 +9,12 @@ from saltus.config import TerrainConfig
 from saltus.constants import GRAVITY, PHYSICS_DT
 from saltus.effects.chain import ActuatorChain
 from saltus.errors import SaltusError
+from saltus.joint_command import JointCommand
 from saltus.rotations import rotation_matrix
 from saltus.sim.plant import Plant
 from saltus.sim.state import PlantState
 from saltus.terrain import flat
 from saltus.terrain.curriculum import FAMILIES, make_terrain
-from saltus.wire.messages import JointCommand
 
 ONE = np.ones(12)
 
