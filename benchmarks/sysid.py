@@ -35,7 +35,7 @@ from saltus.sim.plant import HELD_HEIGHT, HELD_INERTIA, HELD_TOLERANCE
 from saltus.terrain import flat
 
 if TYPE_CHECKING:
-    from mujoco.sysid._src.parameter import Parameter, ParameterDict
+    from mujoco.sysid import Parameter, ParameterDict
 
 CALVES = np.arange(12) % 3 == 2
 HIDDEN = {"armature": 0.004, "viscous_friction": 0.15, "coulomb_friction": 0.25}
@@ -95,8 +95,7 @@ def _by_real2sim(log: RunLog) -> dict[str, tuple[float, float, float]]:
 
 
 def _by_sysid(log: RunLog) -> dict[str, tuple[float, float, float]]:
-    from mujoco.sysid._src import optimize
-    from mujoco.sysid._src.parameter import Parameter, ParameterDict
+    from mujoco.sysid import Parameter, ParameterDict, calculate_intervals, optimize
 
     unknown = ParameterDict()
     for name, largest in LARGEST.items():
@@ -106,8 +105,8 @@ def _by_sysid(log: RunLog) -> dict[str, tuple[float, float, float]]:
         params.update_from_vector(x)
         return [_apart(log, _model(params))], None, None
 
-    params, result = optimize.optimize(unknown, residuals, optimizer="scipy", verbose=False)
-    covariance, _ = optimize.calculate_intervals([residuals(result.x, params)[0][0]], result.jac)
+    params, result = optimize(unknown, residuals, optimizer="scipy", verbose=False)
+    covariance, _ = calculate_intervals([residuals(result.x, params)[0][0]], result.jac)
     error = np.sqrt(np.diag(covariance))
     return {
         name: (float(x), float(x - QUANTILE * e), float(x + QUANTILE * e))

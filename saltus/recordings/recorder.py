@@ -13,7 +13,6 @@ import contextlib
 import json
 import os
 import platform
-import tempfile
 import threading
 import time
 from collections import Counter
@@ -22,9 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 
-from mcap.data_stream import RecordBuilder
-from mcap.records import ChunkIndex
-from mcap.writer import CompressionType, Writer
+from mcap.records import Message as Record
 
 from saltus import config
 from saltus.clock import RunClock
@@ -34,6 +31,7 @@ from saltus.errors import MessageError, RecordingError
 from saltus.interrupts import WHOLE
 from saltus.models import models_of
 from saltus.provenance import commit, package_version
+from saltus.recordings.indexed_writer import IndexedWriter
 from saltus.recordings.ros_messages import definition_of
 from saltus.recordings.viewer import Viewer
 from saltus.robots.robot import Robot
@@ -57,37 +55,6 @@ LOST = "lost"
 PROFILE = "ros2"
 PACKAGES = ("saltus", "numpy", "mujoco", "eclipse-zenoh", "onnxruntime", "mcap", "rosbags")
 SEQUENCE_MASK = 2**32 - 1  # MCAP counts in a uint32
-
-
-CHUNK_INDICES = "_Writer__chunk_indices"
-"""Where `mcap` keeps the index of a file until it is finished: a list of objects, 1 KB for each chunk, of which
-a run in real time has four a second."""
-
-
-class StoredIndex:
-    """That list in a file without a name beside the recording, 200 bytes for each chunk."""
-
-    def __init__(self, folder: Path) -> None:
-        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  # until `close`
-
-    def append(self, index: ChunkIndex) -> None:
-        """Adds the entry of a chunk."""
-        record = RecordBuilder()
-        index.write(record)
-        self._file.write(record.end())
-
-    def __iter__(self) -> Iterator["StoredIndex"]:
-        """What is to be written: all entries at once."""
-        yield self
-
-    def write(self, stream: RecordBuilder) -> None:
-        """Writes all entries, as each entry of the list would itself."""
-        self._file.seek(0)
-        stream.write(self._file.read())
-
-    def close(self) -> None:
-        """Ends the file."""
-        self._file.close()
 
 
 class Recorder:
@@ -116,10 +83,9 @@ class Recorder:
         with WHOLE:  # a file that is there has a beginning
             with _writing(path):
                 self._file = path.open("wb", buffering=CHUNK_BYTES)  # a full disk shows at the first flush
-                self._index = StoredIndex(path.parent)
-            self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-            setattr(self._writer, CHUNK_INDICES, self._index)
-            self._writer.start(profile=PROFILE, library=LIBRARY)
+                self._writer = IndexedWriter(
+                    self._file, path.parent, chunk_bytes=CHUNK_BYTES, profile=PROFILE, library=LIBRARY
+                )
             self._writer.add_metadata(METADATA, about)
         self._ended = threading.Event()
         self._syncs = threading.Thread(target=self._sync, name="recording to disk", daemon=True)
@@ -181,7 +147,7 @@ class Recorder:
                 self._file.flush()
                 os.fdatasync(self._file.fileno())
         finally:
-            for file in (self._file, self._index):
+            for file in (self._file, self._writer):
                 with contextlib.suppress(OSError):  # it flushes once more, onto the same full disk
                     file.close()
 
@@ -213,13 +179,11 @@ class Recorder:
                     topic, "cdr", self._schema(type_name), {"boot_id": envelope.boot_id.hex()}
                 )
                 self._channels[topic, envelope.boot_id] = channel
-            self._writer.add_message(
-                channel_id=channel,
-                log_time=arrival_ns,
-                data=payload,
-                publish_time=max(0, envelope.capture_ns),
+            record = Record(
+                channel_id=channel, log_time=arrival_ns, data=payload, publish_time=max(0, envelope.capture_ns),
                 sequence=envelope.sequence & SEQUENCE_MASK,
-            )
+            )  # fmt: skip
+            self._writer.add_message(record)
 
     def _schema(self, type_name: str) -> int:
         if type_name not in self._schemas:
