@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Reals, Singles
-from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres, model_images
+from saltus.depth import MILLIMETRE, MODEL_CAMERA, RANGE_M, depth_in_millimetres
 from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
 from saltus.effects.effect import map_arrays
@@ -149,8 +149,11 @@ def late_images(profile: Profile, trials: Sequence[Trial]) -> LateImages:
 
 def _as_sent(depth: Reals) -> NDArray[np.float32]:
     """Depth and validity of images that have arrived, shape (n, 2, 48, 16)."""
-    image = model_images(depth_in_millimetres(depth) * MILLIMETRE)  # whole millimetres, as they travel
-    return np.stack([image.depth, image.valid], 1).astype(np.float32)
+    millimetres = depth_in_millimetres(depth)  # as they travel
+    valid = millimetres > 0
+    # one product in single precision, as `saltus.depth.model_image` has it: another rounding lets runs part
+    near = np.minimum(millimetres.astype(np.float32) * np.float32(MILLIMETRE / RANGE_M), np.float32(1.0))
+    return np.stack([np.where(valid, near, np.float32(1.0)), valid], 1).astype(np.float32)
 
 
 def _plausible(tick: Tick) -> NDArray[np.bool_]:
