@@ -13,7 +13,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from saltus.depth import MILLIMETRE, RANGE_M
 from saltus.heightmap.settings import ModelConfig
 
 MAX_IMAGE_AGE_S = 0.5
@@ -23,14 +22,7 @@ MIN_STD_M, MAX_STD_M = 0.0003, 0.5
 WIDTHS = 13
 """Of intervals that are corrected each by its own: one is 1.86 times the one before, from MIN_STD_M to MAX_STD_M."""
 IMAGE_SHAPE = (2, 48, 16)
-"""Depth in [0, 1] (1 where invalid) and validity (0 or 1), rows from the top."""
-
-
-def model_image(millimetres: Tensor) -> Tensor:
-    """What the network is shown of images [mm], 0 where invalid: shape (..., 48, 16) -> (..., 2, 48, 16)."""
-    valid = millimetres > 0
-    depth = torch.where(valid, (millimetres * (MILLIMETRE / RANGE_M)).clamp(max=1.0), 1.0)
-    return torch.stack((depth, valid.to(depth.dtype)), -3)
+"""Of `saltus.depth.model_image`."""
 
 
 class Normalisation(NamedTuple):

@@ -15,7 +15,7 @@ from scipy.special import stdtrit
 
 from saltus.arrays import Floats
 from saltus.config import Value
-from saltus.depth import BASELINE_M, NOTHING, Intrinsics
+from saltus.depth import BASELINE_M, NOTHING, intrinsics_of
 from saltus.depth_camera import DepthCamera
 from saltus.errors import RecordingError
 from saltus.recordings.recording import read_recording
@@ -167,10 +167,7 @@ class _View:
 
     @classmethod
     def of(cls, frame: DepthFrame, state: RobotState, robot: Robot) -> "_View":
-        height, width = frame.depth.shape
-        rays = ray_directions(
-            Intrinsics(width=width, height=height, fx=frame.fx, fy=frame.fy, cx=frame.cx, cy=frame.cy)
-        )[::EVERY_PIXEL, ::EVERY_PIXEL]
+        rays = ray_directions(intrinsics_of(frame))[::EVERY_PIXEL, ::EVERY_PIXEL]
         raw = frame.depth[::EVERY_PIXEL, ::EVERY_PIXEL]
         seen = (raw > 0) & (raw < NOTHING)
         points = (rays * (raw * frame.depth_unit_m)[..., None])[seen]

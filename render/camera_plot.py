@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.depth import MODEL_CAMERA, RANGE_M, depth_frame, depth_in_millimetres, model_image
+from saltus.depth import MODEL_CAMERA, RANGE_M, depth_in_millimetres, model_image
 from saltus.depth_camera import DepthCamera
 from saltus.errors import SaltusError
 from saltus.grid import LINE
@@ -66,15 +66,15 @@ def draw_camera(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Path)
     """
     pose = tuple(array[0] for array in poses(terrain, views(robot)[:1]))
     depth = _seen(robot, terrain, camera, pose)
-    image = model_image(depth_frame(camera.image, depth_in_millimetres(depth)))
-    network = np.where(image.valid, RANGE_M * image.depth, np.float32(0.0))
+    near, valid = model_image(depth_in_millimetres(depth), camera.image)
+    network = np.where(valid > 0.0, RANGE_M * near, np.float32(0.0))
     full = np.ones(depth.shape, np.uint16)
     view = RobotCamera.on(robot)
     coverage = CameraCoverage(
         position=robot.camera_position,
         pitch=robot.camera_pitch,
-        covered=float(model_image(depth_frame(camera.image, full)).valid.mean()),
-        invalid=float(1.0 - image.valid.mean()),
+        covered=float((model_image(full, camera.image)[1] > 0.0).mean()),
+        invalid=float((valid == 0.0).mean()),
         visible=_visible(terrain, view, camera, pose),
     )
     scale = Scale.of([depth, network])

@@ -12,7 +12,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Reals
-from saltus.depth import RANGE_M, depth_frame, depth_in_millimetres, model_image
+from saltus.depth import RANGE_M, depth_in_millimetres, model_image
 from saltus.depth_camera import DepthCamera
 from saltus.errors import SaltusError
 from saltus.grid import LINE
@@ -247,7 +247,7 @@ def _clean(view: View, scale: Scale, wide: Depth, narrow: Depth) -> list[Picture
 def _for_model(scale: Scale, camera: DepthCamera, true: Depth, reported: Depth) -> list[Picture]:
     pictures = []
     for title, depth in (("true", true), ("as reported", reported)):
-        seen = model_image(depth_frame(camera.matching, depth_in_millimetres(depth)))
-        pixels = camera.for_model(np.where(seen.valid, RANGE_M * seen.depth, np.float32(0.0)))
+        near, valid = model_image(depth_in_millimetres(depth), camera.matching)
+        pixels = camera.for_model(np.where(valid > 0.0, RANGE_M * near, np.float32(0.0)))
         pictures.append(scale.picture(title, "", pixels))
     return pictures

@@ -7,12 +7,11 @@ pooled by area: each pixel of the model averages the valid part of what it cover
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.arrays import Reals
+from saltus.arrays import Array, namespace
 from saltus.wire.messages import DepthFrame
 
 RANGE_M = 3.0
@@ -61,54 +60,56 @@ def sampled_model_camera(rows: int, columns: int) -> Intrinsics:
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ModelImage:
-    """What the model sees, for any leading batch dimensions."""
+def model_image(depth: Array, camera: Intrinsics = MODEL_CAMERA, unit_m: float = MILLIMETRE) -> Array:
+    """Makes what a network sees of depth images: cropped and pooled to its camera, and normalised.
 
-    depth: NDArray[np.float32]
-    """Depth over 3 m in [0, 1]; 1 where nothing is in range or the pixel is invalid. Shape (..., 48, 16)."""
-    valid: NDArray[np.bool_]
-    """Shape (..., 48, 16)."""
-
-
-def model_image(frame: DepthFrame) -> ModelImage:
-    """Crops and pools a frame to the model's camera; parts that it does not cover are invalid.
-
-    A frame with the model's own intrinsics keeps its pixels. Depth that is not a positive number counts as invalid.
-    """
-    height, width = frame.depth.shape
-    rows = _pooling(MODEL_CAMERA.height, MODEL_CAMERA.fy, MODEL_CAMERA.cy, height, frame.fy, frame.cy)
-    columns = _pooling(MODEL_CAMERA.width, MODEL_CAMERA.fx, MODEL_CAMERA.cx, width, frame.fx, frame.cx)
-    raw = frame.depth[rows.needed, columns.needed]
-    layers = _layers(rows.covering(raw), frame.depth_unit_m)  # (2, some, 48, width)
-    tall = rows.total(layers, axis=1)  # (2, 48, width)
-    across = columns.covering(tall.reshape(2 * MODEL_CAMERA.height, raw.shape[1]).T)  # (some, 16, 2 * 48)
-    depth, share = columns.total(across, axis=0).reshape(-1, *tall.shape[:2]).transpose(1, 2, 0)  # (2, 48, 16)
-    seen = share >= VALID_SHARE
-    seen &= depth <= share  # which is not true of what is not a number
-    mean = np.ones(seen.shape, np.float32)  # what cannot be seen must not look like an obstacle at the lens
-    np.divide(depth, share, out=mean, where=seen)
-    return ModelImage(depth=mean, valid=seen)
-
-
-def model_images(depth_m: Reals) -> ModelImage:
-    """The same for rendered images of the model's camera.
+    Images of the model's own camera keep their pixels. What a camera does not cover is invalid.
 
     Args:
-        depth_m: along the optical axis [m]; infinite where nothing is hit, 0 or not a number where invalid. Shape
-            (..., 48, 16).
+        depth: Whole steps of `unit_m`, 0 where invalid, `NOTHING` where nothing is within range.
+            Numpy or torch, shape (..., height, width).
+        camera: Through which they were taken.
+        unit_m: One step [m].
+
+    Returns:
+        Depth over 3 m in [0, 1], which is 1 where nothing is in range or the pixel is invalid; and
+        1 where the pixel is valid, else 0. float32, shape (..., 2, 48, 16).
     """
-    depth = np.asarray(depth_m, dtype=np.float32)
-    valid = depth > 0.0
+    height, width = depth.shape[-2:]
+    model = MODEL_CAMERA
+    rows = _pooling(model.height, model.fy, model.cy, height, camera.fy, camera.cy)
+    columns = _pooling(model.width, model.fx, model.cx, width, camera.fx, camera.cx)
+    xp, batch = namespace(depth), tuple(depth.shape[:-2])
+    raw = depth[..., rows.needed, columns.needed]
+    raw = raw.reshape((math.prod(batch), *raw.shape[-2:]))
+    layers = _layers(rows.covering(raw, axis=1), unit_m)  # (2, n, some, 48, width)
+    tall = rows.total(layers, axis=2)  # (2, n, 48, width)
+    flat = tall.reshape((math.prod(tall.shape[:-1]), tall.shape[-1]))
+    across = columns.covering(flat.T, axis=0)  # (some, 16, 2 * n * 48)
+    sums = columns.total(across, axis=0).T.reshape((2, *batch, model.height, model.width))
+    total, share = sums[0], sums[1]
+    seen = (share >= VALID_SHARE) & (total <= share)  # which is not true of what is not a number
     # Far, never near: what cannot be seen must not look like an obstacle at the lens
-    near = np.where(valid, np.minimum(depth * np.float32(1.0 / RANGE_M), np.float32(1.0)), np.float32(1.0))
-    return ModelImage(depth=near, valid=valid)
+    image = xp.empty((*batch, 2, *share.shape[-2:]), dtype=xp.float32, device=depth.device)
+    image[..., 0, :, :] = xp.where(seen, total / xp.where(seen, share, 1.0), 1.0)
+    image[..., 1, :, :] = seen
+    return image
 
 
-def depth_in_millimetres(depth_m: Reals) -> NDArray[np.uint16]:
-    """Rendered depth [m] as a camera sends it: whole millimetres; `NOTHING` where it is infinite or beyond 65.5 m."""
-    millimetres = np.rint(np.minimum(depth_m, NOTHING * MILLIMETRE) * (1.0 / MILLIMETRE))
-    return millimetres.astype(np.uint16)
+def depth_in_millimetres(depth_m: Array) -> Array:
+    """Depth [m] as a camera sends it: whole millimetres, `NOTHING` where it is beyond 65.5 m.
+
+    Numpy's are uint16; torch's are int32, as torch has few operations for the other. Any shape.
+    """
+    xp = namespace(depth_m)
+    steps = xp.round(xp.clip(depth_m, max=NOTHING * MILLIMETRE) * (1.0 / MILLIMETRE))
+    return xp.astype(steps, xp.uint16 if xp is np else xp.int32)
+
+
+def intrinsics_of(frame: DepthFrame) -> Intrinsics:
+    """The camera that a frame says it was taken through."""
+    height, width = frame.depth.shape
+    return Intrinsics(width=width, height=height, fx=frame.fx, fy=frame.fy, cx=frame.cx, cy=frame.cy)
 
 
 def depth_frame(camera: Intrinsics, depth_mm: NDArray[np.uint16], *, time_ns: int = 0, frame_id: int = 0) -> DepthFrame:
@@ -142,38 +143,44 @@ class _Pooling:
     """Of each, shape (some, reached, 1), or without dimensions where all are the same; they add up to the covered share
     of a model pixel: 1 inside the source image."""
 
-    def covering(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Of values along the first axis of the source those that cover model pixels: (some, reached, ...)."""
-        return values[None] if self.place is None else np.take(values, self.place, axis=0)
+    def covering(self, values: Array, axis: int) -> Array:
+        """Values that cover model pixels: the axis of the source becomes two, (some, reached)."""
+        if self.place is None:
+            return values[(slice(None),) * axis + (None,)]
+        xp = namespace(values)
+        taken = xp.take(values, xp.asarray(self.place.reshape(-1), device=values.device), axis=axis)
+        return taken.reshape((*values.shape[:axis], *self.place.shape, *values.shape[axis + 1 :]))
 
-    def total(self, covering: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
+    def total(self, covering: Array, axis: int) -> Array:
         """Weighted sums of what `covering` returned, in its memory, 0 for model pixels that nothing covers.
 
         Not as products with matrices: for these BLAS may wake and await threads.
 
         Args:
-            covering: Of any shape that has the axes "some" and "reached" one after the other.
+            covering: Of any shape whose last axes are "some", "reached" and one more.
             axis: The one called "some"; in the result that of all model pixels.
         """
         if self.place is None:
-            return covering.reshape(*covering.shape[:axis], *covering.shape[axis + 1 :])
-        covering *= self.weight
-        sums: NDArray[np.float32] = np.add.reduce(covering, axis=axis)
+            return covering.reshape((*covering.shape[:axis], *covering.shape[axis + 1 :]))
+        xp = namespace(covering)
+        covering *= xp.asarray(self.weight, device=covering.device)
+        sums = xp.sum(covering, axis=axis)
         if sums.shape[axis] == self.count:
             return sums
-        whole = np.zeros((*sums.shape[:axis], self.count, *sums.shape[axis + 1 :]), np.float32)
+        shape = (*sums.shape[:axis], self.count, *sums.shape[axis + 1 :])
+        whole = xp.zeros(shape, dtype=xp.float32, device=covering.device)
         whole[(slice(None),) * axis + (self.reached,)] = sums
         return whole
 
 
-def _layers(raw: NDArray[np.uint16], unit_m: float) -> NDArray[np.float32]:
+def _layers(raw: Array, unit_m: float) -> Array:
     """Depth over 3 m in [0, 1], and 1 where there is one and 0 where not; shape (2, ...)."""
-    scale = np.float32(unit_m / RANGE_M)
-    layers = np.empty((2, *raw.shape), np.float32)
+    xp, scale = namespace(raw), float(np.float32(unit_m / RANGE_M))
+    layers = xp.empty((2, *raw.shape), dtype=xp.float32, device=raw.device)
+    layers[0] = raw
     near = layers[0]
-    near[...] = raw
     near *= scale
-    near.clip(0.0, 1.0, out=near)
+    layers[0] = near.clip(max=1.0)
     if scale * NOTHING < 1.0:
         near[raw == NOTHING] = 1.0
     layers[1] = raw > 0

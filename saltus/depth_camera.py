@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Constant, namespace
 from saltus.config import Value, changed, check_between, read_file, read_toml
-from saltus.depth import BASELINE_M, D435I, MODEL_CAMERA, Intrinsics, depth_frame, model_image, sampled_model_camera
+from saltus.depth import BASELINE_M, D435I, MODEL_CAMERA, Intrinsics, model_image, sampled_model_camera
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import Profile
 from saltus.errors import ConfigError, nearest_hint
@@ -142,7 +142,7 @@ class DepthCamera(Value):
     def _covered(self) -> Constant | None:
         """1 where an image of this camera gives a pixel of the model's, else 0, shape (48, 16); None: everywhere."""
         full = np.ones((self.image.height, self.image.width), np.uint16)
-        seen = model_image(depth_frame(self.image, full)).valid
+        seen = model_image(full, self.image)[1]
         return None if seen.all() else Constant(seen)
 
 

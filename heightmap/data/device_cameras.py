@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from saltus.depth import MILLIMETRE, MODEL_CAMERA, NOTHING, sampled_model_camera
+from saltus.depth import MODEL_CAMERA, depth_in_millimetres, sampled_model_camera
 from saltus.depth_camera import DepthCamera
 from saltus.effects.effect import map_arrays
 from saltus.effects.image_pixels import to_images
@@ -116,11 +116,6 @@ class DeviceCameras:
                 depth, self._state[name] = stereo.step_pooled(true, hidden, now_s, self._state[name], ROWS, COLUMNS)
             exposed = DepthImage(depth=self._cameras[name].for_model(depth), time_s=now_s)
             given, self._given[name] = self._chain.step(exposed, tick * TICK_S, self._given[name], self._fresh)
-            images[name] = replace(given, depth=_in_millimetres(given.depth))
+            images[name] = replace(given, depth=depth_in_millimetres(given.depth))
         self._fresh = torch.zeros_like(fresh)
         return images
-
-
-def _in_millimetres(depth: Tensor) -> Tensor:
-    """The law of `saltus.depth.depth_in_millimetres`."""
-    return (depth.clamp(max=NOTHING * MILLIMETRE) * (1.0 / MILLIMETRE)).round().to(torch.int32)

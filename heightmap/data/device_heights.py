@@ -4,13 +4,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from saltus.depth import model_image
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.effect import map_arrays
 from saltus.effects.signals import DepthImage
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import TICK_S, DeliveryModel
 from saltus.heightmap.data.late_images import LateImages, UsedImages
-from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel, model_image
+from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel
 from saltus.heightmap.service.service import MAX_HEIGHT_M
 
 _LONGEST_S = 1e7

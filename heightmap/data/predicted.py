@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.arrays import Floats, Reals, Singles
-from saltus.depth import MILLIMETRE, MODEL_CAMERA, RANGE_M, depth_in_millimetres
+from saltus.arrays import Floats, Singles
+from saltus.depth import MODEL_CAMERA, depth_in_millimetres, model_image
 from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
 from saltus.effects.effect import map_arrays
@@ -92,7 +92,8 @@ class PredictedHeights:
         self._network = network
         self._cameras = cameras
         self._images = late_images(profile, trials)
-        self._used = UsedImages(_as_sent(self._images.in_hand.depth), self._images.in_hand.time_s)
+        blank = model_image(depth_in_millimetres(self._images.in_hand.depth))
+        self._used = UsedImages(blank, self._images.in_hand.time_s)
         self.half_width_90 = np.full((count, len(HEIGHTMAP_X)), UNKNOWN_HALF_WIDTH_M)
         """Half of the 90 % interval of the newest heights [m], shape (n, 30)."""
         self.depth: NDArray[np.float32] | None = None
@@ -110,7 +111,7 @@ class PredictedHeights:
         exposed = None if depth is None else DepthImage(depth=depth, time_s=time_s)
         arrived, image = self._images.step(exposed, states.time_s, fresh), self._used.image.copy()
         in_hand = self._images.in_hand
-        image[arrived] = _as_sent(in_hand.depth[arrived])
+        image[arrived] = model_image(depth_in_millimetres(in_hand.depth[arrived]))
         new, forgets = self._used.step(arrived, image, in_hand.time_s, fresh)
         self._hidden[forgets] = 0.0
         features = self._features(states)
@@ -145,15 +146,6 @@ def late_images(profile: Profile, trials: Sequence[Trial]) -> LateImages:
     state = map_arrays(lambda *keys: np.stack(keys), *states)
     depth = np.empty((len(trials), MODEL_CAMERA.height, MODEL_CAMERA.width), np.float32)
     return LateImages(chain, state, DepthImage(depth=depth, time_s=np.empty(len(trials))))
-
-
-def _as_sent(depth: Reals) -> NDArray[np.float32]:
-    """Depth and validity of images that have arrived, shape (n, 2, 48, 16)."""
-    millimetres = depth_in_millimetres(depth)  # as they travel
-    valid = millimetres > 0
-    # one product in single precision, as `saltus.depth.model_image` has it: another rounding lets runs part
-    near = np.minimum(millimetres.astype(np.float32) * np.float32(MILLIMETRE / RANGE_M), np.float32(1.0))
-    return np.stack([np.where(valid, near, np.float32(1.0)), valid], 1).astype(np.float32)
 
 
 def _plausible(tick: Tick) -> NDArray[np.bool_]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from saltus import rotations
 from saltus.arrays import Floats
-from saltus.depth import NOTHING, RANGE_M, Intrinsics
+from saltus.depth import NOTHING, RANGE_M, intrinsics_of
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.odometry import Odometry, Pose
 from saltus.heightmap.service.quantiles import INTERVAL90, UNKNOWN_HALF_WIDTH_M
@@ -150,8 +150,7 @@ class GeometricHeightmap:
 
 def _points_of(frame: DepthFrame, pose: Pose, mount: Mount) -> _Points:
     """Deprojects a frame, leaves out walls, and averages over bins along the heading."""
-    height, width = frame.depth.shape
-    camera = Intrinsics(width=width, height=height, fx=frame.fx, fy=frame.fy, cx=frame.cx, cy=frame.cy)
+    camera = intrinsics_of(frame)
     depth = frame.depth * frame.depth_unit_m
     seen = (frame.depth > 0) & (frame.depth < NOTHING) & (depth < RANGE_M)
     origin, rotation = camera_pose(mount, pose.position, pose.quaternion)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saltus.arrays import Singles
-from saltus.depth import ModelImage, model_image
+from saltus.depth import MODEL_CAMERA, intrinsics_of, model_image
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.service.features import proprioception_of
 from saltus.heightmap.service.frame_loss import WINDOW_NS, FrameLoss
@@ -34,6 +34,8 @@ LONGEST_GAP_S = (MAX_MISSED_FRAMES + 1.5) / DEPTH.rate_hz
 """Between two images that are used: after a longer one the hidden state is emptied."""
 _TRUST = (HeightmapStatus.OK, HeightmapStatus.DEGRADED, HeightmapStatus.WARMING, HeightmapStatus.INVALID)
 """From good to bad, unlike their numbers: heights of poor images are of some use, of an empty hidden state of none."""
+_BLANK = model_image(np.zeros((MODEL_CAMERA.height, MODEL_CAMERA.width), np.uint16))
+"""What the network sees before the first frame: nothing valid."""
 _DEGRADED_LOST = DEGRADED_LOST_SHARE * DEPTH.rate_hz * 1e-9 * WINDOW_NS
 
 
@@ -132,7 +134,7 @@ class HeightmapService:
         new = frame is not None and self._accept(frame, now_ns)
         features = proprioception_of(state, self._network.legs)
         if self._view is None:
-            return Inputs(_blank_image(), math.inf, False, features)
+            return Inputs(_BLANK, math.inf, False, features)
         age_s = max(0.0, (state.time_ns - self._view.time_ns) * 1e-9)
         return Inputs(self._view.image, age_s, new, features)
 
@@ -171,9 +173,9 @@ class HeightmapService:
         newest = self._newest
         if newest is not None and (frame.frame_id == newest.frame_id or frame.time_ns <= newest.time_ns):
             return False
-        image = model_image(frame)
-        invalid_fraction = 1.0 - np.count_nonzero(image.valid) / image.valid.size
-        self._newest = _View(_network_image(image), invalid_fraction, frame.time_ns, frame.frame_id, now_ns)
+        image = model_image(frame.depth, intrinsics_of(frame), frame.depth_unit_m)
+        invalid_fraction = 1.0 - np.count_nonzero(image[1]) / image[1].size
+        self._newest = _View(image, invalid_fraction, frame.time_ns, frame.frame_id, now_ns)
         blind = self._newest.invalid_fraction > INVALID_INVALID_PIXELS
         if not blind:
             gap_s = 0.0 if self._view is None else (frame.time_ns - self._view.time_ns) * 1e-9
@@ -244,18 +246,3 @@ def _bounds(hidden_size: int) -> tuple[Singles, Singles]:
     sizes = (len(HEIGHTMAP_X), len(HEIGHTMAP_X), hidden_size)
     low = np.repeat(np.array((-MAX_HEIGHT_M, np.finfo(np.float32).tiny, -MAX_HIDDEN), np.float32), sizes)
     return low, np.repeat(np.array((MAX_HEIGHT_M, INTERVAL90 * MAX_HEIGHT_M, MAX_HIDDEN), np.float32), sizes)
-
-
-def _network_image(image: ModelImage) -> Singles:
-    """Depth and validity, shape (2, 48, 16)."""
-    layers = np.empty((2, *image.depth.shape), np.float32)
-    layers[0] = image.depth
-    layers[1] = image.valid
-    return layers
-
-
-def _blank_image() -> Singles:
-    """What the network sees before the first frame: nothing valid."""
-    blank = np.zeros((2, 48, 16), np.float32)
-    blank[0] = 1.0
-    return blank

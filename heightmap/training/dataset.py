@@ -10,10 +10,10 @@ from torch import Tensor
 from torch.nn import functional
 
 from saltus.arrays import Indices
-from saltus.depth import MILLIMETRE, RANGE_M
+from saltus.depth import MILLIMETRE, RANGE_M, model_image
 from saltus.heightmap.data.delivery import DeliveryModel, deliver
 from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.model import IMAGE_SHAPE, Estimate, HeightmapModel, Normalisation, model_image
+from saltus.heightmap.model import IMAGE_SHAPE, Estimate, HeightmapModel, Normalisation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,10 +161,10 @@ class EpisodeStore:
         )
 
     def _images(self, wanted: Tensor) -> Tensor:
-        image = model_image(self._depth[wanted])
-        blank = torch.zeros_like(image[:, :1])
-        blank[:, :, 0] = 1.0
-        return torch.cat((blank, image), 1)
+        millimetres = self._depth[wanted]
+        blank = torch.zeros_like(millimetres[:, :1])
+        image: Tensor = model_image(torch.cat((blank, millimetres), 1))
+        return image
 
     def _to(self, array: np.ndarray) -> Tensor:
         """A copy on the device; a GPU is not waited for."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Singles
-from saltus.depth import MILLIMETRE, NOTHING, model_images
+from saltus.depth import model_image
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import FRAME_TICKS, DeliveryModel, deliver
 from saltus.heightmap.data.episode import Episode
@@ -135,11 +135,7 @@ def run_episode(
 
 def episode_inputs(episode: Episode, delivery: DeliveryModel) -> Iterator[Inputs]:
     """What the network gets at each tick of an episode, images without noise."""
-    depth_m = np.where(episode.depth == NOTHING, np.inf, episode.depth * MILLIMETRE)
-    seen = model_images(depth_m)
-    images = np.stack([seen.depth, seen.valid], 1).astype(np.float32)
-    blank = np.zeros_like(images[0])
-    blank[0] = 1.0
+    images, blank = model_image(episode.depth), model_image(np.zeros_like(episode.depth[0]))
     delivered = deliver([episode], delivery, np.random.default_rng(0))
     ((frames, ages_s, news),) = zip(*delivered, strict=True)
     for features, frame, age_s, new in zip(episode.proprioception, frames, ages_s, news, strict=True):

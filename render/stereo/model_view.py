@@ -19,7 +19,7 @@ def pooled(depth: Any, rows: int, columns: int) -> Any:
 
     Returns:
         Depth [m], 0 where fewer than half of the samples are valid, shape (..., 48, 16); see
-        `saltus.depth.model_images`.
+        `saltus.depth.model_image`.
     """
     xp = namespace(depth)
     total = _block_sums(depth, rows, columns)

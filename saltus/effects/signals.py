@@ -44,7 +44,9 @@ class DepthImage:
     """The newest depth image that there is at some point between exposure and arrival. Site "depth"."""
 
     depth: Array
-    """Shape (..., height, width), any unit; 0 is invalid."""
+    """Along the optical axis, shape (..., height, width). Floats are metres: so the effects of a
+    camera get it; nothing within range is infinite. Whole numbers are millimetres, as it is kept
+    and sent (`saltus.depth.depth_in_millimetres`); there that is 65535. 0 is invalid."""
     time_s: Array
     """Capture time in the run's clock [s], float64, shape (...); -inf where there is no image yet."""
 

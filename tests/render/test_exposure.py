@@ -5,7 +5,7 @@ from samples import ROBOT, level_truth
 
 from saltus.arrays import Floats
 from saltus.config import TerrainConfig
-from saltus.depth import Intrinsics, depth_frame, depth_in_millimetres, model_image
+from saltus.depth import Intrinsics, depth_in_millimetres, model_image
 from saltus.depth_camera import SHIPPED
 from saltus.render.backends import make_renderer
 from saltus.render.camera import RobotCamera
@@ -23,8 +23,8 @@ def truth(step: int) -> GroundTruth:
 
 def seen(depth: Floats, camera: Intrinsics) -> tuple[Floats, Floats]:
     """Depth [m] and validity of the model's image."""
-    image = model_image(depth_frame(camera, depth_in_millimetres(depth)))
-    return 3.0 * image.depth, image.valid
+    near, valid = model_image(depth_in_millimetres(depth), camera)
+    return 3.0 * near, valid > 0.0
 
 
 def test_the_model_sees_the_same_through_both_but_for_the_errors_of_the_camera() -> None:

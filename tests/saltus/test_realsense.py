@@ -7,7 +7,7 @@ from realsense_bag import write_bag, write_database
 from samples import ROBOT
 
 from saltus.cli.main import main
-from saltus.depth import MODEL_CAMERA, model_image
+from saltus.depth import MODEL_CAMERA, intrinsics_of, model_image
 from saltus.errors import RecordingError
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -42,9 +42,9 @@ def test_unit_intrinsics_and_invalid_pixels_are_the_recordings_own(frames: list[
 
 def test_the_crop_is_that_of_the_models_camera(frames: list[DepthFrame]) -> None:
     frame = frames[0]
-    image = model_image(frame)
+    near, valid = model_image(frame.depth, intrinsics_of(frame), frame.depth_unit_m)
     for row, column in ((5, 3), (24, 8), (40, 12)):
-        if not image.valid[row, column]:
+        if not valid[row, column]:
             continue
         edges_u = frame.cx + (column + np.array([0, 1]) - MODEL_CAMERA.cx) / MODEL_CAMERA.fx * frame.fx
         edges_v = frame.cy + (row + np.array([0, 1]) - MODEL_CAMERA.cy) / MODEL_CAMERA.fy * frame.fy
@@ -52,7 +52,7 @@ def test_the_crop_is_that_of_the_models_camera(frames: list[DepthFrame]) -> None
         patch = frame.depth[top:bottom, left:right]
         expected = np.minimum(patch[patch > 0] * 0.001 / 3.0, 1.0)
         # The same patch in whole pixels: equal but for the pixels cut by its border.
-        assert expected.min() - 0.02 <= image.depth[row, column] <= expected.max() + 0.02
+        assert expected.min() - 0.02 <= near[row, column] <= expected.max() + 0.02
 
 
 def test_two_frames_without_a_robot_keep_warming(frames: list[DepthFrame]) -> None:
