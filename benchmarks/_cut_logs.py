@@ -16,7 +16,7 @@ from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.offsets_and_factors import CameraPitch, ComOffset, CoulombFriction
-from saltus.effects.profile import IDEAL, Profile, profile_to_toml
+from saltus.effects.profile import IDEAL, Profile
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
 from saltus.recordings.run_log import RunLog, write_run_log
@@ -36,7 +36,7 @@ def _jumped(terrain: str, profile: Profile, folder: Path) -> None:
     """A run whose log claims none of the profile's effects."""
     file = folder.with_suffix(".toml")
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(profile_to_toml(profile), encoding="utf-8")
+    file.write_text(profile.to_toml(), encoding="utf-8")
     jumped(terrain, JUMP_SEED, folder, str(file) if profile.effects else "ideal")
     meta = json.loads((folder / "meta.json").read_text(encoding="utf-8"))
     meta["camera"]["latency"] = 0.0

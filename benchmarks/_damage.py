@@ -39,8 +39,9 @@ from saltus.resources import resource
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import DEFAULT_ROBOT, shipped_profiles
-from saltus.runtime.run_folder import ROBOT_FILE, RUN_FILE, TERRAIN_FILE
+from saltus.runtime.run_folder import RUN_FILE, SETUP_FILE
 from saltus.runtime.stack import Stack
+from saltus.setup import Setup
 from saltus.terrain.curriculum import make_terrain
 
 HUGE = (2**31 - 1, 2**32 - 1, 2**40, 2**63 - 1, 2**64 - 1)
@@ -83,7 +84,9 @@ BAGS = ("mcap", "sqlite3", "ros1")
 
 def make_samples(folder: Path, robot: Robot) -> None:
     """Writes a sound file of each kind."""
-    config = RunConfig(robot="go1", terrain=TerrainConfig(terrain="flat"), planner="scripted", time_limit_s=RUN_S)
+    config = RunConfig(
+        robot="go1", grid="line", terrain=TerrainConfig(terrain="flat"), planner="scripted", time_limit_s=RUN_S
+    )
     with Stack(config, folder / "run") as stack:
         stack.wait()
     export_run_log(read_recording(stack.recording), folder / "log")
@@ -102,6 +105,7 @@ def make_samples(folder: Path, robot: Robot) -> None:
     (folder / "profile.toml").write_text(
         shipped_profiles()[robot.profile].read_text(encoding="utf-8"), encoding="utf-8"
     )
+    (folder / "terrain.toml").write_text(make_terrain(config.terrain).to_toml(), encoding="utf-8")
     (folder / "camera.toml").write_text(load_camera("d435i").to_toml(), encoding="utf-8")
 
 
@@ -138,8 +142,8 @@ def samples(folder: Path, robot: Robot) -> dict[str, Sample]:
         "checkpoint policy": (folder / "policy.pt", lambda path: config_of(read_checkpoint(path))),
         "toml profile": (folder / "profile.toml", lambda path: load_profile(str(path), robot)),
         "toml camera": (folder / "camera.toml", lambda path: load_camera(str(path))),
-        "toml terrain": (run / TERRAIN_FILE, lambda path: make_terrain(TerrainConfig(terrain=str(path)))),
-        "toml robot": (run / ROBOT_FILE, lambda path: load(Robot, path)),
+        "toml terrain": (folder / "terrain.toml", lambda path: make_terrain(TerrainConfig(terrain=str(path)))),
+        "toml setup": (run / SETUP_FILE, lambda path: load(Setup, path)),
         "toml run": (run / RUN_FILE, lambda path: load(RunConfig, path)),
     }
     return {kind: Sample(path=path, read=read) for kind, (path, read) in found.items()}

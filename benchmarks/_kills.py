@@ -260,7 +260,7 @@ def witness(
     silent, begun_s = 0, None
     with (
         ZenohBus.of_run(endpoint_of(run_dir), run.config, peer=run.config.pace == "realtime") as bus,
-        Recorder(path, run.config, run.robot, run.terrain, run.camera) as recorder,
+        Recorder(path, run.config, run.setup) as recorder,
     ):
         stream, states = bus.stream(), bus.latest("controller/state")
         # silence is counted in waits: where the whole computer stands still, nobody has gone

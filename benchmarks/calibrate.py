@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks._command import Command, progress, tell
 from saltus.config import RunConfig, TerrainConfig
 from saltus.effects.offsets_and_factors import CameraHeight, CameraPitch
-from saltus.effects.profile import SHIPPED, load_profile, profile_to_toml
+from saltus.effects.profile import SHIPPED, load_profile
 from saltus.render.calibrate import calibrate
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -59,9 +59,9 @@ class Benchmark(Command):
         with tempfile.TemporaryDirectory() as directory:
             folder = Path(directory)
             (folder / "hidden.toml").write_text(
-                profile_to_toml(replace(shipped, camera=(*shipped.camera, *hidden))), encoding="utf-8"
+                replace(shipped, camera=(*shipped.camera, *hidden)).to_toml(), encoding="utf-8"
             )
-            config = RunConfig(robot="go1",
+            config = RunConfig(robot="go1", grid="line",
                 terrain=TerrainConfig(terrain="flat"), planner="scripted", seed=seed, time_limit_s=STANDS_S,
                 profile=str(folder / "hidden.toml"),
             )  # fmt: skip

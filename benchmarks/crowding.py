@@ -82,6 +82,7 @@ class Benchmark(Command):
         after_s = BEFORE_S + float(np.random.default_rng([self.seed, number]).uniform(0.0, 0.5))
         config = RunConfig(
             robot="go1",
+            grid="line",
             terrain=TerrainConfig(terrain="flat"),
             pace="realtime",
             planner="scripted",

@@ -34,19 +34,17 @@ from benchmarks._command import Command, progress, tell
 from benchmarks._kills import is_upright, witness
 from benchmarks._measuring import SIGNALS, hear_signals
 from saltus.config import RunConfig, TerrainConfig
-from saltus.depth_camera import load_camera
 from saltus.errors import SaltusError
 from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shards import MANIFEST
+from saltus.named_setup import named_setup
 from saltus.policy.training.checkpoint import read_checkpoint
 from saltus.recordings.recorder import FLUSH_S, RECORDING_FILE, SYNC_S
 from saltus.recordings.recording import read_recording
 from saltus.recordings.repair import repair
-from saltus.robots.loading import load_robot
 from saltus.runtime.programs import PROGRAMS
 from saltus.runtime.run_folder import write_run
 from saltus.runtime.stack import Stack
-from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import ControllerMode, RobotState
 from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus
@@ -129,7 +127,9 @@ class Benchmark(Command):
 
     def _cut(self) -> dict[str, Any]:
         rng = np.random.default_rng(self.seed)
-        config = RunConfig(robot="go1", terrain=TerrainConfig(terrain="flat"), planner="scripted", time_limit_s=3.0)
+        config = RunConfig(
+            robot="go1", grid="line", terrain=TerrainConfig(terrain="flat"), planner="scripted", time_limit_s=3.0
+        )
         with tempfile.TemporaryDirectory() as directory:
             folder = Path(directory)
             whole, cut, out = folder / RECORDING_FILE, folder / "cut.mcap", folder / "out.mcap"
@@ -152,10 +152,13 @@ class Benchmark(Command):
         """A run whose processes are started one after the other, each up to a second after the one before."""
         order = ORDERS[number % len(ORDERS)]
         config = RunConfig(
-            robot="go1", terrain=TerrainConfig(terrain="flat"), time_limit_s=LIMIT_S, epoch_ns=time.monotonic_ns()
+            robot="go1",
+            grid="line",
+            terrain=TerrainConfig(terrain="flat"),
+            time_limit_s=LIMIT_S,
+            epoch_ns=time.monotonic_ns(),
         )
-        robot, terrain = load_robot(config.robot), make_terrain(config.terrain)
-        write_run(folder, config, robot, terrain, load_camera(config.camera))
+        write_run(folder, config, named_setup(config))
         endpoint, router = open_router()
         processes: dict[str, subprocess.Popen[bytes]] = {}
         with contextlib.closing(router), ZenohBus(endpoint, config.prefix) as bus:

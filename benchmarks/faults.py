@@ -72,7 +72,13 @@ class Benchmark(Command):
         after_s = float(np.random.default_rng([seed, *process.encode()]).uniform(0.5, 2.5))
         terrain = replace(COURSES[self.terrain], layout_seed=seed)
         config = RunConfig(
-            robot="go1", terrain=terrain, pace="realtime", planner=self.planner, seed=seed, speed=self.speed
+            robot="go1",
+            grid="line",
+            terrain=terrain,
+            pace="realtime",
+            planner=self.planner,
+            seed=seed,
+            speed=self.speed,
         )
         with tempfile.TemporaryDirectory() as directory:
             programs = WITH_STANDBYS if self.standbys else PROGRAMS

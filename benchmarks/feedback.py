@@ -24,9 +24,12 @@ from saltus.controller.gait import standing
 from saltus.controller.law import LegController
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.signals import Plan, plan_from_action
+from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED, load_profile
+from saltus.grid import LINE
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
+from saltus.setup import Setup
 from saltus.states import states_of
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
@@ -93,7 +96,16 @@ def run(kd: float, frequency_hz: float, seconds: float) -> Trace:
     """Bounds with the given gain of the feedback; 0 is feed-forward alone."""
     model = load_robot(DEFAULT_ROBOT)
     profile = load_profile(SHIPPED, model)
-    robot = MujocoRobot(model, make_terrain(TerrainConfig(terrain="flat")), Trial(), profile)
+    robot = MujocoRobot(
+        Setup(
+            robot=model,
+            grid=LINE,
+            terrain=make_terrain(TerrainConfig(terrain="flat")),
+            profile=profile,
+            camera=load_camera("ideal"),
+            trial=Trial(),
+        )
+    )
     model = replace(model, gains=replace(model.gains, stance_kd=kd))
     law, estimator = LegController(model), Estimator(model)
     law_state, estimate = law.init((), model.stand_pose), estimator.init((), model.stand_pose)

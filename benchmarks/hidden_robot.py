@@ -29,7 +29,7 @@ from saltus.effects.offsets_and_factors import (
     TorqueGain,
     ViscousFriction,
 )
-from saltus.effects.profile import SHIPPED, Profile, load_profile, profile_to_toml
+from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.errors import SaltusError
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.mounts import PITCH_ERROR, POSITION_ERROR_M
@@ -100,8 +100,7 @@ class Benchmark(Command):
         if self.out.exists():
             raise SaltusError(f"{self.out}: there is a file of this name already")
         self.out.write_text(
-            f"# Drawn by saltus bench hidden_robot -- --seed {self.seed}\n\n"
-            + profile_to_toml(hidden_robot(self.seed)),
+            f"# Drawn by saltus bench hidden_robot -- --seed {self.seed}\n\n" + hidden_robot(self.seed).to_toml(),
             encoding="utf-8",
         )
         return {"hidden_robot": {"seed": self.seed, "out": str(self.out)}}

@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks._command import Command, progress, tell
 from benchmarks.moving_logs import TERRAINS, jumped, searched
 from saltus.constants import POLICY_DT
-from saltus.effects.profile import IDEAL, profile_to_toml
+from saltus.effects.profile import IDEAL
 from saltus.effects.registry import EFFECTS
 
 HIDDEN = (
@@ -108,7 +108,7 @@ def _write(terrain: str, seed: int, folder: Path, name: str, values: dict[str, f
     """Runs a robot with an effect, which its log does not claim."""
     effect = EFFECTS[name](**values)
     profile = folder.with_suffix(".toml")
-    profile.write_text(profile_to_toml(IDEAL.having(effect)), encoding="utf-8")
+    profile.write_text(IDEAL.having(effect).to_toml(), encoding="utf-8")
     part = folder.with_suffix(".part")
     jumped(terrain, seed, part, str(profile))
     meta = json.loads((part / "meta.json").read_text(encoding="utf-8"))

@@ -19,14 +19,16 @@ from saltus.config import TerrainConfig
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
+from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED, load_profile
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.policy.planner import Planner, make_planner
 from saltus.policy.process import PlannerProcess
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import rotation_matrix
+from saltus.setup import Setup
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
@@ -100,7 +102,16 @@ class Landing:
 
 def land(kind: Robot, terrain: Terrain, trial: Trial, fault_s: float, planner: Planner, silent: bool) -> Landing:
     """Runs one robot; at `fault_s` its heightmaps end, or its plans if `silent`."""
-    robot = MujocoRobot(kind, terrain, trial, trial.applied_to(load_profile(SHIPPED, kind)))
+    robot = MujocoRobot(
+        Setup(
+            robot=kind,
+            grid=LINE,
+            terrain=terrain,
+            profile=load_profile(SHIPPED, kind),
+            camera=load_camera("ideal"),
+            trial=trial,
+        )
+    )
     robot.reset()
     loop, process = ControlLoop(kind), PlannerProcess(kind, planner)
     plan: MotionPlan | None = None

@@ -68,7 +68,9 @@ class Benchmark(Command):
 
 def jumped(terrain: str, seed: int, folder: Path, profile: str = "ideal") -> None:
     """Writes the log of a run; by default without effects."""
-    config = RunConfig(robot="go1", terrain=TerrainConfig(terrain=terrain), seed=seed, profile=profile, camera="ideal")
+    config = RunConfig(
+        robot="go1", grid="line", terrain=TerrainConfig(terrain=terrain), seed=seed, profile=profile, camera="ideal"
+    )
     export_run_log(recorded_run(config), folder)
 
 

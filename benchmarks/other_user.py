@@ -64,7 +64,12 @@ def attempts(user: Pool) -> dict[str, str]:
         folder = Path(directory)
         folder.chmod(0o755)  # as folders in most homes
         config = RunConfig(
-            robot="go1", terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted", speed=0.25
+            robot="go1",
+            grid="line",
+            terrain=TerrainConfig(terrain="flat"),
+            pace="realtime",
+            planner="scripted",
+            speed=0.25,
         )
         with Stack(config, folder) as stack:
             plans, met = stack.latest("policy/plan"), False

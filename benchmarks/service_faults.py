@@ -267,7 +267,9 @@ def draw(curves: dict[str, Curves], out: Path) -> None:
 
 def record(seed: int) -> Run:
     """A run of the stack."""
-    return read_run(recorded_run(RunConfig(robot="go1", terrain=STAIRS, camera="d435i", planner="learned", seed=seed)))
+    return read_run(
+        recorded_run(RunConfig(robot="go1", grid="line", terrain=STAIRS, camera="d435i", planner="learned", seed=seed))
+    )
 
 
 def long_enough(run: Run) -> bool:

@@ -89,6 +89,7 @@ class Benchmark(Command):
     def _go(self, rng: np.random.Generator) -> Iterator[Row]:
         config = RunConfig(
             robot="go1",
+            grid="line",
             terrain=TerrainConfig(terrain="flat"),
             pace="realtime",
             speed=self.speed,

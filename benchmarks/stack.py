@@ -23,7 +23,9 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         load = os.getloadavg()[0]
-        config = RunConfig(robot="go1", terrain=TerrainConfig(terrain=self.terrain), pace="realtime", seed=self.seed)
+        config = RunConfig(
+            robot="go1", grid="line", terrain=TerrainConfig(terrain=self.terrain), pace="realtime", seed=self.seed
+        )
         recording = recorded_run(config)
         topics = {
             topic: {"hz": row.rate_hz, "p50": row.age_p50_ms, "p99": row.age_p99_ms, "lost": row.lost}

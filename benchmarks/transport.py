@@ -38,6 +38,7 @@ from saltus.config import RunConfig
 from saltus.depth import D435I
 from saltus.depth_camera import SHIPPED
 from saltus.heightmap.level_robot import LevelRobot
+from saltus.named_setup import named_setup
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.runtime.child import ENVIRONMENT
@@ -45,7 +46,6 @@ from saltus.runtime.process import PEER_FLAG
 from saltus.runtime.run_folder import write_run
 from saltus.runtime.ticker import Ticker
 from saltus.states import standing_state
-from saltus.terrain.curriculum import make_terrain
 from saltus.wire.bus import Bell
 from saltus.wire.codec import decode, encode
 from saltus.wire.messages import DepthFrame, Message, PlanStatus, RobotState
@@ -221,7 +221,7 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
     """
     prefixes = [f"bench/{i}" for i in range(robots)]
     load = os.getloadavg()[0]
-    config = RunConfig(robot="go1", prefix=prefixes[0], pace="realtime", epoch_ns=time.monotonic_ns())
+    config = RunConfig(robot="go1", grid="line", prefix=prefixes[0], pace="realtime", epoch_ns=time.monotonic_ns())
     with served(config, prefixes) as (endpoint, service):
         latency, overruns, ages, behind, share, memory_mb = _watched(
             service, endpoint, prefixes, config.epoch_ns, count
@@ -256,7 +256,7 @@ def served(config: RunConfig, prefixes: list[str]) -> Iterator[tuple[str, int]]:
         tempfile.TemporaryDirectory() as directory,
         ZenohBus(endpoint, config.prefix, peer=True) as bus,
     ):
-        write_run(Path(directory), config, load_robot(config.robot), make_terrain(config.terrain), SHIPPED["ideal"])
+        write_run(Path(directory), config, named_setup(config))
         status = bus.latest("status", "heightmap")
         arguments = ["--run-dir", directory, "--endpoint", endpoint, PEER_FLAG, "--robots", *prefixes]
         environment = {**os.environ, **ENVIRONMENT}

@@ -73,7 +73,12 @@ class Benchmark(Command):
     def _run(self, run_dir: Path, *, watched: bool) -> dict[str, float]:
         """One run; of the page the messages that its reader receives and the share of a processor that it takes."""
         config = RunConfig(
-            robot="go1", terrain=TerrainConfig(terrain=self.terrain), pace="realtime", speed=self.speed, camera="d435i"
+            robot="go1",
+            grid="line",
+            terrain=TerrainConfig(terrain=self.terrain),
+            pace="realtime",
+            speed=self.speed,
+            camera="d435i",
         )
         page_of_run = Page(run_dir, foxglove=self.foxglove) if watched else nullcontext()
         with page_of_run as page, Stack(config, run_dir) as stack:

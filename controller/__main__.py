@@ -16,7 +16,6 @@ from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.shove import Shove
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import Ticker
-from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode
 
 TICK_NS = round(1e9 * PHYSICS_DT)
@@ -32,8 +31,7 @@ AT_REST = (ControllerMode.STAND, ControllerMode.STOPPED, ControllerMode.DAMP)
 
 def body(context: ProcessContext) -> None:
     """Runs one trial, to its end or until the process is told to stop."""
-    trial = Trial.draw(context.config.seed)
-    robot = MujocoRobot(context.robot, context.terrain, trial, trial.applied_to(context.profile))
+    robot = MujocoRobot(context.setup)
     robot.reset()
     try:
         run = Run(context, robot)
@@ -51,8 +49,9 @@ class Run:
     def __init__(self, context: ProcessContext, robot: MujocoRobot) -> None:
         self._context = context
         self._robot = robot
-        compensation = compensation_for(context.config.known, context.robot)
-        self._loop = ControlLoop(context.robot, LegController(context.robot, compensation=compensation))
+        kind = context.setup.robot
+        compensation = compensation_for(context.config.known, kind)
+        self._loop = ControlLoop(kind, LegController(kind, compensation=compensation))
         self._course = Course(robot.terrain, context.config.time_limit_s)
         self._progress = CourseState(outcome=None, halt=False, over=False)
         self._plans = Plans(context)

@@ -128,11 +128,6 @@ class Loop:
         if not self.terrains:
             raise ConfigError("terrains = (): name at least one")
 
-    @staticmethod
-    def completed(table: dict[str, Any]) -> dict[str, Any]:
-        """A table with the robot that older files do not name."""
-        return {"robot": robot_named(table), **table}
-
     @property
     def table(self) -> dict[str, Any]:
         """What a manifest says of it; of robots, terrains and renderers only others than older manifests mean."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from saltus.config import changed
-from saltus.effects.profile import SHIPPED, load_profile, profile_to_toml
+from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import SaltusError
 from saltus.policy.env.settings import TrainConfig, for_gpu
 from saltus.policy.training.command import Train
@@ -125,7 +125,7 @@ def train(name: str, seed: int, trained: Path, minutes: float, commit: str | Non
 def _profile(ablation: Ablation, folder: Path) -> Path:
     shipped = load_profile(SHIPPED, load_robot(DEFAULT_ROBOT))
     path = folder / "profile.toml"
-    path.write_text(profile_to_toml(shipped.without(*ablation.without)), encoding="utf-8")
+    path.write_text(shipped.without(*ablation.without).to_toml(), encoding="utf-8")
     return path
 
 

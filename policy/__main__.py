@@ -20,7 +20,7 @@ class PlannerLoop:
         self._context = context
         self._lockstep = context.config.pace == "lockstep"
         self._planner = planner
-        self._process = PlannerProcess(context.robot, planner)
+        self._process = PlannerProcess(context.setup.robot, planner)
         self._robot: bytes | None = None
         self._states = context.bus.latest("controller/state")
         self._heightmaps = context.bus.latest("heightmap/heightmap")
@@ -42,7 +42,7 @@ class PlannerLoop:
         state: RobotState = sample.message
         if sample.envelope.boot_id != self._robot:  # another robot, or a restarted one
             self._robot = sample.envelope.boot_id
-            self._process = PlannerProcess(self._context.robot, self._planner)
+            self._process = PlannerProcess(self._context.setup.robot, self._planner)
             self._newest_step = -1
         if self._lockstep:
             self._context.clock.set(state.time_ns)
@@ -87,8 +87,8 @@ class PlannerLoop:
 
 def body(context: ProcessContext) -> None:
     """Runs the process; see `saltus.runtime.process`."""
-    planner = make_planner(context.config.planner, context.robot, context.config.policy_model)
-    warm_up(planner, context.robot)
+    planner = make_planner(context.config.planner, context.setup.robot, context.config.policy_model)
+    warm_up(planner, context.setup.robot)
     loop = PlannerLoop(context, planner)
     context.ready()
     loop.run()

@@ -16,7 +16,7 @@ from saltus.effects.battery_sag import BatterySag
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.effect import Effect
 from saltus.effects.offsets_and_factors import Armature, CoulombFriction, EncoderBias, TorqueGain, ViscousFriction
-from saltus.effects.profile import IDEAL, Profile, profile_to_toml
+from saltus.effects.profile import IDEAL, Profile
 from saltus.effects.stiction import Stiction
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.velocity_filter import VelocityFilter
@@ -111,7 +111,7 @@ def demonstrate(robot: Robot, out: Path, *, seed: int = 0, progress: Progress | 
     profile = found.patch.applied_to(IDEAL, robot)
     if profile == IDEAL:
         raise SaltusError(f"the demonstration with seed {seed} ends here: {found.verdict.verdict}, nothing to apply")
-    (out / "profile.toml").write_text(profile_to_toml(profile), encoding="utf-8")
+    (out / "profile.toml").write_text(profile.to_toml(), encoding="utf-8")
     again = find(logs, out / "again", profile=profile, seed=seed, progress=lambda stage, x: tell(f"again: {stage}", x))
     experiments = tuple(experiment_named(log.name) for log in logs)
     return Demonstration(hidden=hidden, experiments=experiments, found=found, profile=profile, again=again)

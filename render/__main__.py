@@ -12,7 +12,6 @@ from saltus.render.exposure import Exposure, PerfectExposure
 from saltus.render.process import CameraProcess, random_stream
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import freshness
-from saltus.trial import Trial
 from saltus.wire.bus import Bus
 from saltus.wire.messages import OPERATOR, DepthFrame, Done
 
@@ -47,20 +46,19 @@ def _seconds(text: str) -> float:
 
 def build(context: ProcessContext) -> CameraProcess:
     """The camera of a run."""
-    config, camera = context.config, context.camera
-    terrain = context.terrain
-    profile = Trial.draw(config.seed).applied_to(context.profile)
+    config, setup = context.config, context.setup
+    camera, profile = setup.camera, setup.hardware
     exposure: Exposure
     if camera.ideal:
-        view = RobotCamera.on(context.robot, camera.image).moved(profile.view_chain)
-        exposure = PerfectExposure(make_renderer(config.renderer, terrain, view), camera.image)
+        view = RobotCamera.on(setup.robot, camera.image).moved(profile.view_chain)
+        exposure = PerfectExposure(make_renderer(config.renderer, setup.terrain, view), camera.image)
     else:
         from saltus.render.stereo_exposure import (
             StereoExposure,
         )  # a camera that has died must be back soon: load what is needed
 
         exposure = StereoExposure(
-            terrain, context.robot, camera, random_stream(config.seed), profile.view_chain, config.renderer
+            setup.terrain, setup.robot, camera, random_stream(config.seed), profile.view_chain, config.renderer
         )
     return CameraProcess(camera, exposure, to_images(profile, camera.image.fx).camera_chain, random_stream(config.seed))
 

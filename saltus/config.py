@@ -33,6 +33,10 @@ TOML_MAX = 4 * 2**20
 _LONG_NAME = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*\.[ \t]*){30}""")  # its parser takes minutes for thousands
 
 
+UNNAMED = {"robot": "go1", "grid": "line"}
+"""Robot and grid of files that name none: they were written before there were others."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class TerrainConfig:
     """The terrain. A size that is given wins over the difficulty."""
@@ -72,6 +76,8 @@ class RunConfig:
 
     robot: str
     """Name of a robot that Saltus ships, or path of an MJCF or of a folder with a robot.toml."""
+    grid: str
+    """Name of a grid of heights that Saltus ships, or path of a TOML file (`saltus.grid`)."""
     prefix: str = "robot/0"
     """Of every key."""
     terrain: TerrainConfig = field(default_factory=TerrainConfig)
@@ -186,8 +192,6 @@ def read_toml(text: str) -> dict[str, Any]:
 
 def from_table(kind: type[Config], table: dict[str, Any], where: str = "") -> Config:
     """Builds a config dataclass from nested tables; same errors as `from_toml`."""
-    if (completed := getattr(kind, "completed", None)) is not None:
-        table = completed(table)  # what files of before do not say
     hints = typing.get_type_hints(kind)
     keys = [f for f in dataclasses.fields(kind) if f.init]  # type: ignore[arg-type]
     known = [f.name for f in keys]
@@ -199,6 +203,9 @@ def from_table(kind: type[Config], table: dict[str, Any], where: str = "") -> Co
         values[name] = _checked(hints[name], value, path)
     for key in keys:
         if key.name not in values and key.default is key.default_factory is dataclasses.MISSING:
+            if key.name in UNNAMED:
+                values[key.name] = UNNAMED[key.name]
+                continue
             raise ConfigError(f"the key '{where}{key.name}' is missing")
     return kind(**values)
 

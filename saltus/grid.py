@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Array, Constant, namespace
-from saltus.config import Value
-from saltus.errors import ConfigError
+from saltus.config import Value, load
+from saltus.errors import ConfigError, nearest_hint
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,5 +70,24 @@ class HeightGrid(Value):
 LINE = HeightGrid(x=tuple(np.linspace(-0.4, 0.8, 30).tolist()))
 """The original's: 30 points on one line along the yaw."""
 
+GRIDS = {"line": LINE}
+"""Grids by name."""
+DEFAULT_GRID = "line"
+"""The grid that a command takes where none is named; nothing below the command line reads it."""
+
 HEIGHTMAP_X = np.array(LINE.x)
 """Distance of each height of `LINE` ahead of the base [m]."""
+
+
+def load_grid(name_or_path: str) -> HeightGrid:
+    """A grid by name, or from a TOML file.
+
+    Raises:
+        ConfigError: neither a name nor a file, or no grid.
+    """
+    if name_or_path in GRIDS:
+        return GRIDS[name_or_path]
+    path = Path(name_or_path)
+    if path.suffix != ".toml":
+        raise ConfigError(f"no grid '{name_or_path}': {nearest_hint(name_or_path, GRIDS)}; or give a TOML file")
+    return load(HeightGrid, path)

@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from samples import ROBOT
 
 from saltus.config import Pace, RunConfig, TerrainConfig
-from saltus.depth_camera import SHIPPED
+from saltus.named_setup import named_setup
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
 from saltus.terrain.curriculum import make_terrain
@@ -108,8 +107,10 @@ def run_samples(steps: int = STEPS, epoch_ns: int = 0) -> Iterator[RawSample]:
 
 
 def write(path: Path, samples: list[RawSample], pace: Pace = "lockstep", epoch_ns: int = 0) -> Recording:
-    config = RunConfig(robot="go1", pace=pace, seed=7, epoch_ns=epoch_ns, terrain=TerrainConfig(terrain="gap"))
-    with Recorder(path, config, ROBOT, make_terrain(config.terrain), SHIPPED["ideal"]) as file:
+    config = RunConfig(
+        robot="go1", grid="line", pace=pace, seed=7, epoch_ns=epoch_ns, terrain=TerrainConfig(terrain="gap")
+    )
+    with Recorder(path, config, named_setup(config)) as file:
         for sample in samples:
             file.write(sample)
     return read_recording(path)

@@ -5,14 +5,20 @@ from typing import Any
 
 import numpy as np
 
-from saltus.config import RunConfig
+from saltus.config import RunConfig, TerrainConfig
 from saltus.depth_camera import load_camera
-from saltus.effects.profile import load_profile, profile_from_toml
+from saltus.effects.profile import IDEAL, Profile, load_profile
 from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.grid import LINE
+from saltus.named_setup import named_setup
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
-from saltus.runtime.run_folder import CAMERA_FILE, ROBOT_FILE, TERRAIN_FILE
+from saltus.robots.robot import Robot
+from saltus.runtime.run_folder import SETUP_FILE
+from saltus.setup import Setup
 from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.terrain import Terrain
+from saltus.trial import Trial
 from saltus.wire import messages, schemas
 from saltus.wire.messages import GroundTruth, Message
 
@@ -20,7 +26,7 @@ ROBOT = load_robot("go1")
 KINEMATICS = LegKinematics(ROBOT)
 PROFILE = load_profile("go1", ROBOT)
 CURVE = next(effect.curve for effect in PROFILE.actuator if isinstance(effect, TorqueSaturation))
-EVERYTHING = profile_from_toml(
+EVERYTHING = Profile.from_toml(
     """
 [actuator]
 command_delay.delay = 0.0053
@@ -73,17 +79,25 @@ camera_latency.latency = 0.093
 """An example of every effect that robots and their cameras have."""
 
 
+def setup_of(
+    terrain: TerrainConfig | Terrain, trial: Trial | None = None, profile: Profile | None = None, robot: Robot = ROBOT
+) -> Setup:
+    """A robot with a camera without errors on such a terrain; by default the nominal trial, without effects."""
+    return Setup(
+        robot=robot, grid=LINE, terrain=terrain if isinstance(terrain, Terrain) else make_terrain(terrain),
+        profile=profile or IDEAL, camera=load_camera("ideal"), trial=trial or Trial(),
+    )  # fmt: skip
+
+
 def put_robot(folder: Path) -> Path:
     """Makes a folder that of a run of this robot; returns it."""
-    (folder / ROBOT_FILE).write_text(ROBOT.to_toml())
-    return folder
+    return put_run(folder, RunConfig(robot="go1", grid="line"))
 
 
 def put_run(folder: Path, config: RunConfig) -> Path:
-    """Makes a folder that of a run: with this robot, and terrain and camera of the configuration; returns it."""
-    (folder / CAMERA_FILE).write_text(load_camera(config.camera).to_toml())
-    (folder / TERRAIN_FILE).write_text(make_terrain(config.terrain).to_toml())
-    return put_robot(folder)
+    """Makes a folder that of a run, without its run.toml; returns it."""
+    (folder / SETUP_FILE).write_text(named_setup(config).to_toml())
+    return folder
 
 
 def level_truth(step: int, x: float, z: float, time_ns: int | None = None) -> GroundTruth:

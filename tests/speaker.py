@@ -24,9 +24,9 @@ SAID: list[tuple[str, Message]] = [*run_messages(0), ("event/heightmap", EVENT)]
 
 
 @contextmanager
-def speaking(folder: Path, prefix: str = RunConfig(robot="go1").prefix) -> Iterator[threading.Event]:
+def speaking(folder: Path, prefix: str = RunConfig(robot="go1", grid="line").prefix) -> Iterator[threading.Event]:
     """Makes a folder that of such a run, with its router; its keys have a prefix. Setting the event ends it."""
-    config = RunConfig(robot="go1", pace="realtime", epoch_ns=time.monotonic_ns() - 10**9)
+    config = RunConfig(robot="go1", grid="line", pace="realtime", epoch_ns=time.monotonic_ns() - 10**9)
     (put_run(folder, config) / RUN_FILE).write_text(to_toml(config))
     endpoint, router = open_router()
     write_client(folder / CLIENT_FILE, endpoint)

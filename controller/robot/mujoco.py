@@ -3,28 +3,24 @@
 import numpy as np
 
 from saltus.controller.robot.backend import Reading, RobotBackend
-from saltus.effects.profile import Profile
-from saltus.grid import LINE, HeightGrid
 from saltus.joint_command import JointCommand
-from saltus.robots.robot import Robot
+from saltus.setup import Setup
 from saltus.sim.plant import Plant
 from saltus.sim.state import PlantState
-from saltus.terrain.terrain import Terrain
-from saltus.trial import Trial
 from saltus.wire.messages import GroundTruth
 
 
 class MujocoRobot(RobotBackend):
-    """One robot in MuJoCo; the profile has already what the trial says. The grid is that of the true heights."""
+    """One robot in MuJoCo, with the hardware of its trial."""
 
-    def __init__(self, robot: Robot, terrain: Terrain, trial: Trial, profile: Profile, grid: HeightGrid = LINE) -> None:
-        self.terrain, self._grid = terrain, grid
-        self._trial = trial
+    def __init__(self, setup: Setup) -> None:
+        self.terrain, self._grid = setup.terrain, setup.grid
+        self._trial, profile = setup.trial, setup.hardware
         self._plant = Plant(
-            robot,
-            terrain,
-            friction=trial.friction,
-            payload_kg=trial.payload_kg,
+            setup.robot,
+            setup.terrain,
+            friction=setup.trial.friction,
+            payload_kg=setup.trial.payload_kg,
             chain=profile.actuator_chain,
             body=profile.body_chain,
             imu=profile.imu_chain,

@@ -14,7 +14,8 @@ from saltus.errors import ModelError
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path
 from saltus.robots.robot import Robot
-from saltus.runtime.run_folder import ROBOT_FILE
+from saltus.runtime.run_folder import SETUP_FILE
+from saltus.setup import Setup
 
 FILE = "heightmap.onnx"
 """Name of the file below the folder of a run; its checksum lies beside it, and the service's answer."""
@@ -118,10 +119,10 @@ def give(model: Path, run_dir: Path) -> str:
         ModelError: it has no checksum, is damaged or does not fit, or there is no such folder.
         ConfigError: the folder's robot cannot be read.
     """
-    if not (run_dir / ROBOT_FILE).is_file():
-        raise ModelError(f"'{run_dir}' is no folder of a run: no {ROBOT_FILE} is in it")
+    if not (run_dir / SETUP_FILE).is_file():
+        raise ModelError(f"'{run_dir}' is no folder of a run: no {SETUP_FILE} is in it")
     _ask_for_checksum(model)
-    model_id = HeightmapNetwork(config.load(Robot, run_dir / ROBOT_FILE), model).model_id
+    model_id = HeightmapNetwork(config.load(Setup, run_dir / SETUP_FILE).robot, model).model_id
     target = run_dir / FILE
     _answer_path(target).unlink(missing_ok=True)
     places = {checksum_path(model): checksum_path(target), model: target}

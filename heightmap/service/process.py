@@ -26,13 +26,13 @@ class HeightmapProcess:
 
     def __init__(self, contexts: Sequence[ProcessContext]) -> None:
         first = contexts[0]
-        network = HeightmapNetwork(first.robot, model_path("heightmap", first.config.heightmap_model))
+        network = HeightmapNetwork(first.setup.robot, model_path("heightmap", first.config.heightmap_model))
         self._bus = first.bus
-        depth = first.profile.depth_topic
+        depth = first.setup.profile.depth_topic
         self._links = {context.bus.prefix: RobotLink(context, depth) for context in contexts}
         self._fleet = FleetService(network, self._links, depth)
         self._lockstep = first.config.pace == "lockstep"
-        self._inbox = ModelInbox(first.robot, first.run_dir / FILE)
+        self._inbox = ModelInbox(first.setup.robot, first.run_dir / FILE)
         self._next_look_s = 0.0
         self._told = (0, 0)
 

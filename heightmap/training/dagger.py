@@ -24,7 +24,7 @@ from pathlib import Path
 
 from saltus.config import from_table
 from saltus.depth_camera import load_camera
-from saltus.effects.profile import SHIPPED, load_profile, profile_to_toml
+from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import ConfigError
 from saltus.folders import whole_folder
 from saltus.heightmap.collection import Key, closed_loop_batches, round_table
@@ -160,7 +160,7 @@ def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: P
 
 
 def _digest(profile: str, robot: str) -> str:
-    return hashlib.sha256(profile_to_toml(load_profile(profile, load_robot(robot))).encode()).hexdigest()
+    return hashlib.sha256(load_profile(profile, load_robot(robot)).to_toml().encode()).hexdigest()
 
 
 def _started(folder: Path, start: Path, loop: ClosedLoop) -> Path:

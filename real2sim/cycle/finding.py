@@ -8,7 +8,7 @@ from pathlib import Path
 
 from saltus.config import from_table
 from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.profile import Profile, profile_to_toml
+from saltus.effects.profile import Profile
 from saltus.errors import ConfigError, RecordingError
 from saltus.folders import whole_folder
 from saltus.real2sim.cycle.folder import CycleFolder
@@ -100,7 +100,7 @@ def find_effects(
         raise RecordingError(f"{sentence(found.verdict)}: see {folder.found / 'report.html'}")
     patched, _ = apply_what_can_be(found.patch, known, folder.robot)
     again = _look(folder.again, patched, settings.seed, tell, "again", logs) if patched != known else None
-    folder.profile.write_text(profile_to_toml(patched), encoding="utf-8")
+    folder.profile.write_text(patched.to_toml(), encoding="utf-8")
     return found, again
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from saltus.config import load, to_toml
 from saltus.effects.heightmap_shift import refuse_shift
-from saltus.effects.profile import Profile, load_profile, profile_to_toml
+from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
 from saltus.folders import ask_for_room, differences
 from saltus.models import ModelKind
@@ -123,7 +123,7 @@ def open_folder(root: Path, given: CycleSettings) -> tuple[CycleFolder, CycleSet
     profiles = {} if begun else {path: load_profile(name, folder.robot) for path, name in names.items()}
     for profile in profiles.values():
         refuse_shift(profile.heightmap, "a robot that sees with a camera")
-    texts = {path: profile_to_toml(profile) for path, profile in profiles.items()}
+    texts = {path: profile.to_toml() for path, profile in profiles.items()}
     settings = replace(
         given,
         hidden=None if given.hidden is None else given.hidden.absolute(),

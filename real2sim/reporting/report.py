@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from saltus.effects.profile import Profile, profile_to_toml
+from saltus.effects.profile import Profile
 from saltus.effects.registry import EFFECTS
 from saltus.provenance import commit, package_version
 from saltus.real2sim.problem.camera.problem import COLUMN, ROW
@@ -168,7 +168,7 @@ def _provenance(judgement: Judgement, findings: Sequence[Findings], seed: int) -
         f"simulated sets of unknowns = {sum(each.evaluations for each in findings)}",
         "",
         "# effects that the simulator had from the start",
-        profile_to_toml(judgement.profile).strip() or "none",
+        judgement.profile.to_toml().strip() or "none",
     ]
     claims = [
         "\n".join(["# claimed by the log", *(f"{name} = {json.dumps(value)}" for name, value in claimed.items())])

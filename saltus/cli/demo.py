@@ -87,12 +87,14 @@ def run_stack(config: RunConfig, directory: Path) -> None:
     shown = 0.0
     with (
         Stack(config, directory) as stack,
-        tqdm(total=stack.terrain.finish_x, desc=stack.terrain.kind, bar_format=BAR, disable=None, leave=False) as bar,
+        tqdm(
+            total=stack.setup.terrain.finish_x, desc=stack.setup.terrain.kind, bar_format=BAR, disable=None, leave=False
+        ) as bar,
     ):
         truths = stack.latest("plant/truth")
         for _ in follow(stack):
             sample = truths.take()
             if sample is not None and isinstance(sample.message, GroundTruth):
-                x = min(max(float(sample.message.position_base_in_world[0]), shown), stack.terrain.finish_x)
+                x = min(max(float(sample.message.position_base_in_world[0]), shown), stack.setup.terrain.finish_x)
                 bar.update(x - shown)
                 shown = x

@@ -12,7 +12,6 @@ import tyro
 from saltus.errors import SaltusError, nearest_hint
 
 BAD_INPUT = 2
-ROBOT_FLAGS = ("--robot", "--loop.robot")
 ROBOTS_PAGE = "docs/robots.md says what takes another"
 LARGEST_SEED = 2**63 - 1
 
@@ -92,7 +91,7 @@ def _unknown(word: str, text: str) -> str:
     commands_of = {entry.split()[0]: re.findall(r"in (saltus .*?) --help", entry) for entry in reversed(entries)}
     asked = re.search(r"\(applied to (.*?)\)", text)
     own = {flag for flag, commands in commands_of.items() if asked and asked[1] in commands}
-    if word in ROBOT_FLAGS and "--robots" not in own:
+    if word == "--robot" and "--robots" not in own:
         return f"'{word}' is no flag here: this is for the Go1, or the robot of a recording or run ({ROBOTS_PAGE})"
     if commands_of.get(word) and not own:
         return f"{word} is a flag of {', '.join(commands_of[word])}"

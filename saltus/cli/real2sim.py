@@ -265,7 +265,6 @@ class Demo:
 
     def run(self) -> int:
         """0 where what was hidden was found and the second look finds no gap, else 1."""
-        from saltus.effects.profile import profile_to_toml
         from saltus.real2sim.demonstration import demonstrate
         from saltus.real2sim.reporting.words import sentence
         from saltus.robots.loading import load_robot
@@ -273,7 +272,7 @@ class Demo:
         directory = run_directory("real2sim-demo", self.out)
         with Bar() as bar:
             shown = demonstrate(load_robot(self.robot), directory, seed=self.seed, progress=bar.at)
-        print(f"hidden:\n{profile_to_toml(shown.hidden)}")
+        print(f"hidden:\n{shown.hidden.to_toml()}")
         print(f"found: {sentence(shown.found.verdict)}")
         print(f"with the patch: {sentence(shown.again.verdict, shown.profile)}")
         print(f"{directory}: logs, found, again (each with report.html), profile.toml")

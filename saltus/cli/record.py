@@ -55,7 +55,7 @@ def record(run_dir: Path, endpoint: str | None, begin: Callable[[], Path], secon
     run = read_run(run_dir)
     with ZenohBus(endpoint or endpoint_of(run_dir), run.config.prefix) as bus, contextlib.ExitStack() as resources:
         with WHOLE:  # who is interrupted has a recording that ends, or none
-            recorder = resources.enter_context(Recorder(begin(), run.config, run.robot, run.terrain, run.camera))
+            recorder = resources.enter_context(Recorder(begin(), run.config, run.setup))
         stream, end_s = bus.stream(), time.monotonic() + seconds
         while bus.connected() and time.monotonic() < end_s:
             recorder.write_all(stream)

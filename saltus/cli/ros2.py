@@ -83,11 +83,11 @@ class Ros2:
         if not 0 <= self.domain <= DOMAIN_MAX:
             raise SaltusError(f"domain = {self.domain}: it must be from 0 to {DOMAIN_MAX}")
         found = read_run(self.run_dir)
-        config, robot = found.config, found.robot
+        config, robot = found.config, found.setup.robot
         if self.take and config.epoch_ns:
             raise SaltusError(f"{self.run_dir} has a robot of its own: --take needs a folder of saltus router")
         wall = WallClock(config)
-        unit_m = found.camera.depth_unit_m if self.depth_unit_m is None else self.depth_unit_m
+        unit_m = found.setup.camera.depth_unit_m if self.depth_unit_m is None else self.depth_unit_m
         intake = Intake(
             robot, wall, self.joint_names, arrival=self.arrival_times, depth=self.depth, depth_unit_m=unit_m
         )

@@ -12,6 +12,7 @@ from saltus.cli.run_options import NetworkOptions, mounted_camera
 from saltus.config import RunConfig, TerrainConfig
 from saltus.errors import ModelError
 from saltus.flags import shown
+from saltus.grid import DEFAULT_GRID
 from saltus.robots.shipped import DEFAULT_ROBOT
 
 LOOK_S = 0.2
@@ -45,14 +46,13 @@ class Router(NetworkOptions):
         """Runs until Ctrl-C."""
         from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.models import model_path
+        from saltus.named_setup import named_setup
         from saltus.robots.loading import load_robot
         from saltus.runtime.run_folder import CLIENT_FILE, write_run
-        from saltus.terrain.curriculum import make_terrain
         from saltus.wire.joining import write_client
         from saltus.wire.router import open_router
 
-        camera, robot = mounted_camera(self.camera, load_robot(self.robot))
-        terrain = TerrainConfig(terrain="flat")
+        _, robot = mounted_camera(self.camera, load_robot(self.robot))
         model = None if self.heightmap_model is None else str(self.heightmap_model.absolute())
         try:  # what is wrong with it is said at once
             HeightmapNetwork(robot, model_path("heightmap", self.heightmap_model))
@@ -61,14 +61,15 @@ class Router(NetworkOptions):
                 raise
             print(f"saltus: nothing can serve heights here: {error}", file=sys.stderr, flush=True)
         config = RunConfig(
-            robot=self.robot, prefix=self.prefix, terrain=terrain, camera=self.camera, pace="realtime",
+            robot=self.robot, grid=DEFAULT_GRID, prefix=self.prefix, terrain=TerrainConfig(terrain="flat"),
+            camera=self.camera, pace="realtime",
             heightmap_model=model,
         )  # fmt: skip
         config.check()
         endpoint, router = open_router(self.network(self.prefix))
         with contextlib.closing(router):
             directory = run_directory("router", self.out)
-            write_run(directory, config, robot, make_terrain(terrain), camera)
+            write_run(directory, config, named_setup(config))
             write_client(directory / CLIENT_FILE, endpoint)
             joined = f"join it with {directory / CLIENT_FILE}, which only you can do"
             print(f"router at {endpoint}, keys under {self.prefix}; {joined}", flush=True)

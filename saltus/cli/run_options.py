@@ -8,6 +8,7 @@ import tyro
 
 from saltus.config import Pace, PlannerName, Renderer, RunConfig, TerrainConfig
 from saltus.flags import shown
+from saltus.grid import DEFAULT_GRID
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.curriculum import FAMILIES
 
@@ -103,8 +104,8 @@ class RunOptions:
         if policy is not None or is_other:
             make_planner(self.planner, robot, policy)
         config = RunConfig(
-            robot=self.robot, terrain=self.course, seed=self.seed, pace=self.pace, camera=self.camera,
-            renderer=self.renderer, profile=self.profile, known=self.known, planner=self.planner,
+            robot=self.robot, grid=DEFAULT_GRID, terrain=self.course, seed=self.seed, pace=self.pace,
+            camera=self.camera, renderer=self.renderer, profile=self.profile, known=self.known, planner=self.planner,
             policy_model=policy, heightmap_model=heightmap, speed=self.speed, time_limit_s=time_limit_s,
         )  # fmt: skip
         config.check()

@@ -14,12 +14,12 @@ import os
 import re
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import tomli_w
 
-from saltus.config import read_file, read_toml
+from saltus.config import Value, read_file, read_toml
 from saltus.effects.camera import CameraChain, ViewChain
 from saltus.effects.chain import ActuatorChain, BodyChain, ImuChain
 from saltus.effects.effect import Effect
@@ -46,7 +46,7 @@ PARTS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Profile:
+class Profile(Value):
     """The effects of one robot's hardware.
 
     Raises:
@@ -67,6 +67,30 @@ class Profile:
                     raise ConfigError(f"'{effect.name}' is no effect of the part '{part}' of a profile")
                 if names.count(effect.name) > 1:
                     raise ConfigError(f"'{effect.name}' is given twice in the part '{part}' of a profile")
+
+    @classmethod
+    def from_toml(cls, text: str) -> Self:
+        """Reads a profile; the errors of `load_profile`."""
+        known = [f.name for f in fields(cls)]
+        parts: dict[str, tuple[Effect[Any], ...]] = {}
+        for part, effects in read_toml(text).items():
+            if part not in known:
+                raise ConfigError(f"unknown part '{part}' of a profile: {nearest_hint(part, known)}")
+            parts[part] = tuple(_effect(part, name, values) for name, values in _table(part, effects).items())
+        return cls(**parts)
+
+    def to_toml(self) -> str:
+        """Writes it; parameters at their null values are left out. All robots must share its parameters.
+
+        Raises:
+            ConfigError: a parameter that differs from robot to robot.
+        """
+        table = {
+            f.name: {effect.name: _parameters(effect) for effect in getattr(self, f.name)}
+            for f in fields(self)
+            if getattr(self, f.name)
+        }
+        return tomli_w.dumps(table)
 
     def having(self, *effects: Effect[Any]) -> "Profile":
         """With these effects, each the last of its part, in the place of one of the same name."""
@@ -146,7 +170,7 @@ def save_profile(name: str, profile: Profile) -> Path:
     path = profiles_folder() / f"{name}.toml"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(profile_to_toml(profile), encoding="utf-8")
+        path.write_text(profile.to_toml(), encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"cannot write the profile {path}: {error.strerror}") from error
     return path
@@ -175,32 +199,7 @@ def load_profile(name_or_path: str, robot: Robot) -> Profile:
             raise ConfigError(
                 f"no profile '{name}', and no file {path.absolute()}: {nearest_hint(name, known)}; or give a TOML file"
             )
-    return read_file(path, profile_from_toml)
-
-
-def profile_from_toml(text: str) -> Profile:
-    """Reads a profile; the errors of `load_profile`."""
-    known = [f.name for f in fields(Profile)]
-    parts: dict[str, tuple[Effect[Any], ...]] = {}
-    for part, effects in read_toml(text).items():
-        if part not in known:
-            raise ConfigError(f"unknown part '{part}' of a profile: {nearest_hint(part, known)}")
-        parts[part] = tuple(_effect(part, name, values) for name, values in _table(part, effects).items())
-    return Profile(**parts)
-
-
-def profile_to_toml(profile: Profile) -> str:
-    """Writes a profile; parameters at their null values are left out. All robots must share its parameters.
-
-    Raises:
-        ConfigError: a parameter that differs from robot to robot.
-    """
-    table = {
-        f.name: {effect.name: _parameters(effect) for effect in getattr(profile, f.name)}
-        for f in fields(profile)
-        if getattr(profile, f.name)
-    }
-    return tomli_w.dumps(table)
+    return read_file(path, Profile.from_toml)
 
 
 def _effect(part: str, name: str, values: Any) -> Effect[Any]:

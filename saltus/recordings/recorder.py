@@ -26,7 +26,6 @@ from mcap.records import Message as Record
 from saltus import config
 from saltus.clock import RunClock
 from saltus.config import RunConfig
-from saltus.depth_camera import DepthCamera
 from saltus.errors import MessageError, RecordingError
 from saltus.interrupts import WHOLE
 from saltus.models import models_of
@@ -34,8 +33,7 @@ from saltus.provenance import commit, package_version
 from saltus.recordings.indexed_writer import IndexedWriter
 from saltus.recordings.ros_messages import definition_of
 from saltus.recordings.viewer import Viewer
-from saltus.robots.robot import Robot
-from saltus.terrain.terrain import Terrain
+from saltus.setup import Setup
 from saltus.wire.bus import RawSample, Stream, topic_of, unpack
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import GroundTruth, Message, RobotState
@@ -64,7 +62,7 @@ class Recorder:
         RecordingError: the file cannot be created, or, from `write` and `close`, no longer be written.
     """
 
-    def __init__(self, path: Path, run_config: RunConfig, robot: Robot, terrain: Terrain, camera: DepthCamera) -> None:
+    def __init__(self, path: Path, run_config: RunConfig, setup: Setup) -> None:
         self.path = path
         self.rejected: Counter[str] = Counter()
         """Samples that were not recorded because they are malformed, by "topic/reason"."""
@@ -76,10 +74,10 @@ class Recorder:
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, bytes], int] = {}
         self._said: dict[tuple[str, bytes], _Said] = {}
-        self._viewer = Viewer(robot, terrain)
+        self._viewer = Viewer(setup.robot, setup.terrain)
         self._begun = False
         self._flushed_s = time.monotonic()
-        about = describe(run_config, robot, terrain, camera)
+        about = describe(run_config, setup)
         with WHOLE:  # a file that is there has a beginning
             with _writing(path):
                 self._file = path.open("wb", buffering=CHUNK_BYTES)  # a full disk shows at the first flush
@@ -217,14 +215,12 @@ def _writing(path: Path) -> Iterator[None]:
         raise RecordingError(f"cannot write {path}: {error.strerror}") from error
 
 
-def describe(run_config: RunConfig, robot: Robot, terrain: Terrain, camera: DepthCamera) -> dict[str, str]:
+def describe(run_config: RunConfig, setup: Setup) -> dict[str, str]:
     """The metadata of a recording: what is needed to make the run again."""
     return {
         "schema": SCHEMA,
         "config": config.to_toml(run_config),
-        "robot": robot.to_toml(),
-        "terrain": terrain.to_toml(),
-        "camera": camera.to_toml(),
+        **{name: getattr(setup, name).to_toml() for name in ("robot", "grid", "terrain", "profile", "camera")},
         "seed": str(run_config.seed),
         "models": json.dumps(models_of(run_config)),
         "commit": commit(),

@@ -20,14 +20,14 @@ from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Metadata, S
 from mcap.stream_reader import StreamReader
 
 from saltus import config
-from saltus.config import RunConfig
+from saltus.config import RunConfig, from_table
 from saltus.depth_camera import DepthCamera, load_camera
 from saltus.errors import ConfigError, MessageError, RecordingError
+from saltus.grid import HeightGrid, load_grid
 from saltus.recordings.chunks import RECORD_MAX, rows, sound_records, torn_chunk
 from saltus.recordings.recorder import LIBRARY, LOST, METADATA, METADATA_END
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
-from saltus.robots.shipped import robot_named
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.wire import codec, schemas
@@ -76,7 +76,7 @@ class Recording:
     @property
     def known_config(self) -> RunConfig:
         """The configuration of the run; where the head of the file is lost, the default one."""
-        return self.config or RunConfig(robot=robot_named({}))
+        return self.config or from_table(RunConfig, {})
 
     @cached_property
     def robot(self) -> Robot:
@@ -88,6 +88,17 @@ class Recording:
         if "robot" in self.metadata:
             return Robot.from_toml(self.metadata["robot"])
         return load_robot(self.known_config.robot.split("/")[0])  # older recordings have the prefix of their keys there
+
+    @cached_property
+    def grid(self) -> HeightGrid:
+        """Where the heights of the run were asked.
+
+        Raises:
+            ConfigError: it was written by another version.
+        """
+        if "grid" in self.metadata:
+            return HeightGrid.from_toml(self.metadata["grid"])
+        return load_grid(self.known_config.grid)
 
     @cached_property
     def terrain(self) -> Terrain:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from saltus.config import UNNAMED
 from saltus.errors import ConfigError, nearest_hint
 
 SUPPLEMENT_FILE = "robot.toml"
@@ -18,8 +19,8 @@ REFERENCE = "go1"
 
 
 def robot_named(table: Mapping[str, Any]) -> str:
-    """Name of the robot in a table of a file. Files that name none were written for the Go1."""
-    return str(table.get("robot", DEFAULT_ROBOT))
+    """Name of the robot in a table of a file (`saltus.config.UNNAMED` where it names none)."""
+    return str(table.get("robot", UNNAMED["robot"]))
 
 
 def shipped_robots() -> list[str]:

@@ -25,15 +25,12 @@ from pathlib import Path
 from saltus import config
 from saltus.clock import RunClock
 from saltus.config import RunConfig
-from saltus.depth_camera import DepthCamera
-from saltus.effects.profile import Profile, load_profile
 from saltus.errors import SaltusError
-from saltus.robots.robot import Robot
 from saltus.runtime import cue
 from saltus.runtime.memory import kept_small
 from saltus.runtime.priority import prefer_loop, prefer_process
-from saltus.runtime.run_folder import CAMERA_FILE, ROBOT_FILE, TERRAIN_FILE, read_config
-from saltus.terrain.terrain import Terrain
+from saltus.runtime.run_folder import SETUP_FILE, read_config
+from saltus.setup import Setup
 from saltus.wire.bus import Bus
 from saltus.wire.messages import Event, ProcessStatus
 from saltus.wire.zenoh_bus import ZenohBus
@@ -78,24 +75,9 @@ class ProcessContext:
         self._router_lost_s = 0.0
 
     @cached_property
-    def robot(self) -> Robot:
-        """The robot of the run."""
-        return config.load(Robot, self.run_dir / ROBOT_FILE)
-
-    @cached_property
-    def terrain(self) -> Terrain:
-        """The terrain of the run."""
-        return config.load(Terrain, self.run_dir / TERRAIN_FILE)
-
-    @cached_property
-    def camera(self) -> DepthCamera:
-        """The camera of the run."""
-        return config.load(DepthCamera, self.run_dir / CAMERA_FILE)
-
-    @cached_property
-    def profile(self) -> Profile:
-        """Hardware of the run, without what its trial draws; the errors of `load_profile`."""
-        return self.camera.delivered(load_profile(self.config.profile, self.robot))
+    def setup(self) -> Setup:
+        """What the run is of."""
+        return config.load(Setup, self.run_dir / SETUP_FILE)
 
     def ready(self) -> None:
         """Says that everything is loaded and subscribed; nothing is reported before. Returns when it shall begin.

@@ -5,18 +5,13 @@ from pathlib import Path
 
 from saltus import config
 from saltus.config import RunConfig
-from saltus.depth_camera import DepthCamera
 from saltus.errors import ConfigError
-from saltus.robots.robot import Robot
-from saltus.terrain.terrain import Terrain
+from saltus.setup import Setup
 from saltus.wire.joining import read_client
 
 RUN_FILE = "run.toml"
-ROBOT_FILE = "robot.toml"
-"""The whole robot, as `Robot.to_toml` writes it: no process needs to derive it. It has the camera where that sits."""
-TERRAIN_FILE = "terrain.toml"
-"""The terrain, box by box."""
-CAMERA_FILE = "camera.toml"
+SETUP_FILE = "setup.toml"
+"""The values that run.toml names, whole: no process needs to derive the robot or to make the terrain."""
 CLIENT_FILE = "client.json5"
 """The configuration of Zenoh with which any program joins the run."""
 
@@ -26,17 +21,13 @@ class RunFolder:
     """What a folder of a run says."""
 
     config: RunConfig
-    robot: Robot
-    terrain: Terrain
-    camera: DepthCamera
+    setup: Setup
 
 
-def write_run(run_dir: Path, run_config: RunConfig, robot: Robot, terrain: Terrain, camera: DepthCamera) -> None:
+def write_run(run_dir: Path, run_config: RunConfig, setup: Setup) -> None:
     """Writes the files of a run that is about to begin."""
     (run_dir / RUN_FILE).write_text(config.to_toml(run_config), encoding="utf-8")
-    (run_dir / ROBOT_FILE).write_text(robot.to_toml(), encoding="utf-8")
-    (run_dir / TERRAIN_FILE).write_text(terrain.to_toml(), encoding="utf-8")
-    (run_dir / CAMERA_FILE).write_text(camera.to_toml(), encoding="utf-8")
+    (run_dir / SETUP_FILE).write_text(setup.to_toml(), encoding="utf-8")
 
 
 def read_run(run_dir: Path) -> RunFolder:
@@ -45,12 +36,7 @@ def read_run(run_dir: Path) -> RunFolder:
     Raises:
         ConfigError: one cannot be read.
     """
-    return RunFolder(
-        config=read_config(run_dir),
-        robot=config.load(Robot, run_dir / ROBOT_FILE),
-        terrain=config.load(Terrain, run_dir / TERRAIN_FILE),
-        camera=config.load(DepthCamera, run_dir / CAMERA_FILE),
-    )
+    return RunFolder(config=read_config(run_dir), setup=config.load(Setup, run_dir / SETUP_FILE))
 
 
 def read_config(run_dir: Path) -> RunConfig:

@@ -20,11 +20,10 @@ from types import TracebackType
 
 from saltus.clock import RunClock
 from saltus.config import RunConfig
-from saltus.depth_camera import load_camera
 from saltus.errors import MessageError, RecordingError, StackError, nearest_hint
 from saltus.interrupts import WHOLE
+from saltus.named_setup import named_setup
 from saltus.recordings.recorder import RECORDING_FILE, Recorder
-from saltus.robots.loading import load_robot
 from saltus.runtime.child import Child, name_exit
 from saltus.runtime.memory import kept_small
 from saltus.runtime.priority import preferred
@@ -32,7 +31,6 @@ from saltus.runtime.process import PEER_FLAG
 from saltus.runtime.programs import PROGRAMS, Program
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
-from saltus.terrain.curriculum import make_terrain
 from saltus.wire.bus import STREAM_CAPACITY, Latest, Publisher, RawSample, Stream, sender_of, unpack
 from saltus.wire.joining import write_client
 from saltus.wire.messages import OPERATOR, SUPERVISOR, Event, ProcessStatus
@@ -63,7 +61,7 @@ class Stack:
     the clock of this run. Threads that this process starts later share one heap (`saltus.runtime.memory`).
 
     Raises:
-        ConfigError, ModelError: there is no such robot, terrain or camera.
+        ConfigError, ModelError: there is no such robot, grid, terrain, camera or profile.
         StackError: on entry where a process does not become ready; from `poll` and `wait` where the run cannot go on.
         RecordingError: from these and on exit, where the recording cannot be written any more.
     """
@@ -77,9 +75,7 @@ class Stack:
         network: Network | None = None,
     ) -> None:
         self.config = replace(run_config, epoch_ns=run_config.epoch_ns or time.monotonic_ns())
-        self.camera = load_camera(run_config.camera)
-        self.robot = self.camera.mounted_on(load_robot(run_config.robot))
-        self.terrain = make_terrain(run_config.terrain)
+        self.setup = named_setup(run_config)
         self.run_dir = run_dir
         self._network = network
         self.endpoint = ""
@@ -139,7 +135,7 @@ class Stack:
         logs.mkdir(parents=True, exist_ok=True)
         for old in logs.glob("*.log"):
             old.unlink()
-        write_run(self.run_dir, self.config, self.robot, self.terrain, self.camera)
+        write_run(self.run_dir, self.config, self.setup)
         try:
             self._open()
             self._start_all()
@@ -189,7 +185,7 @@ class Stack:
         self._sharer = self._bus.sharer()
         self._events = self._bus.publisher("event", SUPERVISOR)
         with WHOLE:  # who is interrupted has a recording that ends, or none
-            self._recorder = Recorder(self.recording, self.config, self.robot, self.terrain, self.camera)
+            self._recorder = Recorder(self.recording, self.config, self.setup)
             self._resources.push(self._close_recorder)
         self._resources.callback(self._stop, restart=True)
         self._resources.callback(self._stop, restart=False)  # first of all: the robot comes to a stand

@@ -31,9 +31,9 @@ class LiveRun:
     def __init__(self, run_dir: Path, endpoint: str, prefix: str = "") -> None:
         run = read_run(run_dir)
         config = replace(run.config, prefix=prefix or run.config.prefix)
-        kind = run.terrain.kind.replace("_", " ")
-        title = f"{kind}, seed {config.seed}"
-        self.world = World(title=title, config=config, robot=run.robot, terrain=run.terrain, camera=run.camera)
+        kind = run.setup.terrain.kind.replace("_", " ")
+        title, setup = f"{kind}, seed {config.seed}", run.setup
+        self.world = World(title=title, config=config, robot=setup.robot, terrain=setup.terrain, camera=setup.camera)
         self._clock = RunClock.of(config)
         self._maker = SceneMaker(self.world)
         self._arrivals: deque[Arrival] = deque()

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
-from samples import KINEMATICS, PROFILE, ROBOT
+from samples import KINEMATICS, PROFILE, ROBOT, setup_of
 
 from saltus.action import REST, plan_message
 from saltus.config import TerrainConfig
@@ -18,7 +18,6 @@ from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.policy.observation import observe
 from saltus.policy.scripted import ScriptedPlanner
-from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode, PlanStatus
 
@@ -36,7 +35,7 @@ def at_full_speed(silent):
     Where the planner is to fall silent the odd phases. Plans see true heights.
     """
     trial = Trial.draw(seed=silent)
-    robot = MujocoRobot(ROBOT, make_terrain(TerrainConfig(terrain="flat")), trial, trial.applied_to(PROFILE))
+    robot = MujocoRobot(setup_of(TerrainConfig(terrain="flat"), trial, PROFILE))
     robot.reset()
     loop, plan, found = ControlLoop(ROBOT), None, {}
     ends = {

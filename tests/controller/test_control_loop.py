@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from samples import PROFILE, ROBOT
+from samples import PROFILE, ROBOT, setup_of
 
 from saltus.config import TerrainConfig
 from saltus.constants import PHYSICS_DT
@@ -42,7 +42,7 @@ def bounding(seconds, loop, status=PlanStatus.GO):
 
 def make_robot(seed=0):
     trial = Trial.draw(seed)
-    robot = MujocoRobot(ROBOT, make_terrain(TerrainConfig(terrain="flat")), trial, trial.applied_to(PROFILE))
+    robot = MujocoRobot(setup_of(TerrainConfig(terrain="flat"), trial, PROFILE))
     robot.reset()
     return robot
 
@@ -175,7 +175,7 @@ def test_acting_before_sensing_says_so():
 def test_truth_is_the_terrain_along_the_robots_yaw():
     trial = Trial(position_x=1.4, yaw=0.3)
     terrain = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.1))
-    robot = MujocoRobot(ROBOT, terrain, trial, PROFILE)
+    robot = MujocoRobot(setup_of(terrain, trial, PROFILE))
     robot.reset()
     truth = robot.truth(5, 2)
     x, _, z = truth.position_base_in_world

@@ -110,7 +110,9 @@ def run_controller(tmp_path, pace="lockstep", seed=3, stopped_at_ns=None, **stan
     hub = MemoryHub()
     bus = MemoryBus(PREFIX, hub)
     stream = bus.stream()
-    config = RunConfig(robot="go1", terrain=TerrainConfig(terrain="flat"), seed=seed, time_limit_s=0.3, pace=pace)
+    config = RunConfig(
+        robot="go1", grid="line", terrain=TerrainConfig(terrain="flat"), seed=seed, time_limit_s=0.3, pace=pace
+    )
     context = ProcessContext("controller", config, put_run(tmp_path, config), bus)
     if stopped_at_ns is not None:
         context = StoppedLater(context, stopped_at_ns)
@@ -191,7 +193,7 @@ def test_plans_say_once_that_they_are_lost_and_back(tmp_path):
     hub = MemoryHub()
     bus = MemoryBus(PREFIX, hub)
     stream = bus.stream()
-    plans = Plans(ProcessContext("controller", RunConfig(robot="go1"), tmp_path, bus))
+    plans = Plans(ProcessContext("controller", RunConfig(robot="go1", grid="line"), tmp_path, bus))
     sender = MemoryBus(PREFIX, hub).publisher("policy/plan")
     assert plans.newest(0, halt=True) == (None, float("inf"))
     sender.put(make_plan(0, 0))

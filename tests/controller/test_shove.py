@@ -2,16 +2,14 @@
 
 import numpy as np
 import pytest
+from samples import setup_of
 
 from saltus.config import TerrainConfig
 from saltus.constants import POLICY_DT, POLICY_STEPS, PUSH_STEPS
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.shove import HARDEST_NS, Shove
-from saltus.effects.profile import IDEAL
 from saltus.joint_command import JointCommand
 from saltus.robots.loading import load_robot
-from saltus.terrain.curriculum import make_terrain
-from saltus.trial import Trial
 from saltus.wire.memory_bus import MemoryBus
 from saltus.wire.messages import OPERATOR, Event
 
@@ -62,7 +60,7 @@ def test_a_robot_that_is_pushed_goes_to_that_side(impulse: float) -> None:
     limp = JointCommand(position=none, velocity=none, kp=none, kd=none, torque=none)
     speed = []
     for force in (0.0, impulse / (PUSH_STEPS * POLICY_DT)):
-        robot = MujocoRobot(kind, make_terrain(TerrainConfig(terrain="flat")), Trial(), IDEAL)
+        robot = MujocoRobot(setup_of(TerrainConfig(terrain="flat"), robot=kind))
         robot.reset()
         robot.push(force)
         for _ in range(PUSH_STEPS * POLICY_STEPS):

@@ -1,7 +1,7 @@
 """A robot that glides over a terrain with exact odometry, and recordings of it, for tests of what measures heights."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +10,8 @@ from samples import ROBOT
 from saltus import rotations
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import MODEL_CAMERA, Intrinsics, depth_frame, depth_in_millimetres
-from saltus.depth_camera import load_camera
 from saltus.grid import HEIGHTMAP_X
+from saltus.named_setup import named_setup
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
 from saltus.render.camera import RobotCamera
@@ -81,8 +81,8 @@ def record(
     path: Path, run: Glide, heightmaps: Sequence[Heightmap], *, truth: bool = True, config: RunConfig | None = None
 ) -> Recording:
     """Writes and reads a recording."""
-    config = config or RunConfig(robot="go1", terrain=run.terrain)
-    with Recorder(path, config, ROBOT, make_terrain(run.terrain), load_camera(config.camera)) as file:
+    config = config or RunConfig(robot="go1", grid="line", terrain=run.terrain)
+    with Recorder(path, config, named_setup(replace(config, terrain=run.terrain))) as file:
         for state, true, heightmap in zip(run.states, run.truths, heightmaps, strict=True):
             if truth:
                 file.write(_raw("plant/truth", true, state.step + 1, state.time_ns))

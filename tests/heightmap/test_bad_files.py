@@ -18,7 +18,7 @@ from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.service import model_inbox as heightmap_model_inbox
 from saltus.heightmap.service.replay import replay_predictor
 from saltus.resources import resource
-from saltus.runtime.run_folder import ROBOT_FILE
+from saltus.runtime.run_folder import SETUP_FILE
 
 JUNK = np.random.default_rng(0).bytes(3000)
 BROKEN: dict[str, bytes | None] = {"missing": None, "empty": b"", "junk": JUNK, "text": b"hello\n"}
@@ -149,7 +149,7 @@ def test_a_full_disk(data: Path, recording: Path, tmp_path: Path, capsys: pytest
         (folder / whole).write_text("kept")
     model = resource("models/heightmap.onnx")
     refused(["heightmap", "give", model, "--run-dir", put_robot(run)], capsys, run, "No space left")
-    (run / ROBOT_FILE).unlink()
+    (run / SETUP_FILE).unlink()
     refused(["heightmap", "report", recording, "--out", run], capsys, run, "No space left")
     refused(["heightmap", "dataset", "merge", data, "--out", out], capsys, out, "No space left")
     assert {path.name: path.read_text() for path in (*run.iterdir(), *out.iterdir())} == dict.fromkeys(
@@ -167,8 +167,8 @@ def test_folders_without_a_service(
     before = {path: path.stat().st_ino for path in tmp_path.iterdir()}
     (tmp_path / "run").mkdir()
     give = ["heightmap", "give", str(tmp_path / shipped.name), "--run-dir", str(tmp_path / "run")]
-    refused(give, capsys, "no robot.toml")
-    robot = put_robot(tmp_path / "run") / ROBOT_FILE
+    refused(give, capsys, "no setup.toml")
+    robot = put_robot(tmp_path / "run") / SETUP_FILE
     assert main(give) == 2
     assert "no heightmap service looks into" in capsys.readouterr().err
     assert list((tmp_path / "run").iterdir()) == [robot]

@@ -13,7 +13,6 @@ from saltus.cli.main import main
 from saltus.depth_camera import load_camera
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.offsets_and_factors import CameraPitch
-from saltus.effects.profile import profile_to_toml
 from saltus.heightmap import collection as heightmap_collection
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.device_rollouts import DeviceRollouts
@@ -47,7 +46,7 @@ def collected(out: Path, camera: str, *more: str) -> list[Episode]:
 @pytest.mark.parametrize("camera", ["ideal", "d435i"])
 def test_a_seed_repeats_the_shard_and_a_profile_moves_the_camera(camera: str, tmp_path: Path) -> None:
     profile = tmp_path / "tilted.toml"
-    profile.write_text(profile_to_toml(replace(PROFILE, camera=(*PROFILE.camera, CameraPitch(offset=0.17)))))
+    profile.write_text(replace(PROFILE, camera=(*PROFILE.camera, CameraPitch(offset=0.17))).to_toml())
     first, again, tilted = (
         collected(tmp_path / name, camera, *more)
         for name, more in (("a", ()), ("b", ()), ("c", ("--profile", str(profile))))
@@ -65,7 +64,7 @@ def test_a_seed_repeats_the_shard_and_a_profile_moves_the_camera(camera: str, tm
 
 def test_all_that_a_profile_says_of_robots_and_cameras_reaches_both_collections(tmp_path: Path) -> None:
     path, said = tmp_path / "everything.toml", {effect.name for effect in EVERYTHING.effects.values()}
-    path.write_text(profile_to_toml(EVERYTHING))
+    path.write_text(EVERYTHING.to_toml())
     plant = Rollout(ROBOT, [flat.make()], [Trial()], ScriptedPlanner(ROBOT), profile=EVERYTHING)._plant
     held = (*plant._chain.effects, *plant._body.effects, *plant._imu_chain.effects)
     assert {effect.name for effect in (*held, *EVERYTHING.camera)} == said

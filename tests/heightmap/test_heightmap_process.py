@@ -34,6 +34,7 @@ class House:
         self.hub = MemoryHub()
         config = RunConfig(
             robot="go1",
+            grid="line",
             pace=pace,
             speed=SPEED if pace == "realtime" else 1.0,
             heightmap_model=str(model_path),
@@ -132,7 +133,7 @@ def test_a_robot_whose_clock_differs_is_not_answered_and_it_is_said_once_within_
     ahead_s: float, tmp_path: Path
 ) -> None:
     """As of a robot whose computer is not that of the service."""
-    config, hub = RunConfig(robot="go1", pace="realtime"), MemoryHub()
+    config, hub = RunConfig(robot="go1", grid="line", pace="realtime"), MemoryHub()
     context = ProcessContext("heightmap", config, put_run(tmp_path, config), MemoryBus(config.prefix, hub))
     link, bus, begin_ns = RobotLink(context, TOPICS["camera/depth"]), MemoryBus(config.prefix, hub), 10**15
     publisher, events = bus.publisher("controller/state"), bus.latest("event", "heightmap")
@@ -196,7 +197,10 @@ def test_junk_on_the_keys_of_one_robot_does_not_touch_another(model_path: Path, 
     """Nor does a robot that has no camera: in lockstep its states wait for images that never come."""
     hub = MemoryHub()
     names = ("robot/0", "robot/1", "robot/2")
-    configs = [RunConfig(robot="go1", prefix=name, pace="lockstep", heightmap_model=str(model_path)) for name in names]
+    configs = [
+        RunConfig(robot="go1", grid="line", prefix=name, pace="lockstep", heightmap_model=str(model_path))
+        for name in names
+    ]
     put_run(tmp_path, configs[0])
     contexts = [ProcessContext("heightmap", config, tmp_path, MemoryBus(config.prefix, hub)) for config in configs]
     process = HeightmapProcess(contexts)

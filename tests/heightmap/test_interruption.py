@@ -77,7 +77,12 @@ class Relay:
 def service(model_path: Path, tmp_path: Path) -> Iterator[tuple[str, RunClock]]:
     """The router of a heightmap service, and the run's clock."""
     config = RunConfig(
-        robot="go1", pace="realtime", speed=SPEED, heightmap_model=str(model_path), epoch_ns=time.monotonic_ns()
+        robot="go1",
+        grid="line",
+        pace="realtime",
+        speed=SPEED,
+        heightmap_model=str(model_path),
+        epoch_ns=time.monotonic_ns(),
     )
     endpoint, router = open_router()
     with contextlib.closing(router), ZenohBus(endpoint, config.prefix) as bus:

@@ -22,7 +22,7 @@ from saltus.heightmap.service import model_inbox as heightmap_model_inbox
 from saltus.heightmap.service.model_inbox import FILE, ModelInbox, give
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path, put_model
-from saltus.runtime.run_folder import ROBOT_FILE
+from saltus.runtime.run_folder import SETUP_FILE
 
 PATIENCE_S = 60.0
 
@@ -135,7 +135,7 @@ def test_a_model_that_cannot_be_used_is_not_even_given(model_path: Path, tmp_pat
         model.write_bytes(model.read_bytes()[:-1])
     with pytest.raises(ModelError, match=r"new\.onnx"):
         give(model, run_dir)
-    assert [path.name for path in run_dir.iterdir()] == [ROBOT_FILE]
+    assert [path.name for path in run_dir.iterdir()] == [SETUP_FILE]
 
 
 def test_closing_does_not_wait_for_a_check(model_path: Path, tmp_path: Path) -> None:
@@ -217,7 +217,7 @@ def test_without_a_service_the_command_fails_and_leaves_nothing(
     monkeypatch.setattr(heightmap_model_inbox, "HEARD_S", 0.3)
     assert main(["heightmap", "give", str(model_path), "--run-dir", str(put_robot(tmp_path))]) == 2
     assert f"no heightmap service looks into '{tmp_path}'" in capsys.readouterr().err.splitlines()[-1]
-    assert [path.name for path in tmp_path.iterdir()] == [ROBOT_FILE]
+    assert [path.name for path in tmp_path.iterdir()] == [SETUP_FILE]
 
 
 def test_the_command_says_what_is_wrong_and_ends_with_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,7 +16,7 @@ from test_camera_family import CASES, with_latency
 from saltus.config import RunConfig, TerrainConfig
 from saltus.effects.effect import Effect
 from saltus.effects.frame_drop import FrameDrop
-from saltus.effects.profile import load_profile, profile_to_toml
+from saltus.effects.profile import load_profile
 from saltus.heightmap.data.late_images import UsedImages
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -75,6 +75,7 @@ def deployed(profile: str, folder: Path) -> list[CameraProcess]:
     for trial, kind in zip(TRIALS, KINDS, strict=True):
         config = RunConfig(
             robot="go1",
+            grid="line",
             seed=trial.seed,
             terrain=TerrainConfig(terrain=kind),
             camera="ideal",
@@ -91,7 +92,7 @@ def test_they_are_those_of_the_deployed_processes(
     effects: tuple[Effect[Any], ...], model_path: Path, tmp_path: Path
 ) -> None:
     path = tmp_path / "profile.toml"
-    path.write_text(profile_to_toml(with_latency(effects)))
+    path.write_text(with_latency(effects).to_toml())
     services = [HeightmapService(HeightmapNetwork(ROBOT, model_path)) for _ in TRIALS]
     batch, cameras = rollout(model_path, str(path), stand_steps=20), deployed(str(path), tmp_path)
     for k in range(TICKS):

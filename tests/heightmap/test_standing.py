@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from samples import setup_of
 
 from saltus.cli.main import main
 from saltus.config import RunConfig
@@ -48,7 +49,7 @@ def changed(recording: Recording, path: Path, kind: type[Message], change: Chang
                 again = Envelope(envelope.sequence, message.time_ns, envelope.boot_id)
                 samples.append(RawSample(topic, codec.encode(message), again.to_bytes(), arrival_ns))
     samples.sort(key=lambda sample: sample.arrival_ns)
-    with Recorder(path, config, robot or recording.robot, recording.terrain, recording.camera) as file:
+    with Recorder(path, config, setup_of(recording.terrain, robot=robot or recording.robot)) as file:
         for sample in samples:
             file.write(sample)
     return read_recording(path)
@@ -146,8 +147,8 @@ def test_a_clock_of_its_own_is_named_for_which_no_service_answers(
     standing: Recording, tmp_path: Path, ahead_s: float, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, begin_ns = tmp_path / "own.mcap", 10**15
-    config = replace(standing.config or RunConfig(robot="go1"), pace="realtime", epoch_ns=1)
-    with Recorder(path, config, standing.robot, standing.terrain, standing.camera) as file:
+    config = replace(standing.config or RunConfig(robot="go1", grid="line"), pace="realtime", epoch_ns=1)
+    with Recorder(path, config, setup_of(standing.terrain, robot=standing.robot)) as file:
         for topic in ("controller/state", "camera/depth"):
             for arrival_ns, envelope, payload in standing.payloads(topic):
                 dated_ns = envelope.capture_ns + begin_ns + round(1e9 * ahead_s)

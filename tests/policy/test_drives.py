@@ -22,7 +22,7 @@ from saltus.effects.command_delay import CommandDelay
 from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.offsets_and_factors import ContactCompliance, PayloadMass, SoftFeet, TorqueGain
-from saltus.effects.profile import Profile, profile_to_toml
+from saltus.effects.profile import Profile
 from saltus.effects.registry import EFFECTS
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
@@ -125,7 +125,7 @@ def of_batch(profile: Profile) -> np.ndarray:
 
 
 def env_of(profile: Profile, path: Any, engine: Any = None, randomisation: RandomisationConfig = USUAL) -> JumpEnv:
-    path.write_text(profile_to_toml(profile))
+    path.write_text(profile.to_toml())
     config = EnvConfig(profile=str(path), randomisation=randomisation)
     engine = engine or BatchEngine(ROBOT, 2, BOXES, dimensions=config.contact_dimensions(profile), threads=1)
     return JumpEnv(engine, config, seed=0)
@@ -218,7 +218,7 @@ def test_who_has_no_true_heights_refuses_their_shift_by_name(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "shifted.toml"
-    path.write_text(profile_to_toml(Profile(heightmap=(SHIFT,))))
+    path.write_text(Profile(heightmap=(SHIFT,)).to_toml())
     assert main([*command.format(profile=path).split(), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr()
     assert "heightmap_shift" in said.err

@@ -34,7 +34,10 @@ class PlannerStage(Stage):
     def __init__(self, pace: Pace, tmp_path: Path, planner: PlannerName = "scripted") -> None:
         self.epoch_ns = time.monotonic_ns()
         super().__init__(
-            "policy", body, RunConfig(robot="go1", pace=pace, planner=planner, epoch_ns=self.epoch_ns), tmp_path
+            "policy",
+            body,
+            RunConfig(robot="go1", grid="line", pace=pace, planner=planner, epoch_ns=self.epoch_ns),
+            tmp_path,
         )
         self.states = self.others.publisher("controller/state")
         self.heightmaps = self.others.publisher("heightmap/heightmap")

@@ -8,7 +8,7 @@ from samples import KINEMATICS, ROBOT
 from saltus.controller.compensation import compensation_of
 from saltus.controller.estimator import Estimator
 from saltus.effects.offsets_and_factors import TorqueGain, ViscousFriction
-from saltus.effects.profile import IDEAL, profile_to_toml
+from saltus.effects.profile import IDEAL
 from saltus.policy.env.curriculum import CurriculumConfig, difficulty, kinds_of_robots, next_level
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.episode import TALLY
@@ -225,7 +225,7 @@ def test_the_leg_controller_knows_the_drives_of_its_profile(tmp_path):
     weak = IDEAL.having(TorqueGain(gain=0.65), ViscousFriction(coefficient=0.5))
     tracks = {}
     for name, profile, known in (("strong", IDEAL, IDEAL), ("known", weak, weak), ("unknown", weak, IDEAL)):
-        (tmp_path / f"{name}.toml").write_text(profile_to_toml(profile))
+        (tmp_path / f"{name}.toml").write_text(profile.to_toml())
         env = make_env(config=EnvConfig(profile=str(tmp_path / f"{name}.toml")))
         if known is not profile:
             env._law._compensation = compensation_of(known, ROBOT)

@@ -52,7 +52,12 @@ def speed(tmp_path_factory: pytest.TempPathFactory) -> float:
 def measured(directory: Path, speed: float) -> tuple[RealTimeFactor, float]:
     """What a run at such a speed reaches, and the share of its processors that it gets."""
     config = RunConfig(
-        robot="go1", terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted", speed=speed
+        robot="go1",
+        grid="line",
+        terrain=TerrainConfig(terrain="flat"),
+        pace="realtime",
+        planner="scripted",
+        speed=speed,
     )
     with Stack(config, directory) as stack:
         stack.wait(speed * MEASURED_S)

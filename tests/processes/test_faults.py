@@ -18,7 +18,7 @@ from saltus.runtime.programs import WITH_STANDBYS
 from saltus.wire.codec import Envelope
 from saltus.wire.topics import MAX_EXTRA_AGE_S
 
-CONFIG = RunConfig(robot="go1", terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted")
+CONFIG = RunConfig(robot="go1", grid="line", terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted")
 
 
 @pytest.mark.slow

@@ -77,7 +77,7 @@ class Robot:
 def robots(speed: float, tmp_path: Path) -> Iterator[list[Robot]]:
     endpoint, router = open_router()
     began_ns = time.monotonic_ns() - round(1e9 / speed)
-    config = RunConfig(robot="go1", pace="realtime", epoch_ns=began_ns, time_limit_s=600.0, speed=speed)
+    config = RunConfig(robot="go1", grid="line", pace="realtime", epoch_ns=began_ns, time_limit_s=600.0, speed=speed)
     (put_run(tmp_path, config) / RUN_FILE).write_text(to_toml(config))
     clock = RunClock.of(config)
     robots = [Robot(endpoint, prefix, clock) for prefix in ROBOTS]

@@ -17,12 +17,10 @@ from samples import message_of
 
 from saltus.clock import RunClock
 from saltus.config import RunConfig, TerrainConfig
-from saltus.depth_camera import SHIPPED
+from saltus.named_setup import named_setup
 from saltus.resources import resource
-from saltus.robots.loading import load_robot
 from saltus.runtime.programs import PROGRAMS
 from saltus.runtime.run_folder import write_run
-from saltus.terrain.curriculum import make_terrain
 from saltus.wire import codec, schemas
 from saltus.wire.bus import Latest
 from saltus.wire.codec import Envelope
@@ -108,6 +106,7 @@ class Victim:
         self.step = 0
         config = RunConfig(
             robot="go1",
+            grid="line",
             prefix=self.prefix,
             pace="realtime",
             time_limit_s=600.0,
@@ -116,7 +115,7 @@ class Victim:
             speed=speed,
         )
         self.clock = RunClock.of(config)
-        write_run(directory, config, load_robot(config.robot), make_terrain(config.terrain), SHIPPED["ideal"])
+        write_run(directory, config, named_setup(config))
         self.bus = ZenohBus(endpoint, self.prefix)
         self.status = self.bus.latest("status", name)
         self.triggers = {topic: self.bus.publisher(topic) for topic in SUBSCRIBED[name]}

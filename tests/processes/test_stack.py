@@ -76,7 +76,7 @@ def importable(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 def run_config(pace: Pace = "realtime", time_limit_s: float = 60.0, speed: float = 1.0) -> RunConfig:
-    return RunConfig(robot="go1", pace=pace, time_limit_s=time_limit_s, speed=speed)
+    return RunConfig(robot="go1", grid="line", pace=pace, time_limit_s=time_limit_s, speed=speed)
 
 
 def poll_until(stack: Stack, condition: Callable[[], bool], timeout_s: float) -> float:
@@ -212,7 +212,7 @@ def test_who_is_interrupted_while_a_recording_begins_has_one_that_ends(
         return recorder
 
     monkeypatch.setattr(module, "Recorder", begun)
-    with pytest.raises(KeyboardInterrupt), Stack(RunConfig(robot="go1"), tmp_path, (CONSUMER, STATES)):
+    with pytest.raises(KeyboardInterrupt), Stack(RunConfig(robot="go1", grid="line"), tmp_path, (CONSUMER, STATES)):
         pass
     assert read_recording(tmp_path / "recording.mcap").complete
 
@@ -222,7 +222,7 @@ def test_processes_do_not_outlive_a_killed_supervisor(tmp_path: Path) -> None:
         "import sys\nfrom pathlib import Path\nfrom saltus.runtime.child import Program\n"
         "from saltus.config import RunConfig\nfrom saltus.runtime.stack import Stack\n"
         "programs = (Program(name='consumer', module='consumer', restart=True),)\n"
-        "with Stack(RunConfig(robot='go1', pace='realtime'), Path(sys.argv[1]), programs) as stack:\n"
+        "with Stack(RunConfig(robot='go1', grid='line', pace='realtime'), Path(sys.argv[1]), programs) as stack:\n"
         "    sys.stdout.write(f'{stack.pid(\"consumer\")}\\n')\n"
         "    sys.stdout.flush()\n"
         "    stack.wait()\n"

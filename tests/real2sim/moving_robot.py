@@ -1,6 +1,7 @@
 """Run logs of a robot that jumps: a run of control loop, plant and camera, recorded and exported."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import IDEAL, Profile
+from saltus.named_setup import named_setup
 from saltus.policy.planner import make_planner
 from saltus.policy.process import PlannerProcess
 from saltus.recordings.recorder import Recorder
@@ -24,9 +26,7 @@ from saltus.render.backends import make_renderer
 from saltus.render.camera import RobotCamera
 from saltus.render.exposure import PerfectExposure
 from saltus.render.process import CameraProcess
-from saltus.terrain.curriculum import make_terrain
-from saltus.terrain.terrain import Terrain
-from saltus.trial import Trial
+from saltus.setup import Setup
 from saltus.wire import codec
 from saltus.wire.bus import RawSample
 from saltus.wire.codec import Envelope
@@ -37,21 +37,23 @@ STEP_NS = TICK_NS * POLICY_STEPS
 
 def jumping_log(folder: Path, seconds: float = 4.5, profile: Profile = IDEAL) -> RunLog:
     """The log of a run onto a step; the robot sets out after a second. Effects of `profile` are not claimed."""
-    config = RunConfig(robot="go1", seed=1, profile="ideal", terrain=TerrainConfig(terrain="step", height_m=0.15))
-    terrain = make_terrain(config.terrain)
-    with Recorder(folder / "recording.mcap", config, ROBOT, terrain, load_camera(config.camera)) as file:
-        for key, message in _run(terrain, Trial.draw(config.seed), round(1e9 * seconds / STEP_NS), profile):
+    config = RunConfig(
+        robot="go1", grid="line", seed=1, profile="ideal", terrain=TerrainConfig(terrain="step", height_m=0.15)
+    )
+    setup = named_setup(config)
+    with Recorder(folder / "recording.mcap", config, setup) as file:
+        for key, message in _run(replace(setup, profile=profile), round(1e9 * seconds / STEP_NS)):
             envelope = Envelope(message.time_ns // STEP_NS, message.time_ns, bytes(16))
             file.write(RawSample(key, codec.encode(message), envelope.to_bytes(), message.time_ns))
     export_run_log(read_recording(folder / "recording.mcap"), folder / "log")
     return read_run_log(folder / "log")
 
 
-def _run(terrain: Terrain, trial: Trial, steps: int, profile: Profile) -> Iterator[tuple[str, Message]]:
-    robot = MujocoRobot(ROBOT, terrain, trial, trial.applied_to(profile))
+def _run(setup: Setup, steps: int) -> Iterator[tuple[str, Message]]:
+    robot = MujocoRobot(setup)
     robot.reset()
     loop, planner = ControlLoop(ROBOT), PlannerProcess(ROBOT, make_planner("scripted", ROBOT))
-    renderer = make_renderer("embree", terrain, RobotCamera.on(ROBOT))
+    renderer = make_renderer("embree", setup.terrain, RobotCamera.on(ROBOT))
     camera = CameraProcess(
         load_camera("ideal"), PerfectExposure(renderer, MODEL_CAMERA), IDEAL.camera_chain, np.random.default_rng(0)
     )
@@ -64,6 +66,6 @@ def _run(terrain: Terrain, trial: Trial, steps: int, profile: Profile) -> Iterat
                 if (frame := camera.step(truth, now_ns)) is not None:
                     yield "camera/depth", frame
                 yield "controller/state", (state := loop.state(now_ns, step))
-                plan = planner.step(state, true_heightmap(robot, trial, now_ns, step), now_ns)
+                plan = planner.step(state, true_heightmap(robot, setup.trial, now_ns, step), now_ns)
             robot.write(loop.act(plan, 0.0))
         yield "controller/joints", loop.take_joint_log(now_ns, step)

@@ -18,7 +18,7 @@ from samples import ROBOT
 from saltus.cli.main import command_of, main
 from saltus.config import load
 from saltus.effects.offsets_and_factors import CoulombFriction, TorqueGain
-from saltus.effects.profile import PARTS, load_profile, profile_to_toml
+from saltus.effects.profile import PARTS, load_profile
 from saltus.effects.registry import EFFECTS
 from saltus.heightmap import collection, device_collection
 from saltus.heightmap.settings import ClosedLoop, DeviceCollection, ProcessorCollection
@@ -150,13 +150,13 @@ def test_drives_are_made_up_for_where_that_is_better(tmp_path: Path) -> None:
     assert pairs == {"heightmap+policy+drives", "heightmap+drives", "policy+drives", "drives", "heightmap", ""}
     folder = measuring.CycleFolder(tmp_path, ROBOT)
     known, weak = load_profile("shipped", load_robot("go1")), TorqueGain(gain=0.7)
-    folder.known.write_text(profile_to_toml(known))
+    folder.known.write_text(known.to_toml())
     for found, better, after in (
         (known.having(CoulombFriction(torque=HIDDEN)), "", folder.profile),
         (known.having(weak), "", folder.known),
         (known.having(weak), "drives", folder.profile),
     ):
-        folder.profile.write_text(profile_to_toml(found))
+        folder.profile.write_text(found.to_toml())
         assert choosing.finds_drives(folder) == ("torque_gain" in found.effects)
         tallies = {p: {GAP: choosing.Tally(successes=int(p == better), trials=1)} for p in ("drives", "")}
         folder.choice.write_text(json.dumps(asdict(choosing.Choice(models={}, tallies=tallies))))
@@ -178,7 +178,7 @@ def test_what_no_profile_can_have_is_said_and_the_rest_is_applied(tmp_path: Path
     folder.found.mkdir()
     (folder.found / "patch.toml").write_text(patch.to_toml())
     (folder.found / "verdict.json").write_text('{"verdict": "named", "gap": null, "untestable": []}')
-    folder.known.write_text(profile_to_toml(shipped))
+    folder.known.write_text(shipped.to_toml())
     folder.settings.write_text("")
     write_cycle_report(folder, CycleSettings(loop=ClosedLoop(robot="go1")))
     assert html.escape(refused) in folder.report.read_text()
@@ -244,7 +244,7 @@ def test_the_policy_is_trained_where_more_than_the_camera_differs(name: str, tmp
     shipped, part = load_profile("shipped", load_robot("go1")), PARTS[EFFECTS[name].site]
     others = tuple(effect for effect in getattr(shipped, part) if effect.name != name)
     less = replace(shipped, **{part: others})
-    folder.profile.write_text(profile_to_toml(less if name in shipped.effects else shipped.having(EFFECTS[name]())))
+    folder.profile.write_text((less if name in shipped.effects else shipped.having(EFFECTS[name]())).to_toml())
     beyond = part != "camera"
     assert training.differs_beyond_camera(folder) == beyond
     elsewhere.export_training(folder, CycleSettings(loop=ClosedLoop(robot="go1"), policy_minutes=3.0), away)
@@ -277,7 +277,7 @@ def test_a_curve_is_told_only_where_it_was_hidden(tmp_path: Path) -> None:
     folder.found.mkdir()
     (folder.found / "patch.toml").write_text(Patch(effects=(), evidence=(), range=Applicability()).to_toml())
     (folder.found / "verdict.json").write_text('{"verdict": "no_gap", "untestable": [], "misfits": [], "sets": []}')
-    folder.known.write_text(profile_to_toml(shipped))
+    folder.known.write_text(shipped.to_toml())
     for hidden, told in ((shipped, []), (stronger, ["torque_saturation curve"])):
-        folder.hidden.write_text(profile_to_toml(hidden))
+        folder.hidden.write_text(hidden.to_toml())
         assert [row.name for row in rows_of(folder)] == told

@@ -13,7 +13,7 @@ from saltus.effects.depth_noise import DepthNoise
 from saltus.effects.edge_holes import EdgeHoles
 from saltus.effects.image_pixels import to_images
 from saltus.effects.offsets_and_factors import CoulombFriction
-from saltus.effects.profile import IDEAL, Profile, profile_from_toml, profile_to_toml
+from saltus.effects.profile import IDEAL, Profile
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError
 from saltus.real2sim.experiments.menu import EXPERIMENTS
@@ -71,7 +71,7 @@ def test_a_patch_and_the_profile_that_it_makes_survive_toml() -> None:
     whole = patch(*ONE_OF_EACH_PART)
     assert patch_from_toml(whole.to_toml()) == whole
     profile = whole.applied_to(IDEAL, ROBOT)
-    assert profile_from_toml(profile_to_toml(profile)) == profile
+    assert Profile.from_toml(profile.to_toml()) == profile
     names = {e.name for part in (profile.actuator, profile.camera, profile.imu, profile.body) for e in part}
     assert names == {effect.name for effect in ONE_OF_EACH_PART}
 
@@ -135,7 +135,7 @@ def test_a_curve_is_that_of_its_joints_and_leaves_the_others() -> None:
     curve = ((10.0, 10.0), (20.0, 18.0), (30.0, 24.0))
     one = FoundEffect(name="torque_saturation", where=CALVES, params=found("", "", knee=14.0, plateau=26.0).params)
     applied = patch(dataclasses.replace(one, curve=curve)).applied_to(Profile(actuator=(before,)), ROBOT)
-    (after,) = profile_from_toml(profile_to_toml(applied)).actuator
+    (after,) = Profile.from_toml(applied.to_toml()).actuator
     assert isinstance(after, TorqueSaturation)
     torque = np.linspace(0.0, 40.0, 81)[:, None] * np.ones(12)
     expected = np.where(np.arange(12) % 3 == 2, delivered(curve, torque), before.delivered(torque))

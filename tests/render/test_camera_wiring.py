@@ -17,7 +17,9 @@ from saltus.wire.messages import DepthFrame, Done
 class CameraStage(Stage):
     def __init__(self, pace: Pace, tmp_path: Path, camera: str = "ideal") -> None:
         epoch_ns, terrain = time.monotonic_ns(), TerrainConfig(terrain="stairs")
-        config = RunConfig(robot="go1", pace=pace, terrain=terrain, epoch_ns=epoch_ns, seed=4, camera=camera)
+        config = RunConfig(
+            robot="go1", grid="line", pace=pace, terrain=terrain, epoch_ns=epoch_ns, seed=4, camera=camera
+        )
         super().__init__("render", body, config, tmp_path)
         self.truths = self.others.publisher("plant/truth")
         self.frames = self.others.latest("camera/depth")

@@ -160,7 +160,7 @@ def check_taken(body: Any, image: Any) -> None:
 
 def test_a_robot_that_speaks_ros_is_given_heights(tmp_path: Path, ros_port: int) -> None:
     """What it says comes to the service in our frames and order; what the service answers comes to it."""
-    config = RunConfig(robot="go1", pace="realtime")
+    config = RunConfig(robot="go1", grid="line", pace="realtime")
     (put_run(tmp_path, config) / RUN_FILE).write_text(to_toml(config))
     endpoint, router = open_router()
     write_client(tmp_path / CLIENT_FILE, endpoint)
@@ -274,7 +274,7 @@ def compiled(folder: Path) -> Path:
 def test_a_robot_on_cyclone_0_10_is_given_heights_and_survives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A type of Cyclone 11's own would end it with a segmentation fault."""
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
-    config = RunConfig(robot="go1", pace="realtime")
+    config = RunConfig(robot="go1", grid="line", pace="realtime")
     (put_run(tmp_path, config) / RUN_FILE).write_text(to_toml(config))
     endpoint, router = open_router()
     write_client(tmp_path / CLIENT_FILE, endpoint)

@@ -32,7 +32,7 @@ from saltus.wire.memory_bus import MemoryBus
 USED = {*TYPES.values(), *(kind for kind, _ in (HEIGHTS | OF_ROBOT).values()), "tf2_msgs/msg/TFMessage"}
 NOW_NS = 10**10
 OF_JOINTS = ("joint_position", "joint_velocity", "joint_torque")
-LOCKSTEP = WallClock(RunConfig(robot="go1", pace="lockstep"))
+LOCKSTEP = WallClock(RunConfig(robot="go1", grid="line", pace="lockstep"))
 """Times of ROS are those of the run."""
 
 
@@ -335,7 +335,7 @@ def test_what_strangers_send_is_counted_and_never_raises() -> None:
 
 def test_times_of_ros_and_of_a_run_at_any_speed_are_turned_into_each_other() -> None:
     for speed in (0.1, 0.5, 1.0):
-        clock = WallClock(RunConfig(robot="go1", pace="realtime", speed=speed, epoch_ns=123_456_789))
+        clock = WallClock(RunConfig(robot="go1", grid="line", pace="realtime", speed=speed, epoch_ns=123_456_789))
         for run_ns in (0, 10**9, 10**12):
             assert clock.run_ns(clock.wall_ns(run_ns)) == pytest.approx(run_ns, abs=2)
         assert clock.wall_ns(10**9) - clock.wall_ns(0) == pytest.approx(10**9 / speed, abs=2)

@@ -119,7 +119,7 @@ BAD = {
     "demo --robot other": "Saltus ships and trains heights for the Go1 alone",
     "demo --robot other --planner scripted": "saltus policy eval --planner scripted",
     "up --robot other": "docs/robots.md",
-    "heightmap collect cpu --loop.robot go2": "docs/robots.md says what takes another",
+    "heightmap collect cpu --loop.robot go2": "no robot 'go2'",
     "heightmap collect gpu --robot go2": "docs/robots.md says what takes another",
     "heightmap eval --robot go2": "docs/robots.md says what takes another",
     "demo --robot moved --planner scripted": "+2.8 cm ahead",
@@ -151,7 +151,7 @@ BAD = {
     "record run --endpoint tcp/127.0.0.1:1 --run-dir file": "file/run.toml",
     "record run --endpoint tcp/127.0.0.1:1 --run-dir junk": "junk/run.toml",
     "record run --endpoint tcp/127.0.0.1:1 --run-dir mistyped": "did you mean 'seed'?",
-    "record run --endpoint tcp/127.0.0.1:1 --run-dir half": "half/robot.toml",
+    "record run --endpoint tcp/127.0.0.1:1 --run-dir half": "half/setup.toml",
     "record run --endpoint nonsense --run-dir run": "nonsense",
     "record run --run-dir run": "run/client.json5",
     "policy serve --run-dir run": "run/client.json5",
@@ -286,7 +286,7 @@ BAD = {
     "router --out made --heightmap-model missing.onnx": "missing.onnx",
     "heightmap give missing.onnx --run-dir run": "missing.onnx",
     "heightmap give junk.onnx --run-dir run": "junk.onnx.sha256",
-    "heightmap give junk.onnx --run-dir folder": "robot.toml",
+    "heightmap give junk.onnx --run-dir folder": "setup.toml",
     "heightmap collect cpu --config junk.toml": "junk.toml",
     "heightmap collect cpu --out file": "file",
     "heightmap collect cpu --predictor a.pt": "--predictor",
@@ -441,11 +441,16 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (root / "table.csv").write_text("t,angle\n0.0,0.1\n0.1,spam\n")
     (root / "torque.toml").write_text('[columns]\nq = "angle"\ntorque = "load"\n')
     (root / "columns.toml").write_text('[columns]\ntime = "t"\nq = "angle"\njoints = ["FR_hip"]\n')
-    contents = {"junk": junk, "mistyped": b"sed = 3", "half": b"", "run": to_toml(RunConfig(robot="go1")).encode()}
+    contents = {
+        "junk": junk,
+        "mistyped": b"sed = 3",
+        "half": b"",
+        "run": to_toml(RunConfig(robot="go1", grid="line")).encode(),
+    }
     for name, content in contents.items():
         (root / name).mkdir()
         (root / name / "run.toml").write_bytes(content)
-    put_run(root / "run", RunConfig(robot="go1"))
+    put_run(root / "run", RunConfig(robot="go1", grid="line"))
     for name, content in CAMERAS.items():
         (root / f"camera_{name}.toml").write_text(content)
     (root / "folder").mkdir()

@@ -19,7 +19,7 @@ from saltus.effects.edge_holes import EdgeHoles
 from saltus.effects.effect import Effect
 from saltus.effects.hole_fill import HoleFill
 from saltus.effects.offsets_and_factors import CameraFov, CameraHeight, CameraPitch
-from saltus.effects.profile import Profile, load_profile, profile_to_toml
+from saltus.effects.profile import Profile, load_profile
 from saltus.effects.range_clip import RangeClip
 from saltus.effects.signals import DepthImage
 from saltus.effects.temporal_smear import TemporalSmear
@@ -138,9 +138,10 @@ def test_the_camera_process_takes_all_of_a_profile(camera: Literal["ideal", "d43
     """Its frames are images of the moved camera, changed by the effects on images, under the claimed intrinsics."""
     effects = (CameraPitch(offset=0.1), DepthScale(scale=1.1), RangeClip(max=1.2), CameraLatency(latency=0.03))
     path = tmp_path / "profile.toml"
-    path.write_text(profile_to_toml(Profile(camera=effects)))
+    path.write_text(Profile(camera=effects).to_toml())
     config = RunConfig(
         robot="go1",
+        grid="line",
         terrain=TerrainConfig(terrain="step", height_m=0.2),
         camera=camera,
         renderer="embree",

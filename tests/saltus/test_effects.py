@@ -19,7 +19,7 @@ from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.offsets_and_factors import TorqueGain
-from saltus.effects.profile import IDEAL, TRAINING_SHIFT, Profile, load_profile, profile_from_toml, profile_to_toml
+from saltus.effects.profile import IDEAL, TRAINING_SHIFT, Profile, load_profile
 from saltus.effects.sample_and_hold import SampleAndHold
 from saltus.effects.signals import DepthImage, Drive, HeightQuery
 from saltus.effects.torque_saturation import TorqueSaturation
@@ -252,7 +252,7 @@ def test_profiles_by_name_and_by_file(tmp_path: Path) -> None:
     assert load_profile("go1", ROBOT) == PROFILE
     assert load_profile("ideal", ROBOT) == IDEAL == Profile()
     path = tmp_path / "mine.toml"
-    path.write_text(profile_to_toml(PROFILE))
+    path.write_text(PROFILE.to_toml())
     assert load_profile(str(path), ROBOT) == PROFILE
     assert [e.name for e in PROFILE.actuator_chain.effects] == [
         "feedforward_delay",
@@ -281,7 +281,7 @@ def test_profiles_by_name_and_by_file(tmp_path: Path) -> None:
 )
 def test_profile_errors_say_what_is_wrong(text: str, says: str) -> None:
     with pytest.raises(ConfigError, match=says):
-        profile_from_toml(text)
+        Profile.from_toml(text)
 
 
 def test_a_profile_that_is_nowhere(tmp_path: Path) -> None:
@@ -293,4 +293,4 @@ def test_a_profile_that_is_nowhere(tmp_path: Path) -> None:
 
 def test_a_profile_describes_one_robot() -> None:
     with pytest.raises(ConfigError, match="robot to robot"):
-        profile_to_toml(Profile(actuator=(TorqueGain(gain=np.ones((3, 1))),)))
+        Profile(actuator=(TorqueGain(gain=np.ones((3, 1))),)).to_toml()

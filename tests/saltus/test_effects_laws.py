@@ -47,7 +47,7 @@ from saltus.effects.offsets_and_factors import (
     VelocityScale,
     ViscousFriction,
 )
-from saltus.effects.profile import IDEAL, PARTS, profile_from_toml, profile_to_toml
+from saltus.effects.profile import IDEAL, PARTS, Profile
 from saltus.effects.range_clip import RangeClip
 from saltus.effects.registry import EFFECTS
 from saltus.effects.sample_and_hold import SampleAndHold
@@ -287,7 +287,7 @@ def test_deterministic_by_seed(effect: Effect[Any]) -> None:
 @pytest.mark.parametrize("effect", EXAMPLES + NULLS, ids=name)
 def test_toml_round_trip(effect: Effect[Any]) -> None:
     profile = IDEAL.having(effect)
-    assert profile_from_toml(profile_to_toml(profile)) == profile
+    assert Profile.from_toml(profile.to_toml()) == profile
 
 
 @pytest.mark.parametrize("bad", [-1e6, 1e6, float("nan"), "fast", (0.1, 0.2), None])

@@ -37,7 +37,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
 
 def context(bus: MemoryBus) -> tuple[ProcessContext, Latest]:
     status = bus.latest("status", "render")
-    return ProcessContext("render", RunConfig(robot="go1", pace="lockstep"), Path(), bus), status
+    return ProcessContext("render", RunConfig(robot="go1", grid="line", pace="lockstep"), Path(), bus), status
 
 
 def test_nothing_is_said_before_it_is_ready_and_then_twice_a_second(clock: FakeTime) -> None:
@@ -119,7 +119,7 @@ def test_errors_are_one_line_and_exit_code_2(tmp_path: Path, capsys: pytest.Capt
         raise ModelError("the model file is damaged")
 
     endpoint, router = open_router()
-    (tmp_path / RUN_FILE).write_text(to_toml(RunConfig(robot="go1")))
+    (tmp_path / RUN_FILE).write_text(to_toml(RunConfig(robot="go1", grid="line")))
     arguments = ["--run-dir", str(tmp_path), "--endpoint", endpoint]
     assert run_process("heightmap", body, arguments) == EXIT_ERROR
     assert capsys.readouterr().err == "heightmap: the model file is damaged\n"

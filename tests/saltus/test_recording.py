@@ -29,11 +29,11 @@ from recorded import (
     run_samples,
     write,
 )
-from samples import ROBOT
+from samples import ROBOT, setup_of
 
 from saltus.config import RunConfig, TerrainConfig
-from saltus.depth_camera import SHIPPED
 from saltus.errors import RecordingError
+from saltus.grid import LINE
 from saltus.interrupts import WHOLE
 from saltus.recordings import indexed_writer, recorder
 from saltus.recordings.indexed_writer import IndexedWriter
@@ -50,7 +50,7 @@ from saltus.wire.topics import TOPICS
 def test_what_is_written_is_read(whole: Recording) -> None:
     assert whole.complete
     assert whole.lost == []
-    assert whole.config == RunConfig(robot="go1", seed=7, terrain=TerrainConfig(terrain="gap"))
+    assert whole.config == RunConfig(robot="go1", grid="line", seed=7, terrain=TerrainConfig(terrain="gap"))
     sent = {topic: [s for s in run_samples() if s.key.startswith(topic)] for topic in TOPICS}
     for topic, samples in sent.items():
         read = list(whole.payloads(topic))
@@ -94,17 +94,18 @@ def test_fields_of_another_version_are_refused_by_name(tmp_path: Path, monkeypat
         list(older.messages("heightmap/heightmap"))
 
 
-def test_a_recording_holds_its_robot(whole: Recording) -> None:
+def test_a_recording_holds_its_robot_and_grid(whole: Recording) -> None:
     assert whole.robot == ROBOT
-    older = Recording(whole.path, config=RunConfig(robot="go1/0"))  # its prefix stood there
+    older = Recording(whole.path, config=RunConfig(robot="go1/0", grid="line"))  # its prefix stood there
     assert older.robot == ROBOT
     assert Recording(whole.path).robot == ROBOT
+    assert whole.grid == older.grid == Recording(whole.path).grid == LINE
 
 
 def test_what_was_flushed_survives_the_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder, "FLUSH_S", 0.0)
     path = tmp_path / "recording.mcap"
-    file = Recorder(path, RunConfig(robot="go1"), ROBOT, TERRAIN, SHIPPED["ideal"])
+    file = Recorder(path, RunConfig(robot="go1", grid="line"), setup_of(TERRAIN))
     for sample in run_samples(5):
         file.write(sample)
     time.sleep(0.001)
@@ -118,7 +119,7 @@ def test_what_was_flushed_survives_the_writer(tmp_path: Path, monkeypatch: pytes
 
 @pytest.mark.parametrize("missed", [0, 3])
 def test_what_came_too_fast_is_told(missed: int, tmp_path: Path) -> None:
-    with Recorder(tmp_path / "recording.mcap", RunConfig(robot="go1"), ROBOT, TERRAIN, SHIPPED["ideal"]) as file:
+    with Recorder(tmp_path / "recording.mcap", RunConfig(robot="go1", grid="line"), setup_of(TERRAIN)) as file:
         file.missed = missed
     lost = read_recording(tmp_path / "recording.mcap").lost
     assert lost == ([f"{missed} messages, which came faster than they were recorded"] if missed else [])
@@ -132,7 +133,7 @@ def test_what_was_flushed_is_given_to_the_disk_soon_and_at_the_end(
     monkeypatch.setattr(recorder, "SYNC_S", 0.01)
     monkeypatch.setattr(recorder, "FLUSH_S", 0.0)
     path = tmp_path / "recording.mcap"
-    with Recorder(path, RunConfig(robot="go1"), ROBOT, TERRAIN, SHIPPED["ideal"]) as file:
+    with Recorder(path, RunConfig(robot="go1", grid="line"), setup_of(TERRAIN)) as file:
         for sample in run_samples(5):
             file.write(sample)
         time.sleep(0.001)
@@ -182,7 +183,7 @@ def test_the_index_of_a_long_recording_takes_no_memory_and_says_where_everything
 def test_malformed_samples_are_counted_not_recorded(tmp_path: Path) -> None:
     good = raw("policy/plan", next(m for k, m in run_messages(0) if k == "policy/plan"), 1)
     path = tmp_path / "recording.mcap"
-    with Recorder(path, RunConfig(robot="go1"), ROBOT, TERRAIN, SHIPPED["ideal"]) as file:
+    with Recorder(path, RunConfig(robot="go1", grid="line"), setup_of(TERRAIN)) as file:
         for bad in (
             replace(good, payload=b""),
             replace(good, attachment=b""),
@@ -292,12 +293,12 @@ def test_signals_tear_no_message_of_a_recording(tmp_path: Path) -> None:
             armed = False
             WHOLE.interrupt(KeyboardInterrupt())
 
-    config = RunConfig(robot="go1", pace="lockstep", terrain=TerrainConfig(terrain="gap"))
+    config = RunConfig(robot="go1", grid="line", pace="lockstep", terrain=TerrainConfig(terrain="gap"))
     samples = list(run_samples(20 * STEPS))
     before = signal.signal(signal.SIGALRM, handle)
     gc.disable()  # Python swallows what is raised in a callback of its collector, and Hypothesis leaves one there
     try:
-        with Recorder(tmp_path / "run.mcap", config, ROBOT, TERRAIN, SHIPPED["ideal"]) as file:
+        with Recorder(tmp_path / "run.mcap", config, setup_of(TERRAIN)) as file:
             signal.setitimer(signal.ITIMER_REAL, 2e-4, 2e-4)
             for sample in samples:
                 try:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from saltus.effects.effect import Effect
-from saltus.effects.profile import profile_from_toml
+from saltus.effects.profile import Profile
 from saltus.effects.registry import EFFECTS
 from saltus.wire import schemas
 from saltus.wire.events import CODES
@@ -51,7 +51,7 @@ def test_every_event_that_a_process_sends_is_explained_and_no_other() -> None:
 
 
 def test_the_profile_to_copy_is_one_without_effect() -> None:
-    profile = profile_from_toml(reference.null_profile())
+    profile = Profile.from_toml(reference.null_profile())
     effects: list[Effect[object]] = [
         e for part in ("actuator", "body", "imu", "camera") for e in getattr(profile, part)
     ]

@@ -20,7 +20,9 @@ from saltus.wire.router import open_router
 from saltus.wire.sharing import Sharer, unpacked
 from saltus.wire.zenoh_bus import ZenohBus
 
-RUN = RunConfig(robot="go1", pace="lockstep")  # nothing is lost on its links, however busy the computer: senders wait
+RUN = RunConfig(
+    robot="go1", grid="line", pace="lockstep"
+)  # nothing is lost on its links, however busy the computer: senders wait
 PREFIX = RUN.prefix
 TIMEOUT_S = 20.0
 MS = 1_000_000

@@ -6,10 +6,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
-from samples import ROBOT
+from samples import setup_of
 
 from saltus.config import RunConfig, TerrainConfig
-from saltus.depth_camera import SHIPPED
+from saltus.named_setup import named_setup
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import read_recording
 from saltus.recordings.report import write_report
@@ -61,8 +61,8 @@ def recorded(event: tuple[float, str, str]) -> RawSample:
 @pytest.mark.parametrize("turned", [False, True])
 def test_what_began_a_failure_comes_first_and_its_end_last(case: str, turned: bool, tmp_path: Path) -> None:
     events, explanation = CASES[case]
-    config = RunConfig(robot="go1")
-    with Recorder(tmp_path / "run.mcap", config, ROBOT, make_terrain(config.terrain), SHIPPED["ideal"]) as file:
+    config = RunConfig(robot="go1", grid="line")
+    with Recorder(tmp_path / "run.mcap", config, named_setup(config)) as file:
         for event in reversed(events) if turned else events:  # messages may overtake each other
             file.write(recorded(event))
     recording = read_recording(tmp_path / "run.mcap")
@@ -76,9 +76,9 @@ def test_what_began_a_failure_comes_first_and_its_end_last(case: str, turned: bo
 
 
 def test_a_report_shows_the_video_and_leads_to_the_recording(tmp_path: Path) -> None:
-    config, folder = RunConfig(robot="go1"), tmp_path / "a run"
+    config, folder = RunConfig(robot="go1", grid="line"), tmp_path / "a run"
     folder.mkdir()
-    with Recorder(folder / "run.mcap", config, ROBOT, make_terrain(config.terrain), SHIPPED["ideal"]) as file:
+    with Recorder(folder / "run.mcap", config, named_setup(config)) as file:
         file.write(recorded(FELL))
     recording = read_recording(folder / "run.mcap")
     write_report(recording, summarise(recording), tmp_path / "report.html", folder / "video.mp4")
@@ -91,9 +91,9 @@ def test_a_report_shows_the_video_and_leads_to_the_recording(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("kind", ["flat", "stairs"])
 def test_times_are_said_to_run_from_where_they_run(kind: str, tmp_path: Path) -> None:
-    config = RunConfig(robot="go1", terrain=TerrainConfig(terrain=kind))
+    config = RunConfig(robot="go1", grid="line", terrain=TerrainConfig(terrain=kind))
     terrain = make_terrain(config.terrain)
-    with Recorder(tmp_path / "run.mcap", config, ROBOT, terrain, SHIPPED["ideal"]) as file:
+    with Recorder(tmp_path / "run.mcap", config, setup_of(terrain)) as file:
         file.write(recorded(FELL))
     recording = read_recording(tmp_path / "run.mcap")
     summary = summarise(recording)

@@ -12,7 +12,7 @@ from samples import EVERYTHING
 
 from saltus.config import RunConfig, TerrainConfig, changed, from_toml, read_toml, to_toml
 from saltus.depth_camera import DepthCamera, load_camera
-from saltus.effects.profile import profile_from_toml, profile_to_toml
+from saltus.effects.profile import Profile
 from saltus.errors import SaltusError
 from saltus.grid import HeightGrid
 from saltus.heightmap.settings import TrainConfig as HeightmapTrainConfig
@@ -23,10 +23,12 @@ from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 
 Path = tuple[str | int, ...]
-RUN = RunConfig(robot="go1", terrain=TerrainConfig(terrain="gap", gap_m=0.5), policy_model="a", heightmap_model="b")
+RUN = RunConfig(
+    robot="go1", grid="line", terrain=TerrainConfig(terrain="gap", gap_m=0.5), policy_model="a", heightmap_model="b"
+)
 TABLES: dict[str, tuple[str, Callable[[str], Any]]] = {
     "run": (to_toml(RUN), partial(from_toml, RunConfig)),
-    "profile": (profile_to_toml(EVERYTHING), profile_from_toml),
+    "profile": (EVERYTHING.to_toml(), Profile.from_toml),
     "camera": (load_camera("d435i").to_toml(), DepthCamera.from_toml),
     "terrain": (make_terrain(TerrainConfig(terrain="gap")).to_toml(), Terrain.from_toml),
     "grid": (HeightGrid(x=(-0.1, 0.1)).to_toml(), HeightGrid.from_toml),

@@ -48,7 +48,7 @@ class Sender:
 
 @pytest.fixture
 def robots(tmp_path: Path) -> Iterator[list[Sender]]:
-    config = RunConfig(robot="go1", pace="realtime", epoch_ns=time.monotonic_ns() - 10**9)
+    config = RunConfig(robot="go1", grid="line", pace="realtime", epoch_ns=time.monotonic_ns() - 10**9)
     (put_run(tmp_path, config) / RUN_FILE).write_text(to_toml(config))
     endpoint, router = open_router()
     write_client(tmp_path / CLIENT_FILE, endpoint)

@@ -102,7 +102,7 @@ def test_a_run_that_is_watched_gives_the_scenes_of_its_recording(tmp_path: Path,
 
     The page hears by the run's supervisor, or, at a router without one, itself.
     """
-    config = RunConfig(robot="go1", seed=7)
+    config = RunConfig(robot="go1", grid="line", seed=7)
     (put_run(tmp_path, config) / RUN_FILE).write_text(to_toml(config))
     endpoint, router = open_router(speed=config.link_speed)
     try:
