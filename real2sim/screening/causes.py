@@ -7,13 +7,14 @@ them apart, in whatever unit.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from saltus.arrays import Floats
 from saltus.real2sim.screening.fault import Fault
-from saltus.real2sim.screening.scales import ALIKE, by_cause, is_off, likely, unit_of
+from saltus.real2sim.screening.scales import by_cause, is_off, likely, unit_of
 from saltus.recordings.units import ANGLES
 
 CAUSES = ("tau_est", "gains", "kp", "kd", "tau_ff")
@@ -25,20 +26,25 @@ BETTER = 2.0
 """Times more that the law leaves as it is logged than with the factor."""
 AS_GOOD = 0.1
 """Difference of the logarithm of what two causes leave, below which they explain as much."""
-LEAST_LAW_NM = 0.05
-"""RMS of the torque by the law, as logged, from which it is compared: encoder noise of 1 mrad makes
-0.02 Nm of it at a kp of 20."""
 MOST = 0.5
 """Share of the drives that must tell a factor by their motion, so that what they hold is not
-asked."""
-JOINTS_OF_MEANS, LEAST_MEAN_NM, OF_MEANS = 4, 1.0, 0.95
-"""Fewest drives, RMS of the torques that they hold [Nm] and the share of these that one factor must
-explain."""
-AGREEING, NOISY = 0.8, 0.3
-"""Share of the drives with a slow motion that must agree in a factor, and largest share of a slow
-torque that it may leave: noise of the law then makes the factor smaller by as much at most."""
+asked, unless it is `EXACT`."""
+JOINTS_OF_MEANS, OF_MEANS = 4, 0.95
+"""Fewest drives whose torques on average are compared, and the share of these that one factor must
+explain: twelve zeros that are off by chance are along their law by a third at most."""
+EXACT = 0.001
+"""Share that a factor leaves of the torques on average, below which it is better than that of the
+motion: a zero that is off by 1 mrad at a kp of 100 leaves more beside the 3 Nm of a standing robot,
+and so do gears of hips and knees that are both left out."""
+LEAST_MEAN = 0.3
+"""RMS of what the drives hold on average, as a share of that of their motion, from which it tells
+more than where the motion happened to end."""
 SLOW_ROWS = 15
 """Rows of a moving average: a tenth of a second of a log of 20 s."""
+AROUND_ROWS, OWN_ROWS, SEEN = 11, 5, 0.3
+"""Rows of a moving average by which a row is seen without its noise; those in its middle that it
+leaves out, since a rate made of angles shares the noise of two rows on either side; and the
+correlation from which it shows the row. Steps that ring fast are not seen so."""
 PER_DEGREE = 1.0 / ANGLES["deg"]
 
 
@@ -52,6 +58,13 @@ class Cause:
     """Share of the torque's variance that the law with this factor leaves."""
 
 
+class Moments(NamedTuple):
+    """Mean and standard deviation of a torque [Nm]."""
+
+    mean: float
+    deviation: float
+
+
 @dataclass(frozen=True, kw_only=True)
 class Causes:
     """Causes that explain the torque of one drive."""
@@ -60,24 +73,28 @@ class Causes:
     """By name, of `CAUSES`; without what the law has no part of."""
     left: float
     """Share that the law leaves as it is logged."""
-    means: tuple[float, float]
-    """Means of the torque and of the law [Nm]."""
-    slow: Cause | None = None
-    """The factor of the torque in slow motion; None where the law hardly changes."""
+    torque: Moments
+    parts: Mapping[str, Moments]
+    """By cause, the part of the law that it scales; as a whole that of tau_est."""
 
     @property
     def are_told(self) -> bool:
         """Whether the law holds but for a factor that no effect makes."""
-        best = min(self.of.values(), key=lambda cause: cause.left, default=None)
-        if best is None or best.left > 1.0 - EXPLAINED or self.left < BETTER * best.left:
+        best = self.least_left
+        if best > 1.0 - EXPLAINED or self.left < BETTER * best:
             return False
-        return any(is_off(cause.factor) for cause in self.of.values() if cause.left < BETTER * best.left)
+        return any(is_off(cause.factor) for cause in self.of.values() if cause.left < BETTER * best)
+
+    @property
+    def least_left(self) -> float:
+        """Share that the best of them leaves."""
+        return min((cause.left for cause in self.of.values()), default=1.0)
 
 
 def causes(
     torque: Floats, error: Floats, rate: Floats, feedforward: Floats | None, *, is_rate_measured: bool = True
 ) -> Causes:
-    """Compares the causes on rows of one drive.
+    """Compares the causes on rows of one drive, as they are or in slow motion: where one tells more.
 
     Args:
         torque: As the drive tells it, shape (rows,).
@@ -89,77 +106,108 @@ def causes(
     """
     extra = np.zeros_like(torque) if feedforward is None else feedforward
     parts = {"tau_est": error + rate + extra, "gains": error + rate, "kp": error, "kd": rate, "tau_ff": extra}
+    is_there = {"gains": feedforward is not None, "kd": is_rate_measured, "tau_ff": feedforward is not None}
+    parts = {name: part for name, part in parts.items() if is_there.get(name, True)}
+    factors = {name: _factor(torque - (parts["tau_est"] - part), part) for name, part in parts.items()}
+    slow = {name: uniform_filter1d(part, SLOW_ROWS) for name, part in parts.items()}
+    moments = {name: _moments(part) for name, part in parts.items()}
+    seen = [
+        Causes(of=of, left=left, torque=_moments(torque), parts=moments)
+        for of, left in (
+            _explained(torque, parts, factors),
+            # dampers do next to nothing in slow motion
+            _explained(uniform_filter1d(torque, SLOW_ROWS), slow, {k: v for k, v in factors.items() if k != "kd"}),
+        )
+    ]
+    return min([each for each in seen if each.are_told] or seen[:1], key=lambda each: each.least_left)
+
+
+def _moments(values: Floats) -> Moments:
+    return Moments(float(np.mean(values)), float(np.std(values)))
+
+
+def _factor(rest: Floats, part: Floats) -> float:
+    """Slope of what the other parts leave over a part that is noisy itself, shape (rows,) each.
+
+    Noise makes a slope smaller. So the part is seen through its neighbouring rows, which have other
+    noise (an instrumental variable; Angrist and Pischke, Mostly Harmless Econometrics, 4.1).
+    """
+    part, rest = part - part.mean(), rest - rest.mean()
+    around = AROUND_ROWS * uniform_filter1d(part, AROUND_ROWS) - OWN_ROWS * uniform_filter1d(part, OWN_ROWS)
+    around -= around.mean()
+    power, along = float(part @ part), float(around @ part)
+    if along > SEEN * np.sqrt(power * float(around @ around)) > 0.0:
+        return float(around @ rest) / along
+    return float(part @ rest) / power if power > 0.0 else 0.0
+
+
+def _explained(
+    torque: Floats, parts: Mapping[str, Floats], factors: Mapping[str, float]
+) -> tuple[dict[str, Cause], float]:
+    """Causes that explain the torque, and the share that the law leaves as it is logged."""
     law, variance = parts["tau_est"], max(float(np.var(torque)), np.finfo(np.float64).tiny)
-    means = float(np.mean(torque)), float(np.mean(law))
-    if np.std(law) < LEAST_LAW_NM:
-        return Causes(of={}, left=1.0, means=means)
     found = {}
-    for name, part in parts.items():
-        power = float(np.var(part))
-        is_there = {"gains": feedforward is not None, "kd": is_rate_measured}.get(name, True)
-        if power > 0.0 and is_there:
-            rest = torque - (law - part)
-            factor = float(np.mean((rest - rest.mean()) * (part - part.mean()))) / power
-            left = float(np.var(rest - factor * part))
-            if left < (1.0 - EXPLAINED) * float(np.var(rest)):  # noise beside a strong tau_ff tells no gains
-                found[name] = Cause(factor=factor, left=left / variance)
-    return Causes(of=found, left=float(np.var(torque - law)) / variance, means=means, slow=_slow(torque, law))
-
-
-def _slow(torque: Floats, law: Floats) -> Cause:
-    """The factor of slow motion, in which noise is less."""
-    slow_law, slow_torque = uniform_filter1d(law, SLOW_ROWS), uniform_filter1d(torque, SLOW_ROWS)
-    tiny = float(np.finfo(np.float64).tiny)
-    product = float(np.mean((slow_torque - slow_torque.mean()) * (slow_law - slow_law.mean())))
-    factor = product / max(float(np.var(slow_law)), tiny)
-    left = float(np.var(slow_torque - factor * slow_law)) / max(float(np.var(slow_torque)), tiny)
-    return Cause(factor=factor, left=left)
+    for name, factor in factors.items():
+        rest = torque - (law - parts[name])
+        left = float(np.var(rest - factor * parts[name]))
+        if left < (1.0 - EXPLAINED) * float(np.var(rest)):  # noise beside a strong tau_ff tells no gains
+            found[name] = Cause(factor=factor, left=left / variance)
+    return found, float(np.var(torque - law)) / variance
 
 
 def cause_faults(names: Sequence[str], drives: Sequence[Causes], gears: Sequence[float]) -> Iterator[Fault]:
     """Faults of factors, by the cause that explains most of the drives for which they are told."""
     told = [joint for joint, drive in enumerate(drives) if drive.are_told]
-    few = len(told) < MOST * len(drives)
-    if few and (factor := _of_means(drives) or _of_all(drives)) is not None:
-        yield _fault("tau_est", "all joints", factor, gears)
+    if (held := _held(drives, told)) is not None:
+        yield _fault(held[0], "all joints", held[1], gears)
         return
     if not told:
         return
-    tiny = np.finfo(np.float64).tiny
-    left = {name: [drives[j].of[name].left if name in drives[j].of else 1.0 for j in told] for name in CAUSES}
-    scores = {name: float(np.mean(np.log(np.maximum(own, tiny)))) for name, own in left.items()}
-    cause = next(name for name in CAUSES if scores[name] < min(scores.values()) + AS_GOOD)
+    cause = _likeliest(
+        {name: [drives[j].of[name].left if name in drives[j].of else 1.0 for j in told] for name in CAUSES}
+    )
     factors = {joint: drives[joint].of[cause].factor for joint in told if cause in drives[joint].of}
     for where, factor in by_cause(names, factors):
         yield _fault(cause, where, factor, gears)
 
 
-def _of_means(drives: Sequence[Causes]) -> float | None:
-    """The factor of the torques that all drives hold on average; None if an effect may make it.
+def _held(drives: Sequence[Causes], told: Sequence[int]) -> tuple[str, float] | None:
+    """Cause and factor of what the drives hold on average; None where the motion says more."""
+    means = _of_means(drives)
+    if not means:
+        return None
+    cause = _likeliest({name: [each.left] for name, each in means.items()})
+    factor, left = means[cause].factor, means[cause].left
+    is_asked = len(told) < MOST * len(drives) or left < EXACT
+    return (cause, factor) if is_off(factor) and is_asked else None
+
+
+def _likeliest(left: Mapping[str, Sequence[float]]) -> str:
+    """The first cause that leaves hardly more than any."""
+    tiny = np.finfo(np.float64).tiny
+    scores = {name: float(np.mean(np.log(np.maximum(own, tiny)))) for name, own in left.items()}
+    return next(name for name in CAUSES if name in scores and scores[name] < min(scores.values()) + AS_GOOD)
+
+
+def _of_means(drives: Sequence[Causes]) -> dict[str, Cause]:
+    """Causes that explain the torques that all drives hold on average.
 
     A drive whose zero is another than that of the log is off by a torque of its own, not by a
     factor.
     """
-    torque, law = np.array([drive.means for drive in drives]).T
-    power = float(np.sum(law**2))
-    if len(drives) < JOINTS_OF_MEANS or power < len(drives) * LEAST_MEAN_NM**2:
-        return None
-    factor = float(np.sum(torque * law)) / power
-    left = float(np.sum((torque - factor * law) ** 2))
-    return factor if is_off(factor) and left < (1.0 - OF_MEANS) * float(np.sum(torque**2)) else None
-
-
-def _of_all(drives: Sequence[Causes]) -> float | None:
-    """The factor in which drives agree whose torques are noisy; None where they do not.
-
-    Columns of other joints make another factor for each.
-    """
-    factors = [drive.slow.factor for drive in drives if drive.slow is not None and drive.slow.left < NOISY]
-    if len(factors) < max(JOINTS_OF_MEANS, MOST * len(drives)):
-        return None
-    factor = float(np.median(factors))
-    alike = np.abs(np.array(factors) / factor - 1.0) < ALIKE
-    return factor if is_off(factor) and np.mean(alike) >= AGREEING else None
+    if len(drives) < JOINTS_OF_MEANS:
+        return {}
+    torque = np.array([drive.torque.mean for drive in drives])
+    law, found = np.array([drive.parts["tau_est"].mean for drive in drives]), {}
+    for name in drives[0].parts:
+        part, moves = np.array([drive.parts[name] for drive in drives]).T
+        rest, power = torque - (law - part), float(part @ part)
+        if power > LEAST_MEAN**2 * float(moves @ moves) and power > 0.0:
+            factor = float(rest @ part) / power
+            left = float(np.sum((rest - factor * part) ** 2))
+            if left < (1.0 - OF_MEANS) * float(rest @ rest):
+                found[name] = Cause(factor=factor, left=left / float(torque @ torque))
+    return found
 
 
 def _fault(cause: str, where: str, factor: float, gears: Sequence[float]) -> Fault:

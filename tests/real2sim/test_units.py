@@ -13,10 +13,17 @@ import tomli_w
 from camera_logs import STEP, Recipe, camera_log, sine
 from rig_logs import Rig, body_log, joints_logs
 from ros_bag import write_bag
+from samples import ROBOT
 
 from saltus.cli.main import main
+from saltus.effects.offsets_and_factors import TorqueGain
+from saltus.effects.profile import IDEAL
 from saltus.errors import RecordingError
+from saltus.real2sim.experiments.menu import experiment_named
+from saltus.real2sim.experiments.run import run
+from saltus.real2sim.screening.causes import cause_faults, causes
 from saltus.real2sim.screening.fault import Fault
+from saltus.real2sim.screening.gains import gain_faults
 from saltus.real2sim.screening.screen import screen
 from saltus.recordings.run_log import RunLog, Table, read_run_log, write_run_log
 from saltus.recordings.units import SIGNALS, Units, in_si
@@ -134,6 +141,37 @@ def test_a_channel_of_the_joints_in_another_unit_is_told_by_name_and_factor(held
     for number, factor in enumerate(factors):
         faults = screen(change(held[number % len(held)], factor))
         assert told(faults, name, factor), (factor, [fault.text for fault in faults])
+
+
+QUIET = {"slow_triangle": 0.7, "heave_and_pitch": 1.3, "pitch_rocking": 1.0, "heave_sine": 0.7, "torque_ladder": 1.3}
+"""Experiments in which torques are hardly more than their noise, or rest, by the drives' strength."""
+
+
+@pytest.mark.parametrize("name", QUIET)
+def test_a_torque_that_hardly_moves_is_told_by_name_and_factor(name: str) -> None:
+    log = run(experiment_named(name), ROBOT, IDEAL.having(TorqueGain(gain=QUIET[name])), seed=11)
+    assert not gain_faults(log)
+    for channel in ("tau_est", "tau_ff") if np.any(log.joints.tau_ff) else ("tau_est",):
+        change, factors = HELD[channel]
+        for factor in factors:
+            faults = gain_faults(change(log, factor))
+            assert told(faults, channel, factor), (channel, factor, [fault.text for fault in faults])
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.3, 1.0])
+def test_the_factor_of_a_torque_depends_on_no_scale_and_no_noise(noise: float) -> None:
+    rng = np.random.default_rng(3)
+    time_s = np.arange(0.0, 20.0, 0.007)
+    law = np.sin(2 * np.pi * 0.5 * time_s + np.arange(12)[:, None])
+    seen = law + noise * rng.normal(size=law.shape)
+    torque = 8.85 * (law + noise * rng.normal(size=law.shape))
+    lines = set()
+    for scale in (1e-6, 1.0, 1e6):
+        drives = [causes(scale * t, scale * e, np.zeros_like(e), None) for t, e in zip(torque, seen, strict=True)]
+        (fault,) = cause_faults([f"joint {k}" for k in range(12)], drives, (6.33, 9.495))
+        assert told([fault], "tau_est", 8.85)
+        lines.add(fault.text)
+    assert len(lines) == 1
 
 
 BODY: dict[str, tuple[Change, tuple[float, ...]]] = {
