@@ -15,11 +15,11 @@ import numpy as np
 import torch
 
 from benchmarks._command import Command
+from saltus.grid import SCAN
 from saltus.heightmap.scan.elevation import Measurement, Pose
 from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS, Inputs
 from saltus.heightmap.scan.predictor import ScanNetwork, ScanPredictor
 from saltus.heightmap.scan.training.draws import Draws
-from saltus.heightmap.scan.training.evaluation import SCAN
 from saltus.heightmap.scan.training.export import export
 from saltus.heightmap.scan.training.flights import draw_flight, shoot
 from saltus.heightmap.scan.training.model import ScanModel

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from saltus.grid import LINE, HeightGrid
+from saltus.grid import LINE, SCAN, HeightGrid
 from saltus.heightmap.scan.cells import places, sampled
 from saltus.heightmap.scan.elevation import ElevationMap, Surroundings, advanced, new_map
 from saltus.heightmap.scan.geometry import geometric_heights
@@ -25,8 +24,6 @@ from saltus.heightmap.scan.training.settings import FAMILIES, FlightSettings, Sc
 from saltus.heightmap.scan.training.tables import turned
 from saltus.heightmap.scan.training.views import LastSeen
 
-SCAN = HeightGrid(x=tuple(np.linspace(-0.8, 0.8, 17).tolist()), y=tuple(np.linspace(-0.5, 0.5, 11).tolist()))
-"""The 187 points that policies of several projects eat."""
 GRIDS = {"scan": SCAN, "line": LINE}
 AFTER_S = 1.0
 """Motion before the first height is judged [s]."""
