@@ -2,9 +2,9 @@
 
 import contextlib
 import io
-import re
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from itertools import groupby
 from typing import Any
 
 import tyro
@@ -12,6 +12,7 @@ import tyro
 from saltus.errors import SaltusError, nearest_hint
 
 BAD_INPUT = 2
+EVERYWHERE = ("--help", "--version", "--completion")
 ROBOTS_PAGE = "docs/robots.md says what takes another"
 LARGEST_SEED = 2**63 - 1
 
@@ -65,35 +66,35 @@ def _check_seeds(command: object) -> None:
 
 
 def _one_line(box: str) -> str:
-    """What tyro's error box says, in the words of the other errors: the value, what is allowed, the nearest name."""
-    lines = [re.sub(r"[│╭╮╰╯─]+|-{5,}", " ", line).strip() for line in box.splitlines()[1:]]
-    text = re.sub(r"\s+", " ", " ".join(line for line in lines if line))
-    if unknown := re.match(r"Unrecognized (?:or misplaced )?options: ([^\s,]+)", text):
-        return _unknown(unknown[1], text)
-    if missing := re.match(r"Missing from (.*?): (.*?) (?:Unrecognized|For full)", text):
-        flags = re.findall(r"--[\w.-]+ (?=[A-Z])\S+", missing[2])
-        return f"{missing[1]} needs {' and '.join(flags) or missing[2]}"
-    if choice := re.match(r"invalid choice '(.*?)' for argument '(.*?)'. Expected one of \((.*?)\)", text):
-        return f"{choice[2]} {choice[1]}: " + nearest_hint(choice[1], re.findall(r"'(.*?)'", choice[3]))
-    if wrong := re.match(r"Error parsing (\S+): .*?(?:\[(.*?)\]|: '(.*?)' )", text):
-        flag, value = wrong[1], wrong[3] or wrong[2].replace("'", "").replace(",", "")
-        kind = re.search(rf"helptext: (?:{re.escape(flag)} )?((?:[A-Z{{][^a-z\s]* )+)", f"{text} ")
-        return f"{flag} {value}: it must be {kind[1].strip() if kind else 'another value'}"
-    return text.split(" For full helptext")[0]
+    """What tyro says, without the box that it draws around it; the nearest name to what it does not know."""
+    lines = [line.strip("│╭╮╰╯─ ") for line in box.splitlines()[1:]]
+    parts = [list(part) for is_text, part in groupby(lines, bool) if is_text]
+    said = " ".join(parts[0])
+    if said.startswith("Unrecognized"):
+        return _unknown(said, parts)
+    allowed = [f" ({part[1]})" for part in parts if part[0] == "Argument helptext:"]  # e.g. (--seed INT)
+    return said + "".join(allowed)
 
 
-def _unknown(word: str, text: str) -> str:
-    """What cannot be understood, and what is like it among what tyro lists."""
-    if commands := re.search(r"Available subcommands: (.*?) (?:Perhaps|Arguments similar|For full)", text):
-        known = [*commands[1].split(", "), "--help", "--version", "--completion"]
-        return f"there is no command '{word}': {nearest_hint(word, known)}"
-    entries = re.split(r" (?=--[a-z][\w.-]* [A-Z{\[])", text.split(" For full")[0])[1:]
-    commands_of = {entry.split()[0]: re.findall(r"in (saltus .*?) --help", entry) for entry in reversed(entries)}
-    asked = re.search(r"\(applied to (.*?)\)", text)
-    own = {flag for flag, commands in commands_of.items() if asked and asked[1] in commands}
+def _unknown(said: str, parts: list[list[str]]) -> str:
+    """What cannot be understood, and what is like it among the commands or flags that tyro lists."""
+    word = said.partition("options:")[2].split()[0].rstrip(",")
+    listed: dict[str, list[str]] = {}
+    for first, *more in parts[1:]:
+        if first.startswith("Available subcommands:"):
+            known = " ".join([first, *more]).partition(": ")[2].split(", ")
+            return f"there is no command '{word}': {nearest_hint(word, [*known, *EVERYWHERE])}"
+        flag = ""
+        for line in more:
+            if line.startswith("--"):
+                flag = line.split()[0]
+                listed.setdefault(flag, [])
+            elif line.startswith("in ") and flag:
+                listed[flag].append(line.removeprefix("in ").removesuffix(" --help"))
+    own = [flag for flag, commands in listed.items() if any(f"(applied to {name})" in said for name in commands)]
     if word == "--robot" and "--robots" not in own:
         return f"'{word}' is no flag here: this is for the Go1, or the robot of a recording or run ({ROBOTS_PAGE})"
-    if commands_of.get(word) and not own:
-        return f"{word} is a flag of {', '.join(commands_of[word])}"
-    flags = own or set(commands_of)
-    return f"'{word}' is not understood{f': {nearest_hint(word, flags)}' if flags else ''} (see --help)"
+    if listed.get(word) and not own:
+        return f"{word} is a flag of {', '.join(dict.fromkeys(listed[word]))}"
+    hint = f": {nearest_hint(word, own or listed)}" if listed else ""
+    return f"'{word}' is not understood{hint} (see --help)"
