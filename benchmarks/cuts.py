@@ -21,6 +21,7 @@ from benchmarks._command import Command, progress, tell
 from benchmarks._cut_logs import LOGS, length_s, made
 from benchmarks.moving_logs import searched
 from saltus.errors import ConfigError, nearest_hint
+from saltus.files import write_whole
 from saltus.real2sim.screening.cut import until
 from saltus.recordings.run_log import read_run_log, write_run_log
 
@@ -100,9 +101,7 @@ def answer(case: Case, out: Path, file: Path) -> dict[str, Any]:
         json.loads((out / "found" / file.stem / "verdict.json").read_text(encoding="utf-8"))["gap"] is not None
     )
     file.parent.mkdir(parents=True, exist_ok=True)
-    part = file.with_suffix(".part")
-    part.write_text(json.dumps(row), encoding="utf-8")
-    part.replace(file)
+    write_whole(file, json.dumps(row))
     return row
 
 

@@ -31,6 +31,7 @@ from paper.training import (
 )
 from saltus.depth_camera import load_camera
 from saltus.errors import SaltusError
+from saltus.gpu import has_gpu
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import dataset_hash, read_manifest, read_records
 from saltus.heightmap.device_collection import collect
@@ -103,7 +104,7 @@ def train_network(
         SaltusError: there is no GPU for the usual effort; there is no policy, or no data of this seed: the message says
             what makes them. Or what the trainings say.
     """
-    if effort is None and not torch.cuda.is_available():
+    if effort is None and not has_gpu():
         raise SaltusError(f"training '{name}' needs a GPU: {NetworkEffort().loop.robots} robots that see")
     teachers = _trained_policies(trained) or _trained_policies(PUBLISHED_TRAININGS)
     if not teachers:
@@ -236,4 +237,4 @@ def _exported(model: HeightmapModel, path: Path, work: "_Work") -> Path:
 
 
 def _device() -> Literal["cuda", "cpu"]:
-    return "cuda" if torch.cuda.is_available() else "cpu"
+    return "cuda" if has_gpu() else "cpu"

@@ -14,6 +14,7 @@ import numpy as np
 from saltus.config import changed
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import SaltusError
+from saltus.gpu import has_gpu
 from saltus.policy.env.settings import TrainConfig, for_gpu
 from saltus.policy.training.command import Train
 from saltus.policy.training.files import CHECKPOINT
@@ -95,8 +96,6 @@ def train(name: str, seed: int, trained: Path, minutes: float, commit: str | Non
     Raises:
         SaltusError: what `saltus policy train` says; there is no GPU, or the time is over before all is trained.
     """
-    from saltus.policy.training.train import has_gpu  # with torch
-
     find_ablation(name)
     folder = trained / name / f"seed-{seed}"
     if not has_gpu():

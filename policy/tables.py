@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from saltus.errors import SaltusError
+from saltus.files import whole_file
 
 MISSING = "nan"
 """In columns for which a row has no value: a resumed training may have other terrains."""
@@ -53,12 +54,10 @@ def carry_on(source: Path, target: Path, iteration: int) -> None:
 def _write(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
     """Writes a whole table, whole or not at all."""
     names = list(dict.fromkeys(name for row in rows for name in row))
-    unfinished = path.with_suffix(".part")
     try:
-        with unfinished.open("w", newline="", encoding="utf-8") as file:
+        with whole_file(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, names, restval=MISSING)
             writer.writeheader()
             writer.writerows(rows)
-        unfinished.replace(path)
     except OSError as error:
         raise SaltusError(f"cannot write {path}: {error.strerror}") from error

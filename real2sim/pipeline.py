@@ -7,13 +7,14 @@ import json
 import logging
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
 from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import RecordingError, SaltusError
+from saltus.files import whole_file
 from saltus.folders import ask_for_room
 from saltus.real2sim.experiments.next_experiment import next_experiment
 from saltus.real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of, supported
@@ -277,20 +278,16 @@ def _texts(judgement: Judgement) -> dict[str, str]:
 
 def _write(texts: Mapping[str, str | None], out: Path) -> None:
     """Writes all files or none. A file without text is removed."""
-    parts = {name: out / f"{name}.part" for name in texts}
     try:
-        for name, text in texts.items():
-            parts[name].write_text(text or "", encoding="utf-8")
-        if texts.get("report.html"):
-            from saltus.reports.page import bring_plotly
+        with ExitStack() as files:
+            for name, text in texts.items():
+                partial = files.enter_context(whole_file(out / name))
+                partial.write_text(text or "", encoding="utf-8")
+            if texts.get("report.html"):
+                from saltus.reports.page import bring_plotly
 
-            bring_plotly(out, texts["report.html"] or "")
-        for name, text in texts.items():
-            parts[name].replace(out / name)
-            if text is None:
-                (out / name).unlink()
+                bring_plotly(out, texts["report.html"] or "")
+        for name in (name for name, text in texts.items() if text is None):
+            (out / name).unlink()
     except OSError as error:
-        for part in parts.values():
-            with suppress(OSError):
-                part.unlink()
         raise RecordingError(f"cannot write {out}: {error.strerror}") from error

@@ -66,7 +66,7 @@ def preference(intrinsics: Intrinsics) -> list[str]:
     """Names of the back ends, the fastest for one image first. A GPU is worth its calls where images are large."""
     if intrinsics.width * intrinsics.height < RASTER_PIXELS:
         return ["embree", "pyrender"]
-    return [*(["warp"] if has_gpu() else []), "pyrender", "embree"]
+    return [*(["warp"] if has_driver() else []), "pyrender", "embree"]
 
 
 def present() -> list[str]:
@@ -77,12 +77,12 @@ def present() -> list[str]:
             load()
         except (ImportError, OSError, SaltusError):
             continue
-        if name != "warp" or has_gpu():
+        if name != "warp" or has_driver():
             names.append(name)
     return names
 
 
-def has_gpu() -> bool:
+def has_driver() -> bool:
     """Whether the driver of an NVIDIA GPU is installed; asked of the linker, since loading Warp takes a second."""
     return ctypes.util.find_library("cuda") is not None
 

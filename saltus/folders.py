@@ -1,9 +1,7 @@
 """The folder of a run: a new one unless told otherwise, asked for room before the work, never that of two trainings."""
 
-import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -59,13 +57,3 @@ def another_training(checkpoint: Path, before: Mapping[str, Any], now: Mapping[s
         f"{checkpoint} is of another training ({differs or 'of the same configuration'}): go on from it with "
         f"--resume {checkpoint}, or name another folder with --out"
     )
-
-
-@contextmanager
-def whole_folder(folder: Path) -> Iterator[Path]:
-    """A folder to fill, which gets its name when that is done; what an interruption left of it is removed before."""
-    temporary = folder.with_name(f".{folder.name}.partial")
-    shutil.rmtree(temporary, ignore_errors=True)
-    temporary.mkdir(parents=True)
-    yield temporary
-    temporary.replace(folder)

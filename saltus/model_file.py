@@ -10,6 +10,7 @@ import numpy as np
 import onnxruntime
 
 from saltus.errors import ModelError
+from saltus.files import whole_file
 from saltus.models import MODEL_ID_DIGITS
 from saltus.onnx_tensors import external_files
 
@@ -154,11 +155,11 @@ def put_model(written: Path, path: Path) -> None:
 
     One that is killed half-way leaves no wrong checksum.
     """
-    checksum, partial = checksum_path(path), written.with_name(f"{written.name}{CHECKSUM_SUFFIX}")
-    partial.write_text(f"{hashlib.sha256(written.read_bytes()).hexdigest()}  {path.name}\n", encoding="utf-8")
-    checksum.unlink(missing_ok=True)
-    written.replace(path)
-    partial.replace(checksum)
+    checksum = checksum_path(path)
+    with whole_file(checksum) as partial:
+        partial.write_text(f"{hashlib.sha256(written.read_bytes()).hexdigest()}  {path.name}\n", encoding="utf-8")
+        checksum.unlink(missing_ok=True)
+        written.replace(path)
 
 
 def _compare_checksum(path: Path, sha256: str) -> None:

@@ -25,7 +25,8 @@ from benchmarks.depth_to_heights.split import (
 )
 from saltus.arrays import Floats
 from saltus.errors import SaltusError
-from saltus.folders import ask_for_room, whole_folder
+from saltus.files import whole_folder
+from saltus.folders import ask_for_room
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.columns import COLUMNS, nested
 from saltus.heightmap.evaluation.held_out import Prediction

@@ -16,6 +16,7 @@ from saltus.depth_camera import load_camera
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import load_profile
 from saltus.errors import SaltusError
+from saltus.gpu import has_gpu
 from saltus.grid import LINE
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.device_cameras import DeviceCameras
@@ -180,7 +181,7 @@ def checked_device(device: str) -> str:
     """The device by its full name; `SaltusError` where there is no GPU, or no physics for it."""
     if device == "cpu":
         return device
-    if not torch.cuda.is_available():
+    if not has_gpu():
         raise SaltusError("no GPU found: use --device cpu, or a machine with one")
     try:
         import saltus.sim.warp  # noqa: F401

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from saltus.constants import POLICY_DT
-from saltus.folders import whole_folder
+from saltus.files import whole_folder
 from saltus.heightmap.data.columns import COLUMNS, NO_IMAGE_S, SCHEMA, nested
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import DatasetError, ShardRecord, dataset_hash, read_records, read_shard

@@ -5,13 +5,13 @@ import shutil
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
+from saltus.files import whole_file
 from saltus.heightmap.data.shards import (
     LAYOUT,
     PER_FRAME,
@@ -26,7 +26,6 @@ from saltus.heightmap.data.shards import (
     read_manifest,
     read_records,
     write_manifest,
-    write_whole,
 )
 
 _KINDS = {"depth": np.uint16, "frame_tick": np.int32, **dict.fromkeys(PER_TICK, np.float32)}
@@ -104,7 +103,8 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardRecord]:
     merged = [replace(record, file=f"round_{i:03d}.h5") for i, record in enumerate(records.values())]
     try:
         for record in merged:
-            write_whole(out / record.file, partial(shutil.copyfile, found[record.sha256]))
+            with whole_file(out / record.file, synced=True) as partial:
+                shutil.copyfile(found[record.sha256], partial)
         write_manifest(out, merged)
     except OSError as error:
         raise DatasetError(f"cannot write into {out}: {error.strerror}") from error

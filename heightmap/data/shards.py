@@ -22,6 +22,7 @@ from saltus.depth_camera import DepthCamera, recorded
 from saltus.effects.camera import NOMINAL_LATENCY
 from saltus.effects.camera_latency import CameraLatency
 from saltus.errors import ConfigError, SaltusError
+from saltus.files import whole_file, write_whole
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shard_columns import ShardColumn, check_own, read_column
@@ -131,7 +132,7 @@ def open_shard(directory: Path, *, seed: int, config: dict[str, Any], code: str 
     refuse_twice(directory, records, seed, config)
     name = f"round_{len(records):03d}.h5"
     with ExitStack() as ending, _said_in_one_line(directory / name):
-        with _whole(directory / name) as temporary, _pool() as pool, h5py.File(temporary, "w") as file:
+        with whole_file(directory / name, synced=True) as temporary, _pool() as pool, h5py.File(temporary, "w") as file:
             writer = ShardWriter(file, pool)
             yield writer
             ending.enter_context(uninterrupted())
@@ -242,7 +243,7 @@ def write_shard(directory: Path, episodes: Iterable[Episode], *, seed: int, conf
 def write_manifest(directory: Path, records: Iterable[ShardRecord]) -> None:
     """Replaces the manifest of a dataset, whole or not at all."""
     text = json.dumps({"format": _FORMAT, "shards": [asdict(record) for record in records]}, indent=1) + "\n"
-    write_whole(directory / MANIFEST, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    write_whole(directory / MANIFEST, text, synced=True)
 
 
 def layout() -> dict[str, Any]:
@@ -341,29 +342,6 @@ def opened_shard(path: Path) -> Iterator[h5py.File]:
     except Exception as error:  # h5py and zlib raise anything on damaged structures
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise DatasetError(f"{path} cannot be read: {reason}") from error
-
-
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Writes a file beside the target and renames when everything is on disk: a reader sees all of it or nothing."""
-    with _whole(path) as temporary:
-        write(temporary)
-
-
-@contextmanager
-def _whole(path: Path) -> Iterator[Path]:
-    temporary = path.with_name(f".{path.name}.partial")
-    try:
-        yield temporary
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
 
 
 def _pool() -> ThreadPoolExecutor:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from saltus import config
 from saltus.errors import ModelError
+from saltus.files import whole_file, write_whole
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path
 from saltus.robots.robot import Robot
@@ -69,9 +70,7 @@ class ModelInbox:
         """Tells whoever gave the model; robots are served all the same where that cannot be written."""
         place = _answer_path(self._path)
         with contextlib.suppress(OSError):
-            partial = place.with_name(f".{place.name}.partial")
-            partial.write_text(text, encoding="utf-8")
-            partial.replace(place)
+            write_whole(place, text)
 
     def close(self) -> None:
         """Ends a check that is under way, and the thread."""
@@ -125,18 +124,15 @@ def give(model: Path, run_dir: Path) -> str:
     model_id = HeightmapNetwork(config.load(Setup, run_dir / SETUP_FILE).robot, model).model_id
     target = run_dir / FILE
     _answer_path(target).unlink(missing_ok=True)
-    places = {checksum_path(model): checksum_path(target), model: target}
-    partials = {source: place.with_name(f".{place.name}.partial") for source, place in places.items()}
     try:
-        for source, partial in partials.items():
-            shutil.copyfile(source, partial)
-        for source, partial in partials.items():
-            partial.replace(places[source])
+        with (
+            whole_file(target) as file,
+            whole_file(checksum_path(target)) as checksum,
+        ):  # first to its place
+            shutil.copyfile(model, file)
+            shutil.copyfile(checksum_path(model), checksum)
     except OSError as error:
         raise ModelError(f"cannot write into '{run_dir}': {error.strerror}") from error
-    finally:
-        for partial in partials.values():
-            partial.unlink(missing_ok=True)
     return model_id
 
 

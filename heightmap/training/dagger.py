@@ -26,7 +26,7 @@ from saltus.config import from_table
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import ConfigError
-from saltus.folders import whole_folder
+from saltus.files import whole_folder, write_whole
 from saltus.heightmap.collection import Key, closed_loop_batches, round_table
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.episode import Episode
@@ -39,7 +39,6 @@ from saltus.heightmap.data.shards import (
     read_records,
     refuse_twice,
     write_shard,
-    write_whole,
 )
 from saltus.heightmap.settings import FURTHER_RATE, ClosedLoop, DaggerConfig, TrainConfig
 from saltus.heightmap.training.export import Origin, export
@@ -147,7 +146,7 @@ def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: P
     }
     path = directory / BEGUN
     if not path.exists():
-        write_whole(path, lambda temporary: temporary.write_text(json.dumps(wanted, indent=1) + "\n", encoding="utf-8"))
+        write_whole(path, json.dumps(wanted, indent=1) + "\n", synced=True)
         return
     try:
         older = {"profile": SHIPPED, "profile_sha256": _digest(SHIPPED, config.loop.robot)}  # runs that did not name it

@@ -14,7 +14,9 @@ from torch import Tensor
 
 from saltus.archive import check_archive
 from saltus.errors import ConfigError, ModelError
+from saltus.files import whole_file
 from saltus.folders import ask_for_room, differences
+from saltus.gpu import has_gpu
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import DELIVERIES, DeliveryModel
 from saltus.heightmap.data.episode import Episode
@@ -240,8 +242,8 @@ def _schedule(share: float) -> float:
 
 def _device(name: str) -> torch.device:
     if name == "auto":
-        name = "cuda" if torch.cuda.is_available() else "cpu"
-    if name == "cuda" and not torch.cuda.is_available():
+        name = "cuda" if has_gpu() else "cpu"
+    if name == "cuda" and not has_gpu():
         raise ConfigError("device = cuda: no GPU found")
     return torch.device(name)
 
@@ -285,12 +287,10 @@ def _compared(origin: dict[str, Any]) -> dict[str, Any]:
 def _save(
     checkpoint: Path, origin: dict[str, Any], update: int, model: HeightmapModel, optimiser: torch.optim.Optimizer
 ) -> None:
-    temporary = checkpoint.with_name(f".{checkpoint.name}.partial")
     table = {"origin": origin, "update": update, "model": model.state_dict(), "optimiser": optimiser.state_dict()}
     try:
-        torch.save(table, temporary)
-        temporary.replace(checkpoint)
+        with whole_file(checkpoint) as partial:
+            torch.save(table, partial)
     except (OSError, RuntimeError) as error:  # torch says RuntimeError where a disk is full
-        temporary.unlink(missing_ok=True)
         reason = error.strerror if isinstance(error, OSError) else "the disk may be full"
         raise ModelError(f"cannot write {checkpoint}: {reason}") from error

@@ -8,6 +8,7 @@ import torch
 from saltus.archive import check_archive
 from saltus.config import from_toml
 from saltus.errors import ConfigError, SaltusError
+from saltus.files import whole_file
 from saltus.policy.env.settings import TrainConfig
 
 NEEDED = {
@@ -18,12 +19,10 @@ NEEDED = {
 
 def write_checkpoint(path: Path, state: dict[str, Any]) -> None:
     """Writes a checkpoint, whole or not at all; `SaltusError` where there is no room for it."""
-    unfinished = path.with_suffix(".part")
     try:
-        torch.save(state, unfinished)
-        unfinished.replace(path)
+        with whole_file(path) as partial:
+            torch.save(state, partial)
     except (OSError, RuntimeError) as error:  # torch says RuntimeError where a disk is full
-        unfinished.unlink(missing_ok=True)
         raise SaltusError(f"cannot write {path}: {str(error).splitlines()[0]}") from error
 
 

@@ -14,6 +14,7 @@ from saltus.effects.profile import load_profile
 from saltus.errors import SaltusError
 from saltus.flags import shown
 from saltus.folders import another_training, ask_for_room, differences, new_folder
+from saltus.gpu import has_gpu
 from saltus.policy.env.settings import LARGEST, TrainConfig, for_cpu, for_gpu
 from saltus.policy.training.files import CHECKPOINT
 from saltus.robots.loading import load_robot
@@ -116,7 +117,6 @@ class Train:
         """The settings without flags and file: those of the resumed training, or of the device."""
         try:
             from saltus.policy.training.checkpoint import config_of, read_checkpoint
-            from saltus.policy.training.train import has_gpu
         except ImportError as error:
             raise SaltusError(f"training needs {error.name}: {TRAINING}") from error
         if self.resume is not None:

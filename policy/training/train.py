@@ -16,6 +16,7 @@ import torch
 from tqdm import tqdm
 
 from saltus.effects.profile import load_profile
+from saltus.gpu import has_gpu
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig, TrainConfig
 from saltus.policy.training.learner import Learner
@@ -134,11 +135,6 @@ def _over(start: float, minutes: float, rank: Rank) -> bool:
 def _say(line: str) -> None:
     tqdm.write(line, file=sys.stdout)
     sys.stdout.flush()
-
-
-def has_gpu() -> bool:
-    """Whether this machine has a GPU that torch can use."""
-    return torch.cuda.is_available()
 
 
 def device_of_this_process(device: str) -> Rank:

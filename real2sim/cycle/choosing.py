@@ -8,13 +8,12 @@ chosen, too: friction may have been what held a robot with other faults upright.
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from functools import partial
 from itertools import combinations
 from pathlib import Path
 
 from saltus.config import from_table
 from saltus.controller.compensation import KNOWN
-from saltus.heightmap.data.shards import write_whole
+from saltus.files import write_whole
 from saltus.models import ModelKind
 from saltus.real2sim.cycle import trials
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
@@ -92,7 +91,7 @@ def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choi
                 batches = trials.run_trials(models, *robot, course, seed, count, ran)
                 more = sum(not trial.failure for batch in batches for trial in batch.values())
                 row[course] = Tally(successes=before.successes + more, trials=settings.choice_trials)
-                write_whole(folder.choice, partial(Path.write_text, data=json.dumps(asdict(choice))))
+                write_whole(folder.choice, json.dumps(asdict(choice)), synced=True)
     return choice
 
 

@@ -2,11 +2,11 @@
 
 import json
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Protocol
 
-from saltus.heightmap.data.shards import write_whole
+from saltus import gpu
+from saltus.files import write_whole
 from saltus.models import ModelKind
 from saltus.real2sim.cycle import choosing, elsewhere, finding, measuring, training, trials
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
@@ -97,10 +97,10 @@ class Cycle:
         """Why the policy stays as shipped; None where it is trained."""
         if not training.differs_beyond_camera(self.folder):
             return CAMERA_ALONE
-        return None if training.has_gpu() else NO_GPU
+        return None if gpu.has_gpu() else NO_GPU
 
     def _trained(self, became: dict[ModelKind, str]) -> None:
-        write_whole(self.folder.trained, partial(Path.write_text, data=json.dumps(became)))
+        write_whole(self.folder.trained, json.dumps(became), synced=True)
         for kind, what in became.items():
             self.observer.say(f"{kind} model: {what}")
 

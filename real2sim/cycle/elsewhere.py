@@ -9,7 +9,7 @@ import tomli_w
 from saltus.config import to_toml
 from saltus.depth_camera import load_camera
 from saltus.errors import ConfigError
-from saltus.folders import whole_folder
+from saltus.files import whole_folder
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path
 from saltus.models import ModelKind

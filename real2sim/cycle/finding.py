@@ -10,7 +10,7 @@ from saltus.config import from_table
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import Profile
 from saltus.errors import ConfigError, RecordingError
-from saltus.folders import whole_folder
+from saltus.files import whole_folder
 from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.experiments.footage import Camera

@@ -2,12 +2,11 @@
 
 import json
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Literal
 
 from saltus.config import from_table
-from saltus.heightmap.data.shards import write_whole
+from saltus.files import write_whole
 from saltus.models import ModelKind
 from saltus.policy.evaluation.trace import Failure
 from saltus.real2sim.cycle.choosing import known_after, taken_models
@@ -64,7 +63,7 @@ def measure(folder: CycleFolder, settings: CycleSettings, when: When, course: st
     robot = (settings.loop.robot, folder.hidden, known_of(folder, when), settings.loop.camera)
     for batch in run_trials(models, *robot, course, seed, missing, ran):
         known = replace(known, failures=known.failures | {str(seed): trial.failure for seed, trial in batch.items()})
-        write_whole(_file(folder, when, course), partial(Path.write_text, data=json.dumps(asdict(known))))
+        write_whole(_file(folder, when, course), json.dumps(asdict(known)), synced=True)
     return known
 
 

@@ -4,9 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from saltus import gpu
 from saltus.config import changed
 from saltus.effects.profile import SHIPPED, load_profile
-from saltus.folders import whole_folder
+from saltus.files import whole_folder
 from saltus.heightmap.collection import collect
 from saltus.heightmap.settings import DeviceCollection, DeviceLoop, ProcessorCollection
 from saltus.models import model_path
@@ -50,7 +51,7 @@ def collect_data(folder: CycleFolder, settings: CycleSettings, tell: Progress) -
     Raises:
         KeyboardInterrupt: it was interrupted; nothing is kept.
     """
-    own, gpu_is_there, ticks = folder.policy / CHECKPOINT, has_gpu(), 0.0
+    own, gpu_is_there, ticks = folder.policy / CHECKPOINT, gpu.has_gpu(), 0.0
     policy = own if own.exists() else shipped_checkpoint("policy")
     on_gpu = device_collection(settings, policy, shipped_checkpoint("heightmap"), folder.profile)
     total = settings.loop.ticks * (on_gpu.batches if gpu_is_there else settings.batches)
@@ -62,10 +63,10 @@ def collect_data(folder: CycleFolder, settings: CycleSettings, tell: Progress) -
 
     with whole_folder(folder.dataset) as partial_folder:
         if gpu_is_there:
-            from saltus.heightmap import device_collection as gpu
+            from saltus.heightmap.device_collection import collect as collect_on_gpu
 
             cameras = dict.fromkeys(on_gpu.loop.cameras, partial_folder)
-            made = gpu.collect(on_gpu, cameras, ran, lambda *_: None)
+            made = collect_on_gpu(on_gpu, cameras, ran, lambda *_: None)
         else:
             on_processors = ProcessorCollection(
                 batches=settings.batches, seed=settings.seed, profile=str(folder.profile),
@@ -103,13 +104,6 @@ def train_predictor(folder: CycleFolder, settings: CycleSettings, tell: Progress
     )  # fmt: skip
     tell("export the predictor", 1.0)
     release(checkpoint, folder.dataset, folder.predictor / "heightmap.onnx")
-
-
-def has_gpu() -> bool:
-    """Whether the policy can be trained on this machine."""
-    from saltus.policy.training import train
-
-    return train.has_gpu()
 
 
 def differs_beyond_camera(folder: CycleFolder) -> bool:

@@ -8,6 +8,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from saltus.errors import RecordingError
+from saltus.files import whole_file
 from saltus.recordings.recorder import CHUNK_BYTES, LIBRARY, LOST, METADATA, METADATA_END, PROFILE
 from saltus.recordings.recording import Recording, is_recording, read_recording
 
@@ -26,16 +27,13 @@ def repair(path: Path, out: Path) -> Recording:
         raise RecordingError(f"{path} is not a recording of Saltus")
     if recording.complete:
         return recording
-    partial = out.with_name(f".{out.name}.partial")
     try:
         if out.exists():
             raise RecordingError(f"{out} is there already: name another file with --out")
-        _write(recording, partial)
-        partial.replace(out)
+        with whole_file(out) as partial:
+            _write(recording, partial)
     except OSError as error:
         raise RecordingError(f"cannot write {out}: {error.strerror}") from error
-    finally:
-        partial.unlink(missing_ok=True)
     return recording
 
 

@@ -6,7 +6,6 @@ whatever pages it holds.
 """
 
 import base64
-from contextlib import suppress
 from pathlib import Path
 
 import jinja2
@@ -16,6 +15,8 @@ import plotly.graph_objects as go
 from markupsafe import Markup
 from numpy.typing import NDArray
 from plotly.offline import get_plotlyjs
+
+from saltus.files import write_whole
 
 PLOTLY = f"plotly-{plotly.__version__}.min.js"
 """The file beside a page."""
@@ -60,7 +61,7 @@ def write_page(path: Path, text: str) -> None:
     """Writes a page whole or not at all, and beside it what draws its figures; `OSError` where it cannot."""
     brought = bring_plotly(path.parent, text)
     try:
-        _write_whole(path, text)
+        write_whole(path, text)
     except OSError:
         if brought:
             (path.parent / PLOTLY).unlink(missing_ok=True)
@@ -71,16 +72,5 @@ def bring_plotly(folder: Path, text: str) -> bool:
     """Puts what draws figures beside a page that has any, where it is not there yet; returns whether it did."""
     if f'src="{PLOTLY}"' not in text or (folder / PLOTLY).exists():
         return False
-    _write_whole(folder / PLOTLY, get_plotlyjs())
+    write_whole(folder / PLOTLY, get_plotlyjs())
     return True
-
-
-def _write_whole(path: Path, text: str) -> None:
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    except OSError:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
-        raise

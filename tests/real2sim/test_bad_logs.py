@@ -311,7 +311,7 @@ def test_a_disk_that_is_full_leaves_the_earlier_results_whole(
     before = {path.name: path.read_bytes() for path in Path("out").iterdir()}
 
     def full(path: Path, text: str, encoding: str | None = None) -> int:
-        if path.name == "patch.toml.part":
+        if path.name == ".patch.toml.partial":
             raise OSError(28, "No space left on device", str(path))
         return path.write_bytes(text.encode(encoding or "utf-8"))
 

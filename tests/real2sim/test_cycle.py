@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from report_pages import opens_without_a_network
 from samples import ROBOT
 
+from saltus import gpu
 from saltus.cli.main import command_of, main
 from saltus.config import load
 from saltus.effects.offsets_and_factors import CoulombFriction, TorqueGain
@@ -24,7 +26,6 @@ from saltus.heightmap import collection, device_collection
 from saltus.heightmap.settings import ClosedLoop, DeviceCollection, ProcessorCollection
 from saltus.policy.evaluation.evaluate import Evaluation
 from saltus.policy.training import checkpoint
-from saltus.policy.training import train as policy_training
 from saltus.real2sim.cycle import choosing, elsewhere, finding, measuring, training, trials
 from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.report import write_cycle_report
@@ -68,7 +69,7 @@ def _small(short_calibration: None) -> Any:
         for course in trials.COURSES.keys() - {GAP}:
             patch.delitem(trials.COURSES, course)
         patch.setattr(trials, "Evaluation", partial(Evaluation, time_limit_s=1.5))
-        patch.setattr(training, "has_gpu", lambda: True)
+        patch.setattr(gpu, "has_gpu", lambda: True)
         patch.setattr(device_collection, "collect", collect)
         patch.setattr(checkpoint, "config_of", lambda state: replace(law(state), robots=8))
         yield
@@ -265,7 +266,7 @@ def test_a_log_of_another_robot_is_refused(run: Path, tmp_path: Path, capsys: py
 def test_without_a_gpu_the_policy_stays_and_this_is_said(
     run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(training, "has_gpu", policy_training.has_gpu)
+    monkeypatch.setattr(gpu, "has_gpu", torch.cuda.is_available)
     (run / "trained.json").unlink()
     assert "no GPU" in results(run, capsys)["models"]["policy"]
 

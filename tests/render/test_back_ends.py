@@ -144,7 +144,7 @@ def test_the_fastest_is_taken() -> None:
 
 def test_auto_takes_the_next_where_a_library_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "saltus.render.pyrender_osmesa", None)
-    monkeypatch.setattr("saltus.render.backends.has_gpu", lambda: False)
+    monkeypatch.setattr("saltus.render.backends.has_driver", lambda: False)
     assert make_renderer("auto", terrain_of("flat"), RobotCamera.on(ROBOT, D435I)).name == "embree"
     assert "pyrender" not in present()
     with pytest.raises(SaltusError, match="pyrender renderer cannot be loaded"):

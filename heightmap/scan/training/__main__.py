@@ -10,6 +10,7 @@ import torch
 
 from saltus.config import load_changes
 from saltus.errors import SaltusError, nearest_hint
+from saltus.gpu import has_gpu
 from saltus.heightmap.scan.training.card import card
 from saltus.heightmap.scan.training.evaluation import evaluate, rows_of, table_of, write_results
 from saltus.heightmap.scan.training.export import export, read_weights
@@ -32,7 +33,7 @@ def main() -> int:
     parser.add_argument("--batch", type=int, help="robots at once")
     parser.add_argument("--robots", type=int, default=512, help="robots of each row of the evaluation; 0: none")
     parser.add_argument("--rows", help="rows of the evaluation, with commas between them, in place of all")
-    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument("--device", default="cuda" if has_gpu() else "cpu")
     parser.add_argument("--compile", action="store_true", help="compile network and rays; pays after minutes")
     given = parser.parse_args()
     try:

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from saltus.errors import ModelError
+from saltus.files import whole_file
 from saltus.heightmap.scan.cells import centres
 from saltus.heightmap.scan.elevation import ElevationMap, Measurement, Surroundings, advanced, is_known, new_map
 from saltus.heightmap.scan.planes import Heights, Inputs, inputs_of, remembered
@@ -193,12 +194,10 @@ class Trainer:
             "model": self.model.state_dict(), "average": self.average.state_dict(),
             "optimiser": self.optimiser.state_dict(),
         }  # fmt: skip
-        partial = path.with_name(f".{path.name}.partial")
         try:
-            torch.save(table, partial)
-            partial.replace(path)
+            with whole_file(path) as partial:
+                torch.save(table, partial)
         except (OSError, RuntimeError) as error:  # torch says RuntimeError where a disk is full
-            partial.unlink(missing_ok=True)
             raise ModelError(f"cannot write {path}: {error}") from error
 
     def resume(self, path: Path) -> None:

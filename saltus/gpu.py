@@ -1,0 +1,8 @@
+"""Where robots are trained and run by the thousand: on a GPU, if there is one."""
+
+
+def has_gpu() -> bool:
+    """Whether this computer has a GPU that torch can use."""
+    import torch
+
+    return torch.cuda.is_available()
