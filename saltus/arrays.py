@@ -1,6 +1,8 @@
 """What lets one law run on numpy or floats (deployed) and on torch (training): namespace and constants of its input."""
 
+import itertools
 import math
+from collections import namedtuple
 from types import SimpleNamespace
 from typing import Any, TypeAlias
 
@@ -64,3 +66,20 @@ class Constant:
             xp = namespace(reference)
             found = self._converted[key] = xp.asarray(self._value, dtype=reference.dtype, device=device)
         return found
+
+
+class Columns:
+    """Names for columns of an array, e.g. of one that holds uniform random numbers: each has a shape, () or (k,)."""
+
+    def __init__(self, **shapes: tuple[int, ...]) -> None:
+        ends = list(itertools.accumulate(math.prod(shape) for shape in shapes.values()))
+        self.count = ends[-1]
+        """How many columns all names have together."""
+        widths = zip(ends, shapes.values(), strict=True)
+        self._places = [slice(end - shape[0], end) if shape else end - 1 for end, shape in widths]
+        make: Any = namedtuple  # whose names are known only here
+        self._named = make("_named", shapes)
+
+    def of(self, array: Array) -> Any:
+        """Columns of an array (n, count) as attributes of their names, (n,) or (n, k)."""
+        return self._named(*(array[:, place] for place in self._places))

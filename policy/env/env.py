@@ -162,7 +162,7 @@ class JumpEnv:
         self.episodes.draws.uniform_(generator=self._generator)
         everyone = torch.ones(self.count, dtype=torch.bool, device=self.device)
         self._reset(everyone)
-        self.views.observe(self.episodes.draws, everyone)
+        self.views.observe(self.episodes.height_noise, everyone)
         if prepare and self.device.type == "cuda":
             for stage in self.stages:
                 stage.prepare()  # which runs it
@@ -294,7 +294,7 @@ class JumpEnv:
         self.episodes.judge()
         self._reset(self.episodes.done)
         self.episodes.disturb()
-        self.views.observe(self.episodes.draws, self.episodes.done | self.standing)
+        self.views.observe(self.episodes.height_noise, self.episodes.done | self.standing)
 
     def _reset(self, robots: Tensor) -> None:
         """Starts the next episode of `robots`, bool, shape (n,)."""

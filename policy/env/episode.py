@@ -1,8 +1,11 @@
 """The beginning and the end of an episode: judgement, reset, and what disturbs a robot in between."""
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
+from saltus.arrays import Columns
 from saltus.constants import POLICY_DT
 from saltus.controller.estimator import Estimator
 from saltus.effects.body import BodyModel
@@ -27,8 +30,8 @@ _TRUNK_POINTS = 9  # along the lower edge of the trunk, 4.7 cm apart
 TALLY = ("episodes", "finished", "tilted", "touched", "sunk", "astray", "way_m", "time_s")
 """What is counted over the episodes of each kind of terrain."""
 
-_START_DRAWS = 16 + 2  # joints (12), x, yaw, y, speed, height shift (2)
-_EVENT_DRAWS = 6  # level, difficulty, torque (2), push (2)
+_START_DRAWS = Columns(joints=(12,), x=(), yaw=(), y=(), heading=(), height_shift=(2,))
+_EVENT_DRAWS = Columns(level=(), difficulty=(), torque_time=(), torque=(), push_time=(), push_ahead=())
 
 
 class Episodes:
@@ -47,8 +50,15 @@ class Episodes:
         beside = torch.tensor((shift.x_range, shift.z_range), device=device)
         self._shift_range = beside + torch.tensor(config.randomisation.height_shift_m, device=device)
         self._wide = config.randomisation.wide
-        self._parts = [DRAWS, BODY_DRAWS, _START_DRAWS, _EVENT_DRAWS, self._wide.draws]
-        self.draws = torch.zeros(count, sum(self._parts) + len(HEIGHTMAP_X), device=device)
+        self._columns = Columns(
+            course=(DRAWS.count,),
+            body=(BODY_DRAWS.count,),
+            start=(_START_DRAWS.count,),
+            event=(_EVENT_DRAWS.count,),
+            wide=(self._wide.draws,),
+            height_noise=(len(HEIGHTMAP_X),),
+        )
+        self.draws = torch.zeros(count, self._columns.count, device=device)
         """Uniform numbers for the next `reset`, `disturb` and observation; the environment fills them."""
         self.reward = torch.zeros(count, device=device)
         self.done = torch.zeros(count, dtype=torch.bool, device=device)
@@ -108,35 +118,35 @@ class Episodes:
         rows = [torch.ones_like(way), finished, tilted, touched, sunk, astray, way, lasted]
         counted = torch.stack([row.float() * self.done for row in rows], -1)
         self.tally.add_((self._is_kind[:, :, None] * torch.nan_to_num(counted)[None]).sum(1))
-        level_draw = self._split()[3][:, 0]
-        level = next_level(self._config.curriculum, memory.level, way, failed, finished, level_draw)
+        drawn = _EVENT_DRAWS.of(self._drawn.event)
+        level = next_level(self._config.curriculum, memory.level, way, failed, finished, drawn.level)
         # A robot's first episode, which may be too short for any way, moves no level when its time is over.
         store(memory, self.done & (failed | finished | (memory.first_time_s == 0.0)), level=level)
 
     def reset(self, mask: Tensor) -> None:
         """Starts the next episode of the robots in `mask`, bool, shape (n,)."""
         memory, ranges = self._memory, self._config.randomisation
-        course_draws, body_draws, start, events, wide_draws = self._split()
-        course = draw_courses(
-            memory.kind, difficulty(self._config.curriculum, memory.level, events[:, 1]), course_draws
-        )
+        drawn = self._drawn
+        hard = difficulty(self._config.curriculum, memory.level, _EVENT_DRAWS.of(drawn.event).difficulty)
+        course = draw_courses(memory.kind, hard, drawn.course)
         names = ("low", "high", "top", "finish_x", "slope", "floor")
         store(memory, mask, **{name: getattr(course, name) for name in names})
         if (table := self._views.table) is not None:
-            place = table.draw(self._views.family, memory.level, course_draws[:, 0])
+            place = table.draw(self._views.family, memory.level, DRAWS.of(drawn.course).start)
             own = {name: getattr(table, name)[place] for name in ("finish_x", "slope", "floor")}
             store(memory, mask & self._views.is_own, course=place, **own)
-        bodies = draw_bodies(ranges, body_draws)
-        drawn = ("friction", "payload_kg", "motor_strength", "com_shift", "delay_s", "plan_delay_s")
-        store(memory, mask, **{name: getattr(bodies, name) for name in drawn})
+        bodies = draw_bodies(ranges, drawn.body)
+        kept = ("friction", "payload_kg", "motor_strength", "com_shift", "delay_s", "plan_delay_s")
+        store(memory, mask, **{name: getattr(bodies, name) for name in kept})
         self._engine.set_terrain(self._views.courses().boxes())
         if self._wide.share > 0.0:
             mass_kg = self._engine.robot.mass
-            store(memory, mask, **draw_wide(ranges, bodies.friction, mass_kg, self._grown, wide_draws))
+            store(memory, mask, **draw_wide(ranges, bodies.friction, mass_kg, self._grown, drawn.wide))
         self._engine.set_bodies(self._bodies())
+        start = _START_DRAWS.of(drawn.start)
         self._place(mask, start)
         zero = torch.zeros_like(memory.phase)
-        shift = self._shift + (2.0 * start[:, 16:18] - 1.0) * self._shift_range
+        shift = self._shift + (2.0 * start.height_shift - 1.0) * self._shift_range
         store(
             memory,
             mask,
@@ -171,40 +181,49 @@ class Episodes:
     def disturb(self) -> None:
         """Redraws the torque on the trunk, and pushes; both at random times with the configured mean period."""
         memory, ranges = self._memory, self._config.randomisation
-        events, extra = self._split()[3], self._split()[1]
-        redrawn = events[:, 2] < POLICY_DT / ranges.torque_period_s
-        torque = ranges.pitch_torque_nm * (2.0 * events[:, 3] - 1.0)
+        event, body = _EVENT_DRAWS.of(self._drawn.event), BODY_DRAWS.of(self._drawn.body)
+        redrawn = event.torque_time < POLICY_DT / ranges.torque_period_s
+        torque = ranges.pitch_torque_nm * (2.0 * event.torque - 1.0)
         store(memory, redrawn, pitch_torque=torque)
         across = rotation_matrix(self._qpos[:, 3:7].float())[:, :, 1]
         self._wrench[:, 3:6] = (across * memory.pitch_torque[:, None]).to(self._wrench.dtype)
-        pushed = events[:, 4] < POLICY_DT / ranges.push_period_s
-        way = 2.0 * torch.stack([events[:, 5], extra[:, 7]], -1) - 1.0
+        pushed = event.push_time < POLICY_DT / ranges.push_period_s
+        way = 2.0 * torch.stack([event.push_ahead, body.push_aside], -1) - 1.0
         kick = ranges.push_mps * way
         if self._wide.share > 0.0:
-            hard = (events[:, 4] < POLICY_DT / self._wide.side_push_period_s) & (memory.push_mps > 0.0)
+            hard = (event.push_time < POLICY_DT / self._wide.side_push_period_s) & (memory.push_mps > 0.0)
             aside = torch.where(hard, memory.push_mps * torch.sign(way[:, 1]), kick[:, 1])
             kick = torch.stack([kick[:, 0], aside], -1)
         self._qvel[:, :2] += (kick * pushed[:, None]).to(self._qvel.dtype)
 
-    def _place(self, mask: Tensor, start: Tensor) -> None:
-        """Puts robots in their standing pose, just above the ground at the start of their course."""
+    def _place(self, mask: Tensor, drawn: Any) -> None:
+        """Puts robots in their standing pose, just above the ground at the start of their course.
+
+        `drawn` has the columns of `_START_DRAWS`.
+        """
         memory, ranges = self._memory, self._config.randomisation
-        spread = 2.0 * start - 1.0
-        joints = self._stand + ranges.start_joint_rad * spread[:, :12]
-        x, yaw = ranges.start_x_m * spread[:, 12], ranges.start_yaw_rad * spread[:, 13]
+        joints = self._stand + ranges.start_joint_rad * (2.0 * drawn.joints - 1.0)
+        x, yaw = ranges.start_x_m * (2.0 * drawn.x - 1.0), ranges.start_yaw_rad * (2.0 * drawn.yaw - 1.0)
         zero = torch.zeros_like(x)
         quaternion = quaternion_from_roll_pitch_yaw(zero, zero, yaw)
         feet = self._legs.position(joints)
         z = CLEARANCE + self._foot_radius - feet[..., 2].amin(-1)
-        position = torch.stack([x, ranges.start_x_m * spread[:, 14], z], -1)
+        position = torch.stack([x, ranges.start_x_m * (2.0 * drawn.y - 1.0), z], -1)
         fresh = torch.cat([position, quaternion, joints], -1).to(self._qpos.dtype)
         rows = mask[:, None]
         self._qpos.copy_(torch.where(rows, fresh, self._qpos))
         self._qvel.copy_(torch.where(rows, torch.zeros_like(self._qvel), self._qvel))
         self._warmstart.copy_(torch.where(rows, torch.zeros_like(self._warmstart), self._warmstart))
-        store(memory, mask, start_x=x, heading=yaw * start[:, 15])
+        store(memory, mask, start_x=x, heading=yaw * drawn.heading)
         store(memory, mask, liftoff=feet @ rotation_matrix(quaternion).mT)
 
-    def _split(self) -> tuple[Tensor, ...]:
-        """Draws of courses, bodies, starts, events, and what is wide."""
-        return torch.split(self.draws[:, : sum(self._parts)], self._parts, dim=1)
+    @property
+    def height_noise(self) -> Tensor:
+        """Uniform numbers of the noise of heights, shape (n, points)."""
+        noise: Tensor = self._drawn.height_noise
+        return noise
+
+    @property
+    def _drawn(self) -> Any:
+        """Columns of courses, bodies, starts, events, of what is wide, and of noise."""
+        return self._columns.of(self.draws)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from saltus.arrays import Array, namespace
+from saltus.arrays import Array, Columns, namespace
 from saltus.config import check_between
 from saltus.effects.body import (
     LEAST_TURNING_M,
@@ -12,8 +12,10 @@ from saltus.effects.body import (
 )
 from saltus.errors import ConfigError
 
-BODY_DRAWS = 9
-"""Uniform random numbers that `draw_bodies` takes."""
+BODY_DRAWS = Columns(
+    friction=(), payload_kg=(), motor_strength=(), com_shift=(3,), delay_s=(), push_aside=(), plan_delay_s=()
+)
+"""Uniform random numbers of a robot: what `draw_bodies` takes, and the side of a push."""
 
 
 WIDE = {
@@ -22,6 +24,7 @@ WIDE = {
 }  # fmt: skip
 """What `WideConfig` draws, by its names in `saltus.policy.env.memory.Memory`, each from one uniform random number; and
 what makes it about 1 for the critic."""
+WIDE_DRAWS = Columns(**dict.fromkeys(WIDE, ()))
 SOFT_RUBBER = {
     "contact_time_constant": (NOMINAL_CONTACT_TIME_CONSTANT_S, 0.02),
     "touch_impedance": (NOMINAL_TOUCH_IMPEDANCE, 0.02),
@@ -141,16 +144,16 @@ class Bodies:
 
 
 def draw_bodies(config: RandomisationConfig, draws: Array) -> Bodies:
-    """Makes bodies from uniform numbers in [0, 1), shape (n, BODY_DRAWS)."""
-    xp = namespace(draws)
-    com = [(2.0 * draws[:, 3 + axis] - 1.0) * limit for axis, limit in enumerate(config.com_shift_m)]
+    """Makes bodies from uniform numbers in [0, 1), shape (n, BODY_DRAWS.count)."""
+    drawn = BODY_DRAWS.of(draws)
+    com = [(2.0 * drawn.com_shift[:, axis] - 1.0) * limit for axis, limit in enumerate(config.com_shift_m)]
     return Bodies(
-        friction=between(config.friction, draws[:, 0]),
-        payload_kg=between(config.payload_kg, draws[:, 1]),
-        motor_strength=between(config.motor_strength, draws[:, 2]),
-        com_shift=xp.stack(com, -1),
-        delay_s=between(config.feedforward_delay_s, draws[:, 6]),
-        plan_delay_s=between(config.plan_delay_s, draws[:, 8]),
+        friction=between(config.friction, drawn.friction),
+        payload_kg=between(config.payload_kg, drawn.payload_kg),
+        motor_strength=between(config.motor_strength, drawn.motor_strength),
+        com_shift=namespace(draws).stack(com, -1),
+        delay_s=between(config.feedforward_delay_s, drawn.delay_s),
+        plan_delay_s=between(config.plan_delay_s, drawn.plan_delay_s),
     )
 
 
@@ -169,14 +172,14 @@ def draw_wide(
     wide, xp = config.wide, namespace(draws)
     # Below `share` a number is, stretched, another uniform one; its root makes the greater values the more frequent.
     strength = grown * xp.where(draws < wide.share, xp.sqrt(draws / wide.share), xp.zeros_like(draws))
-    part = {name: strength[:, k] for k, name in enumerate(WIDE)}
+    part = WIDE_DRAWS.of(strength)
     return {
-        "friction": usual_friction + (wide.friction - usual_friction) * part["friction"],
-        "joint_damping": wide.joint_damping * part["joint_damping"],
-        "joint_friction": wide.joint_friction * part["joint_friction"],
-        "softness": wide.softness * part["softness"],
-        "command_delay_s": wide.command_delay_s * part["command_delay_s"],
-        "push_mps": wide.side_push_ns / mass_kg * part["push_mps"],
+        "friction": usual_friction + (wide.friction - usual_friction) * part.friction,
+        "joint_damping": wide.joint_damping * part.joint_damping,
+        "joint_friction": wide.joint_friction * part.joint_friction,
+        "softness": wide.softness * part.softness,
+        "command_delay_s": wide.command_delay_s * part.command_delay_s,
+        "push_mps": wide.side_push_ns / mass_kg * part.push_mps,
     }
 
 

@@ -85,7 +85,7 @@ class Views:
         """Writes what policy and critic see now.
 
         Args:
-            draws: Uniform in [0, 1); the last columns are the noise of the heights, shape (n, some).
+            draws: Of the noise of the heights, uniform in [0, 1), shape (n, points).
             fresh: Robots that begin, bool, shape (n,).
         """
         memory = self._memory
@@ -97,7 +97,7 @@ class Views:
         courses, position = self.courses(), qpos[:, :3]
         places = LINE.points_in_world(position, yaw, ahead=shift[:, 0])
         shifted = courses.height_at(*places) - position[:, 2:] + shift[:, 1:]
-        noise = self._config.randomisation.height_noise_m * (2.0 * draws[:, -self.points :] - 1.0)
+        noise = self._config.randomisation.height_noise_m * (2.0 * draws - 1.0)
         true = courses.height_at(*_WITH_FAR.points_in_world(position, yaw)) - position[:, 2:]
         self.actor.copy_(self._recalled(torch.nan_to_num(features(seen, shifted + noise)), fresh))
         exact = features(seen, true[:, : self.points])

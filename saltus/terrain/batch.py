@@ -7,7 +7,7 @@ several trenches instead of one, several steps up.
 
 from dataclasses import dataclass
 
-from saltus.arrays import Array, namespace
+from saltus.arrays import Array, Columns, namespace
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.curriculum import FAMILIES, Size
 from saltus.terrain.law import DESCENDING, KINDS, between, is_kind, shape
@@ -18,8 +18,8 @@ COLUMNS = 18
 """Start, up to 16 treads or stones, and ground behind them: what a robot passes in ten jumps."""
 BOXES = COLUMNS + 1
 """With the floor of the trenches."""
-DRAWS = 8 + COLUMNS
-"""Uniform random numbers that one course takes."""
+DRAWS = Columns(start=(), length=(), differ=(), depth=(), unused=(4,), columns=(COLUMNS,))
+"""Uniform random numbers that one course takes; the depth of a ditch tells irregular stairs if they lead down."""
 
 FIRST_EDGE_X = (0.6, 1.6)  # both within reach of the first jump and beyond what the robot sees at the start
 STAIR_RUN_M = (0.23, 0.37)  # original
@@ -87,25 +87,25 @@ def draw_courses(kind: Array, difficulty: Array, draws: Array) -> Courses:
     Args:
         kind: Place in `KINDS`, integers, shape (n,).
         difficulty: 0 to 1, shape (n,).
-        draws: Uniform in [0, 1), shape (n, DRAWS).
+        draws: Uniform in [0, 1), shape (n, DRAWS.count).
     """
-    xp = namespace(draws)
-    start = between(FIRST_EDGE_X, draws[:, 0])
+    xp, drawn = namespace(draws), DRAWS.of(draws)
+    start = between(FIRST_EDGE_X, drawn.start)
     one, zero = xp.ones_like(start), xp.zeros_like(start)
     count = _chosen(kind, start, [float(REPEATS[name]) for name in KINDS])
     low, high = (_chosen(kind, start, [_LENGTHS.get(name, PLATFORM_M)[i] for name in KINDS]) for i in (0, 1))
     rise, gap = (_size(kind, difficulty, *names) for names in (("rise_m", "height_m"), ("gap_m",)))
-    leads_down = is_kind(kind, "stairs_down", "step_down") | (is_kind(kind, "irregular") & (draws[:, 3] < 0.5))
+    leads_down = is_kind(kind, "stairs_down", "step_down") | (is_kind(kind, "irregular") & (drawn.depth < 0.5))
     # Half of the courses of stones have trenches of one width.
-    differ = is_kind(kind, "stepping_stones") & (draws[:, 2] < 0.5)
+    differ = is_kind(kind, "stepping_stones") & (drawn.differ < 0.5)
     made = shape(
         kind,
         count=count,
         rise=xp.where(leads_down, -rise, rise),
-        length=low + (high - low) * draws[:, 1],
+        length=low + (high - low) * drawn.length,
         gap=(xp.where(differ, _SMALLEST_GAP_SHARE * one, one) * gap, gap),
-        depth=xp.where(is_kind(kind, "ditch"), between(DITCH_M, draws[:, 3]), zero + TRENCH_DEPTH),
-        draws=draws[:, 8:],
+        depth=xp.where(is_kind(kind, "ditch"), between(DITCH_M, drawn.depth), zero + TRENCH_DEPTH),
+        draws=drawn.columns,
     )
     index = xp.cumulative_sum(xp.ones_like(made.top), axis=-1) - 1.0  # (n, COLUMNS): 0, 1, 2, ...
     used = (index >= 1.0) & (index <= count[:, None])

@@ -59,17 +59,18 @@ def shape(
     index = xp.cumulative_sum(zero + 1.0, axis=-1) - 1.0  # 0, 1, 2, ...
     index = xp.where(index <= count[:, None], index, zero)
     is_irregular, is_hurdles = (is_kind(kind, name)[:, None] for name in ("irregular", "hurdles"))
-    fine = _FINE * draws  # the lower digits of a uniform number are another one
-    along = xp.where(is_irregular, between(IRREGULAR_RUN_M, fine - xp.floor(fine)), length[:, None] + zero)
+    of_rises, of_gaps = draws, draws  # irregular stairs have no trenches
+    of_treads = _FINE * draws - xp.floor(_FINE * draws)  # the lower digits of a uniform number are another one
+    along = xp.where(is_irregular, between(IRREGULAR_RUN_M, of_treads), length[:, None] + zero)
     wall = index - 2.0 * xp.floor(0.5 * index)
     half = 0.5 * count[:, None]
     steps = xp.where(is_kind(kind, "pyramid")[:, None], half - xp.abs(index - half), index)
     steps = xp.where(is_hurdles, wall, steps)
-    shares = xp.where(index > 0.0, between((LEAST_RISE_SHARE, 1.0), draws), zero)
+    shares = xp.where(index > 0.0, between((LEAST_RISE_SHARE, 1.0), of_rises), zero)
     top = rise[:, None] * xp.where(is_irregular, xp.cumulative_sum(shares, axis=-1), steps)
     return Shape(
         length=xp.where(is_hurdles & (wall > 0.0), zero + HURDLE_M, along),
-        gap=gap[0][:, None] + (gap[1] - gap[0])[:, None] * draws,
+        gap=gap[0][:, None] + (gap[1] - gap[0])[:, None] * of_gaps,
         top=top,
         floor=xp.min(top, axis=-1) - depth,
     )

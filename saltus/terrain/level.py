@@ -27,15 +27,16 @@ def make(kind: str, rng: np.random.Generator | None = None, **sizes: float) -> T
     count = each * int(sizes.get("steps", 1)) + besides
     rise = sizes.get("rise_m", sizes.get("height_m", 0.0)) * (-1.0 if kind.endswith("_down") else 1.0)
     gap, depth = _bounds(sizes, "gap", 0.0), _bounds(sizes, "depth", TRENCH_DEPTH)
-    one, draws = np.ones(1), (rng or np.random.default_rng(0)).uniform(size=count + 1)
+    one = np.ones(1)
+    *of_columns, of_depth = (rng or np.random.default_rng(0)).uniform(size=count + 1)
     columns = shape(
         np.array([KINDS.index(kind)]),
         count=count * one,
         rise=rise * one,
         length=sizes.get("run_m", sizes.get("stone_m", 0.0)) * one,
         gap=(gap[0] * one, gap[1] * one),
-        depth=between(depth, draws[-1]) * one,
-        draws=np.append(0.0, draws[:-1])[None],
+        depth=between(depth, of_depth) * one,
+        draws=np.array([[0.0, *of_columns]]),
     )
     rows = zip(columns.gap[0, 1:], columns.length[0, 1:], columns.top[0, 1:], strict=True)
     parts = [part for gap, length, top in rows for part in ((gap, columns.floor[0]), (length, top))]

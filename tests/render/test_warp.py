@@ -97,7 +97,7 @@ def test_courses_of_training_can_be_seen() -> None:
     """Boxes that overlap are one ground: straight down it is as far as the height says."""
     rng = np.random.default_rng(1)
     count = 200
-    difficulty, draws = tensors((rng.uniform(size=count), rng.uniform(size=(count, DRAWS))))
+    difficulty, draws = tensors((rng.uniform(size=count), rng.uniform(size=(count, DRAWS.count))))
     courses = draw_courses(torch.arange(count) % 5, difficulty, draws)
     assert courses.boxes().center.shape == (count, BOXES, 3)
     position = np.stack([rng.uniform(0.0, 5.0, count), np.zeros(count), np.full(count, 9.0)], axis=-1)

@@ -15,7 +15,7 @@ def courses(difficulty=None, seed=0, xp=np):
     rng = np.random.default_rng(seed)
     kind = np.arange(N) % len(KINDS)
     d = rng.uniform(size=N) if difficulty is None else np.full(N, difficulty)
-    draws = rng.uniform(size=(N, DRAWS))
+    draws = rng.uniform(size=(N, DRAWS.count))
     if xp is torch:
         return kind, d, draw_courses(*(torch.as_tensor(a) for a in (kind, d, draws)))
     return kind, d, draw_courses(kind, d, draws)
@@ -90,7 +90,7 @@ STEPS["stepping_stones"] -= 1  # the last column is the ground behind the stones
 def test_a_course_of_a_batch_equals_the_single_course_of_its_sizes(kind):
     """But for where it begins and ends; stones of one gap and of gaps that differ, stairs that lead down and up."""
     rng = np.random.default_rng(5)
-    difficulty, draws = rng.uniform(size=12), rng.uniform(size=(12, DRAWS))
+    difficulty, draws = rng.uniform(size=12), rng.uniform(size=(12, DRAWS.count))
     course = draw_courses(np.full(12, KINDS.index(kind)), difficulty, draws)
     way = rng.uniform(-0.5, 20.0, 300)
     for i, d in enumerate(difficulty):
