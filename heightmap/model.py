@@ -13,6 +13,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from saltus.heightmap.service.quantiles import INTERVAL90
+from saltus.heightmap.service.sight import Tick
 from saltus.heightmap.settings import ModelConfig
 
 MAX_IMAGE_AGE_S = 0.5
@@ -59,7 +61,7 @@ class HeightmapModel(nn.Module):
 
     def __init__(self, config: ModelConfig, normalisation: Normalisation) -> None:
         super().__init__()
-        self.config, self._told = config, len(normalisation.height_mean)
+        self.config, self.hidden_size, self.points = config, config.hidden, len(normalisation.height_mean)
         a, b, c = config.channels
         self.encoder = nn.Sequential(
             nn.Conv2d(IMAGE_SHAPE[0], a, 5),
@@ -120,6 +122,12 @@ class HeightmapModel(nn.Module):
         hidden = candidate + update * (hidden - candidate)
         return self._estimate(hidden), hidden
 
+    @torch.no_grad()
+    def tick(self, image: Tensor, age: Tensor, new: Tensor, proprioception: Tensor, hidden: Tensor) -> Tick:
+        """One tick as a file's network answers it, see `saltus.heightmap.service.sight.Network`."""
+        estimate, hidden = self.step(image, age.float(), new.float(), proprioception, hidden)
+        return Tick(estimate.height, INTERVAL90 * estimate.log_std.exp(), hidden)
+
     def _inputs(self, encoded: Tensor, age: Tensor, new: Tensor, proprioception: Tensor) -> Tensor:
         normal = (proprioception - self.proprioception_mean) / self.proprioception_std
         age = age.clamp(0.0, MAX_IMAGE_AGE_S) / MAX_IMAGE_AGE_S
@@ -127,7 +135,7 @@ class HeightmapModel(nn.Module):
         return torch.cat((encoded, age[..., None], new[..., None], normal.clamp(-5.0, 5.0)), -1)
 
     def _estimate(self, hidden: Tensor) -> Estimate:
-        mean, log_std = self.head(hidden).split(self._told, -1)
+        mean, log_std = self.head(hidden).split(self.points, -1)
         height = self.height_mean + self.height_std * mean
         least, most = math.log(MIN_STD_M), math.log(MAX_STD_M)
         log_std = (log_std + self.height_std.log()).clamp(least, most)

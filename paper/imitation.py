@@ -19,7 +19,7 @@ from saltus.effects.profile import Profile
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
-from saltus.heightmap.service.network import Tick
+from saltus.heightmap.service.sight import Tick
 from saltus.model_file import ModelFile
 from saltus.policy.bounds import ACTIONS, ActionBounds, action_from_values
 from saltus.policy.features import PROPRIOCEPTION_SIZE, features
@@ -52,16 +52,16 @@ class ImitationNetwork:
         file.check(
             {name: shapes.get(name, []) for name in IMITATOR_INPUTS}, {"plan": [len(ACTIONS)], "hidden_out": [hidden]}
         )
-        self.hidden_size = int(hidden)
+        self.hidden_size, self.points = int(hidden), len(HEIGHTMAP_X)
 
-    def ticks(self, image: Singles, age_s: Floats, new: NDArray[np.bool_], state: Singles, hidden: Singles) -> Tick:
-        """One tick of many robots: normalised plans, and zeros behind them, where a predictor has heights."""
+    def tick(self, image: Singles, age_s: Floats, new: NDArray[np.bool_], state: Singles, hidden: Singles) -> Tick:
+        """One tick of many robots: normalised plans, zeros behind them, and widths that say nothing."""
         values = (image, age_s, new, state, hidden)
         given = {name: np.asarray(value, np.float32) for name, value in zip(IMITATOR_INPUTS, values, strict=True)}
         plan, hidden_out = self._session.run(list(IMITATOR_OUTPUTS), given)
         rows = np.zeros((len(plan), len(HEIGHTMAP_X)), np.float32)
         rows[:, : len(ACTIONS)] = plan
-        return Tick(rows, np.zeros_like(rows), hidden_out)
+        return Tick(rows, np.ones_like(rows), hidden_out)
 
 
 class ImitatedPlans(PredictedHeights):

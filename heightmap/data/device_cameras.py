@@ -9,12 +9,14 @@ from torch import Tensor
 
 from saltus.depth import MODEL_CAMERA, depth_in_millimetres, sampled_model_camera
 from saltus.depth_camera import DepthCamera
+from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.effect import map_arrays
 from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.effects.signals import DepthImage
 from saltus.errors import ConfigError
-from saltus.heightmap.data.delivery import TICK_S
+from saltus.heightmap.data.delivery import TICK_S, DeliveryModel
+from saltus.heightmap.data.late_images import LateImages
 from saltus.heightmap.data.mounts import random_mount
 from saltus.render.camera import Mount, RobotCamera
 from saltus.render.randomisation import drawn_cameras
@@ -119,3 +121,19 @@ class DeviceCameras:
             images[name] = replace(given, depth=depth_in_millimetres(given.depth))
         self._fresh = torch.zeros_like(fresh)
         return images
+
+
+def late_images(
+    count: int,
+    delivery: DeliveryModel,
+    latency: CameraLatency,
+    rng: np.random.Generator,
+    device: torch.device | str,
+) -> LateImages:
+    """The images [mm] of `count` cameras that have a latency, delivered without pauses."""
+    chain = delivery.drawn(latency, (count,), rng)
+    state = map_arrays(lambda keys: torch.as_tensor(keys, device=device), chain.init((count,), rng))
+    time_s = torch.zeros(count, dtype=torch.float64, device=device)
+    shape = count, MODEL_CAMERA.height, MODEL_CAMERA.width
+    depth = torch.zeros(shape, dtype=torch.int32, device=device)
+    return LateImages(chain, state, DepthImage(depth=depth, time_s=time_s))

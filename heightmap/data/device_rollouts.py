@@ -18,13 +18,14 @@ from saltus.effects.profile import load_profile
 from saltus.errors import SaltusError
 from saltus.gpu import has_gpu
 from saltus.grid import LINE
-from saltus.heightmap.data.delivery import TRAINING
-from saltus.heightmap.data.device_cameras import DeviceCameras
-from saltus.heightmap.data.device_heights import DeviceHeights, late_images
+from saltus.heightmap.data.delivery import TICK_S, TRAINING
+from saltus.heightmap.data.device_cameras import DeviceCameras, late_images
 from saltus.heightmap.data.device_recording import DeviceRecording, RecordedBatch
+from saltus.heightmap.data.late_images import LateImages
 from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, varied
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.features import proprioception_of_states
+from saltus.heightmap.service.sight import Sight
 from saltus.heightmap.settings import DeviceLoop
 from saltus.policy.bounds import values_of
 from saltus.policy.env.curriculum import CurriculumConfig
@@ -92,7 +93,7 @@ class DeviceRollouts:
         env = self._env
         self._cameras.replace(self._rng)
         env.set_levels(env.memory.level)
-        heights = self._heights()
+        seen = self._seen()
         speed, rhythm = (low + (high - low) * self._uniform() for low, high in (SPEED, RHYTHM))
         by_rules, rules = (self._uniform() >= self.loop.learned)[:, None], self._rules()
         stands_until = STAND_STEPS * self._uniform()  # the deployed controller stands before it obeys
@@ -104,8 +105,11 @@ class DeviceRollouts:
             shown = transition.actor
             if self.loop.plans:
                 self._add_plans(tick, shown)
-            if heights is not None:
-                shown[:, PROPRIOCEPTION_SIZE:SIZE] = heights.step(images.get(self.loop.cameras[0]), tick, sensed, fresh)
+            if seen is not None:
+                (late, sight), time_s = seen, tick * TICK_S
+                arrived = late.step(images.get(self.loop.cameras[0]), time_s, fresh)
+                heights = sight.step(arrived, late.in_hand, time_s, sensed, fresh)
+                shown[:, PROPRIOCEPTION_SIZE:SIZE] = heights
             plan = self._policy(shown)
             plan[:, 0] *= rhythm
             plan[:, 1] *= speed
@@ -154,11 +158,12 @@ class DeviceRollouts:
             ),
         )
 
-    def _heights(self) -> DeviceHeights | None:
+    def _seen(self) -> tuple[LateImages, Sight] | None:
+        """What the images of a batch come through, to a predictor in the loop."""
         if self._model is None:
             return None
-        images = late_images(self.loop.robots, TRAINING, self._latency, self._rng, self._device)
-        return DeviceHeights(self._model, images)
+        late = late_images(self.loop.robots, TRAINING, self._latency, self._rng, self._device)
+        return late, Sight(self._model, late.in_hand.depth)
 
     def _uniform(self) -> Tensor:
         return torch.rand(self.loop.robots, generator=self._generator, device=self._device)

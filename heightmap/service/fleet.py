@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.heightmap.service.network import HeightmapNetwork, Inputs, Tick
+from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import DEPTH, HeightmapService, worse
+from saltus.heightmap.service.sight import Inputs, Tick
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 from saltus.wire.topics import Topic
 
@@ -115,7 +116,7 @@ class FleetService:
                     asked.append((service, arrival, inputs))
         for network in {id(service.network): service.network for service, _, _ in asked}.values():
             batch = [item for item in asked if item[0].network is network]
-            ticks = _run(network, [(inputs, service) for service, _, inputs in batch])
+            ticks = _run(network, [inputs for _, _, inputs in batch])
             for (service, arrival, inputs), tick in zip(batch, ticks, strict=True):
                 service.finish(arrival.state, inputs, tick, arrival.now_ns)
         return {name: self._answer(self._robots[name], arrival) for name, arrival in arrivals.items()}
@@ -129,13 +130,7 @@ class FleetService:
         return robot.service.last
 
 
-def _run(network: HeightmapNetwork, asked: list[tuple[Inputs, HeightmapService]]) -> list[Tick]:
-    """One call of the network for all."""
-    rows = network.ticks(
-        np.array([inputs.image for inputs, _ in asked]),
-        np.array([inputs.age_s for inputs, _ in asked]),
-        np.array([inputs.new for inputs, _ in asked]),
-        np.array([inputs.features for inputs, _ in asked]),
-        np.array([service.hidden for _, service in asked]),
-    )
-    return [Tick(*row) for row in zip(*rows, strict=True)]
+def _run(network: HeightmapNetwork, asked: list[Inputs]) -> list[Tick]:
+    """One call of the network for all, each of whom is one robot."""
+    together = network.tick(*map(np.concatenate, zip(*asked, strict=True)))
+    return [Tick(*(rows[i : i + 1] for rows in together)) for i in range(len(asked))]

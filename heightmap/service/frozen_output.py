@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saltus.heightmap.service.network import Inputs, Tick
+from saltus.heightmap.service.sight import Inputs, Tick
 
 FROZEN_NS = 1_000_000_000
 """A trotting or bounding robot goes through two cycles in this time: no terrain looks the same to the last bit."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,7 @@ from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
+from saltus.heightmap.service.sight import Tick
 from saltus.model_file import ModelFile
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -38,28 +39,6 @@ def camera_metadata(robot: Robot) -> dict[str, Any]:
     }
 
 
-class Inputs(NamedTuple):
-    """What one tick of one robot is computed from, next to its hidden state."""
-
-    image: Singles
-    """Depth in [0, 1] and validity, shape (2, 48, 16)."""
-    age_s: float
-    new: bool
-    features: Singles
-    """See `saltus.heightmap.service.features`, shape (n,)."""
-
-
-class Tick(NamedTuple):
-    """What one call returns; not checked."""
-
-    height: Singles
-    """[m], shape (30,)."""
-    half_width_90: Singles
-    """Of each height, half of the interval that holds 90 % of the errors [m], shape (30,)."""
-    hidden: Singles
-    """Shape (hidden size,)."""
-
-
 class HeightmapNetwork:
     """A model file in ONNX Runtime, on one thread that sleeps between calls; to be called from one thread.
 
@@ -74,19 +53,13 @@ class HeightmapNetwork:
         self._session = file.session
         _check_metadata(file, robot)
         self.hidden_size = _checked_hidden_size(file)
+        self.points = len(HEIGHTMAP_X)
         self.warmup_frames = int(file.field("warmup_frames"))
         self._calls: dict[int, _Call] = {}
 
-    def tick(self, image: Singles, age_s: float, new: bool, features: Singles, hidden: Singles) -> Tick:
-        """Runs one tick of one robot: image (2, 48, 16), features (n,), hidden (hidden size,)."""
-        return Tick(*(output[0] for output in self._ticks(1, (image, age_s, new, features, hidden))))
-
-    def ticks(self, image: Singles, age_s: Floats, new: NDArray[np.bool_], features: Singles, hidden: Singles) -> Tick:
-        """Runs one tick of many robots; all arrays, and those returned, have a leading dimension of robots."""
-        return self._ticks(len(image), (image, age_s, new, features, hidden))
-
-    def _ticks(self, robots: int, inputs: Iterable[ArrayLike]) -> Tick:
-        height, std, hidden_out = self._call(robots).run(inputs)
+    def tick(self, image: Singles, age_s: Floats, new: NDArray[np.bool_], features: Singles, hidden: Singles) -> Tick:
+        """Runs one tick of many robots; see `saltus.heightmap.service.sight.Inputs`."""
+        height, std, hidden_out = self._call(len(image)).run((image, age_s, new, features, hidden))
         return Tick(height, np.float32(INTERVAL90) * std, hidden_out)
 
     def _call(self, robots: int) -> "_Call":

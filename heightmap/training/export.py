@@ -14,8 +14,9 @@ from saltus.depth_camera import DepthCamera
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
-from saltus.heightmap.service.network import FORMAT, INPUTS, OUTPUTS, HeightmapNetwork, Inputs, camera_metadata
+from saltus.heightmap.service.network import FORMAT, INPUTS, OUTPUTS, HeightmapNetwork, camera_metadata
 from saltus.heightmap.service.quantiles import INTERVAL90
+from saltus.heightmap.service.sight import Inputs
 from saltus.onnx_export import write_onnx
 from saltus.provenance import commit
 from saltus.robots.loading import load_robot
@@ -95,11 +96,12 @@ def parity(model: HeightmapModel, network: HeightmapNetwork, inputs: Iterable[In
     exact, worst = _Step(deepcopy(model).double()), 0.0
     for step, given in enumerate(inputs):
         if step % reset_every == 0:
-            hidden = np.zeros(network.hidden_size, np.float32)
-        found = network.tick(*given, hidden)
-        tensors = [torch.from_numpy(np.asarray(value, np.float32)).double()[None] for value in (*given, hidden)]
+            hidden = np.zeros((1, network.hidden_size), np.float32)
+        given = given._replace(hidden=hidden)
+        found = network.tick(*given)
+        tensors = [torch.from_numpy(np.asarray(value, np.float32)).double() for value in given]
         with torch.no_grad():
-            height, std, state = (output[0].numpy() for output in exact(*tensors))
+            height, std, state = (output.numpy() for output in exact(*tensors))
         differences = [np.abs(a - b).max() for a, b in zip(found, (height, INTERVAL90 * std, state), strict=True)]
         worst = float(np.max([worst, *differences]))  # which a number that is none comes through
         hidden = found.hidden
@@ -107,17 +109,17 @@ def parity(model: HeightmapModel, network: HeightmapNetwork, inputs: Iterable[In
 
 
 def random_inputs(model: HeightmapModel, rng: np.random.Generator, steps: int) -> Iterator[Inputs]:
-    """Random inputs in the range of what occurs."""
+    """Random inputs in the range of what occurs, each of one robot whose hidden state is empty."""
     mean, spread = model.proprioception_mean.numpy(), model.proprioception_std.numpy()
     for _ in range(steps):
         valid = rng.uniform(size=IMAGE_SHAPE[1:]) < rng.uniform(0.2, 1.0)
         image = np.stack([np.where(valid, rng.uniform(size=valid.shape), 1.0), valid]).astype(np.float32)
         features = (mean + spread * rng.normal(size=len(mean))).astype(np.float32)
-        yield Inputs(image, rng.uniform(0.03, 0.2), rng.uniform() < 0.5, features)
+        age_s, new, hidden = rng.uniform(0.03, 0.2), rng.uniform() < 0.5, np.zeros((1, model.config.hidden))
+        yield Inputs(image[None], np.array([age_s]), np.array([new]), features[None], hidden)
 
 
 def _example(model: HeightmapModel) -> tuple[Tensor, ...]:
     """Arguments of `_Step` for two robots."""
-    images, ages, news, features = zip(*random_inputs(model, np.random.default_rng(0), 2), strict=True)
-    arrays = (np.stack(images), np.array(ages), np.array(news), np.stack(features), np.zeros((2, model.config.hidden)))
-    return tuple(torch.from_numpy(array.astype(np.float32)) for array in arrays)
+    columns = zip(*random_inputs(model, np.random.default_rng(0), 2), strict=True)
+    return tuple(torch.from_numpy(np.concatenate(column).astype(np.float32)) for column in columns)

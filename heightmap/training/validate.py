@@ -10,7 +10,8 @@ from saltus.depth import model_image
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import FRAME_TICKS, DeliveryModel, deliver
 from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.service.network import HeightmapNetwork, Inputs
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.sight import Inputs
 
 AHEAD_X = 0.45  # standing, the camera sees the ground from 0.485 m on (derived from its pose and field of view)
 UNDER_X = 0.2  # up to the front hips: seen some time ago, or known by the feet
@@ -125,18 +126,20 @@ def run_episode(
         forget_at: Tick before which the hidden state is emptied once.
     """
     height, half_width_90 = np.empty_like(episode.height), np.empty_like(episode.height)
-    hidden = np.zeros(network.hidden_size, np.float32)
+    hidden = np.zeros((1, network.hidden_size), np.float32)
     for i, inputs in enumerate(episode_inputs(episode, delivery)):
         if i == forget_at:
             hidden = np.zeros_like(hidden)
-        height[i], half_width_90[i], hidden = network.tick(*inputs, hidden)
+        tick = network.tick(*inputs._replace(hidden=hidden))
+        height[i], half_width_90[i], hidden = tick.height[0], tick.half_width_90[0], tick.hidden
     return height, half_width_90
 
 
 def episode_inputs(episode: Episode, delivery: DeliveryModel) -> Iterator[Inputs]:
-    """What the network gets at each tick of an episode, images without noise."""
+    """What the network gets at each tick of an episode but for its hidden state, images without noise."""
     images, blank = model_image(episode.depth), model_image(np.zeros_like(episode.depth[0]))
     delivered = deliver([episode], delivery, np.random.default_rng(0))
     ((frames, ages_s, news),) = zip(*delivered, strict=True)
     for features, frame, age_s, new in zip(episode.proprioception, frames, ages_s, news, strict=True):
-        yield Inputs(images[frame] if frame >= 0 else blank, float(age_s), bool(new), features)
+        image, hidden = images[frame] if frame >= 0 else blank, np.empty((1, 0), np.float32)
+        yield Inputs(image[None], np.array([age_s]), np.array([new]), features[None], hidden)

@@ -19,8 +19,7 @@ from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.heightmap.data import device_cameras
 from saltus.heightmap.data.delivery import TICK_S, DeliveryModel, deliver
-from saltus.heightmap.data.device_cameras import DeviceCameras
-from saltus.heightmap.data.device_heights import late_images
+from saltus.heightmap.data.device_cameras import DeviceCameras, late_images
 from saltus.heightmap.data.rollouts import Trajectory, labelled, true_images
 from saltus.render.camera import Mount, RobotCamera
 from saltus.render.embree import EmbreeRenderer

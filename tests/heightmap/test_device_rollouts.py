@@ -16,7 +16,7 @@ from saltus.effects.camera import NOMINAL_LATENCY
 from saltus.effects.signals import DepthImage
 from saltus.errors import ConfigError
 from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S, TRAINING, DeliveryModel
-from saltus.heightmap.data.device_heights import DeviceHeights, late_images
+from saltus.heightmap.data.device_cameras import late_images
 from saltus.heightmap.data.device_rollouts import DeviceRollouts
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.inventory import validate
@@ -24,6 +24,7 @@ from saltus.heightmap.data.shards import read_dataset, read_manifest
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.sight import Sight
 from saltus.heightmap.settings import MIN_TICKS, TERRAINS, DeviceLoop
 from saltus.heightmap.training.validate import run_episode
 from saltus.policy.bounds import ACTIONS
@@ -183,14 +184,17 @@ def test_heights_on_a_device_are_those_of_the_file(model: HeightmapModel, model_
         frame_tick=np.arange(0, ticks, FRAME_TICKS, dtype=np.int32),
     )
     expected, _ = run_episode(HeightmapNetwork(ROBOT, model_path), episode, latency)
-    heights = DeviceHeights(model, late_images(2, latency, NOMINAL_LATENCY, np.random.default_rng(0), "cpu"))
+    images = late_images(2, latency, NOMINAL_LATENCY, np.random.default_rng(0), "cpu")
+    sight = Sight(model, images.in_hand.depth)
     for tick in range(2 * ticks):
         k = tick % ticks
         image = torch.tensor(episode.depth[k // 2].astype(np.int32))
         now_s = torch.full((2,), TICK_S * tick, dtype=torch.float64)
         exposed = DepthImage(depth=image.expand(2, 48, 16), time_s=now_s) if k % FRAME_TICKS == 0 else None
         features = torch.tensor(episode.proprioception[k]).expand(2, -1)
-        found = heights.step(exposed, tick, features, torch.full((2,), k == 0))
+        time_s, fresh = TICK_S * tick, torch.full((2,), k == 0)
+        arrived = images.step(exposed, time_s, fresh)
+        found = sight.step(arrived, images.in_hand, time_s, features, fresh)
         np.testing.assert_allclose(found, np.tile(expected[k], (2, 1)), atol=1e-4)
 
 

@@ -11,8 +11,9 @@ from samples import ROBOT as GO1
 from test_service import Faulty, bad_tick
 
 from saltus.heightmap.service.fleet import TAKEOVER_NS, Arrival, FleetService
-from saltus.heightmap.service.network import HeightmapNetwork, Tick
-from saltus.heightmap.service.service import LONGEST_GAP_S, HeightmapService
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.service import HeightmapService
+from saltus.heightmap.service.sight import LONGEST_GAP_S
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 
 STEPS = 80
@@ -217,7 +218,7 @@ def test_no_model_takes_over_before_it_is_warm_however_poor_the_images(
 def test_a_model_that_answers_badly_is_dropped(network: HeightmapNetwork, model_path: Path) -> None:
     fleet, given = FleetService(network, names(1)), HeightmapNetwork(GO1, model_path)
     nan = bad_tick("height", np.nan)
-    given.ticks = lambda *_: Tick(*(value[None] for value in nan))  # type: ignore[method-assign]
+    given.tick = lambda *_: nan  # type: ignore[method-assign]
     steps = 50 + TAKEOVER_NS // 10_000_000
     found: list[Heightmap] = []
     for step in range(steps):
@@ -252,7 +253,7 @@ def test_the_service_of_one_robot_is_the_same_in_parts(network: HeightmapNetwork
         state, now_ns = STATES[step], STATES[step].time_ns
         inputs = service.prepare(state, scene(0, step), now_ns)
         assert inputs is not None
-        answer = service.finish(state, inputs, network.tick(*inputs, service.hidden), now_ns)
+        answer = service.finish(state, inputs, network.tick(*inputs), now_ns)
         expected = whole.step(state, scene(0, step), now_ns)
         np.testing.assert_array_equal(answer.height, expected.height)
         assert service.last is answer

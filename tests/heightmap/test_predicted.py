@@ -1,15 +1,11 @@
 """Predicted heights in roll-outs: to each robot what camera process and heightmap service would give it."""
 
-import math
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import torch
-from heightmap_inputs import frame, states
 from samples import PROFILE, ROBOT, put_run
 from test_camera_family import CASES, with_latency
 
@@ -17,7 +13,6 @@ from saltus.config import RunConfig, TerrainConfig
 from saltus.effects.effect import Effect
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.profile import load_profile
-from saltus.heightmap.data.late_images import UsedImages
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
@@ -101,31 +96,6 @@ def test_they_are_those_of_the_deployed_processes(
             frame = camera.step(ground_truth(step, robot), k * TICK_NS)
             answer = service.step(robot_state(step, robot), frame, k * TICK_NS)
             np.testing.assert_allclose(step.heights[robot], answer.height, atol=1e-5)
-
-
-@pytest.mark.parametrize("array", [np.asarray, torch.as_tensor], ids=["numpy", "torch"])
-def test_images_are_used_or_not_and_forgotten_as_by_the_service(array: Callable[..., Any], model_path: Path) -> None:
-    class Forgetful(HeightmapService):
-        times = 0
-
-        def _forget(self) -> None:
-            self.times += 1
-            super()._forget()
-
-    rng, service = np.random.default_rng(5), Forgetful(HeightmapNetwork(ROBOT, model_path))
-    blank = np.zeros((1, 2, 48, 16), np.float32)
-    used, times, fresh = UsedImages(array(blank), array(np.zeros(1))), service.times, array(np.zeros(1, dtype=bool))
-    for state in states(400):
-        came, valid = rng.uniform() < 0.15, rng.uniform(size=(48, 16)) < rng.choice([0.1, 0.9])
-        depth = np.where(valid, 1000, 0).astype(np.uint16)
-        service.step(state, frame(state.step, 10.0 * state.step, depth) if came else None, state.time_ns)
-        image = np.stack([blank[0, 0], valid])[None].astype(np.float32)
-        _, forgets = used.step(array([came]), array(image), array([0.01 * state.step]), fresh)
-        times += int(forgets[0])
-        shown, captured_s = service.last.frame_id if service.last else -1, float(used.captured_s[0])
-        assert shown == (-1 if math.isinf(captured_s) else round(100 * captured_s))
-        assert service.times == times
-    assert times > 5
 
 
 def test_a_robot_that_starts_again_has_forgotten(model_path: Path) -> None:

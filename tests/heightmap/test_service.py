@@ -12,8 +12,9 @@ from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import Profile
 from saltus.errors import ModelError
 from saltus.heightmap.service import model_check
-from saltus.heightmap.service.network import HeightmapNetwork, Tick
+from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
+from saltus.heightmap.service.sight import Tick
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus
 
 OK, WARMING = HeightmapStatus.OK, HeightmapStatus.WARMING
@@ -162,7 +163,8 @@ class Faulty:
 
     def __init__(self, service: HeightmapService, bad: dict[int, Tick]) -> None:
         self._network, self._bad, self._count = service._network, bad, -1
-        self.hidden_size, self.warmup_frames = self._network.hidden_size, self._network.warmup_frames
+        self.hidden_size, self.points = self._network.hidden_size, self._network.points
+        self.warmup_frames = self._network.warmup_frames
         self.model_id, self.legs = self._network.model_id, self._network.legs
         self.hidden_seen: list[np.ndarray] = []
 
@@ -173,8 +175,8 @@ class Faulty:
 
 
 def bad_tick(where: str, value: float) -> Tick:
-    arrays = {"height": np.zeros(30), "half_width_90": np.full(30, 0.1), "hidden": np.zeros(256)}
-    arrays[where][3] = value
+    arrays = {"height": np.zeros((1, 30)), "half_width_90": np.full((1, 30), 0.1), "hidden": np.zeros((1, 256))}
+    arrays[where][0, 3] = value
     return Tick(**arrays)
 
 
@@ -189,7 +191,7 @@ def test_a_bad_output_is_bridged_and_its_hidden_state_dropped(model_path: Path, 
     answers = run(service, clean(60), 60)
     assert answers[50].status == DEGRADED
     assert np.array_equal(answers[50].height, answers[49].height)
-    assert faulty.hidden_seen[51] is faulty.hidden_seen[50]
+    np.testing.assert_array_equal(faulty.hidden_seen[51], faulty.hidden_seen[50])
     assert {h.status for h in answers[51:]} == {OK}
 
 
@@ -222,7 +224,7 @@ def test_an_output_that_never_changes_is_told_after_a_second_if_the_input_change
     model_path: Path, moves: bool
 ) -> None:
     service = service_of(model_path)
-    frozen = Tick(np.full(30, -0.27), np.full(30, 0.02), np.zeros(256))
+    frozen = Tick(np.full((1, 30), -0.27), np.full((1, 30), 0.02), np.zeros((1, 256)))
     service._network = Faulty(service, dict.fromkeys(range(50, 200), frozen))  # type: ignore[assignment]
     still = on_time(49)
     assert still is not None
@@ -239,7 +241,7 @@ def test_an_output_that_never_changes_is_told_after_a_second_if_the_input_change
 
 def test_the_same_output_in_fewer_ticks_than_a_second_is_no_fault(model_path: Path) -> None:
     service = service_of(model_path)
-    frozen = Tick(np.full(30, -0.27), np.full(30, 0.02), np.zeros(256))
+    frozen = Tick(np.full((1, 30), -0.27), np.full((1, 30), 0.02), np.zeros((1, 256)))
     service._network = Faulty(service, dict.fromkeys(range(50, 151), frozen))  # type: ignore[assignment]
     assert {answer.status for answer in run(service, clean(200), 200)[20:]} == {OK}
 

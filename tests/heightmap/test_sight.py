@@ -1,35 +1,28 @@
-"""Robots see alike wherever they are: as a service, in roll-outs on processors, and on a device."""
+"""Robots see alike wherever they are: one by a service, many on numpy or on torch."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 import torch
-from heightmap_inputs import frame
-from samples import PROFILE, ROBOT
+from heightmap_inputs import WARMUP, frame
+from samples import ROBOT
 
-from saltus.arrays import Floats
-from saltus.depth_camera import SHIPPED
-from saltus.effects.camera import NOMINAL_LATENCY
 from saltus.effects.signals import DepthImage
-from saltus.heightmap.data.delivery import DeliveryModel
-from saltus.heightmap.data.device_heights import DeviceHeights, late_images
-from saltus.heightmap.data.predicted import PredictedHeights
-from saltus.heightmap.model import Estimate, HeightmapModel
+from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.features import proprioception_of_states
-from saltus.heightmap.service.network import HeightmapNetwork, Tick
+from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
+from saltus.heightmap.service.sight import Sight, Tick
 from saltus.robots.legs import LegKinematics
 from saltus.states import RobotStates, standing_state, state_message
-from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode
 
 ROBOTS, TICKS, TICK_NS = 3, 180, 10_000_000
-WRONG_M = 3.0
-"""A height that no robot sees."""
+NONSENSE = (("height", 3.0), ("half_width_90", np.nan), ("hidden", 1.1))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,11 +40,14 @@ class Moment:
 
 
 class Seen(NamedTuple):
-    """What robots make of a tick."""
+    """What robots make of a tick, each of shape (robots, ...)."""
 
-    height: Floats
-    """Shape (robots, 30)."""
-    hidden: Floats
+    height: Any
+    half_width_90: Any
+    image: Any
+    """Step at which that in use was taken, or -1."""
+    bad_outputs: Any
+    warm: Any
 
 
 def drawn_moments(seed: int) -> list[Moment]:
@@ -70,28 +66,12 @@ def drawn_moments(seed: int) -> list[Moment]:
             Moment(
                 states=RobotStates(joint_position=joints, step=step, **together),
                 depth=np.where(valid, rng.integers(1, 5000, valid.shape), 0).astype(np.uint16),
-                arrived=(rng.uniform(size=ROBOTS) < 0.5) & (step % 2 == 0) & (step % 60 > 20),
+                arrived=(rng.uniform(size=ROBOTS) < 0.3) & (step % 60 > 20),
                 fresh=rng.uniform(size=ROBOTS) < (0.01 if step else 1.0),
-                wrong=(rng.uniform(size=ROBOTS) < 0.2) & (step % 3 == 0),
+                wrong=rng.uniform(size=ROBOTS) < (0.7 if step % 50 > 40 else 0.05),
             )
         )
     return moments
-
-
-class Arriving:
-    """Images that arrive when it is drawn that they do."""
-
-    def __init__(self, depth: Any, like: Callable[[Any], Any]) -> None:
-        self._like, self.moment = like, None
-        self.in_hand = DepthImage(depth=depth, time_s=like(np.full(ROBOTS, -np.inf)))
-
-    def step(self, exposed: Any, time_s: float, fresh: Any) -> Any:
-        """Whose image in hand has just come."""
-        del exposed, fresh
-        moment: Any = self.moment
-        now = np.where(moment.arrived, time_s, np.asarray(self.in_hand.time_s))
-        self.in_hand = DepthImage(depth=moment.depth, time_s=self._like(now))
-        return self._like(moment.arrived)
 
 
 class Fallible(HeightmapNetwork):
@@ -99,23 +79,26 @@ class Fallible(HeightmapNetwork):
 
     wrong: Any = np.zeros(ROBOTS, np.bool_)
 
-    def _ticks(self, robots: int, inputs: Any) -> Tick:
-        tick = super()._ticks(robots, inputs)
-        tick.height[self.wrong[:robots]] = WRONG_M
-        return tick
+    def tick(self, *inputs: Any) -> Tick:
+        return nonsense(super().tick(*inputs), self.wrong)
 
 
-class FallibleModel(torch.nn.Module):
+class FallibleModel:
     """The same on tensors."""
 
     def __init__(self, model: HeightmapModel) -> None:
-        super().__init__()
-        self.model, self.config, self.height_mean = model, model.config, model.height_mean
-        self.wrong = torch.zeros(ROBOTS, dtype=torch.bool)
+        self.hidden_size, self.points = model.hidden_size, model.points
+        self._model, self.wrong = model, torch.zeros(ROBOTS, dtype=torch.bool)
 
-    def step(self, *inputs: torch.Tensor) -> tuple[Estimate, torch.Tensor]:
-        estimate, hidden = self.model.step(*inputs)
-        return estimate._replace(height=torch.where(self.wrong[:, None], WRONG_M, estimate.height)), hidden
+    def tick(self, *inputs: Any) -> Tick:
+        return nonsense(self._model.tick(*inputs), self.wrong)
+
+
+def nonsense(tick: Tick, wrong: Any) -> Tick:
+    for robot in np.flatnonzero(wrong):
+        kind, value = NONSENSE[robot]
+        getattr(tick, kind)[robot if len(tick.height) > 1 else 0] = value
+    return tick
 
 
 def of_services(moments: list[Moment], path: Path) -> Iterator[Seen]:
@@ -124,46 +107,40 @@ def of_services(moments: list[Moment], path: Path) -> Iterator[Seen]:
     for moment in moments:
         step, answers = moment.states.step, []
         for i, service in enumerate(services):
-            networks[i].wrong = moment.wrong[i : i + 1]
+            networks[i].wrong = moment.wrong & (np.arange(ROBOTS) == i)
             if moment.fresh[i]:
                 service.reset()
-            state = state_message(moment.states, i, time_ns=step * TICK_NS, step=step, mode=ControllerMode.RUN)
+            time_ns, mode = step * TICK_NS, ControllerMode.RUN
+            state = state_message(moment.states, i, time_ns=time_ns, step=step, mode=mode)
             image = frame(step, 10.0 * step, moment.depth[i]) if moment.arrived[i] else None
-            answers.append(service.step(state, image, state.time_ns).height)
-        yield Seen(np.array(answers), np.array([service.hidden for service in services]))
+            answers.append(service.step(state, image, state.time_ns))
+        yield Seen(
+            np.array([answer.height for answer in answers]),
+            np.array([answer.half_width_90 for answer in answers]),
+            np.array([answer.frame_id for answer in answers]),
+            np.array([service.bad_outputs for service in services]),
+            np.array([service.warm for service in services]),
+        )
 
 
-def of_roll_outs(moments: list[Moment], path: Path) -> Iterator[Seen]:
-    class Cameras:
-        camera = SHIPPED["ideal"]
-
-        def expose(self, truth: Any, time_s: float) -> Any:
-            del truth, time_s
-            return np.zeros((ROBOTS, 48, 16), np.float32)
-
-    network = Fallible(ROBOT, path)
-    source = PredictedHeights(network, Cameras(), [Trial.draw(i) for i in range(ROBOTS)], PROFILE)
-    moments = [replace(moment, depth=moment.depth * np.float32(0.001)) for moment in moments]
-    images: Any = Arriving(moments[0].depth, np.asarray)
-    source._images = images
-    for moment in moments:
-        images.moment, network.wrong = moment, moment.wrong
-        nobody: Any = None
-        yield Seen(source.heights(moment.states, nobody, moment.fresh), source._hidden.copy())
-
-
-def of_device(moments: list[Moment], model: HeightmapModel) -> Iterator[Seen]:
-    fallible: Any = FallibleModel(model)
-    blank = late_images(ROBOTS, DeliveryModel(), NOMINAL_LATENCY, np.random.default_rng(0), "cpu")
-    heights, legs = DeviceHeights(fallible, blank), LegKinematics(ROBOT)
-    moments = [replace(m, depth=torch.from_numpy(m.depth.astype(np.int32))) for m in moments]
-    images: Any = Arriving(moments[0].depth, torch.as_tensor)
-    heights._images = images
-    for moment in moments:
-        images.moment, fallible.wrong = moment, torch.from_numpy(moment.wrong)
-        sensed = torch.from_numpy(proprioception_of_states(moment.states, legs))
-        found = heights.step(None, moment.states.step, sensed, torch.from_numpy(moment.fresh))
-        yield Seen(found.numpy(), heights._hidden.numpy())
+def of_batch(moments: list[Moment], network: Any, array: Callable[[Any], Any]) -> Iterator[Seen]:
+    legs, in_hand_s = LegKinematics(ROBOT), np.full(ROBOTS, -np.inf)
+    whole = [m.depth.astype(np.int32 if array is torch.as_tensor else np.uint16) for m in moments]
+    sight = Sight(network, array(whole[0]))
+    for moment, depth in zip(moments, whole, strict=True):
+        time_s, network.wrong = moment.states.time_s, moment.wrong
+        in_hand_s = np.where(moment.arrived, time_s, in_hand_s)
+        image = DepthImage(depth=array(depth), time_s=array(in_hand_s))
+        features = array(proprioception_of_states(moment.states, legs))
+        sight.step(array(moment.arrived), image, time_s, features, array(moment.fresh))
+        captured_s = np.asarray(sight.captured_s)
+        yield Seen(
+            np.asarray(sight.height),
+            np.asarray(sight.half_width_90),
+            np.where(np.isfinite(captured_s), np.rint(100.0 * captured_s), -1),
+            np.asarray(sight.bad_outputs),
+            np.asarray(sight.images_seen >= WARMUP),
+        )
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -172,8 +149,11 @@ def test_images_states_and_nonsense_lead_to_the_same_heights(
 ) -> None:
     moments = drawn_moments(seed)
     services = list(of_services(moments, model_path))
-    for other in (of_roll_outs(moments, model_path), of_device(moments, model)):
-        for step, (expected, found) in enumerate(zip(services, other, strict=True)):
-            np.testing.assert_allclose(found.height, expected.height, atol=1e-5, err_msg=f"{step}")
-            np.testing.assert_allclose(found.hidden, expected.hidden, atol=1e-5, err_msg=f"{step}")
-    assert len({seen.height.tobytes() for seen in services}) > TICKS // 2
+    on_numpy = of_batch(moments, Fallible(ROBOT, model_path), np.asarray)
+    on_torch = of_batch(moments, FallibleModel(model), torch.as_tensor)
+    for expected, *others in zip(services, on_numpy, on_torch, strict=True):
+        for found in others:
+            for name, value in expected._asdict().items():
+                np.testing.assert_allclose(getattr(found, name), value, atol=1e-5, err_msg=name)
+    for kind in ("height", "bad_outputs", "warm", "image"):
+        assert len({getattr(seen, kind).tobytes() for seen in services}) > 2, kind

@@ -106,7 +106,7 @@ def test_an_imitator_that_is_told_what_to_plan_plans_as_the_policy_does(tmp_path
     network = ImitationNetwork(write_imitator(model, config, tmp_path / "imitator.onnx", 0, "c0ffee"))
     state = features(observation, heights)[None, :PROPRIOCEPTION_SIZE]
     hidden = np.zeros((1, network.hidden_size), np.float32)
-    tick = network.ticks(np.zeros((1, 2, 48, 16)), np.zeros(1), np.zeros(1, np.bool_), state, hidden)
+    tick = network.tick(np.zeros((1, 2, 48, 16)), np.zeros(1), np.zeros(1, np.bool_), state, hidden)
     assert tick.height.shape == (1, len(HEIGHTMAP_X))
     found, wanted = PassOn(network.bounds).step(observation, tick.height[0]), action_from_values(plan)
     for name, value in vars(wanted).items():

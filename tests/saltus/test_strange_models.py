@@ -24,9 +24,10 @@ from saltus.resources import resource
 
 def _heights(path: Path) -> Floats:
     network, rng = HeightmapNetwork(ROBOT, path), np.random.default_rng(0)
-    image = rng.uniform(size=(2, 48, 16)).astype(np.float32)
-    features = rng.normal(size=len(PROPRIOCEPTION)).astype(np.float32)
-    return network.tick(image, 0.05, True, features, np.zeros(network.hidden_size, np.float32)).height
+    image = rng.uniform(size=(1, 2, 48, 16)).astype(np.float32)
+    features = rng.normal(size=(1, len(PROPRIOCEPTION))).astype(np.float32)
+    age_s, new, hidden = np.array([0.05]), np.array([True]), np.zeros((1, network.hidden_size))
+    return network.tick(image, age_s, new, features, hidden).height[0]
 
 
 def _plans(path: Path) -> Floats:
