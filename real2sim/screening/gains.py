@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.log import gains_in_force, rates, untold
+from saltus.real2sim.screening.angles import rate_slopes
 from saltus.real2sim.screening.causes import Causes, cause_faults, causes
 from saltus.real2sim.screening.fault import Fault
-from saltus.real2sim.screening.scales import gears_of
+from saltus.real2sim.screening.scales import gears_of, unit_fault
 from saltus.recordings.run_log import JointTable, RunLog
 
 DELAYS_S = np.linspace(0.0, 0.04, 41)
@@ -48,6 +49,8 @@ calves, with a ratio of 2.2, commands 37 ms late and a negative kp explained mor
 KP_TOLERANCE = 0.12
 """Share by which kp may differ from the claim. Healthy logs with strong effects stay within 0.03 (17 logs, of
 experiments and of the benchmark)."""
+RATE_TOLERANCE = 0.15
+"""Share by which dq must differ from the rate of q, and kp may differ from that, so that angles are told."""
 KD_TOLERANCE = 0.2
 """The same for kd; the same logs stay within 0.05."""
 LEAST_KD = 0.3
@@ -82,22 +85,57 @@ def gain_faults(log: RunLog) -> list[Fault]:
     if log.joints.tau_est is None or untold(log):
         return []
     names = log.meta["joints"]
-    told = gains_in_force(log)
-    kp, kd = (np.max(each, axis=0) for each in told)
-    stiff, damped = (
-        each / np.where(top > 0.0, top, np.inf) + (top == 0.0) for each, top in zip(told, (kp, kd), strict=True)
-    )
-    regressions = _regressions(log.joints, log.joints.tau_est, (kp, kd), (stiff, damped))
-    has_rate = log.joints.dq is not None
-    drives = [
-        each.causes(float(stiffness), float(damping), has_rate)
-        for each, stiffness, damping in zip(regressions, kp, kd, strict=True)
-    ]
-    if scaled := list(cause_faults(names, drives, gears_of(log))):
+    told = _Told(log)
+    regressions = told.regressions(log.joints, log.joints.tau_est)
+    if scaled := list(cause_faults(names, told.drives(regressions, log), gears_of(log))):
         return scaled
-    is_stiff = stiff[_rows(len(stiff))] > 0.0
+    is_stiff = told.shares[0][_rows(len(log.joints.q))] > 0.0
     fits = [each.fit(is_stiff[:, joint]) for joint, each in enumerate(regressions)]
+    kp, kd = told.gains
     return [f for j, name in enumerate(names) for f in _faults(name, fits[j], float(kp[j]), float(kd[j]))]
+
+
+def angle_scale_faults(log: RunLog) -> Iterator[Fault]:
+    """A fault of q and q_des together: dq is the rate of q, and the drives' kp is as claimed, but for one factor."""
+    joints = log.joints
+    if joints.tau_est is None or joints.dq is None or untold(log):
+        return
+    slopes = rate_slopes(joints.time_s, joints.q, joints.dq)
+    if slopes is None or not np.isfinite(slopes).any():
+        return
+    slope = float(np.nanmedian(slopes))
+    if slope <= 0.0 or abs(np.log(slope)) < np.log1p(RATE_TOLERANCE):
+        return
+    told = _Told(log)
+    drives = told.drives(told.regressions(joints, joints.tau_est), log)
+    factors = [drive.of["kp"].factor for drive in drives if "kp" in drive.of]
+    if len(factors) > 0.5 * len(drives) and abs(float(np.median(factors)) / slope - 1.0) < RATE_TOLERANCE:
+        than = "what dq and kp say"
+        yield unit_fault("angle_unit", "q", "q and q_des of all joints", 1.0 / slope, than, gears_of(log))
+
+
+class _Told:
+    """What the drives of a log were told."""
+
+    def __init__(self, log: RunLog) -> None:
+        told = gains_in_force(log)
+        kp, kd = (np.max(each, axis=0) for each in told)
+        self.gains = kp, kd
+        stiff, damped = (
+            each / np.where(top > 0.0, top, np.inf) + (top == 0.0) for each, top in zip(told, (kp, kd), strict=True)
+        )
+        self.shares = stiff, damped
+
+    def regressions(self, joints: JointTable, torque: Floats) -> list["_Regression"]:
+        """One for each joint."""
+        return _regressions(joints, torque, self.gains, self.shares)
+
+    def drives(self, regressions: list["_Regression"], log: RunLog) -> list[Causes]:
+        """Factors that may be wrong, for each joint."""
+        has_rate = log.joints.dq is not None
+        return [
+            each.causes(float(kp), float(kd), has_rate) for each, kp, kd in zip(regressions, *self.gains, strict=True)
+        ]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,11 +7,15 @@ limb. If the torque is opposite to the weight, the joint's columns have the wron
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import gains_in_force, model_of, untold
+from saltus.constants import GRAVITY
+from saltus.real2sim.problem.log import gains_in_force, model_of, rates, untold
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import RunLog
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import JOINTS, Robot
 from saltus.sim.held import HeldRobot
 
 STATES = 200  # states at which weights are computed, spread over the log
@@ -19,6 +23,9 @@ MIN_WEIGHT = 0.5  # Nm: the hip of a robot of 12 kg holds 0.7
 AGREES = 0.5  # share of the weight by which the torque may differ from its opposite
 OFF_COMMAND = 5.0  # Nm on average: friction, stops and cables hold less
 MOVES = 0.2  # rad: friction can hold a joint near its command, but not for a whole motion
+LOADED = (0.4, 2.5)  # share of the weight that is missing: drives of 0.7 of their strength, a load of half the robot
+HOLDS = 0.5  # share of the weight that tau_ff must hold, or explain, so that it is compared
+SLOW_S = 0.6  # accelerations average out
 GAIN_RANGE = (0.6, 1.7)  # ratio of torque to weight; drives that are off by 20 % and friction stay within 0.75-1.35
 
 
@@ -49,6 +56,55 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
             f"by the claimed kp, joints are held with {ratio:.2f} times their weight: kp is not what meta.json claims"
         )
         yield Fault(name="wrong_gains", text=text)
+
+
+def feedforward_faults(log: RunLog) -> Iterator[Fault]:
+    """Faults of tau_ff that no tau_est is compared with: by the weight that it and the gains hold."""
+    joints = log.joints
+    if joints.tau_ff is None or joints.tau_est is not None or untold(log) or not joints.tau_ff.any():
+        return
+    kp, kd = gains_in_force(log)
+    told = 0.0 if joints.dq_des is None else joints.dq_des
+    by_gains = kp * (joints.commanded_q - joints.q) + kd * (told - rates(joints))
+    held = _weight_of_joints if log.meta.get("base") == "fixed" else _weight_on_feet
+    compared = held(log, by_gains, joints.tau_ff)
+    if compared is None:
+        return
+    rest, part = compared
+    power = max(float(np.sum(part**2)), float(np.finfo(np.float64).tiny))
+    share = float(np.sum(rest * part)) / power
+    left = float(np.sum((rest - share * part) ** 2)) / max(float(np.sum(rest**2)), float(np.finfo(np.float64).tiny))
+    if left > 1.0 - HOLDS or LOADED[0] < share < LOADED[1]:
+        return
+    text = f"tau_ff of all joints is about {1.0 / share:.2g} times its part in holding the weight, by the gains and "
+    text += "the model: " + ("a sign is flipped" if share < 0.0 else "another unit?")
+    yield Fault(name="flipped_sign" if share < 0.0 else "torque_unit", text=text)
+
+
+def _weight_of_joints(log: RunLog, by_gains: Floats, extra: Floats) -> tuple[Floats, Floats]:
+    """Weight of a held robot's joints less what gains hold in slow motion, and tau_ff [Nm], (rows, joints)."""
+    width = max(1, round(SLOW_S / float(np.median(np.diff(log.joints.time_s)))))
+    rows = np.unique(np.linspace(0, len(log.joints.q) - 1, STATES).astype(int))
+    q, gained, part = (uniform_filter1d(each, width, axis=0)[rows] for each in (log.joints.q, by_gains, extra))
+    return HeldRobot(model_of(log.meta), list(log.meta["joints"])).weight(q) - gained, part
+
+
+def _weight_on_feet(log: RunLog, by_gains: Floats, extra: Floats) -> tuple[Floats, Floats] | None:
+    """Weight of a standing robot less what gains hold, and what tau_ff holds [N], shape () each.
+
+    None where the gains hold it.
+    """
+    robot, names = model_of(log.meta), tuple(name.removesuffix("_joint") for name in log.meta["joints"])
+    if not isinstance(robot, Robot) or names != JOINTS:
+        return None
+    rows = np.unique(np.linspace(0, len(log.joints.q) - 1, STATES).astype(int))
+    turned = np.asarray(LegKinematics(robot).jacobian(log.joints.q[rows])).swapaxes(-1, -2)
+    gained, part = (
+        -np.linalg.solve(turned, each[rows].reshape(-1, 4, 3, 1))[..., 2, 0].sum(axis=1).mean()
+        for each in (by_gains, extra)
+    )
+    weight = GRAVITY * robot.mass
+    return (weight - gained, part) if abs(weight - gained) > HOLDS * weight else None
 
 
 def _mean_torque(log: RunLog) -> Floats:

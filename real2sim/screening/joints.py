@@ -18,8 +18,8 @@ from saltus.real2sim.screening.angles import (
     rate_slopes,
 )
 from saltus.real2sim.screening.fault import Fault
-from saltus.real2sim.screening.gains import gain_faults
-from saltus.real2sim.screening.gravity import gravity_faults
+from saltus.real2sim.screening.gains import angle_scale_faults, gain_faults
+from saltus.real2sim.screening.gravity import feedforward_faults, gravity_faults
 from saltus.real2sim.screening.rates import means
 from saltus.real2sim.screening.scales import by_cause, gears_of, is_off, unit_fault
 from saltus.recordings.run_log import JointTable, RunLog
@@ -47,8 +47,8 @@ def joint_faults(log: RunLog) -> list[Fault]:
     if log.joints.q_des is None:
         return [*unit_faults(log), *_limits(log), *_rates(log)]
     faults: list[Fault] = []
-    for check in (_values, _names, _motions, gain_faults, gravity_faults):
-        faults += check(log)
+    for check in (_values, _names, angle_scale_faults, _motions, gain_faults, feedforward_faults, gravity_faults):
+        faults += list(check(log))
         if any(fault.is_fatal for fault in faults):
             break
     return faults

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from saltus.arrays import Floats
+from saltus.arrays import Floats, Indices
 from saltus.constants import GRAVITY
-from saltus.real2sim.problem.log import boxes_of, model_of
+from saltus.real2sim.problem.log import boxes_of, model_of, robot_of
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.rates import means
 from saltus.real2sim.screening.scales import by_cause, is_off, likely, unit_fault, unit_of
@@ -30,6 +30,9 @@ SHOWN = 0.9  # correlation from which a rate shows the motion of its pose, whate
 BARELY = 0.2  # of `TURNS` and `MOVES`: from there on a rate that shows its pose is compared
 STANDS = 0.3  # m: height of the trunk of a robot of this class
 ROWS = 200  # poses whose height is compared, spread over the log
+ALIKE = 0.7  # correlation below which turns and gyroscope are not of one motion: an axis of three may be flipped
+LEVEL = 0.01  # m RMS by which feet on level ground are apart in height, with joints 0.03 rad off
+CLEARLY = 3.0  # times less in the right order
 RANGE = (0.5, 2.0)  # ratio of a rate to the change of its pose
 FAR = 5.0  # m: no base of a standing or jumping robot is higher above the ground
 
@@ -48,6 +51,8 @@ def rig_faults(log: RunLog) -> list[Fault]:
     faults = pose_faults(log)
     if faults:
         return faults
+    if order := list(_order_by_gyro(log)) or list(_order_by_feet(log)):
+        return order
     if log.imu is not None:
         faults += [*_gravity(log.imu), *_gyro(log.imu)]
     if log.base is not None:
@@ -63,6 +68,50 @@ def _norm(name: str, quaternions: Floats) -> Iterator[Fault]:
             f"{name}: {wrong.mean():.1%} of the quaternions are no rotations, their norms reach {norms[wrong][0]:.3g}"
         )
         yield Fault(name="quaternion_norm", text=text)
+
+
+def _order_by_gyro(log: RunLog) -> Iterator[Fault]:
+    """Quaternions that turn as the gyroscope does only where they are read as x, y, z, w."""
+    if log.imu is None:
+        return
+    imu = log.imu
+    for name, table, first in (("imu", log.imu, 0), ("base", log.base, 3)):
+        if table is None:
+            continue
+        gyro = np.column_stack([np.interp(table.time_s, imu.time_s, imu.values[:, axis]) for axis in (4, 5, 6)])
+        alike = []
+        for last in (0, 1):
+            quaternions = np.roll(table.values[:, first : first + 4], last, axis=1)
+            turn, mean = _turns(table.time_s, quaternions, gyro)
+            size = np.sqrt(float(np.sum(turn**2) * np.sum(mean**2)))
+            alike.append(float(np.sum(turn * mean)) / size if size > 0.0 else 0.0)
+        if alike[0] < ALIKE < alike[1] and _is_upright(np.roll(table.values[:, first : first + 4], 1, axis=1)):
+            yield _wrong_order(name, "only so does it turn as the gyroscope does")
+
+
+def _order_by_feet(log: RunLog) -> Iterator[Fault]:
+    """The same of a base on level ground, by the feet on which it stands."""
+    if log.base is None or (standing := _feet(log, log.base)) is None:
+        return
+    feet, rows = standing
+    spread = []
+    for last in (0, 1):
+        turned = feet @ rotation_matrix(np.roll(log.base.values[rows, 3:7], last, axis=1)).swapaxes(-1, -2)
+        spread.append(float(np.sqrt(np.mean(np.var(turned[..., 2], axis=1)))))
+    upright = _is_upright(np.roll(log.base.values[:, 3:7], 1, axis=1))
+    if upright and spread[1] < LEVEL and spread[0] > CLEARLY * spread[1]:
+        text = f"only so do its feet stand {1e3 * spread[1]:.2g} mm apart in height, and not {1e3 * spread[0]:.2g}"
+        yield _wrong_order("base", text)
+
+
+def _is_upright(quaternions: Floats) -> bool:
+    """Tells a wrong order from a gyroscope with flipped signs, beside which robots would hang upside down."""
+    return float(np.median(rotation_matrix(quaternions)[:, 2, 2])) > TILT
+
+
+def _wrong_order(name: str, why: str) -> Fault:
+    text = f"{name}: the quaternions are in the order x, y, z, w ({why}): write them as w, x, y, z"
+    return Fault(name="quaternion_order", text=text)
 
 
 def _gravity(imu: Table) -> Iterator[Fault]:
@@ -108,7 +157,7 @@ def _base(log: RunLog, base: Table) -> Iterator[Fault]:
         text = f"base: position is {factor:.4g} times what it can be: z is {height:.4g}, more than {FAR:.0f} m off the "
         yield Fault(name="base_unit", text=f"{text}ground; {likely('position', factor)}")
         return
-    yield from _stands(log, base, tops)
+    yield from _stands(log, base)
     rows = _span(base.time_s)
     steps_s = (base.time_s[rows:] - base.time_s[:-rows])[:, None]
     change = (base.values[rows:, :3] - base.values[:-rows, :3]) / steps_s
@@ -124,22 +173,30 @@ def _length_factor(height: float) -> float:
     return min(factors, key=lambda factor: abs(np.log(max(abs(height), 1e-9) / factor / STANDS)))
 
 
-def _stands(log: RunLog, base: Table, tops: list[float]) -> Iterator[Fault]:
+def _stands(log: RunLog, base: Table) -> Iterator[Fault]:
     """A base whose height is in a unit other than that of its legs, on flat ground."""
-    names = tuple(name.removesuffix("_joint") for name in log.meta["joints"])
-    robot = model_of(log.meta)
-    if tops or log.meta.get("base") == "fixed" or names != JOINTS or not isinstance(robot, Robot):
+    standing = _feet(log, base)
+    if standing is None or boxes_of(log.meta):
         return
-    if not np.ptp(log.joints.q, axis=0).any():
-        return  # nobody measured the joints
-    rows = np.unique(np.linspace(0, len(base.time_s) - 1, ROWS).astype(int))
-    near = np.clip(np.searchsorted(log.joints.time_s, base.time_s[rows]), 0, len(log.joints.time_s) - 1)
-    feet = np.asarray(LegKinematics(robot).position(log.joints.q[near]))
+    robot, (feet, rows) = robot_of(log.meta), standing
     turned = feet @ rotation_matrix(base.values[rows, 3:7]).swapaxes(-1, -2)
     legs = robot.foot_radius - turned[..., 2].min(axis=1)
     factor = float(np.median(base.values[rows, 2] / legs))
     if is_off(factor) and (unit_of("position", factor) or (factor > 0.0 and unit_of("position", 1.0 / factor))):
         yield unit_fault("base_unit", "position", "base: position", factor, "the height on its legs")
+
+
+def _feet(log: RunLog, base: Table) -> tuple[Floats, Indices] | None:
+    """Feet in the base frame [m], shape (rows, 4, 3), and rows of the base; None if none stand."""
+    names = tuple(name.removesuffix("_joint") for name in log.meta["joints"])
+    robot = model_of(log.meta)
+    if log.meta.get("base") == "fixed" or names != JOINTS or not isinstance(robot, Robot):
+        return None
+    if not np.ptp(log.joints.q, axis=0).any():
+        return None  # nobody measured the joints
+    rows = np.unique(np.linspace(0, len(base.time_s) - 1, ROWS).astype(int))
+    near = np.clip(np.searchsorted(log.joints.time_s, base.time_s[rows]), 0, len(log.joints.time_s) - 1)
+    return np.asarray(LegKinematics(robot).position(log.joints.q[near])), rows
 
 
 def _compare(table: str, rate: str, pose: str, change: Floats, mean: Floats, seen: float) -> Iterator[Fault]:

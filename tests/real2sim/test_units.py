@@ -24,6 +24,8 @@ from saltus.real2sim.experiments.run import run
 from saltus.real2sim.screening.causes import cause_faults, causes
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.gains import gain_faults
+from saltus.real2sim.screening.gravity import feedforward_faults
+from saltus.real2sim.screening.rig import rig_faults
 from saltus.real2sim.screening.screen import screen
 from saltus.recordings.run_log import RunLog, Table, read_run_log, write_run_log
 from saltus.recordings.units import SIGNALS, Units, in_si
@@ -172,6 +174,52 @@ def test_the_factor_of_a_torque_depends_on_no_scale_and_no_noise(noise: float) -
         assert told([fault], "tau_est", 8.85)
         lines.add(fault.text)
     assert len(lines) == 1
+
+
+@pytest.fixture(scope="module")
+def standing() -> list[RunLog]:
+    """Logs of a body that rocks, and of robots of three strengths that squat, rock and are dropped."""
+    names = {"squat": 0.7, "pitch_rocking": 1.0, "drop": 1.3}
+    profiles = [IDEAL.having(TorqueGain(gain=gain)) for gain in names.values()]
+    logs = [run(experiment_named(n), ROBOT, p, seed=5) for n, p in zip(names, profiles, strict=True)]
+    return [body_log(seconds=4.0), *logs]
+
+
+def in_order_xyzw(log: RunLog, name: str) -> RunLog:
+    """The log with the quaternions of a table in another order."""
+    own, first = getattr(log, name), {"imu": 0, "base": 3}[name]
+    values = own.values.copy()
+    values[:, first : first + 4] = np.roll(values[:, first : first + 4], -1, axis=1)
+    return replace(log, **{name: replace(own, values=values)})
+
+
+@pytest.mark.parametrize("name", ["imu", "base"])
+def test_quaternions_in_another_order_are_told(standing: list[RunLog], name: str) -> None:
+    for number, log in enumerate(standing):
+        for has_imu in (True, False) if name == "base" and number > 0 else (True,):
+            own = log if has_imu else replace(log, imu=None)
+            assert not rig_faults(own)
+            (fault,) = rig_faults(in_order_xyzw(own, name))
+            assert fault.is_fatal
+            assert fault.name == "quaternion_order"
+            assert fault.text.startswith(f"{name}: ")
+
+
+def test_angles_and_their_targets_in_another_unit_are_told_by_dq_and_kp(held: list[RunLog]) -> None:
+    for number, factor in enumerate((0.5, 2.0 / 3.0, 0.8, 1.25, 1.5)):
+        faults = screen(joints("q", "q_des")(held[number], factor))
+        assert told(faults, "q_des", factor), (factor, [fault.text for fault in faults])
+
+
+def test_a_tau_ff_that_no_tau_est_stands_beside_is_told_by_the_weight(standing: list[RunLog]) -> None:
+    for log in standing[1:]:
+        alone = replace(log, joints=replace(log.joints, tau_est=None))
+        assert not list(feedforward_faults(alone))
+        for factor in (KGF_CM, 1000.0, -1.0, *GEARS):
+            (fault,) = feedforward_faults(joints("tau_ff")(alone, factor))
+            said = float(re.findall(r"about (-?[\d.e+-]+) times", fault.text)[0])
+            assert fault.text.startswith("tau_ff of all joints")
+            assert 0.6 < said / factor < 1.6
 
 
 BODY: dict[str, tuple[Change, tuple[float, ...]]] = {
