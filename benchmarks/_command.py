@@ -1,4 +1,4 @@
-"""What every benchmark is: a dataclass whose fields are its flags, and which measures."""
+"""Benchmarks: each is a dataclass whose fields are its flags, and which measures."""
 
 import sys
 from abc import ABC, abstractmethod

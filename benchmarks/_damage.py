@@ -110,7 +110,7 @@ def make_samples(folder: Path, robot: Robot) -> None:
 
 
 def samples(folder: Path, robot: Robot) -> dict[str, Sample]:
-    """What `make_samples` wrote into a folder, with its readers."""
+    """Files that `make_samples` wrote into a folder, with their readers."""
 
     def planner(path: Path) -> object:
         return make_planner("learned", robot, path)
@@ -150,7 +150,7 @@ def samples(folder: Path, robot: Robot) -> dict[str, Sample]:
 
 
 def report(path: Path) -> None:
-    """What a report of a run reads of its recording."""
+    """Returns what a report of a run reads of its recording."""
     recording = read_recording(path)
     if not recording.complete:  # it is read all the same, and says so
         raise RecordingError(recording.lost[0])

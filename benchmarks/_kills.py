@@ -52,20 +52,20 @@ AGE_ROUNDING_NS = 1_000_000
 """Ages are told in whole milliseconds."""
 FOLLOWING = (ControllerMode.RUN, ControllerMode.COAST)
 PRODUCT = {"render": "camera/depth", "heightmap": "heightmap/heightmap", "policy": "policy/plan"}
-"""What stops coming when a process dies."""
+"""Topic that falls silent when a process dies."""
 CONSUMER = {"heightmap": "policy", "policy": "controller"}
-"""Whose event says so; without a camera each heightmap does."""
+"""Process whose event says so; without a camera each heightmap does."""
 BLIND = (HeightmapStatus.INVALID, HeightmapStatus.WARMING)
-"""What the service says without a camera, and to one that has just begun."""
+"""Statuses of the service without a camera, and with one that has just begun."""
 
 
 End = Literal["crossed", "goes on", "stands", "fell"]
-"""What became of a robot: it has arrived, is on its way, or has landed; or none of these."""
+"""End of a robot: it has arrived, is on its way, or has landed; or none of these."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FaultResult:
-    """What a kill led to."""
+    """Consequences of a kill."""
 
     process: str
     running_s: float
@@ -225,7 +225,7 @@ def late_uses(uses_ns: Sequence[int], sources_ns: Sequence[int], limit_s: float)
 
 
 def end_of(recording: Recording) -> End:
-    """What became of the robot of a run: the controller judges a trial, and ends the run where the robot has fallen."""
+    """End of the robot of a run: the controller judges a trial, and ends the run where the robot has fallen."""
     codes = {event.code for event in recording.of(Event)}
     if "finished" in codes:
         return "crossed"
@@ -302,12 +302,12 @@ def _is_back(events: Latest, process: str) -> bool:
 
 
 def _says(event: Message, code: str, process: str) -> bool:
-    """Whether it is an event of the supervisor about this process."""
+    """True where it is an event of the supervisor about this process."""
     return isinstance(event, Event) and event.code == code and event.detail.startswith(f"{process}:")
 
 
 def _death_and_return(recording: Recording, process: str) -> tuple[int, int | None]:
-    """Of the last death."""
+    """Death and return of the process that died last."""
     died_ns = ready_ns = None
     for arrival, _, event in recording.messages("event/supervisor"):
         if _says(event, "process_died", process):
@@ -320,7 +320,7 @@ def _death_and_return(recording: Recording, process: str) -> tuple[int, int | No
 
 
 def _complaints(recording: Recording, process: str) -> Iterable[tuple[int, int | None]]:
-    """Of the consumer's messages that say that the product is missing: arrival, and when the newest it had was made.
+    """The consumer's messages that the product is missing: arrival, and when the newest it had was made.
 
     The latter is None where the message names no age.
     """
@@ -345,7 +345,7 @@ def _age_s(words: str) -> float:
 
 
 def is_upright(recording: Recording, steps: int = 50) -> bool:
-    """Whether the robot stands, upright and at rest, in the last `steps` of 10 ms."""
+    """True where the robot stands, upright and at rest, in the last `steps` of 10 ms."""
     truths = recording.of(GroundTruth)[-steps:]
     _, x, y, _ = np.array([truth.quaternion_base_in_world for truth in truths]).T
     height = -np.array([truth.height for truth in truths])[:, 10]  # the point under the base

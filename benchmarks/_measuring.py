@@ -1,4 +1,4 @@
-"""What benchmarks measure with: times of calls, work and memory of processes, runs of the stack, random images."""
+"""Instruments of benchmarks: times of calls, work and memory of processes, runs of the stack, random images."""
 
 import multiprocessing
 import os
@@ -54,7 +54,7 @@ class Stopwatch:
         return result
 
     def percentiles(self) -> dict[str, float]:
-        """Of both times [us]."""
+        """Percentiles of both times [us]."""
         wall, cpu = percentiles(self.wall_us), percentiles(self.cpu_us)
         return {f"{name}_us": value for name, value in wall.items()} | {f"cpu_{k}_us": v for k, v in cpu.items()}
 
@@ -87,7 +87,7 @@ def resident_mb(processes: Iterable[int]) -> float:
 
 
 class Use(NamedTuple):
-    """What a process holds."""
+    """Resources that a process holds."""
 
     memory_mb: float
     """Its own, without what it maps from files (RssAnon)."""
@@ -96,7 +96,7 @@ class Use(NamedTuple):
 
 
 def use_of(pid: int) -> Use:
-    """What a process holds now."""
+    """Returns what a process holds now."""
     status = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text(encoding="utf-8").splitlines())
     memory_mb = int(status["RssAnon"].split()[0]) * 1024 / 1e6
     return Use(memory_mb, len([*Path(f"/proc/{pid}/fd").iterdir()]), int(status["Threads"]))

@@ -30,7 +30,7 @@ class Benchmark(Command):
     recordings: int = 20
     """How many."""
     seed: int = 0
-    """Of the first; it draws the camera's place and the trial."""
+    """Seed of the first; it draws the camera's place and the trial."""
 
     def measure(self) -> dict[str, Any]:
         """Largest and usual errors, and how often intervals hold the truth."""

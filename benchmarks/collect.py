@@ -30,7 +30,7 @@ from saltus.workers import in_order
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     processes: int = 2
-    """That collect side by side."""
+    """Processes that collect side by side."""
     batches: int = 6
     """More than there are processes."""
     robots: int = 32

@@ -1,4 +1,4 @@
-"""What a run does beside others that take its time: its service starved, floods of messages, strangers who connect.
+"""Runs beside others that take their time: a service starved, floods of messages, strangers who connect.
 
 starved: the service stands still for four fifths of each 100 ms. flood: another program of the run's owner sends
 messages of 20 kB on a key, as fast as it can, up to 10,000 a second; none is of the key's type. strangers: the run
@@ -53,11 +53,11 @@ Disturbance = Callable[[Stack, Address], "contextlib.AbstractContextManager[None
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     trials: int = 3
-    """Of each kind."""
+    """Trials of each kind."""
     seed: int = 0
-    """Of the moments at which it begins."""
+    """Seed of the moments at which it begins."""
     speed: float = 1.0
-    """Of the run's clock."""
+    """Speed of the run's clock."""
 
     def measure(self) -> dict[str, Any]:
         limit_files(FILES)
@@ -153,7 +153,7 @@ class Other:
 
 
 def own_key(key: str, stack: Stack, _: Address) -> tuple[Path, str]:
-    """What a program of the run's owner needs to send on a key of the run."""
+    """Returns what a program of the run's owner needs to send on a key of the run."""
     return stack.run_dir / CLIENT_FILE, f"{stack.config.prefix}/{key}"
 
 

@@ -1,4 +1,4 @@
-"""What `find` says of recordings that end in the middle, beside what it says of the whole ones.
+"""Verdicts of `find` on recordings that end in the middle, beside those on the whole ones.
 
 Ten logs (joints, body, camera, jumps; without effects and with one) are cut at random lengths. A cut may say less than
 the whole log, never something else: no name that the whole log does not give, no `bad_log`, and nothing named without
@@ -38,7 +38,7 @@ class Case(NamedTuple):
     cut: str
     """Its number, or `WHOLE`."""
     share: float
-    """Of the time from `SHORTEST_S` to the whole length."""
+    """Share of the time from `SHORTEST_S` to the whole length."""
 
     @property
     def name(self) -> str:
@@ -48,9 +48,10 @@ class Case(NamedTuple):
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     cuts: int = 20
-    """Of each log; their lengths are drawn in turn, so that more cuts keep the earlier ones."""
+    """Cuts of each log; their lengths are drawn in turn, so that more cuts keep the earlier
+    ones."""
     seed: int = 0
-    """Of the lengths."""
+    """Seed of the lengths."""
     logs: tuple[str, ...] = tuple(LOGS)
     """Which of the ten."""
     workers: int = 1
@@ -86,7 +87,7 @@ class Benchmark(Command):
 
 
 def answer(case: Case, out: Path, file: Path) -> dict[str, Any]:
-    """What `find` says of a case, also written into a file."""
+    """Verdict of `find` on a case, also written into a file."""
     folder = out / "logs" / case.log
     log = read_run_log(folder)
     seconds = length_s(log)

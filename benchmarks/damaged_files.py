@@ -93,7 +93,7 @@ class Benchmark(Command):
         return done if done == self.files else done + 1
 
     def messages(self, recording: Path) -> dict[str, Any]:
-        """What is made of mutated messages of each topic, beginning with those of a real run."""
+        """Returns what is made of mutated messages of each topic, beginning with those of a real run."""
         good: dict[str, list[RawSample]] = {}
         whole = read_recording(recording)
         for name in TOPICS:
@@ -124,7 +124,7 @@ class Benchmark(Command):
 
 
 class Watched:
-    """What became of the files of one kind."""
+    """Outcomes of the files of one kind."""
 
     def __init__(self) -> None:
         self.counts = Counter[str]()
@@ -169,7 +169,7 @@ def _read_all(kind: str, folder: Path, seed: tuple[int, int], first: int, last: 
 
 
 def outcome_of(sample: Sample) -> tuple[str, str]:
-    """What reading a file leads to: "read", "refused" with the reason, or "raised", which must not be."""
+    """Outcome of reading a file: "read", "refused" with the reason, or "raised", which must not be."""
     try:
         sample.read(sample.path)
     except SaltusError as error:

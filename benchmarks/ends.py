@@ -80,14 +80,14 @@ SETTLED_S = 0.3  # for its last messages
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     what: Literal["cut", "disk", "power", "orders", "up", "demo", "train", "collect", "evaluate"] = "cut"
-    """What is ended, and how."""
+    """The case: what is ended, and how."""
     times: int = 50
     """How often."""
     seed: int = 0
     within_s: float = 25.0
     """Signals come up to so long after the start of a command."""
     speed: float = 0.5
-    """Of the clock of a run on a full disk."""
+    """Speed of the clock of a run on a full disk."""
     out: Path | None = None
     """File of results so far, to go on from; by default none is kept."""
 
@@ -278,7 +278,7 @@ def start(arguments: tuple[str, ...]) -> "subprocess.Popen[str]":
 
 
 def leftovers(out: Path) -> Iterator[str]:
-    """What is wrong with the files that a command has left: not whole, or not finished."""
+    """Faults of the files that a command has left: not whole, or not finished."""
     checks: dict[str, Callable[[Path], object]] = {
         "*.mcap": in_order,
         "checkpoint.pt": read_checkpoint,

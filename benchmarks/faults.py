@@ -34,17 +34,18 @@ COURSES = {
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     terrain: Literal["flat", "stairs", "stepping_stones"] = "flat"
-    """What the robot crosses: flat ground, stairs of 0.20 m, stones with gaps of 0.1 to 0.5 m."""
+    """Terrain that the robot crosses: flat ground, stairs of 0.20 m, stones with gaps of 0.1 to 0.5
+    m."""
     planner: Literal["learned", "scripted"] = "scripted"
-    """Who leads it; the scripted one crosses flat ground alone."""
+    """Planner that leads it; the scripted one crosses flat ground alone."""
     trials: int = 5
     """Kills of each process."""
     seed: int = 0
-    """Of the first trial, and of the moments of the kills."""
+    """Seed of the first trial, and of the moments of the kills."""
     speed: float = 1.0
-    """Of the clock of the runs."""
+    """Speed of the clock of the runs."""
     standbys: bool = False
-    """Whether service and planner have standbys that work along."""
+    """True where service and planner have standbys that work along."""
     out: Path | None = None
     """File of results so far, to go on from; by default none is kept."""
 
@@ -91,7 +92,7 @@ class Benchmark(Command):
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Of the kills of one process."""
+    """Summary of the kills of one process."""
     return {
         "trials": len(rows),
         "told_ms_max": max((row["told_ms"] for row in rows if row["told_ms"] < float("inf")), default=None),

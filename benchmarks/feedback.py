@@ -48,7 +48,7 @@ SHOWN_HZ, SHOWN_S = 2.0, (2.0, 4.0)
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Pictured):
     seconds: float = 3.0
-    """Of running, after a second of standing."""
+    """Seconds of running, after a second of standing."""
 
     def measure(self) -> dict[str, Any]:
         """RMS of the error [rad/s] at each stepping frequency [Hz]."""
@@ -73,7 +73,7 @@ class Trace:
 
     @property
     def rms(self) -> float:
-        """Of the error on the ground, after the first stand [rad/s]."""
+        """Rms of the error on the ground, after the first stand [rad/s]."""
         error = (self.reference - self.measured)[self.touching & (self.time_s > STAND_S)]
         return float(np.sqrt(np.mean(error**2)))
 

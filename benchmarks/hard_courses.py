@@ -98,15 +98,16 @@ class Benchmark(Command):
     rows: tuple[str, ...] = tuple(ROWS)
     """Which rows, by their names."""
     trials: int = 20
-    """Of each model in each row."""
+    """Trials of each model in each row."""
     first_seed: int = 70_000
-    """Of the first trial; the others have the next ones."""
+    """First seed of the first trial; the others have the next ones."""
     heightmap: Literal["true", "true-exact", "predicted"] = "true"
-    """What policies see, as in `saltus policy eval`; predicted: by the heightmap service."""
+    """Heights that policies see, as in `saltus policy eval`; predicted: by the heightmap
+    service."""
     heightmap_model: Annotated[Path, shown("PATH", "the shipped model")] = HEIGHTMAP
     """ONNX file of the heightmap service."""
     camera: str = "d435i"
-    """Of the heightmap service: a name or a TOML file."""
+    """Camera of the heightmap service: a name or a TOML file."""
     processes: Annotated[int | None, shown("INT", "one for each core")] = None
     """How many share the trials."""
     out: Annotated[Path | None, shown("FILE", "none")] = None

@@ -1,4 +1,4 @@
-"""What a predictor of heights is worth, and whether it says so where it is worth nothing.
+"""Scores of a predictor of heights, and whether it says so where it is worth nothing.
 
 Runs on courses, each family by itself and with another policy; on the README's courses, for how often the service says
 DEGRADED; in scenes unlike any course, of which nothing is trained on; and two images of a real D435 that looks at a
@@ -86,7 +86,7 @@ class Benchmark(Command):
     runs: int = 200
     """In each set."""
     seed: int = 0
-    """Of courses, trials and cameras."""
+    """Seed of courses, trials and cameras."""
     bag: Annotated[Path | None, shown("FILE", "none")] = None
     """Recording of a RealSense camera that stands before a desk."""
     processes: Annotated[int | None, shown("INT", "one for each core")] = None
@@ -154,7 +154,7 @@ def count(model: Path, task: tuple[HeldOutRuns, tuple[int, int]]) -> dict[str, A
 
 
 def table(batches: list[dict[str, Any]]) -> dict[str, Any]:
-    """Of each terrain and of all, the figures of this benchmark."""
+    """Table of each terrain and of all, the figures of this benchmark."""
     rows: dict[str, Any] = {}
     for batch in batches:
         for terrain, parts in batch.items():
@@ -220,7 +220,7 @@ def _median_mm(counts: Floats) -> float | None:
 
 
 def desk_rows(model: Path, frames: Sequence[DepthFrame]) -> dict[str, Any]:
-    """Of images, repeated for `DESK_S`, by how far the camera is taken to look down: drops that are stated.
+    """Rows of images, repeated for `DESK_S`, by how far the camera is taken to look down: drops that are stated.
 
     Points that are stated to be over `DROP_M` below the robot's feet are counted from the model's warm-up on.
     """

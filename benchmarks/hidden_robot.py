@@ -91,7 +91,7 @@ def hidden_robot(seed: int) -> Profile:
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     seed: int
-    """Of the draw."""
+    """Seed of the draw."""
     out: Path
     """TOML file to write."""
 

@@ -1,4 +1,4 @@
-"""What `find` says of logs of robots that jump, each with one effect on all joints, and of the same robots without it.
+"""Verdicts of `find` on logs of robots that jump, each with one effect on all joints, and on the same without it.
 
 Of each log, a run without the effect comes first: what `find` says it could have told there, times 1 to 3 as the seed
 has it, is the size that is hidden. Of latency that is 10 ms at least, the tick in which images arrive, and of pitch 1
@@ -44,7 +44,7 @@ class Benchmark(Command):
     logs: int = 28
     """Number of logs with an effect."""
     first_seed: int = 0
-    """Of the first run; each log has its own."""
+    """First seed of the first run; each log has its own."""
     out: Path = Path("runs/jumping_logs")
     """Folder that keeps logs and what was found."""
 
@@ -96,7 +96,7 @@ def _hidden(number: int) -> tuple[str, str]:
 
 
 def _value(name: str, parameter: str, told: float, rng: np.random.Generator) -> float:
-    """What is hidden, where a log could tell `told`."""
+    """Returns what is hidden, where a log could tell `told`."""
     null = next(field.metadata["null"] for field in fields(EFFECTS[name]) if field.name == parameter)
     null = null if isinstance(null, int | float) and np.isfinite(null) else 0.0
     least = max(abs(told - null), LEAST.get(name, 0.0))

@@ -42,21 +42,21 @@ AFTER_S = 3.0  # told after 0.1 s, landed after 1.1 s, stood up after 1 s more
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     terrain: Literal["flat", "stairs", "stepping_stones"] = "flat"
-    """What the robots cross."""
+    """Terrain that the robots cross."""
     planner: Literal["learned", "scripted"] = "learned"
-    """Who leads them until the fault."""
+    """Planner that leads them until the fault."""
     rise_m: float = 0.06
-    """Of the stairs."""
+    """Rise of the stairs."""
     run_s: float = 1.8
     """Time from the first jump to the first fault."""
     until_s: float | None = None
     """If given, the fault comes once in each trial, at random between the first time and this one."""
     phases: int = 20
-    """Of the gait at which the fault comes otherwise."""
+    """Phases of the gait at which the fault comes otherwise."""
     trials: int = 2
     """At each phase, or in all."""
     seed: int = 0
-    """Of the first trial."""
+    """Seed of the first trial."""
 
     def measure(self) -> dict[str, Any]:
         robot = load_robot(DEFAULT_ROBOT)

@@ -1,4 +1,4 @@
-"""What does it cost that nobody uninvited joins? One hop through a router, client to client, by each kind of link.
+"""How much does it cost that nobody uninvited joins? One hop through a router, client to client, by each kind of link.
 
 TCP on loopback without any protection is the reference; sockets in a folder of the owner's are what a run has; TLS with
 certificates and the access list is what others have over a network. In turns, with images and plans at 100 Hz, sender,
@@ -28,13 +28,13 @@ from saltus.wire.router import open_router
 
 KINDS = ("TCP", "sockets", "TLS")
 TOPICS = {"camera/depth": ("render", "heightmap"), "policy/plan": ("policy", "controller")}
-"""Who sends and who receives them."""
+"""Topics, with who sends and who receives them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     messages: int = 300
-    """Of each topic in each turn."""
+    """Messages of each topic in each turn."""
     turns: int = 5
     """How often each kind of link has its turn."""
 

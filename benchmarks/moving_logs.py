@@ -1,4 +1,4 @@
-"""What `find` says of logs of robots that jump, walk and turn, all without effects, and how soon.
+"""Verdicts of `find` on logs of robots that jump, walk and turn, all without effects, and how soon they come.
 
 Jumps are runs of the whole stack over the terrains; walking and turning are trots of commanded angles.
 
@@ -34,7 +34,8 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 
 TERRAINS: tuple[str, ...] = ("stairs", "stepping_stones", "gap")
 PERIOD_S, STANCE, LIFT_M = 0.5, 0.6, 0.06
-"""Of the trot: two steps a second, of which a leg stands more than half, so that the body never falls far."""
+"""Period, stance and lift of the trot: two steps a second, of which a leg stands more than half, so
+that the body never falls far."""
 TURN_OF_LEG = np.array([0.0, 0.5, 0.5, 0.0])
 """Legs on a diagonal go together."""
 START_S = 1.0
@@ -44,9 +45,9 @@ START_S = 1.0
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     seeds: tuple[int, ...] = (0, 1, 2)
-    """Of the runs."""
+    """Seeds of the runs."""
     terrains: tuple[str, ...] = TERRAINS
-    """That are jumped over."""
+    """Terrains that are jumped over."""
     logs: Path | None = None
     """Folder that keeps the logs; those that it holds already are not made again."""
 
@@ -80,7 +81,7 @@ def made(path: Experiment, folder: Path) -> None:
 
 
 def searched(log: Path, out: Path) -> dict[str, Any]:
-    """What `find` says of a log, and how long it takes."""
+    """Verdict of `find` on a log, and how long it takes."""
     start_s, work_s = time.perf_counter(), time.process_time()
     judgement = find([log], out, report=False)
     verdict = judgement.verdict

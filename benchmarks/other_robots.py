@@ -56,11 +56,11 @@ class Benchmark(Command):
     models: Path | None = None
     """Folder of the unpacked models; fetched by default."""
     poses: int = 100
-    """Of each robot."""
+    """Poses of each robot."""
     trials: int = 10
-    """Of each robot that bounds."""
+    """Trials of each robot that bounds."""
     seed: int = 0
-    """Of the first trial; the others have SEED + 1, SEED + 2, ..."""
+    """Seed of the first trial; the others have SEED + 1, SEED + 2, ..."""
 
     def measure(self) -> dict[str, Any]:
         with tempfile.TemporaryDirectory() as folder:
@@ -113,7 +113,7 @@ class Order:
     qpos: Indices
     dof: Indices
     sign: Floats
-    """Of all degrees of freedom."""
+    """Signs of all degrees of freedom."""
 
 
 def fetch(folder: Path) -> Path:

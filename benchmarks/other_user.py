@@ -44,7 +44,7 @@ SENDER = b"the other's plan"
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     uid: int = 65534
-    """Of the other user; 65534 is nobody."""
+    """Uid of the other user; 65534 is nobody."""
 
     def measure(self) -> dict[str, Any]:
         if os.geteuid() != 0:
@@ -59,7 +59,7 @@ class Benchmark(Command):
 
 
 def attempts(user: Pool) -> dict[str, str]:
-    """What a user manages against a run of the stack."""
+    """Returns what a user manages against a run of the stack."""
     with tempfile.TemporaryDirectory() as directory:
         folder = Path(directory)
         folder.chmod(0o755)  # as folders in most homes
@@ -119,7 +119,7 @@ def sessions(folder: Path) -> Iterator[Any]:
 
 
 def terminate(pid: int) -> bool:
-    """Whether a process can be told to end."""
+    """True where a process can be told to end."""
     try:
         os.kill(pid, signal.SIGTERM)
     except PermissionError:

@@ -45,7 +45,7 @@ LACKS = {
 }
 """Why a command is not run, by a part of its page and itself."""
 WAITS = re.compile(r"saltus (router|up|watch|record run|ros2|heightmap serve|demo --pace realtime)|own_robot\.py")
-"""What runs until it is ended, or beside what the page starts in other terminals."""
+"""Commands that run until they are ended, or beside what the page starts in other terminals."""
 SETTLED_S = 20.0
 """How long what waits is given to say that it has begun, or to fail."""
 END_S = 30.0

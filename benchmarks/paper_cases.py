@@ -38,7 +38,7 @@ NEAREST_NM = 0.5
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     seeds: tuple[int, ...] = (0, 1, 2)
-    """Of the sensors' noise."""
+    """Seeds of the sensors' noise."""
 
     def measure(self) -> dict[str, Any]:
         cases = (saturation, latency_in_chirps, latency_in_a_sine)

@@ -44,7 +44,7 @@ class Benchmark(Command):
     trials: int = 20
     """In each row."""
     seed: int = 0
-    """Of the first trial of each row."""
+    """Seed of the first trial of each row."""
 
     def measure(self) -> dict[str, Any]:
         rows = {name: self._row(*row) for name, row in progress(ROWS.items())}
@@ -78,7 +78,7 @@ def bounding(
 
 
 def plan_times() -> dict[str, float]:
-    """Of one plan for a single robot."""
+    """Times of one plan for a single robot."""
     robot = load_robot(DEFAULT_ROBOT)
     observation = bounding(robot, 0.28, (True, False), (0.3, 0.6))
     planner, heights, watch = ScriptedPlanner(robot), np.full(30, -0.28), Stopwatch()

@@ -44,7 +44,7 @@ class Benchmark(Command):
     ticks: int = 5000
     """Steps of the leg controller of one robot."""
     robots: int = 1024
-    """Whose controllers make one step together."""
+    """Number of robots whose controllers make one step together."""
 
     def measure(self) -> dict[str, Any]:
         rng = np.random.default_rng(0)

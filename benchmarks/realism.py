@@ -1,4 +1,4 @@
-"""What each part of the camera's realism is worth in the training of the heightmap network.
+"""Worth of each part of the camera's realism in the training of the heightmap network.
 
 Networks are trained from nothing on the same motion, seed and number of updates, and differ in their images:
 
@@ -66,7 +66,7 @@ _LENGTHS = ("mae_m", "mae_visible_m", "mae_remembered_m", "mae_unseen_m", "edge_
 
 @dataclass(frozen=True, kw_only=True)
 class Images:
-    """What a network is trained on."""
+    """Images that a network is trained on."""
 
     data: str
     """`STEREO` or `CLEAN`."""
@@ -91,7 +91,7 @@ class Benchmark(Command):
     networks: tuple[Literal["A", "B", "C", "D", "E"], ...] = ("A", "B", "C", "D", "E")
     """Which of them."""
     updates: int = 4000
-    """Of 16 windows."""
+    """Updates of 16 windows."""
     runs: int = 60
     """Held-out ones."""
 
@@ -189,7 +189,7 @@ def with_age_held(model: HeightmapModel, latency_s: float) -> HeightmapModel:
 
 
 def measured(model: Path, runs: int, held_out: dict[str, list[Episode]]) -> dict[str, Any]:
-    """What a network is worth in the loop, with the realistic camera and with an ideal one, and on shown images."""
+    """Scores of a network in the loop, with the realistic and an ideal camera, and on shown images."""
     table: dict[str, Any] = {camera: in_the_loop(model, runs, camera) for camera in _CAMERAS.values()}
     return {**table, "shown": shown(model, held_out)}
 

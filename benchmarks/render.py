@@ -54,11 +54,11 @@ class Benchmark(Command):
     noise: Literal["none", "native", "fast"] | None = None
     """Only these rows; all by default."""
     seconds: float = 1.0
-    """Of each measurement."""
+    """Seconds of each measurement."""
     batch: int | None = None
     """Images of 16x48 in a batch; what suits each back end by default."""
     frames: int = 20_000
-    """Of 16x48 over which the growth of memory is measured."""
+    """Frames of 16x48 over which the growth of memory is measured."""
 
     def measure(self) -> dict[str, Any]:
         rows = [
@@ -73,7 +73,7 @@ class Benchmark(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """What one row measures."""
+    """A row and what it measures."""
 
     backend: str
     camera: Intrinsics

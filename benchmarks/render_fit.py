@@ -35,11 +35,11 @@ WALL_M = 1.5  # high: beyond what the camera sees of it
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     cameras: int = 24
-    """That are drawn and fitted."""
+    """Number of cameras that are drawn and fitted."""
     frames: int = 60
-    """Of each recording."""
+    """Frames of each recording."""
     seed: int = 0
-    """Of what is drawn."""
+    """Seed of what is drawn."""
 
     def measure(self) -> dict[str, Any]:
         return summary([self._camera(index) for index in progress(range(self.cameras))])
@@ -56,15 +56,15 @@ class Benchmark(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class Hidden:
-    """What the fit must find, and the view that it has."""
+    """Parameters that the fit must find, and the view that it has."""
 
     baseline_m: float
     sigma_px: float
     step_px: float
     height_m: float
-    """Of the step."""
+    """Height of the step."""
     depth_m: float
-    """Of the step, along the course."""
+    """Depth of the step, along the course."""
     before_wall_m: float
     """From the step to the wall."""
     distance_m: float
@@ -122,7 +122,7 @@ def recording(hidden: Hidden, count: int, rng: np.random.Generator) -> list[Dept
 
 
 def frames_of(camera: StereoCamera, scene: tuple[Any, Any], count: int, rng: np.random.Generator) -> list[DepthFrame]:
-    """What a D435i sends of a scene at rest: depth and what the right imager does not see."""
+    """Returns what a D435i sends of a scene at rest: depth and what the right imager does not see."""
     state = camera.init((), rng)
     frames = []
     for k in range(count):

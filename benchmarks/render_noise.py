@@ -158,7 +158,7 @@ def filled(inverse: Reals) -> Reals:
 
 
 def shadows_of(disparity: Reals) -> Any:
-    """What the right imager does not see of the surfaces that the left one sees, bool, shape as `disparity`."""
+    """Returns what the right imager does not see of the surfaces that the left one sees, bool, shape as `disparity`."""
     place = np.round(np.arange(disparity.shape[1]) - disparity).astype(int)
     place -= place.min()
     right = np.zeros((disparity.shape[0], place.max() + 1))

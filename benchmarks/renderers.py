@@ -1,4 +1,4 @@
-"""What pyrender's images are worth in the training of the heightmap network, beside Embree's.
+"""Worth of pyrender's images in the training of the heightmap network, beside Embree's.
 
 Both render the images of the same motion, from the same cameras, which make the same errors of them. Networks are
 trained from nothing on either, one a seed, and then shown the images of both on motion that none was trained on, as is
@@ -40,15 +40,15 @@ class Benchmark(Command):
     out: Path = Path("runs/renderers")
     """Folder of data and networks."""
     seeds: tuple[int, ...] = (0, 1, 2)
-    """Of weights and windows: two networks each."""
+    """Seeds of weights and windows: two networks each."""
     size: Literal["small", "shipped"] = "small"
-    """Of the networks: a third of the work of the shipped one, or all of it."""
+    """Size of the networks: a third of the work of the shipped one, or all of it."""
     updates: int = 500
-    """Of `batch` windows."""
+    """Updates of `batch` windows."""
     batch: int = 16
     """Robots in an update."""
     device: Literal["cpu", "cuda"] = "cpu"
-    """That trains."""
+    """Device that trains."""
     batches: int = 8
     """To train on, each of 32 robots for 6 s."""
 

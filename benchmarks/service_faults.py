@@ -1,4 +1,4 @@
-"""What faults of the camera's stream do to the heights: error over time after each, on runs of the whole stack.
+"""Effects of faults of the camera's stream on the heights: error over time after each, on runs of the whole stack.
 
 The learned policy crosses long stairs with a D435i in lockstep; states, images and arrival times of these runs go
 through the service once as they were, and once for each fault and moment.
@@ -39,7 +39,7 @@ WINDOW = 5  # ticks of the running mean of the plot and the table: error varies 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Pictured):
     runs: int = 4
-    """Of the stack, half a minute each."""
+    """Runs of the stack, half a minute each."""
 
     def measure(self) -> dict[str, Any]:
         """Errors [mm] at some times after the end of each fault."""
@@ -131,7 +131,7 @@ FAULTS: dict[str, Fault] = {
 
 
 def calls_of(run: Run) -> list[Call]:
-    """What the service was called with."""
+    """Returns what the service was called with."""
     calls, following = [], 0
     for state in run.states.values():
         newest = None
@@ -273,6 +273,6 @@ def record(seed: int) -> Run:
 
 
 def long_enough(run: Run) -> bool:
-    """Whether the robot was still running when the last of the longest faults was over."""
+    """True where the robot was still running when the last of the longest faults was over."""
     needed_s = FIRST_S + MOMENTS * APART_S + 3.0 + AFTER_S
     return len(run.states) > needed_s / TICK_S and len(run.truths) > needed_s / TICK_S

@@ -54,17 +54,17 @@ class Benchmark(Command):
     hours: float = 1.0
     """In all, in the run's clock."""
     go_s: float = 1800.0
-    """Of one run."""
+    """Length of one run."""
     apart_s: float = 120.0
     """From fault to fault, on average."""
     killed: tuple[Literal["render", "heightmap", "policy"], ...] = ("render", "heightmap", "policy")
     """Processes of the stack that are killed; one that is not lives as long as the run. None: only images are lost."""
     warm_up_s: float = 60.0
-    """Of each process, not measured."""
+    """Beginning of each process that is not measured."""
     robots: int = 8
-    """Of the fleet."""
+    """Robots of the fleet."""
     speed: float = 1.0
-    """Of the run's clock."""
+    """Speed of the run's clock."""
     seed: int = 0
     out: Path | None = None
     """File of samples so far, to go on from; by default none is kept."""
@@ -187,7 +187,7 @@ class Faults:
         self._next_s = clock.elapsed_s() + first_s
 
     def due(self) -> bool:
-        """Whether it is; the next one is drawn."""
+        """True where it is; the next one is drawn."""
         now_s = self._clock.elapsed_s()
         if now_s < self._next_s:
             return False
@@ -248,7 +248,7 @@ def lengths_s(rows: list[Row]) -> dict[int, float]:
 
 
 def summary(rows: list[Row], warm_up_s: float) -> dict[str, Any]:
-    """What grew, what aged, what failed."""
+    """Sums up what grew, what aged, what failed."""
     lives: dict[tuple[str, int, int], list[tuple[float, Use]]] = defaultdict(list)
     ages: dict[str, dict[int, list[float]]] = defaultdict(lambda: defaultdict(list))
     for row in rows:
@@ -275,7 +275,7 @@ def summary(rows: list[Row], warm_up_s: float) -> dict[str, Any]:
 
 
 def growth(lives: list[list[tuple[float, Use]]]) -> dict[str, float]:
-    """Of one process over its lives: the slope of its memory, and the most handles and threads that came to it."""
+    """Growth of one process over its lives: slope of its memory, most handles and threads that came to it."""
     slopes, more = [], []
     for life in lives:
         half = len(life) // 2

@@ -17,9 +17,9 @@ from saltus.wire.messages import ProcessStatus
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     terrain: str = "flat"
-    """What the robot crosses."""
+    """Terrain that the robot crosses."""
     seed: int = 0
-    """Of the trial."""
+    """Seed of the trial."""
 
     def measure(self) -> dict[str, Any]:
         load = os.getloadavg()[0]

@@ -33,9 +33,9 @@ SHOWN = (50, 90, 99)
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     robots: int = 100
-    """That bound side by side."""
+    """Number of robots that bound side by side."""
     steps: int = 60
-    """Of the policy, 10 ms each."""
+    """Steps of the policy, 10 ms each."""
 
     def measure(self) -> dict[str, Any]:
         qp = problems(self.robots, self.steps)
@@ -54,7 +54,7 @@ class Benchmark(Command):
 
 
 def problems(robots: int, steps: int) -> StanceQP:
-    """What the controllers of exploring robots ask for."""
+    """Returns what the controllers of exploring robots ask for."""
     torch.manual_seed(0)
     robot = load_robot(DEFAULT_ROBOT)
     solver = Recorder(robot)

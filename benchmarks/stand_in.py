@@ -42,11 +42,11 @@ class Benchmark(Command):
     true_heights: Flag = False
     """Robots are told the ground as it is, and see nothing."""
     trials: int = 24
-    """Of each policy with each effect."""
+    """Trials of each policy with each effect."""
     seed: int = 140_000
-    """Of the first trial."""
+    """Seed of the first trial."""
     time_limit_s: float = 20.0
-    """Of each trial."""
+    """Time limit of each trial."""
 
     def measure(self) -> dict[str, Any]:
         policies: dict[str, Path | None] = {str(path): path for path in self.policies} or {"shipped": None}
@@ -91,7 +91,7 @@ def _but(name: str, shipped: Profile, hard: Profile) -> Profile:
 
 
 def summary(runs: list[Ran]) -> dict[str, Any]:
-    """Of the trials with one profile."""
+    """Summary of the trials with one profile."""
     failures = Counter(run.failure for run in runs if not run.outcome.success)
     return {
         "success": sum(run.outcome.success for run in runs),

@@ -52,7 +52,7 @@ QUANTILE = float(stats.norm.ppf(0.95))
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     seed: int = 0
-    """Of the sensors' noise."""
+    """Seed of the sensors' noise."""
 
     def measure(self) -> dict[str, Any]:
         """Value and interval of each effect."""

@@ -33,7 +33,7 @@ class Benchmark(Command):
     device: Literal["auto", "cpu"] = "auto"
     """auto: a GPU where there is one."""
     iterations: int = 5
-    """Of the learning."""
+    """Iterations of the learning."""
 
     def measure(self) -> dict[str, Any]:
         device = device_of_this_process(self.device).device

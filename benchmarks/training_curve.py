@@ -28,7 +28,7 @@ _ACROSS = 5  # panels in a row: as wide as a page
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Pictured):
     folder: Annotated[Path, tyro.conf.Positional]
-    """Of the training."""
+    """Folder of the training."""
 
     def measure(self) -> dict[str, Any]:
         """The last row."""

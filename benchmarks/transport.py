@@ -1,4 +1,4 @@
-r"""What the bus costs: codec, latency of each message, the way from an image to the heightmap made of it.
+r"""Cost of the bus: codec, latency of each message, the way from an image to the heightmap made of it.
 
 Every sender publishes at 100 Hz from a process of its own; latency is the monotonic time from before `put` to after
 `wait`, so it holds encoding, one hop of TCP, the receiver's waking up and decoding.
@@ -71,7 +71,7 @@ SPAWN = multiprocessing.get_context("spawn")
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     messages: int = 1000
-    """Of each topic."""
+    """Messages of each topic."""
     count: int = 60_000
     """Images of each robot; the first 500 do not count."""
     robots: int = 1

@@ -46,7 +46,7 @@ FACTORS: dict[str, tuple[float, ...]] = {
     "position": (1000.0, 100.0, 39.37),
     "velocity": (1000.0, 100.0, 3.6, -1.0),
 }
-"""What a channel may be multiplied by: units, gears, signs."""
+"""Factors that a channel may be multiplied by: units, gears, signs."""
 STRENGTH = (0.7, 1.3)
 WEAK_EVERY = 3
 NEAR = 0.06
@@ -59,12 +59,12 @@ tells none."""
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     seed: int
-    """Of robots, noise, channels and factors."""
+    """Seed of robots, noise, channels and factors."""
     logs: int = 60
     """Number of logs; each is looked at right, and with one channel wrong."""
     whole: int = 6
-    """Of so many logs, spread over all, the whole of `find` is asked for the wrong one, not the
-    screen alone."""
+    """Number of logs, spread over all, of which the whole of `find` is asked for the wrong one, not
+    the screen alone."""
     out: Path = Path("runs/units")
     """Folder that keeps what was found."""
 
@@ -115,7 +115,7 @@ def _looked_at(seed: int, number: int, is_whole: bool) -> dict[str, Any]:
 
 
 def is_told(lines: Sequence[str], channel: str, factor: float) -> bool:
-    """Whether the first line names a channel and its factor."""
+    """True where the first line names a channel and its factor."""
     if not lines or not re.search(rf"\b{channel}\b", lines[0]):
         return False
     numbers = [float(number) for number in re.findall(r"-?\d+\.?\d*(?:e[-+]?\d+)?", lines[0])]
@@ -123,7 +123,7 @@ def is_told(lines: Sequence[str], channel: str, factor: float) -> bool:
 
 
 def _is_there(log: RunLog, channel: str) -> bool:
-    """Whether a log has a channel, and it moves."""
+    """True where a log has a channel, and it moves."""
     if channel in ("t", "depth"):
         return channel == "t" or log.depth is not None
     signal = SIGNALS[channel]

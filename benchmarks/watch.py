@@ -1,4 +1,4 @@
-"""What it costs a run to be watched: ages of its messages with and without a page that somebody looks at, or Foxglove.
+"""Cost of a run's being watched: ages of its messages with and without a page that somebody looks at, or Foxglove.
 
 saltus bench watch -- --runs 3 --speed 0.5
 saltus bench watch -- --runs 3 --speed 0.5 --foxglove
@@ -44,9 +44,9 @@ class Benchmark(Command):
     runs: int = 3
     """With a page, and as many without, in turns."""
     speed: float = 0.5
-    """Of real time."""
+    """Speed in parts of real time."""
     terrain: str = "flat"
-    """What the robot crosses."""
+    """Terrain that the robot crosses."""
     foxglove: Flag = False
     """With Foxglove's connection in place of a page, and all derived channels, of which its layout shows most."""
 
@@ -137,7 +137,7 @@ class Page:
         self._begun = (time.monotonic(), self._count.value, self._processor_s())
 
     def end(self) -> dict[str, float]:
-        """What came since then."""
+        """Messages since then."""
         seconds = time.monotonic() - self._begun[0]
         return {
             "messages_hz": (self._count.value - self._begun[1]) / seconds,

@@ -30,7 +30,7 @@ class BrakingConfig:
     """
 
     stepping_frequency_hz: float = 3.46
-    """That of the scripted planner: the schedule goes on without a break."""
+    """Frequency of the scripted planner: the schedule goes on without a break."""
     height_m: float = 0.37
     """Towards which the stance legs lift the base [m]: weight and the next landing keep it below."""
     height_gain: float = 4.4
@@ -48,7 +48,7 @@ class BrakingConfig:
     rear_reach_m: float = 0.0275
     """The rear feet land this much further ahead [m]; scripted planner."""
     clearance_m: float = 0.13
-    """Of the foot over the ground on the way [m]: stairs of 6 cm, and their edges."""
+    """Clearance of the foot over the ground on the way [m]: stairs of 6 cm, and their edges."""
     landing_height_m: float = 0.02
     """Height over the expected ground at which a swing ends [m]: a step that is higher is not run into."""
     lift_until: float = 0.2
@@ -68,7 +68,7 @@ class BrakingConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BrakingState:
-    """What is known of the ground."""
+    """State of the braking, with what is known of the ground."""
 
     foothold: Array
     """Where each foot last stood for certain, by dead reckoning: relative to the base now, yaw frame [m], (..., 4, 3).
@@ -106,7 +106,7 @@ class Braking:
         return BrakingState(foothold=xp.where(diagnostics.gait.trusted[..., None], body.foot_yaw, moved))
 
     def is_slow(self, diagnostics: Diagnostics) -> Array:
-        """Whether sprung legs can catch the body. Bool, shape (...)."""
+        """True where sprung legs can catch the body. Bool, shape (...)."""
         body = diagnostics.body
         x, y, hips = body.velocity[..., 0], body.velocity[..., 1], self._hip_x[_FRONT] * body.angular_velocity[..., 1]
         return x * x + y * y + hips * hips < self.config.slow_mps**2
@@ -145,7 +145,7 @@ class Braking:
         return replace(plan, foot_residual=rise[..., None] * self._up.like(rise))
 
     def _slope(self, state: BrakingState) -> Array:
-        """Of the ground between the footholds of the front and the rear feet, shape (...)."""
+        """Slope of the ground between the footholds of the front and the rear feet, shape (...)."""
         xp = namespace(state.foothold)
         pairs = xp.mean(xp.reshape(state.foothold, (*state.foothold.shape[:-2], 2, 2, 3)), axis=-2)
         ahead = pairs[..., 0, :] - pairs[..., 1, :]
@@ -155,7 +155,7 @@ class Braking:
     def _residual(
         self, diagnostics: Diagnostics, base_height: Array, slope: Array, state: BrakingState, leg: int, shift: float
     ) -> Array:
-        """Of one pair of feet, shape (..., 3)."""
+        """Residual of one pair of feet, shape (..., 3)."""
         xp = namespace(slope)
         config, swing = self.config, diagnostics.gait.progress[..., leg]
         forward = diagnostics.body.velocity[..., 0]

@@ -1,4 +1,4 @@
-"""What is known of the drives is taken out of the commands, so that joints do what the law asks for.
+"""Compensation: known effects of drives are taken out of the commands, so that joints do what the law asks for.
 
 A drive makes kp (q* - q) + kd (v* - v) + torque, of which the joint gets `gain` times as much, less `damping` times its
 velocity v. So gains and torque are divided by `gain`, and the joint's own damping counts as a part of kd: it acts at
@@ -36,10 +36,10 @@ class Compensation:
     damping: Constant
     """Viscous friction of the joints [Nm s/rad], shape (12,)."""
     torque_limit: Constant
-    """Of the drives, for the feed-forward torque [Nm], shape (12,)."""
+    """Torque limit of the drives, for the feed-forward torque [Nm], shape (12,)."""
 
     def __call__(self, command: JointCommand) -> JointCommand:
-        """What makes such joints do what `command` asks of ideal ones. All arrays have shape (..., 12)."""
+        """Returns what makes such joints do what `command` asks of ideal ones. All arrays have shape (..., 12)."""
         kd: Array = command.kd
         xp = namespace(kd)
         gain, limit = self.gain.like(kd), self.torque_limit.like(kd)
@@ -54,7 +54,7 @@ class Compensation:
 
 
 def compensation_of(profile: Profile, robot: Robot) -> Compensation | None:
-    """What the profile says of torque gain and viscous friction; None where it says nothing of them.
+    """Returns what the profile says of torque gain and viscous friction; None where it says nothing of them.
 
     Raises:
         ConfigError: a motor with less than `LEAST_GAIN` of its torque.

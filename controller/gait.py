@@ -32,12 +32,13 @@ class GaitState:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitSignal:
-    """What the schedule says now."""
+    """Values of the schedule now."""
 
     contact: Array
     """Leg is to stand, bool, shape (..., 4)."""
     progress: Array
-    """Of the present stance or swing, [0, 1), shape (..., 4); 0 before the first stance."""
+    """Progress of the present stance or swing, [0, 1), shape (..., 4); 0 before the first
+    stance."""
     trusted: Array
     """Leg is in the middle of its stance, or has not moved yet, bool, shape (..., 4)."""
     cycle: Array

@@ -157,7 +157,7 @@ class LegController:
     def _commanded(
         self, plan: Plan, sensed: Proprioception, state: LawState, mode: ControllerMode
     ) -> tuple[JointCommand, LawState, Diagnostics]:
-        """What ideal drives are asked for."""
+        """Returns what ideal drives are asked for."""
         body = observe(sensed, self._legs)
         state = self._entered(state, mode, sensed, body)
         if mode in _MOVING:
@@ -168,7 +168,7 @@ class LegController:
         return (command, *self._at_rest(body, state))
 
     def settled(self, state: LawState, diagnostics: Diagnostics) -> Array:
-        """Whether a landing is over: all feet have come down and the body is at rest. Bool, shape (...)."""
+        """True where a landing is over: all feet have come down and the body is at rest. Bool, shape (...)."""
         xp = namespace(state.landed)
         body = diagnostics.body
         energy = xp.sum(body.velocity * body.velocity, axis=-1) + 0.01 * xp.sum(

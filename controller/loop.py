@@ -62,7 +62,7 @@ class ControlLoop:
 
     @property
     def mode(self) -> ControllerMode:
-        """What the controller is doing."""
+        """Returns what the controller is doing."""
         return self._watch.mode
 
     def sense(self, reading: Reading) -> None:
@@ -150,7 +150,7 @@ class ControlLoop:
         return command
 
     def _own_plan(self, plan: Plan) -> tuple[ControllerMode, Plan]:
-        """What the law is to do: while plans are late and until the robot is slow it bounds on and brakes."""
+        """Returns what the law is to do: while plans are late and until the robot is slow it bounds on and brakes."""
         last = self._diagnostics
         if last is None or self.mode not in (ControllerMode.COAST, ControllerMode.LANDING):
             self._caught = False

@@ -8,7 +8,7 @@ from saltus.wire.messages import MotionPlan, PlanStatus
 
 
 class Plans:
-    """What the planner last said."""
+    """The planner's newest plan."""
 
     def __init__(self, context: ProcessContext, watchdog: WatchdogConfig | None = None) -> None:
         self._context = context

@@ -1,4 +1,4 @@
-"""What an operator does to a simulated robot: pushes from the side, like those of evaluations."""
+"""Acts of an operator on a simulated robot: pushes from the side, like those of evaluations."""
 
 import math
 

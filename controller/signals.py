@@ -1,4 +1,4 @@
-"""What goes into the leg controller and what it derives at once: arrays with any leading batch dimensions."""
+"""Inputs of the leg controller and what it derives at once: arrays with any leading batch dimensions."""
 
 from dataclasses import dataclass
 
@@ -41,7 +41,7 @@ class Body:
     base_in_yaw: Array
     """Rotation from the base to the yaw frame, shape (..., 3, 3)."""
     velocity: Array
-    """Of the base, yaw frame [m/s], shape (..., 3)."""
+    """Velocity of the base, yaw frame [m/s], shape (..., 3)."""
     angular_velocity: Array
     """Yaw frame [rad/s], shape (..., 3)."""
     foot_base: Array

@@ -30,7 +30,7 @@ class WatchdogInput:
     plan_age_s: float
     """Age of the newest plan; infinite where there is none."""
     plan_status: PlanStatus
-    """Of the newest plan; `STAND` where there is none."""
+    """Plan status of the newest plan; `STAND` where there is none."""
     roll: float
     pitch: float
     """[rad]."""

@@ -70,7 +70,7 @@ def feet(joints: np.ndarray) -> np.ndarray:
 
 
 def proprioception(state: Any) -> np.ndarray:
-    """What the heightmap network reads of the robot, shape (21,)."""
+    """Returns what the heightmap network reads of the robot, shape (21,)."""
     body, trusted = Body(state), np.asarray(state.leg_trusted, dtype=float)
     places = (body.feet[:, [0, 2]] * trusted[:, None]).ravel()
     attitude, height = (body.roll, body.pitch), (state.base_height,)
@@ -78,7 +78,7 @@ def proprioception(state: Any) -> np.ndarray:
 
 
 def features(state: Any, heights: np.ndarray) -> np.ndarray:
-    """What the policy reads of now, shape (59,)."""
+    """Returns what the policy reads of now, shape (59,)."""
     body, contact = Body(state), np.asarray(state.leg_contact, dtype=float)
     attitude, height = (body.roll, body.pitch), (state.base_height,)
     motion = (body.velocity, body.angular_velocity)
@@ -86,7 +86,7 @@ def features(state: Any, heights: np.ndarray) -> np.ndarray:
 
 
 def pooled(depth_m: np.ndarray, focal: tuple[float, float], centre: tuple[float, float]) -> np.ndarray:
-    """What the heightmap network sees of an image, shape (2, 48, 16).
+    """Returns what the heightmap network sees of an image, shape (2, 48, 16).
 
     Args:
         depth_m: along the optical axis, rows from the top; infinite where nothing is within range, 0 where invalid.

@@ -124,7 +124,7 @@ def image_fields(depth: np.ndarray, time_ns: int) -> dict[str, object]:
 
 
 def standing() -> dict[str, object]:
-    """What a robot that stands tells.
+    """Returns what a robot that stands tells.
 
     The network reads the attitude, the rate of turn, the velocity, the height of the base above its feet, and the joint
     angles of the legs that are trusted to stand; it does not read the rest.

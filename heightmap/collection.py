@@ -1,4 +1,4 @@
-"""What robots on processors, or on the hosts of a cluster, add to a dataset: a round of the closed loop."""
+"""Rounds of the closed loop, which robots on processors or on the hosts of a cluster add to a dataset."""
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
@@ -19,7 +19,7 @@ from saltus.robots.loading import load_robot
 from saltus.workers import Listener, in_order
 
 Key = tuple[int, int, int]
-"""Of a batch: seed, round, number."""
+"""Key of a batch: seed, round, number."""
 
 
 def collect(
@@ -60,7 +60,7 @@ def closed_loop_batches(
 
 
 def round_table(loop: ClosedLoop, batches: int, index: int, model: Path | None) -> dict[str, Any]:
-    """What the manifest says of a round; by it a dataset knows the episodes that it has."""
+    """Table of a round in the manifest; by it a dataset knows the episodes that it has."""
     camera = load_camera(loop.camera)
     robot = camera.mounted_on(load_robot(loop.robot))
     heights = "true" if model is None else HeightmapNetwork(robot, model).model_id

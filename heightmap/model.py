@@ -22,9 +22,10 @@ MAX_IMAGE_AGE_S = 0.5
 MIN_STD_M, MAX_STD_M = 0.0003, 0.5
 """Bounds of what the file calls `std`: of rounding to the depth unit of a D435i, 1 mm; the deepest trench."""
 WIDTHS = 13
-"""Of intervals that are corrected each by its own: one is 1.86 times the one before, from MIN_STD_M to MAX_STD_M."""
+"""Widths of intervals that are corrected each by its own: one is 1.86 times the one before, from
+MIN_STD_M to MAX_STD_M."""
 IMAGE_SHAPE = (2, 48, 16)
-"""Of `saltus.depth.model_image`."""
+"""Image shape of `saltus.depth.model_image`."""
 
 
 class Normalisation(NamedTuple):
@@ -39,7 +40,7 @@ class Normalisation(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """What the network predicts, per tick."""
+    """Prediction of the network, per tick."""
 
     height: Tensor
     """[m] relative to the base, shape (..., 30)."""

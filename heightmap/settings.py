@@ -23,9 +23,10 @@ FIRST_RATE = 1e-3  # original
 FURTHER_RATE = 5e-4  # of a network that already predicts: the full rate would first make it forget
 MOST_DIFFICULT = 1.2  # a fifth beyond what the policy was trained for
 LARGEST = 2**20
-"""Of robots, ticks, windows, neurons: more of them fill any memory before the work begins."""
+"""Largest number of robots, ticks, windows, neurons: more of them fill any memory before the work
+begins."""
 MANY = 10**9
-"""Of updates, episodes, rounds: what takes time, not memory."""
+"""Largest number of updates, episodes, rounds: what takes time, not memory."""
 SEEDS = (0, 2**53)
 USUAL_RENDERER: BackEnd = "embree"
 USUAL_TERRAINS = ("flat", "stairs", "stairs", "stepping_stones", "stepping_stones", "step", "gap")
@@ -45,7 +46,7 @@ class ModelConfig:
     """
 
     channels: tuple[int, int, int] = (8, 16, 16)
-    """Of the three convolutions; original: 2, 4, 8."""
+    """Channels of the three convolutions; original: 2, 4, 8."""
     hidden: int = 256
     """Size of the hidden state of the GRU."""
     head: tuple[int, ...] = (256, 256)
@@ -72,19 +73,19 @@ class TrainConfig:
     learning_rate: float = FIRST_RATE
     """Greatest rate, after the warm-up; by default 0.0005 where it begins with another network."""
     weight_decay: float = 0.01  # original
-    """Of AdamW."""
+    """Weight decay of AdamW."""
     gradient_norm: float = 1.0
     """A longer gradient is cut to this."""
     noise: bool = True
     """Errors on the images, as far as they do not have them; without it a network learns from what is in the data."""
     delivery: DeliveryName = "training"
-    """Of the images. training: 30 to 110 ms late with jitter, losses and pauses. nominal: 50 ms late, none lost.
-    at-once: neither late nor lost."""
+    """Delivery of the images. training: 30 to 110 ms late with jitter, losses and pauses. nominal:
+    50 ms late, none lost. at-once: neither late nor lost."""
     forgets: float = 0.4
     """Share of windows before which the hidden state is emptied on the way, as after a long loss of images: its first
     half second is then learned as well as the rest."""
     seed: int = 0
-    """Of weights, batches and noise."""
+    """Seed of weights, batches and noise."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Where to train; auto: on a GPU where there is one."""
     save_every_s: float = 60.0
@@ -110,7 +111,8 @@ class Loop:
     """Their kind: a robot that Saltus ships, or the path of an MJCF or of a folder with a robot.toml."""
     robots: int
     ticks: int = 600
-    """Of 10 ms, of every robot; one that falls or arrives starts again, which begins another episode."""
+    """Ticks of 10 ms, of every robot; one that falls or arrives starts again, which begins another
+    episode."""
     hardest: float
     learned: float
     """Share of robots that the learned policy drives; the scripted planner drives the others."""
@@ -130,7 +132,7 @@ class Loop:
 
     @property
     def table(self) -> dict[str, Any]:
-        """What a manifest says of it; of robots, terrains and renderers only others than older manifests mean."""
+        """Table for a manifest; of robots, terrains and renderers only others than older manifests mean."""
         usual = {"robot": robot_named({}), "terrains": list(USUAL_TERRAINS), "renderer": USUAL_RENDERER, "plans": False}
         table = asdict(self) | {"terrains": list(self.terrains)}
         return {name: value for name, value in table.items() if name not in usual or value != usual[name]}
@@ -180,7 +182,7 @@ class DaggerConfig:
     batch: int = 32
     """Windows in a gradient step."""
     seed: int = 0
-    """Of terrains, trials, cameras, weights and noise."""
+    """Seed of terrains, trials, cameras, weights and noise."""
     profile: str = SHIPPED
     """Hardware of the robots and how their cameras sit: shipped (those of the robot), ideal, one of your own, or a TOML
     file."""
@@ -201,7 +203,7 @@ class ProcessorCollection:
     batches: int = 8
     """Each of `loop.robots` robots."""
     seed: int = 0
-    """Of terrains, trials and cameras."""
+    """Seed of terrains, trials and cameras."""
     profile: str = SHIPPED
     """Hardware of the robots and how their cameras sit: shipped (those of the robot), ideal, one of your own, or a TOML
     file."""
@@ -225,8 +227,8 @@ class DeviceLoop(Loop):
     learned: float = 1.0
     """Share of robots that the learned policy drives; the scripted planner drives the others."""
     cameras: tuple[str, ...] = ("d435i",)
-    """Whose images are kept, of the same motion; the predictor in the loop sees those of the first. d435i: with the
-    errors of a stereo camera. ideal: true depth. Or TOML files."""
+    """Cameras whose images are kept, of the same motion; the predictor in the loop sees those of
+    the first. d435i: with the errors of a stereo camera. ideal: true depth. Or TOML files."""
     plans: Flag = False
     """Keep what the policy sees of the robot, and what it plans on true heights: what an imitation of it needs."""
 
@@ -247,7 +249,7 @@ class DeviceCollection:
     episodes: int = 4096
     """How many robots in all, in equal batches; falls make more episodes of them."""
     seed: int = 0
-    """Of courses, robots and cameras."""
+    """Seed of courses, robots and cameras."""
     policy: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="(default: the shipped one)")] = (
         None
     )

@@ -48,14 +48,15 @@ def trainings_folder(given: Path | None) -> Path:
 
 
 Figures = dict[str, Any]
-"""What a training came to: successes of how many trials, mean steps, first and last seed of the trials, the code."""
+"""Figures of a training: successes of how many trials, mean steps, first and last seed of the
+trials, the code."""
 Places = dict[str, Figures]
 """By where it was measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class System:
-    """What runs: trainings by their names, those of one seed together."""
+    """A system that runs: trainings by their names, those of one seed together."""
 
     policy: str = FULL
     predictor: str | None = None
@@ -73,13 +74,15 @@ SYSTEMS = {
 """By name. A predictor's last round is that which others of the same data stand beside."""
 LAST = f"round {ROUNDS}"
 WHOLE = (FULL, LAST)
-"""What others are held against: the full system with the shipped predictor, and with one of the same data."""
+"""Systems that others are held against: the full system with the shipped predictor, and with one of
+the same data."""
 _NETWORKS = {
     PREDICTOR: ("predictor, cm", 100.0),
     NO_LATENCY: ("without delay, cm", 100.0),
     IMITATION: ("imitated plans, % of range", 50.0),
 }
-"""What is drawn of a network's training: its error on the windows that it is shown; plans lie within [-1, 1]."""
+"""Curves that are drawn of a network's training: its error on the windows that it is shown; plans
+lie within [-1, 1]."""
 
 
 def shipped_in(system: str) -> tuple[ModelKind, ...]:
@@ -171,7 +174,7 @@ def check_weights(name: str, trained: Path, known: Sequence[Places | None]) -> N
 
 
 def measure(name: str, effort: Effort, trained: Path, known: Sequence[Places | None] = ()) -> dict[str, Any]:
-    """What a system came to on 14 stairs, by place: in simulation, and on the stand-in for the real robot.
+    """Returns what a system came to on 14 stairs, by place: in simulation, and on the stand-in for the real robot.
 
     Args:
         name: Of `SYSTEMS`.
@@ -225,7 +228,7 @@ def compare(systems: Mapping[str, Mapping[str, Any]], trained: Path) -> Made:
 
 
 def learning_curves(_: Effort, trained: Path) -> Made:
-    """What each training of the full system came to by experience, and those of the networks that see by updates."""
+    """Curves of each training of the full system by experience, and of the networks that see by updates."""
     columns = {"reward": "reward of an iteration", "stairs/level": "stairs", "stepping_stones/level": "stones"}
     columns |= {"step/level": "step", "gap/level": "gap"}
     curves = [_progress(policy.parent / PROGRESS) for (policy,) in files_of(FULL, trained)]
@@ -268,7 +271,7 @@ def learning_curves(_: Effort, trained: Path) -> Made:
 
 
 def _errors(trained: Path) -> dict[str, dict[str, dict[str, Floats]]]:
-    """What the networks of the least seed came to by updates: of each that is trained its parts, by their names."""
+    """Errors of the networks of the least seed by updates: of each that is trained its parts, by name."""
     found: dict[str, dict[str, dict[str, Floats]]] = {part: {} for part in _NETWORKS}
     for part, curves in found.items():
         for path in sorted((trained / part).glob(f"seed-*/{PROGRESS}"))[:1]:
@@ -301,7 +304,7 @@ def _columns(path: Path) -> dict[str, tuple[str, ...]]:
 
 
 def _figures(runs: Sequence[Ran]) -> Figures:
-    """Of one training in one place."""
+    """Figures of one training in one place."""
     return {
         "success": sum(run.outcome.success for run in runs),
         "trials": len(runs),
@@ -312,7 +315,7 @@ def _figures(runs: Sequence[Ran]) -> Figures:
 
 
 def together(trainings: Sequence[Places]) -> dict[str, Any]:
-    """What trainings came to that differ in their seed alone, by place; all ran the same trials.
+    """Returns what trainings came to that differ in their seed alone, by place; all ran the same trials.
 
     The interval is that of the share of all their trials [%]. For each training it says which code ran.
     """

@@ -40,9 +40,9 @@ class Paper:
     ablation: Annotated[tyro.conf.Positional[str], shown("ABLATION", "none")] = ""
     """After train: which one."""
     trials: int = 100
-    """Of each course; rows that compare starts have five of them."""
+    """Trials of each course; rows that compare starts have five of them."""
     seed: Annotated[int | None, shown("INT", "130000, of a training 0")] = None
-    """Of the first trial, the others have SEED + 1, SEED + 2, ...; or of a training."""
+    """Seed of the first trial, the others have SEED + 1, SEED + 2, ...; or of a training."""
     processes: Annotated[int | None, shown("INT", "one for each core")] = None
     """How many share the trials."""
     out: Path = Path("runs/paper")
@@ -110,7 +110,7 @@ class Paper:
         return 0
 
     def _made(self, row: "Row", again: bool) -> dict[str, Any]:
-        """What a row came to; one that is there is taken as it is, unless it is to be made again."""
+        """Returns what a row came to; one that is there is taken as it is, unless it is to be made again."""
         from tqdm import tqdm
 
         from paper.making import made_before, make

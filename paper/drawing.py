@@ -12,9 +12,10 @@ from saltus.errors import SaltusError
 from saltus.terrain.terrain import Terrain
 
 DPI = 110
-"""Of figures 9 inches wide: what fits a page, at a third of the size of twice as many."""
+"""Dots an inch of figures 9 inches wide: what fits a page, at a third of the size of twice as
+many."""
 COLOURS = 256
-"""Of a palette: a third of the bytes, for a difference that nobody sees."""
+"""Colours of a palette: a third of the bytes, for a difference that nobody sees."""
 WIDTH_IN = 9.0
 GROUND = "0.72"
 FRONT, REAR, OURS, OTHER = "tab:blue", "tab:orange", "tab:blue", "tab:red"
@@ -49,7 +50,7 @@ def save(figure: Any, path: Path) -> None:
 
 
 def legend(axis: Any, **options: Any) -> None:
-    """What is drawn, where anything is."""
+    """Draws the legend, where anything is drawn."""
     if axis.get_legend_handles_labels()[0]:
         axis.legend(**options)
 

@@ -42,7 +42,7 @@ def find_row(name: str) -> Row:
 
 
 def is_makeable(row: Row, trained: Path | None) -> bool:
-    """Whether all is there that a row needs."""
+    """True where all is there that a row needs."""
     if row.needs == ABLATION:
         there = trained_systems(trainings_folder(trained))
         return all(name in there for name in _needed(row, trained))
@@ -105,7 +105,7 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *,
 
 
 def _measured(system: str, effort: Effort, folder: Path, trainings: Path) -> list[Places | None]:
-    """What each training of a system came to by results in the folder or published ones.
+    """Returns what each training of a system came to by results in the folder or published ones.
 
     Taken are results with the shipped models that run in this system. Where that is all of them, and they ran the same
     trials, these may be others than those of `effort`; else nothing is taken of other trials, so that all of a system
@@ -139,7 +139,7 @@ def _trainings_in(result: dict[str, Any], system: str) -> list[tuple[Any, Places
 
 
 def made_before(row: Row, folder: Path) -> dict[str, Any] | None:
-    """What `make` has written; None where it has not, or of other models than the shipped ones.
+    """Reads what `make` has written; None where it has not, or of other models than the shipped ones.
 
     Also for an ablation: its picture shows other systems, of which more may have been trained since.
 
@@ -154,7 +154,7 @@ def made_before(row: Row, folder: Path) -> dict[str, Any] | None:
 
 
 def _read(path: Path, row: Row) -> dict[str, Any]:
-    """What `make` has written; `SaltusError` where the file holds something else."""
+    """Reads what `make` has written; `SaltusError` where the file holds something else."""
     try:
         result: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         if (

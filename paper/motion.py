@@ -33,20 +33,20 @@ LOOK_M = 0.35
 GAITS = 4
 """Trials of which one is drawn."""
 SHOWN_S = 0.9
-"""Of body motion before and after an edge: two bounds."""
+"""Body motion that is shown before and after an edge: two bounds."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Made:
-    """What a row came to."""
+    """Result of a row."""
 
     numbers: dict[str, Any]
     figure: Any
-    """Of matplotlib."""
+    """Figure of matplotlib."""
     configuration: dict[str, Any]
     """Sizes and kinds of what was run."""
     most_seeds: int | None = None
-    """Of those that were asked for, where not all are run."""
+    """Most seeds of those that were asked for, where not all are run."""
 
 
 def terrains(effort: Effort) -> Made:
@@ -336,7 +336,7 @@ def step_and_gap(effort: Effort) -> Made:
 
 
 def _summary(runs: Sequence[Ran]) -> dict[str, Any]:
-    """Of one course."""
+    """Summary of one course."""
     return {
         **_success(runs),
         "speed_mps": _spread(_values(runs, "speed_mps")),
@@ -350,7 +350,7 @@ def _success(runs: Sequence[Ran]) -> dict[str, int]:
 
 
 def _values(runs: Sequence[Ran], key: str) -> list[float]:
-    """Of successes."""
+    """Values of successes."""
     good = [run for run in runs if run.outcome.success]
     return [float(run.jumps) if key == "jumps" else run.outcome.mean_speed_mps for run in good]
 

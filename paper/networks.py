@@ -65,12 +65,12 @@ class NetworkEffort:
     batch: int = 512
     """Windows in a gradient step."""
     loop: DeviceLoop = field(default_factory=lambda: DeviceLoop(robot=DEFAULT_ROBOT, terrains=TERRAINS, plans=True))
-    """Of a round."""
+    """Loop of a round."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Work:
-    """What the networks of a seed are made in."""
+    """Folders in which the networks of a seed are made."""
 
     data: Path
     own: Path
@@ -81,7 +81,7 @@ class _Work:
     effort: NetworkEffort
 
     def settings(self, rounds: int) -> TrainConfig:
-        """Of a training with the updates of so many rounds."""
+        """Settings of a training with the updates of so many rounds."""
         return TrainConfig(updates=rounds * self.effort.updates, batch=self.effort.batch, seed=self.seed)
 
 

@@ -31,7 +31,7 @@ def write_report(results: Mapping[str, dict[str, Any]], folder: Path) -> Path:
 
 
 def _worth(results: Mapping[str, dict[str, Any]]) -> list[tuple[str, ...]]:
-    """What each part of the system is worth, of all that stands in rows of ablations."""
+    """Returns what each part of the system is worth, of all that stands in rows of ablations."""
     systems: dict[str, Any] = {}
     against: dict[str, str] = {}
     for row in (row for row in ROWS if row.needs == ABLATION and not row.make and row.name in results):
@@ -55,7 +55,7 @@ def _worth(results: Mapping[str, dict[str, Any]]) -> list[tuple[str, ...]]:
 
 
 def _difference(places: Mapping[str, Any], others: Mapping[str, Any]) -> str:
-    """Of the shares of successes [percentage points], in each of `PLACES` that both have."""
+    """Difference of the shares of successes [percentage points], in each of `PLACES` that both have."""
     both = [where for where in PLACES if where in places and where in others]
     return ", ".join(f"{100.0 * (_share(places[where]) - _share(others[where])):+.0f}" for where in both)
 

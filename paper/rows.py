@@ -26,7 +26,7 @@ class Number:
     ours: str = ""
     """Place among the numbers of the row, with dots; empty where there is none to compare."""
     unit: str = ""
-    """Of ours."""
+    """Unit of ours."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +37,7 @@ class Row:
     where: str
     """In the paper."""
     shows: str
-    """What the paper shows there, in one line."""
+    """Result of the paper, in one line."""
     needs: Needs = "nothing"
     make: str = ""
     """Module and function that make it; of an ablation nothing, all are measured alike."""
@@ -49,7 +49,7 @@ class Row:
 
     @property
     def missing(self) -> str:
-        """What is missing where the row is not made."""
+        """Words for what is missing where the row is not made."""
         return _UNTRAINED if self.needs == ABLATION else self.differs
 
 

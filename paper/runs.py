@@ -28,18 +28,19 @@ from saltus.trial import TIME_LIMIT_S, Outcome, Trial
 from saltus.workers import in_order
 
 FIRST_SEED = 130_000
-"""Of trials that no other figure of Saltus stands on."""
+"""First seed of trials that no other figure of Saltus stands on."""
 PAIRS = {"front": slice(0, 2), "rear": slice(2, 4)}
 """Legs that stand together when a robot bounds."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """What robots of one kind of trial meet."""
+    """Setting that robots of one kind of trial meet."""
 
     terrain: Terrain
     feedback: bool = True
-    """Whether legs that stand track velocities by feedback; without, feed-forward is left alone."""
+    """True where legs that stand track velocities by feedback; without, feed-forward is left
+    alone."""
     starts_x: tuple[float, ...] = ()
     """Where each robot starts [m]; by default where its trial says."""
     true_heights: bool = False
@@ -60,7 +61,7 @@ class Effort:
     trials: int = 100
     first_seed: int = FIRST_SEED
     time_limit_s: float = TIME_LIMIT_S
-    """Of each trial."""
+    """Time limit of each trial."""
     processes: int | None = None
     """How many run at once; by default one for each core."""
     say: Callable[[float], None] | None = field(default=None, compare=False)
@@ -68,7 +69,7 @@ class Effort:
 
     @property
     def seeds(self) -> range:
-        """Of the trials."""
+        """Seeds of the trials."""
         return range(self.first_seed, self.first_seed + self.trials)
 
 
@@ -77,12 +78,12 @@ class Landing:
     """A pair of feet that came down."""
 
     row: int
-    """Of the trace."""
+    """Row of the trace."""
     time_s: float
     x: float
     """Mean of the pair [m]."""
     z: float
-    """Of their centres [m]."""
+    """Height of their centres [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -105,13 +105,13 @@ def _searched(experiment: str, hidden: Profile, seed: int, robot: Robot) -> tupl
 
 
 def _height_by_joints(log: RunLog, robot: Robot) -> tuple[Floats, Floats]:
-    """Of the base above the soles of a level robot [m], at each time [s]."""
+    """Height of the base above the soles of a level robot [m], at each time [s]."""
     feet = LegKinematics(robot).position(log.joints.q)
     return log.joints.time_s, robot.foot_radius - np.asarray(feet)[..., 2].mean(axis=-1)
 
 
 def _height_by_images(log: RunLog) -> tuple[Floats, Floats]:
-    """Of the base above the level ground that images show [m], at the times at which they arrive [s]."""
+    """Height of the base above the level ground that images show [m], at the times at which they arrive [s]."""
     claim, depth = log.meta["camera"], log.depth
     if depth is None:
         raise SaltusError("the log has no images")

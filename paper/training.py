@@ -34,12 +34,13 @@ STEPS = 250e6
 """Environment steps of each training: 7 minutes of an H200."""
 MODEL = "policy.onnx"
 CAMERA = "d435i"
-"""Of all robots that see."""
+"""Camera of all robots that see."""
 PREDICTOR, NO_LATENCY, IMITATION = "predictor", "no-latency", "imitation"
 NETWORKS = (PREDICTOR, NO_LATENCY, IMITATION)
-"""What sees, see `paper.networks`: those of a seed learn from the same data, which the first one makes."""
+"""Networks that see, see `paper.networks`: those of a seed learn from the same data, which the
+first one makes."""
 ROUNDS = 3
-"""Of a predictor; in the first, robots are driven with true heights."""
+"""Rounds of a predictor; in the first, robots are driven with true heights."""
 PREDICTED, IMITATOR = "heightmap.onnx", "imitator.onnx"
 IMITATOR_FORMAT = "saltus-imitation-1"
 IMITATOR_INPUTS, IMITATOR_OUTPUTS = ("image", "age", "new", "state", "hidden"), ("plan", "hidden_out")
@@ -48,14 +49,14 @@ _FEEDBACK = "\nstance_kd = "
 
 @dataclass(frozen=True, kw_only=True)
 class Ablation:
-    """What the training of a policy differs in from that of the full system."""
+    """Differences of a policy's training from that of the full system."""
 
     changes: dict[str, Any] = field(default_factory=dict)
-    """Of `TrainConfig`, by its tables."""
+    """Changes of `TrainConfig`, by its tables."""
     without: tuple[str, ...] = ()
     """Effects of the robot's profile that its simulator lacks."""
     feedback: bool = True
-    """Whether legs that stand track velocities by feedback, in training and after it."""
+    """True where legs that stand track velocities by feedback, in training and after it."""
 
 
 ABLATIONS = {
@@ -78,7 +79,7 @@ def find_ablation(name: str) -> Ablation:
 
 
 def config_of(name: str, seed: int, folder: Path) -> TrainConfig:
-    """What `saltus policy train` is given; writes a profile or a robot that it needs into a folder."""
+    """Returns what `saltus policy train` is given; writes a profile or a robot that it needs into a folder."""
     ablation, config = find_ablation(name), replace(for_gpu(DEFAULT_ROBOT), seed=seed)
     changes = dict(ablation.changes)
     if ablation.without:

@@ -102,7 +102,7 @@ def _check(robot: Robot, file: ModelFile) -> None:
 
 
 def _past_steps(file: ModelFile) -> tuple[int, ...]:
-    """What the policy recalls; files that do not say recall nothing."""
+    """Returns what the policy recalls; files that do not say recall nothing."""
     found = file.field("past_steps") if "past_steps" in file.metadata else []
     try:
         check_past_steps(tuple(found))

@@ -19,7 +19,7 @@ ACTIONS = (
     "rear_residual_y",
     "rear_residual_z",
 )
-"""What each output is."""
+"""Names of the outputs."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""What the learned policy sees: one vector, in SI units, made from an observation and a heightmap.
+"""Features, which the learned policy sees: one vector, in SI units, made from an observation and a heightmap.
 
 Everything in it is known to a robot without its position: attitude from the IMU, velocity and height from the
 estimator, feet from the joints, the gait's schedule, and terrain heights. Scaling belongs to the network.
@@ -81,7 +81,7 @@ def size_with(past_steps: tuple[int, ...]) -> int:
 
 
 def with_past(vector: Array, past: Array, past_steps: tuple[int, ...]) -> Array:
-    """What the network gets: the vector, shape (..., SIZE), and the instants that it recalls.
+    """Returns what the network gets: the vector, shape (..., SIZE), and the instants that it recalls.
 
     Args:
         vector: Of now.

@@ -1,4 +1,4 @@
-"""What a planner reads of the robot: quantities of the sagittal plane, derived from what a robot can know."""
+"""Observations of a planner: quantities of the sagittal plane, derived from what a robot can know."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ class Observation:
     contact: Array
     """Scheduled contact, bool, shape (..., 4)."""
     progress: Array
-    """Of the present stance or swing, [0, 1], shape (..., 4)."""
+    """Progress of the present stance or swing, [0, 1], shape (..., 4)."""
 
 
 def observe(states: Proprioception, legs: LegKinematics) -> Observation:

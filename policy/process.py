@@ -45,7 +45,7 @@ class PlannerProcess:
         self._arrival_ns = 0
         self._plan: MotionPlan | None = None
         self.notices: list[Notice] = []
-        """What has happened since the caller last emptied the list."""
+        """Notices of what has happened since the caller last emptied the list."""
 
     def step(self, state: RobotState, heightmap: Heightmap | None, now_ns: int) -> MotionPlan:
         """Answers one robot state; the same step again gets the same plan again.

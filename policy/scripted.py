@@ -63,7 +63,7 @@ class ScriptedParameters:
     rear_pitch_rate: Value = 0.746
     rear_pitch_rate_slope: Value = 5.31
     height_m: Value = 0.277
-    """Of the base above the ground."""
+    """Height of the base above the ground."""
     height_gain: Value = 5.49
     """Vertical velocity by error of height [1/s]."""
     ceiling_m: Value = 0.362
@@ -86,7 +86,7 @@ class ScriptedParameters:
     """Shift of the landing point of the front feet [m]."""
     rear_landing_x: Value = 0.0275
     clearance_m: Value = 0.116
-    """Of the sole above the highest terrain on the way."""
+    """Clearance of the sole above the highest terrain on the way."""
     landing_depth_m: Value = 0.00369
     """How far below the ground a foot aims when it lands."""
     lift_until: Value = 0.208
@@ -118,7 +118,8 @@ RATES = (
     "stepping_frequency_hz", "front_pitch_rate", "front_pitch_rate_slope", "rear_pitch_rate", "rear_pitch_rate_slope",
     "height_gain", "ceiling_gain", "pitch_gain",
 )  # fmt: skip
-"""What grows with the length of the legs, with its square root, and with its inverse square root."""
+"""Quantities that grow with the length of the legs, with its square root, and with its inverse
+square root."""
 
 # How landing points are weighed, in metres of detour.
 CANDIDATES = np.linspace(-0.2, 0.2, 33)
@@ -212,7 +213,7 @@ class ScriptedPlanner:
         return observation.angular_velocity[..., 1] + acceleration / self._velocity_gain
 
     def _offset(self, observation: Observation, heights: Array) -> Array:
-        """What to add to the heights so that the ground under the standing feet is where those feet are."""
+        """Returns what to add to the heights so that the ground under the standing feet is where those feet are."""
         xp = namespace(heights)
         standing = xp.astype(observation.contact, heights.dtype)
         count = xp.sum(standing, axis=-1)

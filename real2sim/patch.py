@@ -139,7 +139,7 @@ def supported(effects: Sequence[FoundEffect], profile: Profile = IDEAL) -> tuple
 
 
 def _width(found: FoundEffect) -> float:
-    """Of the intervals of all parameters; only those of the same effect may be compared."""
+    """Width of the intervals of all parameters; only those of the same effect may be compared."""
     return math.prod(interval.ci90[1] - interval.ci90[0] for interval in found.params.values())
 
 

@@ -38,7 +38,7 @@ class ComparisonProgress:
         self._done_s += seconds
 
     def search(self, name: str, seconds: float) -> Callable[[str, int], None]:
-        """What a search of so many typical seconds calls with its stage and the simulations that it has made."""
+        """Function that a search of so many typical seconds calls with its stage and the simulations it has made."""
         level, share = 0, 0.0
 
         def simulated(stage: str, count: int) -> None:

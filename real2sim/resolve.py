@@ -53,7 +53,7 @@ def largest(name: str, rivals: Sequence[FoundEffect]) -> float:
 
 
 def _rules_out(other: Findings, name: str, of: Findings) -> bool:
-    """Whether a finding would have shown an effect of the size that another finding needs, and did not."""
+    """True where a finding would have shown an effect of the size that another finding needs, and did not."""
     if other.verdict not in ("no_gap", "named") or other.problem == of.problem or name not in other.minimum_detectable:
         return False
     if any(effect.name == name for effect in other.effects):

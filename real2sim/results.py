@@ -30,7 +30,7 @@ class Examination:
     faults: tuple[Fault, ...]
     offsets: tuple[ClockOffset, ...] = ()
     comparisons: tuple[Comparison, ...] = ()
-    """What several logs show together stands with the first of them."""
+    """Comparisons of several logs stand with the first of them."""
     lacking: dict[str, str] = field(default_factory=dict)
     """Sensors of which the log poses no problem, and why."""
     brief: dict[str, str] = field(default_factory=dict)
@@ -42,7 +42,7 @@ class Examination:
 
     @property
     def is_bad(self) -> bool:
-        """Whether the log is too damaged to be fitted."""
+        """True where the log is too damaged to be fitted."""
         return any(fault.is_fatal for fault in self.faults)
 
 

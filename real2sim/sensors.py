@@ -27,7 +27,7 @@ class Sensor:
 
     name: str
     sites: tuple[Site, ...]
-    """Of the effects that only it shows."""
+    """Sites of the effects that only it shows."""
     lacks: Callable[[RunLog], str]
     """Says why a log poses no problem of this kind; empty if it does."""
     problem: Callable[[RunLog], Problem]
@@ -36,7 +36,7 @@ class Sensor:
     least_s: float
     """So many it needs before anything is said of its effects."""
     needs: str
-    """Of which, in words."""
+    """Needed data, in words."""
     experiment: str
     """Which gets them."""
     prepare_s: float

@@ -106,7 +106,7 @@ class StackedProblem(Problem):
 
 
 def stackable(problems: Sequence[Problem]) -> bool:
-    """Whether the unknowns of all problems mean the same, so that they can be shared.
+    """True where the unknowns of all problems mean the same, so that they can be shared.
 
     They do not if they count from claims that differ, as a latency counts from the claimed one.
     """

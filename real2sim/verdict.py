@@ -38,7 +38,7 @@ class NextExperiment:
 
 @dataclass(frozen=True, kw_only=True)
 class Missing:
-    """What a sensor's effects could not be tested by."""
+    """Missing data, without which a sensor's effects could not be tested."""
 
     sensor: str
     why: str

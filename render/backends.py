@@ -21,7 +21,7 @@ STEREO_PREFERENCE = ("embree", "pyrender")
 
 
 class BackEnd(NamedTuple):
-    """What a back end makes images with."""
+    """The renderers of a back end."""
 
     single: Callable[[Terrain, RobotCamera], Renderer]
     pair: Callable[[Terrain, Optics, RobotCamera], StereoRenderer]
@@ -83,7 +83,7 @@ def present() -> list[str]:
 
 
 def has_driver() -> bool:
-    """Whether the driver of an NVIDIA GPU is installed; asked of the linker, since loading Warp takes a second."""
+    """True where the driver of an NVIDIA GPU is installed; asked of the linker, since loading Warp takes a second."""
     return ctypes.util.find_library("cuda") is not None
 
 

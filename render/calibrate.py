@@ -49,19 +49,19 @@ BLOCKS = 8
 
 @dataclass(frozen=True, kw_only=True)
 class Place(Value):
-    """Of a camera on the trunk."""
+    """Place of a camera on the trunk."""
 
     pitch: float
     """Nose down positive [rad]."""
     roll: float
-    """Of the image, clockwise positive [rad]; cameras of Saltus have none."""
+    """Roll of the image, clockwise positive [rad]; cameras of Saltus have none."""
     height: float
-    """Of the optical centre over the base's origin [m], base frame."""
+    """Height of the optical centre over the base's origin [m], base frame."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Calibration:
-    """What a recording says of where its camera sits."""
+    """Place of the camera that took a recording."""
 
     claimed: Place
     found: Place
@@ -108,7 +108,7 @@ def standing_pairs(frames: Sequence[DepthFrame], states: Sequence[RobotState]) -
 
 
 def stands(state: RobotState) -> bool:
-    """Whether a robot stands: on all feet and in no gait; by its rest where nobody says which feet stand, as in ROS."""
+    """True where a robot stands on all feet; by its rest where nobody says which feet stand, as in ROS."""
     if any(state.leg_trusted):
         return all(state.leg_trusted) and state.mode in STANDING
     turning = float(np.linalg.norm(state.angular_velocity_base))
@@ -216,7 +216,7 @@ class _View:
 
 
 def _begin(view: _View, claimed: Place) -> Place:
-    """Of many places about the claimed one that with the most points on the ground."""
+    """Place with the most points on the ground, of many about the claimed one."""
     few = replace(view, points=view.points[::20], up=view.up[::20], base_height=view.base_height[::20])
     places = [
         replace(claimed, pitch=float(claimed.pitch + pitch), height=float(claimed.height + height))
@@ -241,7 +241,7 @@ def _fit(view: _View, place: Place) -> Place:
 
 
 def in_range(depth: Floats) -> NDArray[np.bool_]:
-    """Whether ground at this depth [m] counts."""
+    """True where ground at this depth [m] counts."""
     return (depth > RANGE_M[0]) & (depth < RANGE_M[1])
 
 

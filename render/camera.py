@@ -63,7 +63,7 @@ class RobotCamera:
     intrinsics: Intrinsics
     mount: Mount
     legs: bool = True
-    """Whether the robot's legs can be seen."""
+    """True where the robot's legs can be seen."""
 
     def __post_init__(self) -> None:
         _check_pinhole(self.intrinsics)

@@ -38,10 +38,10 @@ CLEAR = 0.98  # of the ray to a point: short of the surface that it lies on
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CameraCoverage:
-    """What a camera sees from a robot that stands."""
+    """Ground that a camera sees from a robot that stands."""
 
     position: Floats
-    """Of its optical centre, base frame [m], shape (3,)."""
+    """Position of its optical centre, base frame [m], shape (3,)."""
     pitch: float
     """Nose down positive [rad]."""
     covered: float
@@ -134,7 +134,7 @@ def _framed(scale: Scale, depth: Depth, camera: DepthCamera) -> NDArray[np.uint8
 
 
 def _half_tangents() -> Floats:
-    """Of half of the network's field of view, across and up."""
+    """Tangents of half of the network's field of view, across and up."""
     return np.array([MODEL_CAMERA.cx / MODEL_CAMERA.fx, MODEL_CAMERA.cy / MODEL_CAMERA.fy])
 
 
@@ -158,7 +158,7 @@ def _write(picture: NDArray[np.uint8], words: str, place: tuple[int, int]) -> in
 
 
 def _legend(scale: Scale, width: int) -> NDArray[np.uint8]:
-    """What the colours mean: the scale of depth, and a square for each of the others, in as many rows as they take."""
+    """Draws the legend: the scale of depth, and a square for each other colour, in as many rows as they take."""
     legend = np.full((60, width, 3), 255, np.uint8)
     depths, right = np.geomspace(scale.near, scale.far, BAR[0]), 10 + BAR[0]
     legend[6 : 6 + BAR[1], 10:right] = scale.coloured(depths[None])
@@ -185,7 +185,7 @@ def _from_aside(
     bottom = float(terrain.height_at(np.array([position[0]]), np.zeros(1))[0]) - 0.5
 
     def px(points: Floats) -> NDArray[np.int32]:
-        """Of places x, z in the world [m], shape (n, 2)."""
+        """Pixels of places x, z in the world [m], shape (n, 2)."""
         across = (points[:, 0] - position[0] - SPAN_M[0]) * scale
         return np.rint(np.stack([across, HEIGHT - (points[:, 1] - bottom) * scale], -1)).astype(np.int32)
 

@@ -60,7 +60,7 @@ def capsule_depth(start: Floats, end: Floats, radius: Floats | float, directions
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quadrics:
-    """What the depth at which any ray enters capsules depends on."""
+    """Coefficients of the depth at which any ray enters capsules."""
 
     start: Floats
     """Component first [m], shape (3, ...)."""
@@ -77,7 +77,7 @@ class Quadrics:
 
     @classmethod
     def of(cls, start: Floats, end: Floats, radius: Floats | float) -> "Quadrics":
-        """Of capsules with axes from start to end [m], shape (..., 3), and a radius [m], shape (...)."""
+        """Quadrics of capsules with axes from start to end [m], shape (..., 3), and a radius [m], shape (...)."""
         first, last = np.moveaxis(start, -1, 0), np.moveaxis(end, -1, 0)
         axis = last - first
         length_squared, offset, distance_squared = _dot(axis, axis), _dot(axis, first), _dot(first, first)

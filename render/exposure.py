@@ -1,4 +1,4 @@
-"""What an exposure yields: true depth here, what a stereo camera makes of it in `saltus.render.stereo_exposure`."""
+"""Exposures of a depth camera: of true depth here, of a stereo camera in `saltus.render.stereo_exposure`."""
 
 from typing import Protocol
 

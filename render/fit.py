@@ -36,21 +36,23 @@ ASSUMED = f"with the data sheet's baseline of {1e3 * BASELINE_M:g} mm, as the re
 
 @dataclass(frozen=True, kw_only=True)
 class StereoParameters:
-    """What can be fitted; units in the names."""
+    """Parameters that can be fitted; units in the names."""
 
     baseline_m: Estimate
     sigma_px: Estimate
     """Sub-pixel noise."""
     range_exponent: Estimate
-    """Of the growth of the noise with range: 2 if it is that of stereo. Not a parameter of the model: a check."""
+    """Exponent of the growth of the noise with range: 2 if it is that of stereo. Not a parameter of
+    the model: a check."""
     correlation_px: Estimate
     persistence_s: Estimate
     step_px: Estimate
-    """Of the disparity."""
+    """Step of the disparity."""
     maximum_px: Estimate
     """Largest disparity of the search."""
     margin_px: Estimate
-    """Of the search at the left of the image; below 0 the invalid band is wider than f B / z."""
+    """Margin of the search at the left of the image; below 0 the invalid band is wider than f B /
+    z."""
     hole_fraction: Estimate
     """At edges."""
     flying_fraction: Estimate
@@ -78,7 +80,7 @@ class FitResult:
 
     @property
     def optics(self) -> Optics:
-        """Of the recorded images, whose first column is taken to be the sensor's."""
+        """Optics of the recorded images, whose first column is taken to be the sensor's."""
         return Optics(focal_px=self.scene.fx, baseline_m=self.baseline_m)
 
     @property
@@ -180,7 +182,7 @@ def _parameters(scene: StaticScene, curves: NoiseCurves | str, edges: EdgeCurves
 
 @dataclass(frozen=True, kw_only=True)
 class _OfNoise:
-    """What needs many frames; inverse depths in [1/m]."""
+    """Parameters that need many frames; inverse depths in [1/m]."""
 
     sigma_inverse: Estimate
     step_inverse: Estimate

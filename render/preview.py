@@ -1,4 +1,4 @@
-"""What the camera sees along a terrain, effect by effect, as one HTML file that opens without a network."""
+"""Images of a camera along a terrain, effect by effect, as one HTML file that opens without a network."""
 
 import math
 from collections.abc import Iterator, Sequence

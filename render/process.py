@@ -13,7 +13,7 @@ RANDOM_STREAM = 0xCA3E7A  # of all that a seed draws, the camera has a stream of
 
 
 def random_stream(seed: int) -> np.random.Generator:
-    """What the camera of a run or of a trial draws from."""
+    """Returns what the camera of a run or of a trial draws from."""
     return np.random.default_rng(np.random.SeedSequence([seed, RANDOM_STREAM]))
 
 

@@ -1,4 +1,4 @@
-"""What every back end does: poses of the robot to depth images, of one imager or of a pair."""
+"""Renderers, which every back end has: poses of the robot to depth images, of one imager or of a pair."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -47,7 +47,7 @@ class Renderer(ABC):
 
     @abstractmethod
     def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
-        """What `render_batch` does, of poses that have been checked."""
+        """Renders as `render_batch` does, poses that have been checked."""
 
 
 class StereoRenderer(Renderer):

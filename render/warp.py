@@ -103,7 +103,7 @@ class WarpCaster:
         return depth
 
     def _scene(self, base_position: Array, base_quaternion: Array, joint_position: Array) -> Scene:
-        """What the kernels get."""
+        """Returns what the kernels get."""
         if self._low.shape[0] not in (1, len(base_position)):
             raise SaltusError(f"boxes are given for {self._low.shape[0]} robots, poses for {len(base_position)}")
         origin, rotation = camera_pose(self.camera.mount, base_position, base_quaternion)

@@ -74,11 +74,11 @@ class Scene:
     low: wp.array2d[wp.vec3f]
     high: wp.array2d[wp.vec3f]
     turn: wp.array2d[wp.mat33f]
-    """Of boxes: one row for all frames, or one for each."""
+    """Turn of boxes: one row for all frames, or one for each."""
     start: wp.array2d[wp.vec3f]
     end: wp.array2d[wp.vec3f]
     radius: wp.array[float]
-    """Of capsules, in the camera frames."""
+    """Radius of capsules, in the camera frames."""
     fx: float
     fy: float
     cx: float
@@ -151,7 +151,7 @@ def cast_kernel(scene: Scene, depth: wp.array3d[float]):
 def hide_kernel(
     scene: Scene, depth: wp.array3d[float], baseline: float, farthest: float, along: float, hidden: wp.array3d[wp.bool]
 ):
-    """Whether something lies on the way from the right imager to the point that the left one sees."""
+    """True where something lies on the way from the right imager to the point that the left one sees."""
     frame, row, column = wp.tid()
     to_right = wp.vec3f(baseline, 0.0, 0.0)
     direction = pixel_direction(row, column, scene.fx, scene.fy, scene.cx, scene.cy)

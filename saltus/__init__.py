@@ -77,5 +77,5 @@ if not TYPE_CHECKING:  # a name that does not exist is an error for who checks t
         raise AttributeError(f"module 'saltus' has no attribute '{name}'")
 
     def __dir__():
-        """What is offered, for completion."""
+        """Names that are offered, for completion."""
         return sorted({*globals(), *__all__})

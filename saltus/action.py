@@ -1,4 +1,4 @@
-"""What a planner decides ten milliseconds at a time, for any number of robots; `MotionPlan` is it on the bus."""
+"""The plan of the next ten milliseconds, for any number of robots; `MotionPlan` carries one on the bus."""
 
 from dataclasses import dataclass
 

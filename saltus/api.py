@@ -1,4 +1,4 @@
-"""What `import saltus` offers beside what other modules define: one call for a task, arrays for messages.
+"""Functions that `import saltus` offers beside what other modules define: one call for a task, arrays for messages.
 
 Each function only puts together what the commands are made of; docs/python.md shows all of them. Heavy libraries load
 when a function is called, not before.
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from saltus.wire.messages import Heightmap
 
 Heights: TypeAlias = Literal["true", "true-exact", "predicted"]
-"""What a planner sees, as `saltus policy eval --heightmap` names it."""
+"""The heights that a planner sees, as `saltus policy eval --heightmap` names them."""
 
 
 def depth_frames(camera: "Intrinsics", depth_m: ArrayLike, time_s: ArrayLike) -> list[DepthFrame]:

@@ -1,4 +1,4 @@
-"""What lets one law run on numpy or floats (deployed) and on torch (training): namespace and constants of its input."""
+"""One law for numpy or floats (deployed) and torch (training): namespace and constants come from its input."""
 
 import itertools
 import math
@@ -28,7 +28,8 @@ FLOATS = SimpleNamespace(
     atan2=math.atan2,
     clip=lambda value, low, high: min(max(value, low), high),
 )
-"""What laws ask of the standard, for Python's own floats: a call on a small array costs ten times its arithmetic."""
+"""Functions of the standard that laws call, for Python's own floats: a call on a small array costs
+ten times its arithmetic."""
 
 # numpy 2 is the standard's namespace itself; the compatibility layer's wrappers would cost a quarter of a control tick.
 _NAMESPACES: dict[type, Any] = {np.ndarray: np, np.float64: np, float: FLOATS}

@@ -59,7 +59,7 @@ class TerrainConfig:
     gap_max_m: float | None = None
     """Every gap between stones is drawn from gap_m to this."""
     layout_seed: int = 0
-    """Of what is drawn; trials of an evaluation have their own."""
+    """Seed of what is drawn; trials of an evaluation have their own."""
     height_m: float | None = None
     """Height of a single step up or down, or of a hurdle."""
     depth_m: float | None = None
@@ -67,7 +67,7 @@ class TerrainConfig:
     depth_max_m: float | None = None
     """The depth of a ditch is drawn from depth_m to this."""
     slope_deg: float | None = None
-    """Of a ramp."""
+    """Slope of a ramp."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +79,7 @@ class RunConfig:
     grid: str
     """Name of a grid of heights that Saltus ships, or path of a TOML file (`saltus.grid`)."""
     prefix: str = "robot/0"
-    """Of every key."""
+    """Prefix of every key."""
     terrain: TerrainConfig = field(default_factory=TerrainConfig)
     seed: int = 0
     pace: Pace = "lockstep"
@@ -227,7 +227,7 @@ def changed(config: Config, table: dict[str, Any], where: str = "") -> Config:
 
 
 def read_file(path: Path, make: Callable[[str], Config]) -> Config:
-    """What `make` makes of the text of a file; errors name the file.
+    """Value that `make` makes of the text of a file; errors name the file.
 
     Raises:
         ConfigError: the file cannot be read, is no text, or what `make` raises.
@@ -325,7 +325,7 @@ def _checked(hint: Any, value: Any, path: str) -> Any:
 
 
 def _in_words(hint: Any) -> str:
-    """What a type stands for, for people."""
+    """A type in words for people."""
     words = {float: "a number", int: "a whole number", bool: "true or false", str: "text", Path: "a path"}
     listed = typing.get_origin(hint) in (tuple, np.ndarray)
     return "a list" if listed else words.get(hint, "a table")

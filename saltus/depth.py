@@ -15,7 +15,7 @@ from saltus.arrays import Array, namespace
 from saltus.wire.messages import DepthFrame
 
 RANGE_M = 3.0
-"""What is farther is as far as this (original)."""
+"""Greatest depth; farther things count as this far (original)."""
 MILLIMETRE = 0.001
 """Depth unit of simulated frames [m]; default of the D435i."""
 NOTHING = 65535
@@ -38,7 +38,8 @@ class Intrinsics:
 _HORIZONTAL_FOV = math.radians(21.43)  # original
 _FOCAL = 8.0 / math.tan(0.5 * _HORIZONTAL_FOV)  # 42.28 px, half of 16 pixels over the tangent of half the angle
 MODEL_CAMERA = Intrinsics(width=16, height=48, fx=_FOCAL, fy=_FOCAL, cx=8.0, cy=24.0)
-"""What the model looks through (original: the centre of 424 x 240 pixels, 80 x 240, pooled by 5)."""
+"""Intrinsics of the images that the model sees (original: the centre of 424 x 240 pixels, 80 x 240,
+pooled by 5)."""
 D435I = Intrinsics(width=424, height=240, fx=211.313, fy=211.313, cx=213.523, cy=120.012)
 """The camera on the authors' robot (original, which counts from pixel centres: there cx, cy are half a pixel less)."""
 
@@ -131,17 +132,17 @@ class _Pooling:
     """Along one axis: which source pixels are needed, and how much of each model pixel each of them covers."""
 
     needed: slice
-    """Of the source."""
+    """Pixels of the source that are needed."""
     count: int
-    """Of model pixels."""
+    """Number of model pixels."""
     reached: slice
     """Model pixels that the source covers at all. Through a long lens these are few, and each is the mean of many."""
     place: NDArray[np.int64] | None
     """For each of these the source pixels that may cover it, counted within `needed`, shape (some, reached); None where
     the model pixels are those of the source."""
     weight: NDArray[np.float32]
-    """Of each, shape (some, reached, 1), or without dimensions where all are the same; they add up to the covered share
-    of a model pixel: 1 inside the source image."""
+    """Weight of each source pixel, shape (some, reached, 1), or without dimensions where all are
+    the same; they add up to the covered share of a model pixel: 1 inside the source image."""
 
     def covering(self, values: Array, axis: int) -> Array:
         """Values that cover model pixels: the axis of the source becomes two, (some, reached)."""

@@ -21,13 +21,13 @@ from saltus.errors import ConfigError, nearest_hint
 from saltus.robots.robot import Robot
 
 STEP_HZ = 100.0
-"""Of the plant, which says where a camera is."""
+"""Step of the plant, which says where a camera is."""
 SLOWEST_HZ = 20.0
 """Images that are farther apart count as lost (`saltus.wire.topics`)."""
 LONGEST_LATENCY_S = 0.1
 """Images that come later are too old to be used (`saltus.wire.topics`)."""
 NATIVE_PIXELS = 5
-"""Of a D435i at 424x240, in each direction, for one pixel of the model."""
+"""Native pixels of a D435i at 424x240, in each direction, for one pixel of the model."""
 _ROUNDING = 1e-9
 _LARGEST = 4096  # of an image's sides [px]
 _VIEWS = ("image", "sensor")  # tables that are named as a whole
@@ -51,7 +51,7 @@ class DepthCamera(Value):
     latency_s: float | None = None
     """From exposure to arrival, in place of the profile's `camera_latency` [s]; that of the profile, if None."""
     range_m: tuple[float, float] | None = None
-    """What is nearer or farther is invalid [m]; nothing is, if None."""
+    """Nearest and farthest valid depth [m]; None if all is valid."""
     depth_unit_m: float | None = None
     """Metres that one step of the images of a real one is, for `saltus ros2`: 0.0001 of a D405, 0.00025 of an L515; as
     ROS has it, if None. Simulated images are in millimetres."""
@@ -60,7 +60,7 @@ class DepthCamera(Value):
     baseline_m: float = BASELINE_M
     """Distance of the imagers [m]."""
     image: Intrinsics
-    """What it sends."""
+    """The image that it sends."""
     sensor: Intrinsics | None = None
     """In which pixels the imagers match, where the image is a part of them."""
     stereo: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -116,7 +116,7 @@ class DepthCamera(Value):
         return np.floor(np.asarray(step) * (self.rate_hz / STEP_HZ) + _ROUNDING).astype(np.int64) + 1
 
     def exposes(self, step: int) -> bool:
-        """Whether it takes an image at a step of 10 ms."""
+        """True where it takes an image at a step of 10 ms."""
         return bool(self.taken_by(step) > self.taken_by(step - 1))
 
     def exposures(self, steps: int) -> NDArray[np.int32]:

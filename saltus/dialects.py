@@ -33,7 +33,7 @@ class Dialect(Value):
         check_between(self, offset_m=(-10.0, 10.0), clip_m=(0.0, math.inf), scale=(-1e3, 1e3))
 
     def observation(self, height: Array, grid: HeightGrid) -> Array:
-        """What the policy reads, numpy or torch, shape (..., grid.size).
+        """Returns what the policy reads, numpy or torch, shape (..., grid.size).
 
         Args:
             height: Of the ground above the base [m], negative where it is below, in the order of

@@ -29,7 +29,7 @@ class Difference:
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any], where: str = "") -> Iterator[Difference]:
-    """What differs between two configurations, each as nested tables; a value that one lacks is None there."""
+    """Differences between two configurations, each as nested tables; a value that one lacks is None there."""
     for name in (*now, *(name for name in before if name not in now)):
         left, right = before.get(name), now.get(name)
         if isinstance(left, Mapping) and isinstance(right, Mapping):

@@ -2,7 +2,7 @@
 
 
 def has_gpu() -> bool:
-    """Whether this computer has a GPU that torch can use."""
+    """True where this computer has a GPU that torch can use."""
     import torch
 
     return torch.cuda.is_available()

@@ -21,9 +21,9 @@ class HeightGrid(Value):
     """
 
     x: tuple[float, ...]
-    """Of the rows, ascending [m]."""
+    """X of the rows, ascending [m]."""
     y: tuple[float, ...] = (0.0,)
-    """Of the columns, ascending [m]."""
+    """Y of the columns, ascending [m]."""
 
     def __post_init__(self) -> None:
         for name in ("x", "y"):

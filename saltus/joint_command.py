@@ -7,7 +7,7 @@ from saltus.arrays import Floats
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointCommand:
-    """What a drive is told: torque = kp (q_des - q) + kd (dq_des - dq) + tau_ff, evaluated by the drive."""
+    """The command of a drive: torque= kp (q_des - q) + kd (dq_des - dq) + tau_ff, evaluated by the drive."""
 
     position: Floats
     """[rad], shape (..., 12)."""

@@ -15,7 +15,8 @@ from saltus.models import MODEL_ID_DIGITS
 from saltus.onnx_tensors import external_files
 
 CHECKSUM_SUFFIX = ".sha256"
-"""Of the file beside a model that says what it must be, as `sha256sum` writes it."""
+"""Checksum suffix of the file beside a model that says what it must be, as `sha256sum` writes
+it."""
 MAX_BYTES = 64 << 20
 """Six times what is shipped at most: a larger file is another file."""
 _FLOAT32 = "tensor(float)"  # as ONNX Runtime writes it

@@ -1,4 +1,4 @@
-"""What a run names, made into values."""
+"""The setup of a run, made of the names that stand in its configuration."""
 
 from saltus.config import RunConfig
 from saltus.depth_camera import load_camera

@@ -17,7 +17,7 @@ _PARTS = {
     "sparse": {1: "tensor", 2: "tensor"},
     "tensor": {13: "place"},
 }
-"""Of each kind of message the fields that may lead to a tensor or its place, and their kinds."""
+"""Fields of each kind of message that may lead to a tensor or its place, and their kinds."""
 _DATA_LOCATION, _EXTERNAL = 14, 1
 _VARINT, _BYTES = 0, 2
 _FIXED_SIZES = {1: 8, 5: 4}  # of the other types of the wire format that are in use

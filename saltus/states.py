@@ -1,4 +1,4 @@
-"""What robots know of themselves, with one set of names, whoever knows it and whoever reads it.
+"""States that robots know of themselves, with one set of names for all who know or read them.
 
 Consumers take a protocol and name what they read: the estimator a `Measurement`; leg controller, planner and heightmap
 network a `Proprioception`. Frames are in the names: base_in_world turns or moves from base to world, base is in the
@@ -19,7 +19,7 @@ from saltus.wire.messages import ControllerMode, RobotState
 
 
 class Measurement(Protocol):
-    """What IMU and encoders say."""
+    """Readings of IMU and encoders."""
 
     @property
     def quaternion_base_in_world(self) -> Array:
@@ -43,7 +43,7 @@ class Measurement(Protocol):
 
 
 class Estimate(Protocol):
-    """What an estimator makes of measurements."""
+    """Quantities that an estimator makes of measurements."""
 
     @property
     def velocity_base_in_world(self) -> Array:
@@ -51,11 +51,11 @@ class Estimate(Protocol):
 
     @property
     def base_height(self) -> Array:
-        """Of the base above the feet in stance [m], shape (...)."""
+        """Height of the base above the feet in stance [m], shape (...)."""
 
 
 class Schedule(Protocol):
-    """What the gait says of the legs."""
+    """The schedule of the legs, as the gait says it."""
 
     @property
     def contact(self) -> Array:
@@ -63,7 +63,7 @@ class Schedule(Protocol):
 
     @property
     def progress(self) -> Array:
-        """Of the present stance or swing, [0, 1], shape (..., 4)."""
+        """Progress of the present stance or swing, [0, 1], shape (..., 4)."""
 
     @property
     def trusted(self) -> Array:
@@ -152,7 +152,7 @@ def state_message(
     joint_torque: Floats | None = None,
     depth_due: int = -1,
 ) -> RobotState:
-    """What one robot of a batch, or the only one, sends about itself at a policy step; times are as in `RobotState`.
+    """Message of one robot of a batch, or of the only one, at a policy step; times are as in `RobotState`.
 
     Drives believe in `joint_torque` [Nm], shape (12,), zero where nobody asks. `depth_due` is the newest image that is
     due.

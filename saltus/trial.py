@@ -32,14 +32,14 @@ _SHIFT = 1  # names the random numbers of what a profile lets every robot draw o
 
 @dataclass(frozen=True, kw_only=True)
 class Trial(Value):
-    """What differs from trial to trial. The defaults are the nominal trial, without randomness."""
+    """Values that differ from trial to trial. The defaults are the nominal trial, without randomness."""
 
     seed: int = 0
-    """Of everything random that is not drawn here: jitter, noise."""
+    """Seed of everything random that is not drawn here: jitter, noise."""
     position_x: float = 0.0
-    """Of the base at the start [m]."""
+    """Place of the base at the start [m]."""
     yaw: float = 0.0
-    """Of the base at the start [rad]."""
+    """Yaw of the base at the start [rad]."""
     friction: float = 0.8
     """Between feet and ground."""
     payload_kg: float = 0.0
@@ -112,7 +112,7 @@ class Outcome:
 
 
 def is_upright(quaternion: Floats) -> Any:
-    """Whether roll and pitch are both within 60 degrees. Shape (..., 4), (w, x, y, z) -> (...)."""
+    """True where roll and pitch are both within 60 degrees. Shape (..., 4), (w, x, y, z) -> (...)."""
     rotation = rotation_matrix(quaternion)
     roll, pitch, _ = roll_pitch_yaw(rotation)
     return (abs(roll) < UPRIGHT_LIMIT) & (abs(pitch) < UPRIGHT_LIMIT)

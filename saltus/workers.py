@@ -20,7 +20,7 @@ MOST_PROCESSES = 4096  # twice as many cores as the largest computers have
 Listener = Callable[[float], None]
 """Told how much further a task is, in whatever unit."""
 _listener: list[Listener] = []
-"""Of this process: none, or the one that `tell` tells."""
+"""Listener of this process: none, or the one that `tell` tells."""
 
 
 def tell(amount: float) -> None:

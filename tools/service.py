@@ -15,7 +15,8 @@ from packaging.utils import canonicalize_name
 ROOT = Path(__file__).resolve().parents[1]
 FILE = ROOT / "service.txt"
 NEEDED = ("array-api-compat", "eclipse-zenoh", "mujoco", "numpy", "onnxruntime", "rosbags", "tomli-w", "tyro")
-"""Of Saltus's own dependencies. MuJoCo reads the robot's model for `saltus router`; the service itself does without."""
+"""Packages of Saltus's own dependencies that are needed. MuJoCo reads the robot's model for `saltus
+router`; the service itself does without."""
 LEFT_OUT = ("glfw", "mujoco-studio", "pyopengl")
 """Needed by MuJoCo, for what nobody asks of it here: windows."""
 HEAD = """\

@@ -83,7 +83,7 @@ def _in_repository(place: str) -> str:
 
 
 def _target(path: str, link: str) -> str:
-    """What a link on a page leads to, from the root of the repository."""
+    """Returns what a link on a page leads to, from the root of the repository."""
     return os.path.normpath(os.path.join(os.path.dirname(path), link))  # noqa: PTH118, PTH120 - neither need exist
 
 

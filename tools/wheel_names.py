@@ -1,4 +1,4 @@
-"""Whether wheels hold every module of a checkout, once, under one top-level name: wheel_names.py CHECKOUT WHEEL ..."""
+"""Checks that wheels hold every module once, under one top-level name: wheel_names.py CHECKOUT WHEEL ..."""
 
 import sys
 import zipfile
@@ -17,7 +17,7 @@ def modules(checkout: Path) -> set[str]:
 
 
 def faults(wheel: Path, expected: set[str]) -> list[str]:
-    """What is wrong with a wheel, in words."""
+    """Faults of a wheel, in words."""
     names = zipfile.ZipFile(wheel).namelist()
     tops = {name.split("/")[0] for name in names if ".dist-info/" not in name}
     held = {name for name in names if name.endswith(".py") and not name.startswith("saltus/data/")}

@@ -1,4 +1,4 @@
-"""How right are heights that somebody predicts from depth images, on a fixed split of runs (docs/benchmark.md)?
+"""Scores of heights that somebody predicts from depth images, on a fixed split of runs (docs/benchmark.md).
 
 saltus bench depth_to_heights -- make
 saltus bench depth_to_heights -- score mine.parquet

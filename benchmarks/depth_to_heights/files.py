@@ -49,7 +49,7 @@ class BenchmarkError(SaltusError):
 
 @dataclass(frozen=True, kw_only=True)
 class Split:
-    """What is known of a split on disk."""
+    """A split on disk, as its description says."""
 
     folder: Path
     version: int
@@ -61,7 +61,7 @@ class Split:
     inputs: str
     """sha256 of the file of inputs."""
     commit: str
-    """Of the code that made it."""
+    """Commit of the code that made it."""
 
     @property
     def table(self) -> dict[str, Any]:
@@ -109,7 +109,7 @@ def refuse_folder(folder: Path) -> None:
 
 
 def read_split(folder: Path) -> Split:
-    """What a split says of itself.
+    """Reads the description of a split.
 
     Raises:
         BenchmarkError: there is none, it is of another version, or its inputs are not those that were written.
@@ -127,7 +127,7 @@ def read_split(folder: Path) -> Split:
 
 
 def read_truth(split: Split) -> list[Truth]:
-    """What predictions are judged by, run by run.
+    """Reads what predictions are judged by, run by run.
 
     Raises:
         BenchmarkError: it is not what was made.
@@ -151,7 +151,7 @@ def read_truth(split: Split) -> list[Truth]:
 
 
 def read_inputs(split: Split, run: int) -> Inputs:
-    """What predictors are given of one run."""
+    """Reads what predictors are given of one run."""
     table = pq.ParquetFile(split.folder / INPUTS).read_row_group(run)
     return Inputs(
         proprioception=_rows(table[_STATE], np.float32),

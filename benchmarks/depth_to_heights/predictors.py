@@ -54,7 +54,7 @@ NETWORK = "network"
 
 
 def predict_run(split: Split, task: tuple[str, Path | None, int]) -> Prediction:
-    """What a baseline says in one run; the name and the run are of the task. With a model: what its service says."""
+    """Prediction of a baseline, or of a model's service, in one run; the name and the run are of the task."""
     name, model, run = task
     robot = load_camera(CAMERA).mounted_on(load_robot(DEFAULT_ROBOT))
     made = BASELINES[name](robot) if model is None else HeightmapService(HeightmapNetwork(robot, model))
@@ -62,7 +62,7 @@ def predict_run(split: Split, task: tuple[str, Path | None, int]) -> Prediction:
 
 
 def predict(predictor: Predictor, inputs: Inputs) -> Prediction:
-    """What a predictor that has not been used before says in one run."""
+    """Returns what a predictor that has not been used before says in one run."""
     steps = len(inputs.depth)
     taken = np.arange(steps) - np.rint(inputs.depth_age_s / POLICY_DT).astype(np.int64)
     taken[inputs.depth_age_s < 0.0] = -1
@@ -79,7 +79,7 @@ def predict(predictor: Predictor, inputs: Inputs) -> Prediction:
 
 
 def _states(inputs: Inputs) -> list[RobotState]:
-    """What the robot says of itself; what predictors are not given is 0."""
+    """Returns what the robot says of itself; what predictors are not given is 0."""
     steps = len(inputs.depth)
     states = RobotStates(**inputs.robot, step=0, leg_progress=np.zeros((steps, 4)), cycle=np.zeros(steps, np.int64))
     return [

@@ -21,7 +21,7 @@ _SEED = 0  # of the resamples: two people get the same interval
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """What one predictor scores; figures are those of `saltus.heightmap.evaluation.scores.Score`, NaN for none."""
+    """Scores of one predictor; figures are those of `saltus.heightmap.evaluation.scores.Score`, NaN for none."""
 
     predictor: str
     figures: dict[str, float]

@@ -48,12 +48,14 @@ from saltus.trial import Trial
 from saltus.workers import tell
 
 VERSION = 2
-"""Of the split. Whoever changes what a definition says makes another: rows of two versions are not compared."""
+"""Version of the split. Whoever changes what a definition says makes another: rows of two versions
+are not compared."""
 ROBOTS = 2 * len(FAMILIES)  # in a batch: each family twice, those of the paper once of a size that all planners master
 RUNS = 4 * ROBOTS
 """In the whole split: two batches behind each planner."""
 FIRST_SEED = 4_250_000_000
-"""Of trials: above those of `saltus heightmap eval`, below those that training data are drawn from (2**32)."""
+"""First seed of trials: above those of `saltus heightmap eval`, below those that training data are
+drawn from (2**32)."""
 TIME_LIMIT_S = 10.0  # as of `saltus heightmap eval`: at 1.2 m/s any course is behind a robot that still runs
 CAMERA = "d435i"
 PLANNERS: tuple[PlannerName, ...] = ("learned", "scripted")
@@ -67,14 +69,14 @@ _DIGITS = 9  # of definitions: compilers may round the last bits of a draw in ot
 
 @dataclass(frozen=True, kw_only=True)
 class RunPlan:
-    """What differs from run to run."""
+    """Values that differ from run to run."""
 
     terrain: TerrainConfig
     level: str
     """See `saltus.heightmap.evaluation.held_out`."""
     planner: PlannerName
     seed: int
-    """Of the trial, and of the noise of its camera."""
+    """Seed of the trial, and of the noise of its camera."""
     strength: float
     """Factor on the errors of a usual camera."""
     loss: float
@@ -83,7 +85,7 @@ class RunPlan:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Inputs:
-    """What a predictor is given of one run, at each step of 10 ms from 0 on."""
+    """Inputs of a predictor in one run, at each step of 10 ms from 0 on."""
 
     proprioception: Singles
     """See `saltus.heightmap.service.features`, shape (n, 21)."""
@@ -97,7 +99,7 @@ class Inputs:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Truth:
-    """What predictions of one run are judged by, n steps."""
+    """Truth by which predictions of one run are judged, n steps."""
 
     terrain: str
     height: Singles
@@ -145,7 +147,8 @@ def batches(plans: Sequence[RunPlan]) -> list[Sequence[RunPlan]]:
 
 
 WORK = 2 * (math.ceil(TIME_LIMIT_S / TICK_S) + 2)
-"""What `make_batch` tells, see `saltus.workers.tell`: its steps, when they are run and when they are seen."""
+"""Count that `make_batch` tells, see `saltus.workers.tell`: its steps, when they are run and when
+they are seen."""
 
 
 def make_batch(batch: Sequence[RunPlan]) -> list[SplitRun]:

@@ -71,7 +71,7 @@ FAMILIES = {**BODY, **IMU, **OUTSIDE}
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """What happened, without noise; one row per control step."""
+    """Motion as it happened, without noise; one row per control step."""
 
     base: Floats
     """Position and quaternion of the trunk, (rows, 7)."""
@@ -151,7 +151,7 @@ class BodyScene(Scene):
         return dict(table.get(setting.effect, {"size": size, **setting.shape}))
 
     def read(self, settings: tuple[Setting, ...]) -> dict[str, Floats]:
-        """What every sensor would read without noise, one row per control step."""
+        """Returns what every sensor would read without noise, one row per control step."""
         by = {setting.effect: setting for setting in settings}
         physical = {name: setting for name, setting in by.items() if name in BODY or name in SHAKES}
         motion = self._simulate(physical) if physical else self._ideal

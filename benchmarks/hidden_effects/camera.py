@@ -130,7 +130,7 @@ class CameraScene(Scene):
         return np.stack([self._respond(settings) for settings in variants])
 
     def parameters(self, setting: Setting) -> dict[str, float | list[list[float]]]:
-        """Of frames the part that was lost indeed."""
+        """Share of frames that was lost indeed."""
         size, signed = setting.size, setting.size * setting.shape.get("sign", 1.0)
         table: dict[str, dict[str, float]] = {
             "camera_latency": {"latency": self.latency + signed},

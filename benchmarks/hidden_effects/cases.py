@@ -57,12 +57,12 @@ class Case:
         return str((self.verdict.get("next_experiment") or {}).get("name") or "")
 
     def counts(self) -> bool:
-        """Whether every hidden effect is large enough and the motion shows it."""
+        """True where every hidden effect is large enough and the motion shows it."""
         multiples, shown = self.truth["multiples"], self.truth["shown_rms"]
         return not self.truth["quiet"] and all(m >= LARGE for m in multiples) and all(s >= SHOWN for s in shown)
 
     def separable(self) -> bool:
-        """Whether every hidden effect differs from all others on these data."""
+        """True where every hidden effect differs from all others on these data."""
         return all(max(rivals.values(), default=0.0) < SEPARABLE for rivals in self.truth["rivals"])
 
 

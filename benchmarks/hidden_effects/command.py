@@ -34,7 +34,7 @@ class Generate(Part):
     """Writes logs, and the truth about them elsewhere."""
 
     seed: int
-    """Of all runs."""
+    """Seed of all runs."""
     runs: int = 200
     """How many."""
     out: Path
@@ -44,7 +44,7 @@ class Generate(Part):
     jobs: int = 2
     """Processes."""
     kinds: tuple[Kind, ...] = tuple(KINDS)
-    """Of logs."""
+    """Kinds of logs."""
     only: PlanPart = "all"
     """Runs of joints alone that tell pairs and play."""
     tuning: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False

@@ -1,4 +1,4 @@
-"""What a robot can be asked to do next: the experiments by name, as motions of this package."""
+"""Experiments that a robot can be asked for next, by name, as motions of this package."""
 
 from collections.abc import Callable
 
@@ -12,7 +12,8 @@ from benchmarks.hidden_effects.stances import Stance
 REPEATS = 2
 PULSE_S, PULSE_EVERY_S = 0.1, 0.6
 LARGEST_PULSE = 4.0
-"""Of the ladder of torques, in parts of what is held for long: a pulse is over before the joint has gone far."""
+"""Largest pulse of the ladder of torques, in parts of what is held for long: a pulse is over before
+the joint has gone far."""
 KNOWN_PAYLOAD_KG = 2.0
 RELEASE_M = 0.08
 """Height of the feet above the floor from which the robot is let fall."""

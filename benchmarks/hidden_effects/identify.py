@@ -14,9 +14,10 @@ from pathlib import Path
 Find = Callable[[tuple[Path, ...], Path], None]
 """From the directories of logs of one robot and one for results; writes verdict.json there."""
 LIMIT_S = 600.0
-"""What one log may take: the time that sixty seconds of log may take on two cores."""
+"""Time limit of one log: the time that sixty seconds of log may take on two cores."""
 ENDINGS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
-"""Who ends a command with these means the benchmark: the log keeps no verdict, and is looked at the next time."""
+"""Signals by which somebody ends a command and means the benchmark: the log keeps no verdict, and
+is looked at the next time."""
 
 
 def identify(logs: Path, verdicts: Path, find: Find, jobs: int, second: Path | None = None) -> int:

@@ -14,7 +14,8 @@ from benchmarks.hidden_effects.scene import Family, Setting, draw_sign
 TABLE_COMMANDED = np.array([0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0])
 TABLE_DELIVERED = np.array([0.0, 5.0, 9.78, 14.12, 17.23, 20.34, 24.01, 25.68])
 SOFTEST_TEETH, STIFFEST_TEETH = 4.0e3, 4.0e4
-"""Of teeth in contact [Nm/rad]: 10 Nm twist the softest by two and a half times an encoder's noise."""
+"""Stiffness of teeth in contact [Nm/rad]: 10 Nm twist the softest by two and a half times an
+encoder's noise."""
 MOTOR_SIDE = 0.8
 """Share of drives with play whose log is that of the motor's encoder, as of most that have one encoder."""
 LARGEST_LOSS = 0.95

@@ -16,7 +16,7 @@ FASTEST_TICK, SLOWEST_TICK = 1, 16
 CLOCK_S = 1e-3
 """By which a drive's clock may be off: half of a period at 500 Hz, the mean age of a torque that is held."""
 ASKED = 1.1
-"""Of the largest torque that may be asked for in an experiment, in parts of a joint's limit."""
+"""Largest torque that may be asked for in an experiment, in parts of a joint's limit."""
 SHOWN = 2
 """Signals that count in a response: position and velocity. Believed torque follows from them and the command; a packet
 that is late by nothing at all would move its sample at a jump by the whole jump."""
@@ -24,14 +24,14 @@ that is late by nothing at all would move its sample at a jump by the whole jump
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
-    """What the sensors add."""
+    """Noise that the sensors add."""
 
     sigma: Floats
-    """Of position, velocity and believed torque [rad, rad/s, Nm], shape (3,)."""
+    """Sigma of position, velocity and believed torque [rad, rad/s, Nm], shape (3,)."""
     corner_hz: float
     slow_hz: float
     slow_share: float
-    """Of the variance: what of the noise is slow."""
+    """Share of the variance of noise that is slow."""
 
 
 class JointScene(Scene):
@@ -100,7 +100,7 @@ class JointScene(Scene):
         return joint_effects.parameters_at(setting, self.peak)
 
     def measure(self, settings: tuple[Setting, ...], rng: np.random.Generator) -> Floats:
-        """What is logged: position, velocity, believed torque with noise; shape (rows, 12, 3)."""
+        """Returns what is logged: position, velocity, believed torque with noise; shape (rows, 12, 3)."""
         clean = simulate(self.rig, [self._as_logged(settings)], seed=self.seed)[0]
         rate = 1.0 / self.rig.control_dt
         slow = {"slow_share": self.noise.slow_share, "slow_hz": self.noise.slow_hz}

@@ -98,7 +98,7 @@ def inverse_dynamics(
 
 @wp.func
 def lost(curve: wp.array(dtype=float, ndim=3), variant: int, joint: int, command: float, limit: float) -> float:
-    """What of a commanded torque does not arrive, by table."""
+    """Returns what of a commanded torque does not arrive, by table."""
     x = wp.min(wp.abs(command) / limit, 100.0) * float(LAST)
     i = wp.clamp(int(x), 0, LAST - 1)
     low = curve[variant, joint, i]

@@ -25,12 +25,12 @@ class Way:
     late: float = 0.0
     """Share of packets that come late."""
     is_whole: bool = False
-    """Whether they are handed over in whole periods of the commands only."""
+    """True where they are handed over in whole periods of the commands only."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rig:
-    """What is commanded, and how fast the drives work."""
+    """Commands, and how fast the drives work."""
 
     command: Floats
     """Desired position, desired velocity, feed-forward torque; shape (rows, 12, 3)."""

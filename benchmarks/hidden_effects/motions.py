@@ -1,4 +1,4 @@
-"""What the joints are told to do: segments of a few seconds that begin and end at rest in the standing pose."""
+"""Motions that the joints are told: segments of a few seconds that begin and end at rest in the standing pose."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -7,7 +7,7 @@ from benchmarks.hidden_effects.scene import Setting
 
 STEP_S = 0.002
 DAMPING = 0.05
-"""Of a load on straps: swings some times before it rests."""
+"""Damping of a load on straps: swings some times before it rests."""
 
 
 class Pushes:

@@ -1,4 +1,4 @@
-"""What every kind of run has in common: effects of a certain size at a certain place, and a scene that shows them."""
+"""Parts that every kind of run has: effects of a certain size at a certain place, and a scene that shows them."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -42,7 +42,7 @@ class Setting:
     where: tuple[str, ...]
     """Joints, or "camera", "trunk", "feet", "imu"."""
     shape: dict[str, float] = field(default_factory=dict)
-    """What else the effect needs: a sign, the place of a knee."""
+    """Further choices of the effect: a sign, the place of a knee."""
 
     def sized(self, size: float) -> "Setting":
         """The same effect in another size."""
@@ -90,7 +90,7 @@ class Scene(ABC):
 
     @abstractmethod
     def respond(self, variants: list[tuple[Setting, ...]]) -> Floats:
-        """What the sensors read, without noise or with the same noise, in units of its sigma; shape (variants, m)."""
+        """Readings of the sensors, without noise or with the same, in units of its sigma; shape (variants, m)."""
 
     @abstractmethod
     def parameters(self, setting: Setting) -> dict[str, float | list[list[float]]]:

@@ -81,7 +81,7 @@ def _wrong(case: Case) -> bool:
 
 
 def _right_place(case: Case) -> bool:
-    """Whether the named joints are those that have the effect; other sensors have one place only."""
+    """True where the named joints are those that have the effect; other sensors have one place only."""
     if case.truth["kind"] != "joints":
         return True
     true = set(case.truth["effects"][0]["where"])

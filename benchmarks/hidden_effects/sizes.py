@@ -78,7 +78,7 @@ class _Search:
 
 
 def visible(scene: Scene, residual: Floats) -> Floats:
-    """What of a residual no amount of the nuisances takes away that they can have."""
+    """Returns what of a residual no amount of the nuisances takes away that they can have."""
     if len(scene.nuisances) == 0:
         return residual
     finite = np.clip(np.nan_to_num(residual), -1e4, 1e4)

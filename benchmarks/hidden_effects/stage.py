@@ -1,4 +1,4 @@
-"""What a run needs of its kind: a scene, places for its effects, and files."""
+"""Parts that a run needs of its kind: a scene, places for its effects, and files."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What a standing robot is told to do: segments that begin and end in the standing pose."""
+"""Motions that a standing robot is told: segments that begin and end in the standing pose."""
 
 from collections.abc import Callable
 

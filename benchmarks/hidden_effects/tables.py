@@ -41,7 +41,7 @@ def joint_columns(t: Floats, measured: Floats, command: Floats) -> dict[str, Flo
 def claim(
     *, base: str, kp: Floats, kd: Floats, control_dt: float, segments: tuple[Segment, ...], start_s: float
 ) -> dict[str, Any]:
-    """What every meta.json says of a log whose clock begins at `start_s`."""
+    """Claims that every meta.json makes of a log whose clock begins at `start_s`."""
 
     def shown(time_s: float) -> float:
         return round(round(time_s, 6) + start_s, 6)

@@ -1,4 +1,4 @@
-"""What the camera looks at and how its carrier moves: boxes, motions of the trunk, and the rays between them."""
+"""Scenes of the camera, and how its carrier moves: boxes, motions of the trunk, and the rays between them."""
 
 from dataclasses import dataclass
 

@@ -1,1 +1,1 @@
-"""What answers joint commands, simulated or real."""
+"""Robots that answer joint commands, simulated or real."""

@@ -1,4 +1,4 @@
-"""What the leg controller needs of a robot, simulated or real."""
+"""Interface of a robot for the leg controller, simulated or real."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from saltus.states import Measurement
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reading:
-    """What a robot measures at one instant."""
+    """Measurements of a robot at one instant."""
 
     measurement: Measurement
     joint_torque: Floats

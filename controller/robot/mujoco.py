@@ -53,7 +53,7 @@ class MujocoRobot(RobotBackend):
         """Nothing to let go of."""
 
     def take_trunk_contact(self) -> bool:
-        """Whether the trunk touched anything since the last call."""
+        """True where the trunk touched anything since the last call."""
         touched, self._trunk_contact = self._trunk_contact, False
         return touched
 

@@ -47,7 +47,7 @@ class DeliveryModel:
         return low, high
 
     def drawn(self, latency: CameraLatency, batch: tuple[int, ...], rng: np.random.Generator) -> CameraChain:
-        """What happens in one episode, but for pauses, to the images of cameras whose latency is known.
+        """Draws what happens in an episode, but for pauses, to the images of cameras whose latency is known.
 
         It may have a value for each camera of the batch.
         """
@@ -58,7 +58,7 @@ class DeliveryModel:
 
 
 def hardware_table(profile: str, camera: DepthCamera) -> dict[str, Any]:
-    """What the manifest of a dataset says of robots and cameras that are not as shipped."""
+    """Table for the manifest of a dataset, of robots and cameras that are not as shipped."""
     if profile == SHIPPED:
         return {}
     known = camera.delivered(load_profile(profile, load_robot(DEFAULT_ROBOT)))
@@ -73,16 +73,17 @@ DELIVERIES: dict[DeliveryName, DeliveryModel] = {
     "nominal": DeliveryModel(),
     "at-once": DeliveryModel(latency_s=(0.0, 0.0)),
 }
-"""What a network can be trained with; all but the first are for comparison: no robot has such a camera."""
+"""Deliveries that a network can be trained with; all but the first are for comparison: no robot has
+such a camera."""
 
 
 class Delivery(NamedTuple):
-    """Of each episode at each tick, up to the length of the longest; each of shape (episodes, ticks)."""
+    """Delivered images of each episode at each tick of the longest; each of shape (episodes, ticks)."""
 
     frame: NDArray[np.int64]
     """Image in use; -1 before the first."""
     age_s: Floats
-    """Of that image; infinite before the first."""
+    """Age of that image; infinite before the first."""
     new: NDArray[np.bool_]
 
 

@@ -28,7 +28,7 @@ class RecordedBatch:
     terrain: Sequence[str]
     """Kind of each robot's."""
     starts: NDArray[np.bool_]
-    """Whether a robot starts anew with a tick, shape (n, ticks)."""
+    """True where a robot starts anew with a tick, shape (n, ticks)."""
     proprioception: Singles
     """Shape (n, ticks, some)."""
     height: Singles
@@ -38,9 +38,9 @@ class RecordedBatch:
     depth: Mapping[str, NDArray[np.uint16]]
     """Images of each camera [mm], shape (n, frames, 48, 16)."""
     there: Mapping[str, NDArray[np.bool_]]
-    """Whether they were given out, shape (n, frames): some cameras hold or lose theirs."""
+    """True where they were given out, shape (n, frames): some cameras hold or lose theirs."""
     state: Singles | None = None
-    """What the policy sees besides heights, shape (n, ticks, some); where it is kept."""
+    """Inputs of the policy besides heights, shape (n, ticks, some); where they are kept."""
     plan: Singles | None = None
     """Its normalised plans on true heights, shape (n, ticks, 10); the same."""
 
@@ -95,7 +95,7 @@ class DeviceRecording:
             self._there[camera][:, frame] = image.time_s == tick * TICK_S
 
     def add_plans(self, tick: int, state: Tensor, plan: Tensor) -> None:
-        """What the policy saw of all robots besides heights, and its normalised plans on true ones."""
+        """Adds what the policy saw of all robots besides heights, and its normalised plans on true ones."""
         self._plans["state"][:, tick], self._plans["plan"][:, tick] = state, plan
 
     def to_host(self, terrain: Sequence[str]) -> RecordedBatch:

@@ -1,4 +1,4 @@
-"""What `saltus.heightmap.data.closed_loop` does with processes, for thousands of robots on one device.
+"""Closed loops as in `saltus.heightmap.data.closed_loop`, for thousands of robots on one device.
 
 Each robot has a camera, a speed and a rhythm of its own; who falls or arrives starts again.
 """
@@ -67,7 +67,7 @@ class DeviceRollouts:
         self._generator = torch.Generator(self._device).manual_seed(int(self._rng.integers(2**62)))
         config = from_toml(TrainConfig, policy["config"]).env
         self.profile = profile or config.profile
-        """Of all robots."""
+        """Profile of all robots."""
         config = replace(
             config, curriculum=_curriculum(loop), profile=self.profile, randomisation=_grown(config.randomisation)
         )
@@ -123,7 +123,7 @@ class DeviceRollouts:
         return self._recording.to_host([kinds[kind] for kind in env.memory.kind.tolist()])
 
     def proprioception(self) -> Tensor:
-        """Of the robots now, see `saltus.heightmap.service.features`, shape (n, some)."""
+        """Proprioception of the robots now, see `saltus.heightmap.service.features`, shape (n, some)."""
         vector: Tensor = proprioception_of_states(self._env.states(), self._legs)
         return vector
 
@@ -135,7 +135,7 @@ class DeviceRollouts:
         return heights - qpos[:, 2:3]
 
     def _add_plans(self, tick: int, shown: Tensor) -> None:
-        """What the policy plans where it sees the ground as it is, whatever the robots are shown."""
+        """Adds the policy's plans where it sees the ground as it is, whatever the robots are shown."""
         exact = shown.clone()
         exact[:, PROPRIOCEPTION_SIZE:SIZE] = self.true_heights()
         plan = self._env.config.bounds.normalised(self._policy(exact))
@@ -159,7 +159,7 @@ class DeviceRollouts:
         )
 
     def _seen(self) -> tuple[LateImages, Sight] | None:
-        """What the images of a batch come through, to a predictor in the loop."""
+        """Returns what the images of a batch come through, to a predictor in the loop."""
         if self._model is None:
             return None
         late = late_images(self.loop.robots, TRAINING, self._latency, self._rng, self._device)

@@ -1,4 +1,4 @@
-"""What predictors are trained on: an episode. To make one takes no package that only training needs."""
+"""Episodes, on which predictors are trained. To make one takes no package that only training needs."""
 
 from dataclasses import dataclass
 
@@ -27,8 +27,10 @@ class Episode:
     frame_tick: NDArray[np.int32]
     """Tick at which each image was taken, ascending, shape (frames,)."""
     state: Singles | None = None
-    """What the policy sees besides heights, see `saltus.policy.features`, shape (ticks, n); in few datasets."""
+    """Inputs of the policy besides heights, see `saltus.policy.features`, shape (ticks, n); in few
+    datasets."""
     plan: Singles | None = None
-    """What it plans on true heights, as `ActionBounds` normalises it, shape (ticks, 10); where `state` is."""
+    """Plan of the policy on true heights, as `ActionBounds` normalises it, shape (ticks, 10); where
+    `state` is."""
     latency: CameraLatency = NOMINAL_LATENCY
     """How long images travel; a shard has one for all."""

@@ -31,7 +31,7 @@ ROW_GROUP = 4096  # ticks: 6 MB of images, which a reader holds at once
 
 @dataclass(frozen=True, kw_only=True)
 class Exported:
-    """What was written."""
+    """An export that was written."""
 
     episodes: int
     ticks: int
@@ -72,7 +72,7 @@ def export(directory: Path, out: Path, done: Callable[[int], object] = lambda _:
 
 
 def _index(rows: list[dict[str, Any]]) -> int:
-    """Of the next row of the data."""
+    """Index of the next row of the data."""
     return int(rows[-1]["dataset_to_index"]) if rows else 0
 
 
@@ -101,7 +101,7 @@ def _arrow(table: dict[str, NDArray[Any]]) -> pa.Table:
 
 
 def _row(episode: Episode, rows: list[dict[str, Any]], file: int) -> dict[str, Any]:
-    """What LeRobot's table of episodes says of one."""
+    """Row of an episode in LeRobot's table."""
     first = _index(rows)
     return {
         "episode_index": len(rows), "tasks": [episode.terrain], "length": len(episode.height),
@@ -112,7 +112,7 @@ def _row(episode: Episode, rows: list[dict[str, Any]], file: int) -> dict[str, A
 
 
 class _Statistics:
-    """Of a column, over all rows."""
+    """Statistics of a column, over all rows."""
 
     def __init__(self) -> None:
         self._count, self._sum, self._squares, self._low, self._high = 0, 0.0, 0.0, np.inf, -np.inf
@@ -134,7 +134,7 @@ class _Statistics:
 def _write_meta(
     made: Path, rows: list[dict[str, Any]], terrains: dict[str, int], statistics: dict[str, _Statistics]
 ) -> None:
-    """What LeRobot asks for besides the data."""
+    """Writes what LeRobot asks for besides the data."""
     (made / EPISODES_FILE).parent.mkdir(parents=True)
     pq.write_table(pa.Table.from_pylist(rows), made / EPISODES_FILE)
     tasks = pa.table({"task_index": list(terrains.values()), "__index_level_0__": list(terrains)})
@@ -210,4 +210,4 @@ _CONTEXT = {
     "samplingRate": "cr:samplingRate", "sc": "https://schema.org/", "separator": "cr:separator", "source": "cr:source",
     "subField": "cr:subField", "transform": "cr:transform",
 }  # fmt: skip
-"""That of every Croissant file (mlcommons.github.io/croissant, 1.0)."""
+"""The context of every Croissant file (mlcommons.github.io/croissant, 1.0)."""

@@ -1,4 +1,4 @@
-"""What a dataset holds, whether it is undamaged, and how several are merged."""
+"""Inventory of a dataset: what it holds, whether it is undamaged, and how several are merged."""
 
 import json
 import shutil
@@ -40,7 +40,7 @@ class ShardInfo:
     terrains: dict[str, int]
     """Episodes on each kind of terrain."""
     camera: str
-    """That took its images: name and fingerprint."""
+    """Camera that took its images: name and fingerprint."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ class DatasetInfo:
 
 
 def info(directory: Path) -> DatasetInfo:
-    """What a dataset holds; its shards are opened, but not checked (`DatasetError` where that fails)."""
+    """Contents of a dataset; its shards are opened, but not checked (`DatasetError` where that fails)."""
     records = read_records(directory)
     shards = []
     for record in records:
@@ -65,7 +65,7 @@ def info(directory: Path) -> DatasetInfo:
 
 
 def validate(directory: Path) -> list[str]:
-    """What is wrong with a dataset, shard by shard; nothing where it is sound.
+    """Damages of a dataset, shard by shard; none where it is sound.
 
     Raises:
         DatasetError: no dataset there, or its manifest is damaged.
@@ -123,7 +123,7 @@ def _damages(path: Path, record: ShardRecord) -> list[str]:
 
 
 def _contents(file: h5py.File, record: ShardRecord) -> list[str]:
-    """What is wrong within a shard: names, kinds, shapes, lengths, values."""
+    """Damages within a shard: names, kinds, shapes, lengths, values."""
     damages = [
         f"'{name}' is missing"
         for name in (*PER_TICK, *PER_FRAME, "terrain", "ticks", "frames")

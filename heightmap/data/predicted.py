@@ -73,7 +73,7 @@ class LeggedNetwork(Network, Protocol):
 
 
 class PredictedHeights:
-    """What the heightmap service of each robot would answer, with the camera of its trial.
+    """Answers that the heightmap service of each robot would give, with the camera of its trial.
 
     A robot gets the very images, at the very steps, that the camera process gives to it in lockstep. The network runs
     on all robots in one call.
@@ -87,7 +87,8 @@ class PredictedHeights:
         self._images = late_images(profile, trials)
         self._sight = Sight(network, depth_in_millimetres(self._images.in_hand.depth))
         self.depth: NDArray[np.float32] | None = None
-        """What the cameras take at this step [m], shape (n, 48, 16); None where it is not the time."""
+        """Images that the cameras take at this step [m], shape (n, 48, 16); None where it is not
+        the time."""
 
     def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
         """One tick of all services; shape (n, 30)."""
@@ -102,7 +103,7 @@ class PredictedHeights:
         return np.asarray(heights, np.float64)
 
     def _features(self, states: RobotStates) -> Singles:
-        """What the network is told of the robots besides their images, shape (n, some)."""
+        """Inputs of the network about the robots besides their images, shape (n, some)."""
         vectors: Singles = proprioception_of_states(states, self._network.legs)
         return vectors
 

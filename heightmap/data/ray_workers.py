@@ -20,7 +20,8 @@ Result = TypeVar("Result")
 LOCAL = "local"
 """In place of an address: a cluster of this machine's cores, which begins and ends with the work."""
 RETRIES = 3
-"""Of a task whose worker or host is lost, as many as are usual with Ray: one that kills each of them is at fault."""
+"""Retries of a task whose worker or host is lost, as many as are usual with Ray: one that kills
+each of them is at fault."""
 
 CONNECT_S = 5.0
 """For a connection to a cluster's port, as Ray's own first attempt; its further ones would take minutes."""
@@ -34,7 +35,7 @@ class Installation(NamedTuple):
 
     @classmethod
     def here(cls) -> "Installation":
-        """That of this process."""
+        """The place of this process."""
         return cls(socket.gethostname(), commit())
 
 

@@ -45,7 +45,7 @@ def true_heights(terrain: Terrain, position: Floats, quaternion: Floats, grid: H
 def true_images(
     trajectory: Trajectory, view: RobotCamera, camera: DepthCamera, renderer: str = USUAL_RENDERER
 ) -> NDArray[np.float32]:
-    """What one robot's camera exposes, from where it really is, without errors [m], shape (frames, 48, 16)."""
+    """Images that one robot's camera exposes, from where it really is, without errors [m], shape (frames, 48, 16)."""
     rows = camera.exposures(len(trajectory.joint_position))
     # the left imager of a pair, which takes one thread: other processes have the other cores
     left = make_stereo(renderer, trajectory.terrain, Optics.behind(view.intrinsics, camera), view)

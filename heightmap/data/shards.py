@@ -37,7 +37,7 @@ PER_FRAME = ("depth", "frame_tick")
 SOMETIMES = ("state", "plan")
 """Columns that only datasets for imitation have."""
 _NOT_OF_MOTION = ("episodes", "batches", "camera", "cameras", "latency", "plans", "renderer")
-"""Of a configuration, what leaves the motion of the first robots as it is."""
+"""Settings that leave the motion of the first robots as it is."""
 
 
 class DatasetError(SaltusError):
@@ -46,7 +46,7 @@ class DatasetError(SaltusError):
 
 @dataclass(frozen=True, kw_only=True)
 class ShardRecord:
-    """What the manifest says of one shard."""
+    """Record of one shard in the manifest."""
 
     file: str
     sha256: str
@@ -59,7 +59,7 @@ class ShardRecord:
 
     @property
     def camera(self) -> DepthCamera:
-        """That took its images; older shards do not name theirs."""
+        """Camera that took its images; older shards do not name theirs."""
         return recorded(self.config.get("camera", "ideal"))
 
     @property
@@ -74,7 +74,7 @@ class ShardWriter:
     """A shard that is being written; a pool of threads compresses it."""
 
     record: ShardRecord
-    """What the manifest says of it; there once it is written."""
+    """Record of it in the manifest; there once it is written."""
 
     def __init__(self, file: h5py.File, pool: Executor) -> None:
         self._file, self._pool = file, pool
@@ -83,7 +83,7 @@ class ShardWriter:
 
     @property
     def ticks(self) -> int:
-        """Of all episodes so far."""
+        """Ticks of all episodes so far."""
         return sum(ticks for _, ticks, _ in self._rows)
 
     def append(self, episodes: Iterable[Episode]) -> None:
@@ -146,7 +146,7 @@ def open_shard(directory: Path, *, seed: int, config: dict[str, Any], code: str 
 
 @contextmanager
 def _said_in_one_line(path: Path) -> Iterator[None]:
-    """What HDF5 says of a full disk has many lines."""
+    """Says in one line what HDF5 says of a full disk in many."""
     try:
         yield
     except OSError as error:
@@ -187,12 +187,12 @@ def refuse_twice(directory: Path, records: Iterable[ShardRecord], seed: int, con
 
 @dataclass(frozen=True, kw_only=True)
 class Collection:
-    """What was collected."""
+    """A collection that was made."""
 
     records: list[ShardRecord]
-    """Of the shard in each dataset."""
+    """Records of the shard in each dataset."""
     whole: bool
-    """Whether it was not interrupted."""
+    """True where it was not interrupted."""
 
 
 def collect_batches(
@@ -247,7 +247,7 @@ def write_manifest(directory: Path, records: Iterable[ShardRecord]) -> None:
 
 
 def layout() -> dict[str, Any]:
-    """What the columns of the arrays mean; it is kept in each shard."""
+    """Meaning of the arrays' columns, kept in each shard."""
     camera = asdict(MODEL_CAMERA)
     return {
         "grid_m": HEIGHTMAP_X.tolist(),

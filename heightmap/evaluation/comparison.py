@@ -45,7 +45,7 @@ class Run:
     arrival_ns: list[int]
     recorded: dict[int, Heightmap]
     lost: tuple[str, ...]
-    """What the recording lacks, one line each."""
+    """Losses of the recording, one line each."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,7 +56,7 @@ class Comparison:
     terrain: str
     predictor: str
     reference: str
-    """What the prediction is measured against: "truth", or "seen later" where the recording has no truth."""
+    """Reference of the prediction: "truth", or "seen later" where the recording has no truth."""
     ok_share: float
     """Share of the steps for which this predictor had a heightmap of status OK."""
     step: NDArray[np.int64]
@@ -76,7 +76,7 @@ class Comparison:
     """In [0, 1], of the legs that stand; in flight of the legs that land next. Shape (n,)."""
     speed_mps: Floats
     age_s: Floats
-    """Of the image in use, shape (n,)."""
+    """Age of the image in use, shape (n,)."""
     frame_id: NDArray[np.int64]
 
     @property
@@ -134,7 +134,7 @@ def read_run(recording: Recording) -> Run:
 
 
 def lost_note(lost: Sequence[str]) -> str:
-    """What a recording lacks, for the end of an error message; empty where it lacks nothing."""
+    """Note on what a recording lacks, for the end of an error message; empty where it lacks nothing."""
     more = f"; and {len(lost) - SHOWN_LOST} more" if len(lost) > SHOWN_LOST else ""
     return f" (lost: {'; '.join(lost[:SHOWN_LOST])}{more})" if lost else ""
 
@@ -217,7 +217,7 @@ def _comparison(run: Run, name: str, maps: list[Heightmap], poses: _Poses, ok_sh
 
 
 def in_view(mount: Mount, place: Floats, position: Floats, quaternion: Floats) -> NDArray[np.bool_]:
-    """Whether points are inside the field of view and the range of the model's camera.
+    """True where points are inside the field of view and the range of the model's camera.
 
     Args:
         mount: of the camera.
@@ -278,7 +278,7 @@ def _seen_later(
     captured: tuple[Floats, Floats],
     height: Floats,
 ) -> Floats:
-    """What was predicted for the same places when they were last in view, thus nearest; NaN where they never were.
+    """Predictions for the same places when they were last in view, thus nearest; NaN where they never were.
 
     Relative to the base at each step [m], shape (n, 30).
     """

@@ -27,7 +27,7 @@ class EdgeErrors:
     """All true jumps of many profiles and what became of them."""
 
     true_x: Floats
-    """Of each true jump [m], shape (n,)."""
+    """Place of each true jump [m], shape (n,)."""
     error: Floats
     """Predicted less true position [m]; NaN where it was not predicted. Shape (n,)."""
     false: int

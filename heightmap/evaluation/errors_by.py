@@ -38,7 +38,7 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Calibration:
-    """Whether stated intervals fit the errors, see `saltus.heightmap.service.quantiles`."""
+    """True where stated intervals fit the errors, see `saltus.heightmap.service.quantiles`."""
 
     level: Floats
     """Expected coverage of central intervals."""
@@ -47,7 +47,7 @@ class Calibration:
     stated_m: Floats
     """Mean (RMS) of half of the stated 90 % intervals in bins of equal counts."""
     observed_m: Floats
-    """What should have been stated there: the error that 90 % are below."""
+    """Half-width that should have been stated there: the error that 90 % are below."""
     nll: float
     """Mean negative log-likelihood of the true heights, in nats, heights in metres."""
 

@@ -50,13 +50,13 @@ _DEPTH = TOPICS["camera/depth"]
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """What one frame contributes: means of its pixels over bins along the heading, in the odometry's world."""
+    """Contribution of one frame: means of its pixels over bins along the heading, in the odometry's world."""
 
     time_ns: int
     xyz: Floats
     """[m], shape (n, 3)."""
     variance: Floats
-    """Of the height [m^2], shape (n,)."""
+    """Variance of the height [m^2], shape (n,)."""
 
 
 class GeometricHeightmap:

@@ -82,9 +82,10 @@ class HeldOutRuns:
     baselines: tuple[str, ...] = tuple(BASELINES)
     """Predictors that are shown the same images."""
     time_limit_s: float = 10.0
-    """Of a run: at 1.2 m/s any course is behind a robot that still runs."""
+    """Time limit of a run: at 1.2 m/s any course is behind a robot that still runs."""
     statuses: bool = False
-    """Whether to ask the heightmap service of each robot for its status, too: it takes twice as long."""
+    """True to ask the heightmap service of each robot for its status, too: it takes twice as
+    long."""
 
     def __post_init__(self) -> None:
         stands_s = STAND_STEPS * TICK_S
@@ -102,7 +103,7 @@ class HeldOutRuns:
 
     @property
     def work(self) -> int:
-        """What `measure` tells of a batch, see `saltus.workers.tell`: steps, then robots that are measured."""
+        """Work that `measure` tells of a batch, see `saltus.workers.tell`: steps, then robots that are measured."""
         return math.ceil(self.time_limit_s / TICK_S) + 1 + ROBOTS * ROBOT_WORK
 
     def courses(self, rng: np.random.Generator, count: int) -> list[tuple[str, Terrain]]:
@@ -163,7 +164,7 @@ class HeldOutRuns:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
-    """What one predictor predicted in one run, at each step that counts."""
+    """Prediction of one predictor in one run, at each step that counts."""
 
     height: Floats
     """[m], shape (n, 30)."""
@@ -185,13 +186,13 @@ class HeldOutRun:
     predictions: dict[str, Prediction]
     way: Way
     status: NDArray[np.int8] | None = None
-    """What the heightmap service says of the network's heights, a `HeightmapStatus` each, shape (n,); None where it was
-    not asked."""
+    """Status that the heightmap service gives the network's heights, a `HeightmapStatus` each,
+    shape (n,); None where it was not asked."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Tick(Prediction):
-    """What the services of all robots had and answered at one step, shape (robots, 30)."""
+    """Inputs and answers of the services of all robots at one step, shape (robots, 30)."""
 
     captured_s: Floats
     depth: NDArray[np.uint16] | None
@@ -230,7 +231,7 @@ def _measured(
     terrain: Terrain,
     level: str,
 ) -> HeldOutRun:
-    """What counts of one robot's first trial."""
+    """Steps that count of one robot's first trial."""
     kind = model.robot
     count = sum(bool(step.running[robot]) for step in steps)
     steps, ticks = steps[:count], ticks[:count]
@@ -266,7 +267,7 @@ def _measured(
 def _replayed(
     predictor: Predictor, steps: Sequence[RolloutStep], ticks: Sequence[_Tick], robot: int
 ) -> list[Heightmap]:
-    """What a predictor answers to the images that the robot's network got, when it got them."""
+    """Answers of a predictor to the images that the robot's network got, when it got them."""
     taken = {
         step.states.step: tick.depth[robot] for step, tick in zip(steps, ticks, strict=True) if tick.depth is not None
     }

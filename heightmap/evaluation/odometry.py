@@ -14,7 +14,7 @@ MAX_STEP_S = 0.25  # a longer silence tells nothing about the way: the original 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pose:
-    """Of the base in the odometry's world: where the first state was is x = y = z = 0."""
+    """Pose of the base in the odometry's world: where the first state was is x = y = z = 0."""
 
     time_ns: int
     position: Floats

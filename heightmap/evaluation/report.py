@@ -31,7 +31,7 @@ _SECTIONS = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ErrorReport:
-    """What was measured on some recordings."""
+    """Errors that were measured on some recordings."""
 
     runs: tuple[Run, ...]
     comparisons: tuple[Comparison, ...]

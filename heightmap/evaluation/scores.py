@@ -1,4 +1,4 @@
-"""What predictors scored in held-out runs: one table for each, for all runs, by terrain, and by level."""
+"""Scores of predictors in held-out runs: one table for each, for all runs, by terrain, and by level."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -28,7 +28,7 @@ class Score:
     mae_unseen_m: float
     """Never seen."""
     edge_error_m: float
-    """Of the position of jumps of more than 3 cm, where they were seen and are predicted."""
+    """Error of the position of jumps of more than 3 cm, where they were seen and are predicted."""
     edges_found: float
     """Share of them that is predicted."""
     coverage90: float

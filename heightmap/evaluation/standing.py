@@ -1,4 +1,4 @@
-"""Whether the heights of a robot can be trusted, from a recording in which it stands on level, free ground.
+"""True where the heights of a robot can be trusted, from a recording in which it stands on level, free ground.
 
 There the truth is known without a second sensor: the ground ahead is as high as the ground under the feet. What makes
 heights wrong on a robot shows there, too: images that come rarely, late or with the wrong time, a camera that sits
@@ -22,7 +22,7 @@ from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotSt
 from saltus.wire.topics import CAMERA_LATENCY_S, TOPICS
 
 LEAST_RATE = 0.9
-"""Of the nominal one; trainings lose up to 8 % of the images."""
+"""Least rate, in parts of the nominal one; trainings lose up to 8 % of the images."""
 LEAST_OK = 0.98
 """Share of the heightmaps after the first that is OK."""
 MOST_OFF_M = 0.01
@@ -42,13 +42,13 @@ class Finding:
     wanted: str
     good: bool
     cure: str
-    """What to do where it is not good."""
+    """Cure, where it is not good."""
     values: dict[str, float]
-    """What was measured, for programs; the unit is the end of each name."""
+    """Values that were measured, for programs; the unit is the end of each name."""
 
 
 def check_standing(recording: Recording) -> list[Finding]:
-    """What a recording says of the heights of a robot that stands in it, in the order in which to mend it.
+    """Checks of the heights of a robot that stands in a recording, in the order in which to mend them.
 
     Raises:
         RecordingError: there is no image, no state, or no heightmap in it, or the robot hardly stands.

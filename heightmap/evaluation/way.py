@@ -9,7 +9,8 @@ from saltus.arrays import Floats
 from saltus.terrain.terrain import FIRST_EDGE_X, Terrain
 
 LEAST_SHARE = 0.5
-"""Of the runs: of fewer the median robot has met nothing but the level ground at its start."""
+"""Least share of the runs: of fewer the median robot has met nothing but the level ground at its
+start."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +33,7 @@ class Way:
 
     @property
     def tells(self) -> bool:
-        """Whether it met an edge or, on flat ground, went as far as courses have their first one."""
+        """True where it met an edge or, on flat ground, went as far as courses have their first one."""
         return self.edges > 0 if self.of_edges else self.distance_m >= FIRST_EDGE_X
 
 

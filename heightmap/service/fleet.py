@@ -18,13 +18,13 @@ TAKEOVER_NS = 3_000_000_000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Arrival:
-    """What a robot asks."""
+    """Request of a robot."""
 
     state: RobotState
     robot_boot: bytes
     """Drawn anew each time that the process which sends the states is started."""
     frame: DepthFrame | None
-    """What has arrived since the robot last asked."""
+    """Image that has arrived since the robot last asked."""
     camera_boot: bytes | None
     """The same for the process that sends the frames; None without a frame."""
     now_ns: int

@@ -92,7 +92,7 @@ class _Call:
 
 
 def _shapes(hidden_size: Any) -> dict[str, list[Any]]:
-    """Of all inputs and outputs, without the dimension of robots."""
+    """Shapes of all inputs and outputs, without the dimension of robots."""
     points = [len(HEIGHTMAP_X)]
     return {
         "image": [2, depth.MODEL_CAMERA.height, depth.MODEL_CAMERA.width],

@@ -14,7 +14,7 @@ from saltus.runtime.process import STATUS_PERIOD_S, ProcessContext
 WAIT_S = 0.1
 """At most, for messages: proof of life, a new model and the wish to stop want to be looked after without any."""
 REFUSED = "model/refused"
-"""What models that were refused are counted under, beside refused messages."""
+"""Name under which refused models are counted, beside refused messages."""
 
 
 class HeightmapProcess:

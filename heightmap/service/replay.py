@@ -89,7 +89,7 @@ def replay_standing(
 
 
 def _again(read: Callable[[], Iterable[DepthFrame]]) -> Iterator[DepthFrame]:
-    """What it reads, from the beginning again after the end; nothing where there is none."""
+    """Images from the beginning again after the end; none where there is none."""
     frame = None
     while True:
         for frame in read():

@@ -72,7 +72,7 @@ class HeightmapService:
 
     @property
     def warm(self) -> bool:
-        """Whether the hidden state has seen as many images as the model needs, whatever the status of the last ones."""
+        """True where the hidden state has seen as many images as the model needs, whatever their status."""
         return bool(self._sight.images_seen[0] >= self._network.warmup_frames)
 
     @property
@@ -184,7 +184,7 @@ class HeightmapService:
         return HeightmapStatus.DEGRADED if late or patchy else HeightmapStatus.OK
 
     def _status_of_bad_output(self, state: RobotState, now_ns: int) -> HeightmapStatus:
-        """Of heights that stand in for those of an output that cannot be used."""
+        """Status of bad output of heights that stand in for those of an output that cannot be used."""
         if self.bad_outputs < BAD_OUTPUTS_TO_FORGET and self._last is not None:
             return worse(HeightmapStatus.DEGRADED, self._input_status(state, now_ns))
         if self.bad_outputs == BAD_OUTPUTS_TO_FORGET:
@@ -207,5 +207,5 @@ class HeightmapService:
 
 
 def worse(one: HeightmapStatus, other: HeightmapStatus) -> HeightmapStatus:
-    """That of the two which is less to be trusted."""
+    """The one of two that is less to be trusted."""
     return max(one, other, key=_TRUST.index)

@@ -1,4 +1,4 @@
-"""What robots see: the images in use, what the network remembers, and heights that can be used.
+"""Sight of robots: the images in use, what the network remembers, and heights that can be used.
 
 One law for one robot or thousands, on numpy or torch: the heightmap service is it for one, with
 statuses; roll-outs on processors and on a device are it for a batch.
@@ -31,14 +31,14 @@ _ROUNDING_S = 1e-6  # times that are meant to be equal may differ by rounding
 
 
 class Inputs(NamedTuple):
-    """What one tick of n robots is computed from."""
+    """Inputs of one tick of n robots."""
 
     image: Array
     """See `saltus.depth.model_image`, shape (n, 2, 48, 16)."""
     age_s: Array
-    """Of these images [s], shape (n,); infinite before the first."""
+    """Age of these images [s], shape (n,); infinite before the first."""
     new: Array
-    """Whether they were not in use a tick ago, bool, shape (n,)."""
+    """True where they were not in use a tick ago, bool, shape (n,)."""
     features: Array
     """See `saltus.heightmap.service.features`, shape (n, some)."""
     hidden: Array
@@ -46,12 +46,13 @@ class Inputs(NamedTuple):
 
 
 class Tick(NamedTuple):
-    """What a network returns; not checked."""
+    """Outputs of a network; not checked."""
 
     height: Array
     """[m], shape (n, points)."""
     half_width_90: Array
-    """Of each height, half of the interval that holds 90 % of the errors [m], shape (n, points)."""
+    """Half width 90 of each height, half of the interval that holds 90 % of the errors [m], shape
+    (n, points)."""
     hidden: Array
     """Shape (n, hidden size)."""
 
@@ -88,7 +89,7 @@ class Sight:
         low, high = _bounds(network.points, network.hidden_size)
         self._low, self._high = xp.asarray(low, device=device), xp.asarray(high, device=device)
         self.image = self._blank
-        """That each network is shown: the newest, unless hardly a pixel of it was valid."""
+        """Image that each network is shown: the newest, unless hardly a pixel of it was valid."""
         self.captured_s = xp.full(count, -math.inf, dtype=xp.float64, device=device)
         """When these were taken [s], shape (n,); minus infinity before the first."""
         self.images_seen = xp.zeros(count, dtype=xp.int64, device=device)
@@ -159,7 +160,7 @@ class Sight:
         return new, forgets
 
     def inputs(self, time_s: float, new: Array, features: Array) -> Inputs:
-        """What the network is to be given at a time; `new` is what `show` returned."""
+        """Returns what the network is to be given at a time; `new` is what `show` returned."""
         age_s = (time_s - self.captured_s).clip(min=0.0)
         return Inputs(self.image, age_s, new, features, self.hidden)
 

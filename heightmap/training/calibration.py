@@ -13,7 +13,7 @@ from saltus.heightmap.training.dataset import EpisodeStore, ImageNoise, run_wind
 BATCH, LENGTH, WINDOWS = 32, 100, 30
 """Robots, ticks, and windows of these to go by: 96,000 ticks, of which neighbours are alike."""
 ROUNDS = 10
-"""Of corrections to the corrections: the last changes them by less than a thousandth."""
+"""Rounds of corrections to the corrections: the last changes them by less than a thousandth."""
 FEWEST = 1000
 """Points that a width is corrected by; one that is stated less often is corrected as those next to it."""
 
@@ -41,7 +41,7 @@ def calibrate(
 
 
 def _corrections(stated: np.ndarray, beyond: np.ndarray) -> np.ndarray:
-    """Of each width, from logarithms of what was stated and of errors in intervals: shape (WIDTHS,)."""
+    """Corrections of each width, from logarithms of what was stated and of errors in intervals: shape (WIDTHS,)."""
     widths = np.linspace(math.log(MIN_STD_M), math.log(MAX_STD_M), WIDTHS)
     nearest = np.rint((stated - widths[0]) / (widths[1] - widths[0])).astype(int)
     told = [i for i in range(WIDTHS) if np.count_nonzero(nearest == i) >= FEWEST] or [int(np.median(nearest))]

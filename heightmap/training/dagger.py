@@ -50,7 +50,7 @@ from saltus.robots.loading import load_robot
 CHECKPOINT, MODEL = "heightmap.pt", "heightmap.onnx"
 BEGUN = "dagger.json"
 _DIGESTS = ("start", "base", "profile_sha256")
-"""What it says beside the settings."""
+"""Digests that it holds beside the settings."""
 
 Batches = Callable[[Path | None, Sequence[Key]], Generator[list[Episode], None, None]]
 """Makes batches from a predictor and their keys, in the order of the keys."""
@@ -58,7 +58,7 @@ Batches = Callable[[Path | None, Sequence[Key]], Generator[list[Episode], None, 
 
 @dataclass(frozen=True, kw_only=True)
 class Observer:
-    """What is told about a run while it goes on."""
+    """Listeners to a run while it goes on."""
 
     collected: Callable[[int, int, int], None]
     """Gets the round, its batches that are done, and the labelled steps of 10 ms in them."""

@@ -56,9 +56,10 @@ class Window(NamedTuple):
     valid: Tensor
     """0 beyond the end of an episode, shape (time, batch)."""
     true_depth: Tensor
-    """Whether the images are without any error of a camera, bool, shape (batch,)."""
+    """True where the images are without any error of a camera, bool, shape (batch,)."""
     starts: Tensor
-    """Whether the hidden state is empty at the beginning, as it is where a robot enters an episode, shape (batch,)."""
+    """True where the hidden state is empty at the beginning, as it is where a robot enters an
+    episode, shape (batch,)."""
 
 
 class EpisodeStore:
@@ -181,7 +182,8 @@ class _Slots:
         self.episode = np.zeros(batch, np.int64)
         self.position = np.zeros(batch, np.int64)
         self.starts = np.zeros(batch, np.bool_)
-        """Whether a robot begins with an empty hidden state: in a new episode, or where it was emptied on the way."""
+        """True where a robot begins with an empty hidden state: in a new episode, or where it was
+        emptied on the way."""
         self.frame = np.zeros((batch, longest), np.int64)
         """Images as they are delivered, see `saltus.heightmap.data.delivery.Delivery`, as the two that follow."""
         self.age_s = np.zeros((batch, longest), np.float32)
@@ -256,7 +258,7 @@ def _edges(metres: Tensor) -> Tensor:
 
 
 def _widened(values: Tensor, chosen: Callable[[Tensor, Tensor], Tensor], axis: int) -> Tensor:
-    """What is chosen of each value and its two neighbours along an axis; pooling takes twice the time on processors."""
+    """Choice of each value and its two neighbours along an axis; pooling takes twice the time on processors."""
     count = values.shape[axis]
     result = values.clone()
     for here, there in ((1, 0), (0, 1)):

@@ -25,12 +25,12 @@ from saltus.wire.topics import CAMERA_LATENCY_S
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """What a model was made from."""
+    """Origin of a model."""
 
     robot: str
     """Name of the robot that it was trained on, or path of its model."""
     camera: DepthCamera
-    """Whose images it was trained on."""
+    """Camera whose images it was trained on."""
     latency_s: float = CAMERA_LATENCY_S
     """How late these are."""
     warmup_frames: int
@@ -66,7 +66,7 @@ def export(model: HeightmapModel, path: Path, origin: Origin) -> None:
 
 
 def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
-    """What the file says about itself; `saltus.heightmap.service.network` refuses what does not fit."""
+    """Metadata of the file; `saltus.heightmap.service.network` refuses what does not fit."""
     robot = origin.camera.mounted_on(load_robot(origin.robot))
     normalisation = {name: getattr(model, name).tolist() for name in Normalisation._fields}
     return {

@@ -86,7 +86,7 @@ C + (u + 1 - {cx:g}) F / f of its columns, D + (v - {cy:g}) G / f to D + (v + 1 
 
 
 def frames_and_feet(robot: Robot) -> str:
-    """What a card says of the frames, and of where the feet of the robot are."""
+    """Returns what a card says of the frames, and of where the feet of the robot are."""
     x, y, _ = robot.hip_anchor[1]
     side = robot.abduction_offset[1]
     return _FRAMES.format(thigh=robot.thigh_length, calf=robot.calf_length, hip_x=x, hip_y=y, side=side)
@@ -95,7 +95,7 @@ def frames_and_feet(robot: Robot) -> str:
 def interface(
     robot: Robot, camera: DepthCamera, latency: CameraLatency, hidden: int, trained: DeliveryModel = TRAINING
 ) -> str:
-    """What the card of a model, with so many entries of hidden state, says of its inputs and outputs."""
+    """Returns what the card of a model, with so many entries of hidden state, says of its inputs and outputs."""
     soonest_s, latest_s = trained.range_s(latency)
     return _INTERFACE.format(
         features=len(PROPRIOCEPTION),

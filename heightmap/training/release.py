@@ -48,7 +48,7 @@ REGIONS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Release:
-    """What was measured on a model file."""
+    """A model file and what was measured on it."""
 
     model_id: str
     warmup_frames: int

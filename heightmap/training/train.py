@@ -263,12 +263,12 @@ def _read(checkpoint: Path) -> dict[str, Any]:
 
 
 def _weights(table: dict[str, Any]) -> dict[str, Tensor]:
-    """Of the network; an older checkpoint has no correction of intervals by width, and needs none to begin with."""
+    """Weights of the network; an older checkpoint has and needs no correction of intervals by width."""
     return {"correction": torch.zeros(WIDTHS), **table["model"]}
 
 
 def _begun(checkpoint: Path, origin: dict[str, Any]) -> dict[str, Any] | None:
-    """What there is of this training; refuses what there is of another one."""
+    """Reads what there is of this training; refuses what there is of another one."""
     if not checkpoint.exists():
         return None
     table = _read(checkpoint)
@@ -279,7 +279,7 @@ def _begun(checkpoint: Path, origin: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _compared(origin: dict[str, Any]) -> dict[str, Any]:
-    """Of an origin, what makes it another training: not where it runs, nor how often it is saved."""
+    """Parts of an origin that make it another training: not where it runs, nor how often it is saved."""
     config = {name: value for name, value in origin.get("config", {}).items() if name not in ("device", "save_every_s")}
     return {**origin, "config": config}
 

@@ -136,7 +136,7 @@ def run_episode(
 
 
 def episode_inputs(episode: Episode, delivery: DeliveryModel) -> Iterator[Inputs]:
-    """What the network gets at each tick of an episode but for its hidden state, images without noise."""
+    """Returns what the network gets at each tick of an episode but for its hidden state, images without noise."""
     images, blank = model_image(episode.depth), model_image(np.zeros_like(episode.depth[0]))
     delivered = deliver([episode], delivery, np.random.default_rng(0))
     ((frames, ages_s, news),) = zip(*delivered, strict=True)

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 _COMPILATIONS = 10_000
-"""Of one function in a process: each environment compiles it for its own tensors. Torch would stop at 8 of them."""
+"""Compilations of one function in a process: each environment compiles it for its own tensors.
+Torch would stop at 8 of them."""
 _WARM_UPS = 3  # as PyTorch's notes on CUDA graphs do: lazy initialisation is over by then
 _UNROLLED = 17  # sums of up to 16 terms are written out: the longest product here is of 16 terms
 

@@ -56,7 +56,7 @@ class CurriculumConfig:
 
     @property
     def shares(self) -> dict[str, float]:
-        """What is given for each kind of terrain, `KINDS` and then those of one's own; a kind is its place in it."""
+        """Shares of the kinds of terrain, `KINDS` and then those of one's own; a kind is its place in it."""
         return {kind: getattr(self, kind) for kind in KINDS} | self.own
 
     def share(self, kind: str) -> float:

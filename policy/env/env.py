@@ -46,12 +46,12 @@ from saltus.wire.messages import ControllerMode
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Transition:
-    """What a step returns; nothing in it changes with the next step."""
+    """Result of a step; nothing in it changes with the next step."""
 
     actor: Tensor
-    """What the policy sees, after resets. Shape (n, `saltus.policy.features.SIZE`)."""
+    """Inputs of the policy, after resets. Shape (n, `saltus.policy.features.SIZE`)."""
     critic: Tensor
-    """What only the critic sees, shape (n, `Views.privileged_size`)."""
+    """Inputs of the critic alone, shape (n, `Views.privileged_size`)."""
     reward: Tensor
     """Shape (n,)."""
     done: Tensor
@@ -305,11 +305,11 @@ class JumpEnv:
         self.views.set_goals(robots)
 
     def states(self) -> RobotStates:
-        """What the robots know now."""
+        """Returns what the robots know now."""
         return self._sensed(engine_states(self._engine, self.memory))
 
     def _sensed(self, true: RobotStates) -> RobotStates:
-        """What IMUs and encoders make of the true motion."""
+        """Returns what IMUs and encoders make of the true motion."""
         if self.memory.imu:
             reading = self.memory.imu[0]
             true = replace(true, **{f.name: getattr(reading, f.name) for f in fields(reading)})

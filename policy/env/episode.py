@@ -28,7 +28,7 @@ from saltus.trial import UPRIGHT_LIMIT
 _TRUNK_POINTS = 9  # along the lower edge of the trunk, 4.7 cm apart
 
 TALLY = ("episodes", "finished", "tilted", "touched", "sunk", "astray", "way_m", "time_s")
-"""What is counted over the episodes of each kind of terrain."""
+"""Counts over the episodes of each kind of terrain."""
 
 _START_DRAWS = Columns(joints=(12,), x=(), yaw=(), y=(), heading=(), height_shift=(2,))
 _EVENT_DRAWS = Columns(level=(), difficulty=(), torque_time=(), torque=(), push_time=(), push_ahead=())

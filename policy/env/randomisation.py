@@ -1,4 +1,4 @@
-"""What differs from episode to episode of a training besides the terrain."""
+"""Randomisation of a training from episode to episode, besides the terrain."""
 
 from dataclasses import dataclass, field
 
@@ -22,8 +22,8 @@ WIDE = {
     "joint_damping": 10.0, "joint_friction": 10.0, "softness": 1.0, "command_delay_s": 100.0,
     "push_mps": 1.0, "friction": 1.0,
 }  # fmt: skip
-"""What `WideConfig` draws, by its names in `saltus.policy.env.memory.Memory`, each from one uniform random number; and
-what makes it about 1 for the critic."""
+"""Values that `WideConfig` draws, by their names in `saltus.policy.env.memory.Memory`, each from
+one uniform random number; and what makes it about 1 for the critic."""
 WIDE_DRAWS = Columns(**dict.fromkeys(WIDE, ()))
 SOFT_RUBBER = {
     "contact_time_constant": (NOMINAL_CONTACT_TIME_CONSTANT_S, 0.02),
@@ -38,7 +38,7 @@ the impedance of Menagerie's Go1, and the frictions of its feet."""
 
 @dataclass(frozen=True, kw_only=True)
 class WideConfig:
-    """What some robots meet beyond the definition of a trial: nothing, unless `share` is more than 0.
+    """Draws that some robots meet beyond the definition of a trial: nothing, unless `share` is more than 0.
 
     Each value is drawn between the robot's usual one and the one given here, or stays usual, for one episode. The
     density rises from nothing at the usual value.
@@ -49,15 +49,15 @@ class WideConfig:
     growth_msteps: tuple[float, float] = (0.0, 0.0)
     """Million environment steps, of all processes, between which the ranges grow from nothing to all."""
     friction: float = 0.3
-    """Of the ground."""
+    """Friction of the ground."""
     joint_damping: float = 0.3
     """[Nm s/rad]."""
     joint_friction: float = 0.4
     """Dry [Nm]."""
     softness: float = 1.0
-    """Of contacts: 1 is soft rubber, see `SOFT_RUBBER`."""
+    """Softness of contacts: 1 is soft rubber, see `SOFT_RUBBER`."""
     command_delay_s: float = 0.015
-    """Of whole commands."""
+    """Delay of whole commands."""
     side_push_ns: float = 15.0
     """Largest push sideways [N s]; each such push has the size that was drawn for the episode."""
     side_push_period_s: float = 4.0
@@ -73,7 +73,7 @@ class WideConfig:
 
     @property
     def contact_dimensions(self) -> int:
-        """Of contacts of robots with what is drawn: 6 where soft soles resist being turned and rolled, else 3."""
+        """Dimensions of the robots' contacts: 6 where drawn soft soles resist being turned and rolled, else 3."""
         return 6 if self.share > 0.0 and self.softness > 0.0 else 3
 
     @property
@@ -96,7 +96,8 @@ class RandomisationConfig:
     motor_strength: tuple[float, float] = (0.9, 1.1)  # definition of a trial
     com_shift_m: tuple[float, float, float] = (0.046, 0.03, 0.03)  # +-; original, where it is switched off
     feedforward_delay_s: tuple[float, float] = (0.008, 0.012)
-    """Of a robot whose profile has the original's 10 ms, +- one tick; another delay moves it, see `saltus.trial`."""
+    """Delay of a robot whose profile has the original's 10 ms, +- one tick; another delay moves it,
+    see `saltus.trial`."""
     plan_delay_s: tuple[float, float] = (0.0, 0.012)
     """From a state to its plan being obeyed: 3 to 6 ms on two free cores (`saltus bench stack`), twice that on busy
     ones."""
@@ -138,7 +139,7 @@ class Bodies:
     com_shift: Array
     """[m], shape (n, 3)."""
     delay_s: Array
-    """Of feed-forward torque, shape (n,)."""
+    """Delay of feed-forward torque, shape (n,)."""
     plan_delay_s: Array
     """Shape (n,)."""
 

@@ -37,7 +37,7 @@ TERMS = tuple(f.name for f in fields(RewardConfig))
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RewardInputs:
-    """What the terms look at; arrays with a leading dimension of robots."""
+    """Inputs of the terms; arrays with a leading dimension of robots."""
 
     contact: Array
     """Scheduled, bool, shape (n, 4)."""
@@ -48,7 +48,7 @@ class RewardInputs:
     foot_speed_squared: Array
     """Horizontal [m^2/s^2], shape (n, 4)."""
     foot_clearance: Array
-    """Of the sole above the terrain [m], shape (n, 4)."""
+    """Clearance of the sole above the terrain [m], shape (n, 4)."""
     excess: Array
     """Sum over the action of the squared excess beyond its bounds, as shares of their ranges. Shape (n,)."""
     stepping_frequency: Array

@@ -17,7 +17,7 @@ from saltus.policy.features import check_past_steps
 MOST_ROBOTS = 2**18
 """16 times what one GPU trains."""
 SMALLEST, LARGEST = 1e-9, 1e6
-"""What a number is meant by that must be more than 0, or have an end."""
+"""Stand-ins for 0 and for no end, where a number must be more than 0 or have an end."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +79,7 @@ class LearningConfig:
     lam: float = 0.95
     """Lambda of the generalised advantage estimate."""
     clip: float = 0.2
-    """Of the ratio of probabilities."""
+    """Clip of the ratio of probabilities."""
     learning_rate: float = 1e-3
     """At first; then adapted to `desired_kl`."""
     desired_kl: float = 0.01
@@ -89,7 +89,8 @@ class LearningConfig:
     max_grad_norm: float = 1.0
     """Longer gradients are shortened."""
     first_std: float = 0.4
-    """Of the action, in units of half its range; original 0.5, for narrower ranges."""
+    """First standard deviation of the action, in units of half its range; original 0.5, for
+    narrower ranges."""
     first_lift_std: float = 0.25
     """The same of the feet's lift, whose range is wide for the sake of the highest steps: 0.15 m."""
     std_range: tuple[float, float] = (0.05, 1.0)
@@ -121,9 +122,9 @@ class TrainConfig:
     robot: str
     """Name, or path of an MJCF or of a folder with a robot.toml."""
     robots: int = 4096
-    """Of each process."""
+    """Robots of each process."""
     seed: int = 0
-    """Of all random draws."""
+    """Seed of all random draws."""
     env: EnvConfig = field(default_factory=EnvConfig)
     learning: LearningConfig = field(default_factory=LearningConfig)
 
@@ -137,12 +138,12 @@ class TrainConfig:
 
 
 def for_gpu(robot: str) -> TrainConfig:
-    """What one GPU trains: the paper's terrains."""
+    """Settings for one GPU: the paper's terrains."""
     return TrainConfig(robot=robot, robots=16384)
 
 
 def for_cpu(robot: str) -> TrainConfig:
-    """What two cores learn within minutes: to bound on flat ground, with networks a twelfth of the size."""
+    """Settings for two cores: to bound on flat ground within minutes, with networks a twelfth of the size."""
     flat = CurriculumConfig(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
     return TrainConfig(
         robot=robot,

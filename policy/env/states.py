@@ -1,4 +1,4 @@
-"""What the robots of a training know of themselves."""
+"""States that the robots of a training know of themselves."""
 
 import torch
 

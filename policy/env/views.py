@@ -1,4 +1,4 @@
-"""What policy and critic see of a training environment, and the goal of each jump."""
+"""Views of policy and critic on a training environment, and the goal of each jump."""
 
 from collections.abc import Callable
 
@@ -114,7 +114,7 @@ class Views:
         return with_past(vector, self._memory.past, self._config.past_steps)
 
     def _privileged(self, yaw: Tensor, heights: Tensor) -> Tensor:
-        """What the critic sees besides the policy's vector, each about of size 1. Shape (n, PRIVILEGED)."""
+        """Returns what the critic sees besides the policy's vector, each about of size 1. Shape (n, PRIVILEGED)."""
         memory, config = self._memory, self._config
         position, velocity = self._qpos[:, :3].float(), self._qvel[:, :3].float()
         scalars = [

@@ -1,1 +1,1 @@
-"""What a planner is worth."""
+"""Evaluation of planners."""

@@ -40,23 +40,22 @@ HEIGHTS: dict[str, HeightsFactory] = {"true": shifted_heights, "true-exact": exa
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """What is evaluated."""
+    """Settings of an evaluation."""
 
     robot: str
     """Name, or path of an MJCF or of a folder with a robot.toml."""
     course: TerrainConfig
     trials: int = 20
     seed: int = 0
-    """Of the first trial; the others have SEED + 1, SEED + 2, ..."""
+    """Seed of the first trial; the others have SEED + 1, SEED + 2, ..."""
     profile: str | Profile = "shipped"
     """Name, TOML file, or the effects themselves."""
     known: str | None = None
     """Name or TOML file of the profile of which the leg controller takes out torque gain and viscous friction."""
     friction: float | None = None
-    """Of the ground in all trials, in place of what each draws."""
+    """Friction of the ground in all trials, in place of what each draws."""
     push_ns: float = 0.0
-    """Of a push from the side in each trial, see `saltus.policy.evaluation.pushes` [Ns]."""
-    """What the robots' shapes are made of."""
+    """Impulse of a push from the side in each trial, see `saltus.policy.evaluation.pushes` [Ns]."""
     time_limit_s: float = TIME_LIMIT_S
     plan_delay_s: float = 0.0
     """From a state to its plan being obeyed: what the computer of a real robot takes."""
@@ -109,7 +108,7 @@ class EvaluationResult:
 
     @property
     def outcomes(self) -> tuple[Outcome, ...]:
-        """Of each trial."""
+        """Outcomes of each trial."""
         return tuple(trial.outcome for trial in self.trials)
 
     @property

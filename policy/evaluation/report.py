@@ -101,7 +101,7 @@ def _phase(trials: Sequence[TrialResult]) -> go.Figure:
 
 
 def _gait(trial: TrialResult) -> go.Figure:
-    """Of a pair of feet either may stand, and either may bear load."""
+    """Gait of a pair of feet, of which either may stand and either may bear load."""
     trace = trial.trace
     stance, loaded = (np.any(mask.reshape(-1, 2, 2), axis=-1) for mask in (trace.stance, trace.loaded))
     return contact_figure(trace.time_s, ("front feet", "rear feet"), stance, loaded)

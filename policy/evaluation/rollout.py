@@ -52,7 +52,7 @@ class RolloutStep:
     states: RobotStates
     truth: PlantState
     heights: Floats
-    """What the planner saw [m], shape (n, 30)."""
+    """Heights that the planner saw [m], shape (n, 30)."""
     action: Action
     fresh: NDArray[np.bool_]
     """Robot starts from the beginning with this step, shape (n,)."""

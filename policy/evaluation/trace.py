@@ -1,4 +1,4 @@
-"""What a trial looked like, and why it failed."""
+"""Traces of trials, and why they failed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class Trace:
     joint_position: Floats
     """[rad], shape (t, 12)."""
     heights: Floats
-    """What the planner saw: terrain relative to the base [m], shape (t, 30)."""
+    """Heights that the planner saw: terrain relative to the base [m], shape (t, 30)."""
     foot: Floats
     """Centres of the feet in the world [m], shape (t, 4, 3)."""
     stance: NDArray[np.bool_]

@@ -11,12 +11,12 @@ from pathlib import Path
 from saltus.policy.training.evaluation_table import Row, read_rows
 
 NEEDED = ("daqp", "onnx", "onnxruntime")
-"""What the deployed stack and its export need besides what training needs."""
+"""Packages that the deployed stack and its export need besides those of training."""
 _SPARE_CORES = 2  # for the training itself: one for its process, one for what the driver of a GPU does
 
 
 def missing_packages() -> list[str]:
-    """What is not installed of `NEEDED`: a machine that trains need not be able to deploy."""
+    """Packages of `NEEDED` that are not installed: a machine that trains need not be able to deploy."""
     return [name for name in NEEDED if importlib.util.find_spec(name) is None]
 
 
@@ -38,7 +38,7 @@ class BackgroundEvaluation:
         self._process: subprocess.Popen[bytes] | None = None
 
     def due(self, now_s: float) -> bool:
-        """Whether it is time for an evaluation and none is running. The first is due `every_s` after the first call."""
+        """True where an evaluation is due and none is running. The first is due `every_s` after the first call."""
         if self._started_s is None:
             self._started_s = now_s
         return self._process is None and now_s - self._started_s >= self.every_s

@@ -27,7 +27,7 @@ def write_checkpoint(path: Path, state: dict[str, Any]) -> None:
 
 
 def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
-    """What `Learner.save` wrote; `SaltusError` where the file is missing, damaged, or none of a motion policy."""
+    """Reads what `Learner.save` wrote; `SaltusError` where the file is missing, damaged, or none of a motion policy."""
     try:
         check_archive(path, checksums=True)  # torch loads flipped weights without complaint
         state = torch.load(path, map_location=device, weights_only=True)

@@ -1,4 +1,4 @@
-"""What periodic evaluation found, as rows of a CSV file."""
+"""Results of periodic evaluation, as rows of a CSV file."""
 
 import math
 from collections.abc import Sequence
@@ -22,9 +22,9 @@ class Row:
     way_share: float
     """Mean distance along x over the distance to the finish: it rises long before the first success."""
     mean_speed_mps: float
-    """Of successes; NaN where there are none."""
+    """Mean of successes; NaN where there are none."""
     time_p50_s: float
-    """Of successes; NaN where there are none."""
+    """Mean of successes; NaN where there are none."""
     failures: str
     """Causes and how often, e.g. "edge_hit 3, slip 1"."""
 

@@ -73,7 +73,7 @@ def export(checkpoint: Path, path: Path) -> float:
 
 
 def read_policy(path: Path) -> dict[str, Any]:
-    """What `DeployedPolicy` is made of: a checkpoint, or, by its suffix, an ONNX file that `export` wrote.
+    """Reads what `DeployedPolicy` is made of: a checkpoint, or, by its suffix, an ONNX file that `export` wrote.
 
     Raises:
         SaltusError: the file is neither.
@@ -102,7 +102,7 @@ def _actor(config: TrainConfig) -> MLPModel:
 
 
 def metadata(policy: DeployedPolicy, state: dict[str, Any]) -> dict[str, Any]:
-    """What the file says about itself; `saltus.policy.actor` refuses what does not fit."""
+    """Metadata of the file; `saltus.policy.actor` refuses what does not fit."""
     return {
         "format": FORMAT,
         "robot": policy.robot.name,

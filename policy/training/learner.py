@@ -16,8 +16,8 @@ from saltus.policy.env.settings import LearningConfig
 from saltus.policy.training.checkpoint import config_of, read_checkpoint, write_checkpoint
 
 FIRST_ACTION = (2.0, 1.0, 0.3, 0.0, 0.0, 0.0, 0.12, 0.0, 0.0, 0.12)
-"""What an untrained policy does: a slow bound that lifts its feet. From the middle of the ranges, standing would have
-to be unlearnt first."""
+"""Action of an untrained policy: a slow bound that lifts its feet. From the middle of the ranges,
+standing would have to be unlearnt first."""
 _LIFTS = [ACTIONS.index("front_residual_z"), ACTIONS.index("rear_residual_z")]
 _GROUPS = {"actor": ["policy"], "critic": ["privileged"]}
 

@@ -31,7 +31,8 @@ from saltus.workers import in_order
 FIRST_SEED = 20_000
 """Trials of none of the published figures."""
 TRIALS = 8
-"""Of each course: a share is then known to within 0.18 (one sigma); curves show what single points do not."""
+"""Trials of each course: a share is then known to within 0.18 (one sigma); curves show what single
+points do not."""
 NICENESS = 10
 
 COURSES: dict[str, TerrainConfig] = {
@@ -54,8 +55,8 @@ COURSES: dict[str, TerrainConfig] = {
     "ramp_up_20": TerrainConfig(terrain="ramp_up", slope_deg=20.0),
     "ramp_down_20": TerrainConfig(terrain="ramp_down", slope_deg=20.0),
 }
-"""Of each kind of terrain that a policy is trained on: what the paper's robot did, and something easier that shows
-progress before; of kinds that it did not meet, what Saltus aims at."""
+"""Courses of each kind of terrain that a policy is trained on: what the paper's robot did, and
+something easier that shows progress before; of kinds that it did not meet, what Saltus aims at."""
 
 
 def course_of(name: str) -> TerrainConfig:

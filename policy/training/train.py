@@ -125,7 +125,7 @@ def _iterations(learner: Learner, start: float, minutes: float, last: int | None
 
 
 def _over(start: float, minutes: float, rank: Rank) -> bool:
-    """Whether the time is over; the first process decides for all."""
+    """True where the time is over; the first process decides for all."""
     over = torch.tensor(float(time.monotonic() - start > 60.0 * minutes), device=rank.device)
     if rank.world > 1:
         torch.distributed.broadcast(over, src=0)

@@ -1,4 +1,4 @@
-"""What a training leaves in its folder: checkpoint, configuration, commit, curves, and how the deployed stack did."""
+"""Files in a training's folder: checkpoint, configuration, commit, curves, how the deployed stack did."""
 
 import contextlib
 import shutil
@@ -57,7 +57,7 @@ class TrainingRecord:
         self._progress = Progress(folder, env, learner)
         self._reported = self._saved = time.monotonic()
         self.evaluation = self._evaluations(folder, config.env.curriculum, evaluate_s) if evaluate_s > 0.0 else None
-        """What runs beside the training; None where nothing does."""
+        """Evaluation that runs beside the training; None where none does."""
         self.save()  # a folder with a table in it has a checkpoint, which no other training writes over
 
     def say(self, line: str) -> None:

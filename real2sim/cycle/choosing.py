@@ -96,7 +96,7 @@ def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choi
 
 
 def pairs_of(trained: Sequence[ModelKind], *, with_drives: bool) -> list[tuple[str, ...]]:
-    """What is in the running, by names, most that is new first; a trained policy only with the drives it knows."""
+    """Pairs in the running, by names, most that is new first; a trained policy only with the drives it knows."""
     pairs: list[tuple[str, ...]] = []
     for size in range(len(trained), -1, -1):
         pairs += combinations(trained, size)
@@ -106,13 +106,13 @@ def pairs_of(trained: Sequence[ModelKind], *, with_drives: bool) -> list[tuple[s
 
 
 def finds_drives(folder: CycleFolder) -> bool:
-    """Whether the search found something of the drives that a leg controller makes up for."""
+    """True where the search found something of the drives that a leg controller makes up for."""
     before, after = (folder.read(path).effects for path in (folder.known, folder.profile))
     return any(before.get(effect.name) != after.get(effect.name) for effect in KNOWN)
 
 
 def chosen(folder: CycleFolder) -> Choice | None:
-    """What was tried so far; None where nothing was."""
+    """Reads what was tried so far; None where nothing was."""
     return from_table(Choice, json.loads(folder.choice.read_text(encoding="utf-8"))) if folder.choice.exists() else None
 
 
@@ -129,7 +129,7 @@ def known_after(folder: CycleFolder) -> Path:
 
 
 def verdict(choice: Choice, kind: ModelKind) -> str:
-    """What became of a trained model, in words."""
+    """Returns what became of a trained model, in words."""
     if kind in choice.taken:
         return "taken"
     return "not taken: simulated robots with the found profile do no better with it than with the shipped one"

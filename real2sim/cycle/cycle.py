@@ -23,7 +23,7 @@ class Observer(Protocol):
     """Is told how far a cycle is."""
 
     def say(self, line: str) -> None:
-        """What came of a stage."""
+        """Says what came of a stage."""
         ...
 
     def at(self, stage: str, share: float) -> None:

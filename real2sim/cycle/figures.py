@@ -32,7 +32,7 @@ def success_figure(courses: Mapping[str, Mapping[When, Measured]]) -> go.Figure:
 
 
 def truth_figure(rows: Sequence[Row]) -> go.Figure:
-    """What was found of each hidden change, as a share of it: 0 is what was known, 100 % is the truth."""
+    """Draws what was found of each hidden change, as a share of it: 0 is what was known, 100 % is the truth."""
     figure = go.Figure()
     shares = [_shares(row) for row in rows]
     names = [row.name for row in rows]

@@ -1,4 +1,4 @@
-"""What the simulator lacks, from the first log to the profile with the patch."""
+"""Finding what the simulator lacks, from the first log to the profile with the patch."""
 
 import json
 from collections.abc import Callable, Sequence

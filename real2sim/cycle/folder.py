@@ -23,7 +23,7 @@ class CycleFolder:
 
     root: Path
     robot: Robot
-    """Whose models are trained."""
+    """Robot whose models are trained."""
 
     @property
     def settings(self) -> Path:
@@ -57,7 +57,7 @@ class CycleFolder:
 
     @property
     def profile(self) -> Path:
-        """What was known with what was found: the last that the search writes."""
+        """File of the profile with what was known and found: the last that the search writes."""
         return self.root / "profile.toml"
 
     @property
@@ -77,7 +77,7 @@ class CycleFolder:
 
     @property
     def trained(self) -> Path:
-        """What became of each model (JSON): the last that training writes."""
+        """File on what became of each model (JSON): the last that training writes."""
         return self.root / "trained.json"
 
     @property

@@ -27,7 +27,7 @@ class Measured:
     models: dict[str, str]
     """Name of each network by its kind."""
     failures: dict[str, Failure]
-    """Of each seed; empty for a success."""
+    """Failures of each seed; empty for a success."""
 
     @property
     def successes(self) -> int:
@@ -36,7 +36,7 @@ class Measured:
 
 
 def measured(folder: CycleFolder, when: When, course: str) -> Measured | None:
-    """What was measured so far; None where nothing was."""
+    """Reads what was measured so far; None where nothing was."""
     path = _file(folder, when, course)
     return from_table(Measured, json.loads(path.read_text(encoding="utf-8"))) if path.exists() else None
 

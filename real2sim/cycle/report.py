@@ -30,7 +30,7 @@ Courses = dict[str, dict[When, Measured]]
 
 
 def results(folder: CycleFolder) -> dict[str, Any]:
-    """What a program would read of a cycle."""
+    """Returns what a program would read of a cycle."""
     courses, choice = _courses(folder), chosen(folder)
     return {
         "report": str(folder.report),
@@ -52,7 +52,7 @@ def results(folder: CycleFolder) -> dict[str, Any]:
 
 
 def trained(folder: CycleFolder) -> dict[ModelKind, str]:
-    """What became of each model; nothing where training is not over."""
+    """Reads what became of each model; nothing where training is not over."""
     became: dict[ModelKind, str] = (
         json.loads(folder.trained.read_text(encoding="utf-8")) if folder.trained.exists() else {}
     )
@@ -100,7 +100,7 @@ def write_cycle_report(folder: CycleFolder, settings: CycleSettings) -> None:
 
 
 def _courses(folder: CycleFolder) -> Courses:
-    """What was measured so far."""
+    """Returns what was measured so far."""
     pairs = {course: {when: measured(folder, when, course) for when in MOMENTS} for course in COURSES}
     return {
         course: known
@@ -146,7 +146,7 @@ def _choices(folder: CycleFolder) -> str:
 
 
 def _named(pair: str) -> str:
-    """What is new in a pair, in words."""
+    """New parts of a pair, in words."""
     names = [name for name in pair.split("+") if name]
     models = " and ".join(name for name in names if name != DRIVES)
     words = [f"trained {models}" if models else "as shipped", *(["drives made up for"] if DRIVES in names else [])]

@@ -1,4 +1,4 @@
-"""What a cycle is told: the same dataclass is its TOML file and the flags of `saltus real2sim cycle`."""
+"""Settings of a cycle: the same dataclass is its TOML file and the flags of `saltus real2sim cycle`."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,17 +25,19 @@ class CycleSettings:
     hidden: Annotated[Path | None, shown("PATH", "none: only logs are known of the robot")] = None
     """Profile (TOML) that stands for the real robot: it is run and measured, and never shown to the search."""
     profile: str = SHIPPED
-    """What is known of the robot: shipped, ideal, one of your own, or a TOML file. What is found is added to it."""
+    """Profile that is known of the robot: shipped, ideal, one of your own, or a TOML file. What is
+    found is added to it."""
     logs: Annotated[tuple[Path, ...], shown("[PATH [PATH ...]]", "none: experiments are run on the hidden robot")] = ()
     """Run logs of your own, or runs of Saltus, in place of experiments."""
     experiments: tuple[str, ...] = EXPERIMENTS
-    """What the hidden robot does for its logs, see saltus real2sim experiments."""
+    """Experiments of the hidden robot for its logs, see saltus real2sim experiments."""
     seed: int = 0
-    """Of the sensors' noise, data and training; the first trial has it, too."""
+    """Seed of the sensors' noise, data and training; the first trial has it, too."""
     batches: int = 8
-    """Of the predictor's data where they are made on processors, each of `loop.robots` robots."""
+    """Batches of the predictor's data where they are made on processors, each of `loop.robots`
+    robots."""
     episodes: int = 8192
-    """Of the predictor's data where they are made on a GPU; falls make more of them."""
+    """Episodes of the predictor's data where they are made on a GPU; falls make more of them."""
     policy_minutes: float = 10.0
     """Time of the policy's training, where there is a GPU."""
     choice_trials: int = 100

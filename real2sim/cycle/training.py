@@ -20,14 +20,18 @@ from saltus.real2sim.progress import Progress
 from saltus.resources import resource
 
 FURTHER_KL = 0.01
-"""Of a policy that is trained further: `LearningConfig.desired_kl`, with which trainings begin."""
+"""Step of a policy that is trained further: `LearningConfig.desired_kl`, with which trainings
+begin."""
 FURTHER_STD = 0.15
-"""Of the same: least standard deviation of its actions, `LearningConfig.std_range`; the shipped one came to 0.08."""
+"""Least standard deviation of the actions of such a policy, `LearningConfig.std_range`; the shipped
+one came to 0.08."""
 FURTHER_WIDE = 0.001
-"""Of the same: `WideConfig.share`, 0.3 for the shipped one. What the logs told of a robot need not be drawn; with 0 the
-critic would not have all inputs of its checkpoint. docs/cycle.md says what that gains and costs."""
+"""Share of wide draws for such a policy, `WideConfig.share`, 0.3 for the shipped one. What the logs
+told of a robot need not be drawn; with 0 the critic would not have all inputs of its checkpoint.
+docs/cycle.md says what that gains and costs."""
 FURTHER_HARDEST = 0.8
-"""Of the same: `CurriculumConfig.hardest`, of courses of all levels. Those that a cycle measures have 0.5 to 0.72."""
+"""Difficulty of the hardest courses of such a policy, `CurriculumConfig.hardest`, of courses of all
+levels. Those that a cycle measures have 0.5 to 0.72."""
 LEARNED = 0.75
 """Share of robots that the policy drives in the predictor's data, as in those of the shipped one: rules see to it that
 motions are not all alike."""
@@ -78,7 +82,7 @@ def collect_data(folder: CycleFolder, settings: CycleSettings, tell: Progress) -
 
 
 def device_collection(settings: CycleSettings, policy: Path, predictor: Path, profile: Path) -> DeviceCollection:
-    """What `saltus heightmap collect gpu` is told: these files, and the courses and the camera of the cycle."""
+    """Returns what `saltus heightmap collect gpu` is told: these files, and the courses and the camera of the cycle."""
     loop = DeviceLoop(
         robot=settings.loop.robot,
         ticks=settings.loop.ticks,
@@ -107,7 +111,7 @@ def train_predictor(folder: CycleFolder, settings: CycleSettings, tell: Progress
 
 
 def differs_beyond_camera(folder: CycleFolder) -> bool:
-    """Whether drives, body or IMU of the found profile differ from those that the shipped policy was trained with.
+    """True where drives, body or IMU of the found profile differ from those that the shipped policy was trained with.
 
     If only the camera does there is nothing for the policy to learn: its inputs are heights, not images.
     """
@@ -117,7 +121,7 @@ def differs_beyond_camera(folder: CycleFolder) -> bool:
 
 
 def policy_changes(settings: CycleSettings, profile: Path) -> dict[str, Any]:
-    """What the policy's training has otherwise than that of the shipped one, as tables of its TOML file.
+    """Returns what the policy's training has otherwise than that of the shipped one, as tables of its TOML file.
 
     The shipped one ended with small steps and sure of its actions; a robot that is another needs the steps of the
     beginning, and trials of other actions, on courses of all levels: what it mastered it may not master any more.

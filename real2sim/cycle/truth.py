@@ -1,4 +1,4 @@
-"""What was hidden beside what was found, parameter by parameter."""
+"""Hidden and found values side by side, parameter by parameter."""
 
 import json
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ class Row:
     known: float | None
     """Before the search."""
     true: float | None
-    """Of the hidden robot."""
+    """Value of the hidden robot."""
     found: float | None
     ci90: tuple[float, float] | None
     remark: str
@@ -100,7 +100,7 @@ def _hidden(folder: CycleFolder, known: Profile, hidden: Profile, effects: tuple
 
 
 def _finding(effects: tuple[FoundEffect, ...], name: str, parameter: str, places: Any) -> FoundEffect | None:
-    """Of an effect, what was found at the first of these joints."""
+    """Finding of an effect at the first of these joints."""
     return next(
         (e for e in effects if e.name == name and parameter in e.params and places[0] in _places(e).tolist()), None
     )
@@ -130,7 +130,7 @@ def _values(profile: Profile, name: str, parameter: str) -> Floats:
 
 
 def _effect(profile: Profile, name: str) -> Effect[Any]:
-    """Of the profile, or the one that changes nothing."""
+    """Effect of the profile, or the one that changes nothing."""
     return profile.effects.get(name) or EFFECTS[name]()
 
 

@@ -1,4 +1,4 @@
-"""What a depth camera with the effects of a profile delivers of a robot that moves."""
+"""Images that a depth camera with the effects of a profile delivers of a robot that moves."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -41,12 +41,12 @@ def _pooled(claim: dict[str, Any]) -> Intrinsics:
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """What is claimed of a camera."""
+    """Claims about a camera."""
 
     rate_hz: float = 50.0
     latency_s: float = 0.0
     intrinsics: Intrinsics = field(default_factory=_pooled_d435i)
-    """Of its images."""
+    """Intrinsics of its images."""
     mount: Mount
 
     @classmethod

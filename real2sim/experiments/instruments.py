@@ -1,4 +1,4 @@
-"""What the sensors of a simulated robot read: the truth, and noise."""
+"""Sensors of a simulated robot: the truth, and noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class Instruments:
         sent: Sequence[tuple[Commands, int]],
         believed: Sequence[Floats],
     ) -> JointTable:
-        """What encoders measured, and what commands were sent and what drives believed.
+        """Returns what encoders measured, and what commands were sent and what drives believed.
 
         Args:
             time_s: Of the rows, shape (n,).

@@ -16,8 +16,8 @@ from saltus.terrain import flat, level
 from saltus.terrain.terrain import Terrain
 
 SEPARATIONS = Path(__file__).parent / "separations.json"
-"""What was measured of each experiment: `saltus.real2sim.experiments.separations` writes it, `next_experiment` reads
-it."""
+"""Measured separations of each experiment: `saltus.real2sim.experiments.separations` writes it,
+`next_experiment` reads it."""
 WALL_M = 0.9
 """Height of a step that is a wall: from 1 m it fills the upper half of the image of a camera on a trunk, 30 degrees
 nose down."""
@@ -33,7 +33,7 @@ class Experiment:
 
     name: str
     how: str
-    """What is done, in a sentence."""
+    """Description of the motion, in a sentence."""
     shows: tuple[str, ...]
     """Effects that become visible, by their names in the schema of run logs."""
     base: Literal["fixed", "free"]
@@ -44,7 +44,7 @@ class Experiment:
     terrain: Callable[[], Terrain] = field(default=flat.make)
     camera: bool = False
     payload_kg: float = 0.0
-    """What a person puts on the trunk beforehand."""
+    """Payload that a person puts on the trunk beforehand."""
 
     def gains(self, robot: Robot) -> tuple[float, float]:
         """Kp [Nm/rad] and kd [Nm s/rad] of all joints."""

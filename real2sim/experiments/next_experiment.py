@@ -24,17 +24,18 @@ from saltus.robots.robot import Robot
 
 @dataclass(frozen=True, kw_only=True)
 class Visibility:
-    """What an effect does to the log of an experiment."""
+    """Visibility of an effect in the log of an experiment."""
 
     size: float
-    """Of the effect in its first parameter, as deviation from null, or 0 where that is infinite."""
+    """Size of the effect in its first parameter, as deviation from null, or 0 where that is
+    infinite."""
     sigma: float
     """Norm of what this size changes in the whitened residuals, nuisances projected out."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Separations:
-    """What one experiment shows."""
+    """Separations that one experiment shows."""
 
     visible: dict[str, Visibility]
     cosine: dict[tuple[str, str], float]
@@ -92,7 +93,7 @@ def next_experiment(
 
 
 def _table(robot: Robot, members: Sequence[str], rigs: Sequence[dict[str, Any]]) -> dict[str, Separations]:
-    """What each experiment shows that these rigs can do."""
+    """Returns what each experiment shows that these rigs can do."""
     table = separations()
     if rigs and all(rig.get("base") == "fixed" for rig in rigs):
         table = {name: entry for name, entry in table.items() if EXPERIMENTS[name].base == "fixed"}

@@ -48,7 +48,7 @@ class _Row:
 
 @dataclass(kw_only=True, eq=False)
 class _Tape:
-    """What was recorded."""
+    """Samples that were recorded."""
 
     rows: list[_Row] = field(default_factory=list)
     segments: list[dict[str, Any]] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""What keeps a robot safe in an experiment: a motion is checked before it runs, the robot while it moves."""
+"""Safety of a robot in an experiment: a motion is checked before it runs, the robot while it moves."""
 
 from dataclasses import dataclass
 
@@ -21,14 +21,14 @@ class UnsafeMotionError(SaltusError):
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What an experiment may do to a robot."""
+    """Limits of an experiment for a robot."""
 
     margin_rad: float = 0.05
     """Kept from the ends of every joint's range: 3 degrees, as the original keeps for swing legs."""
     speed_share: float = 1.0
-    """Of the published speed limits of the joints."""
+    """Share of the published speed limits of the joints."""
     torque_share: float = 1.0
-    """Of the published torque limits, for the torque that the drives are asked for."""
+    """Share of the published torque limits, for the torque that the drives are asked for."""
     tilt_rad: float = 0.5
     """Roll and pitch of the base: half way to where a robot on four straight legs falls."""
 

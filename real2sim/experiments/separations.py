@@ -93,7 +93,7 @@ def _amount(unknown: Unknown) -> float:
 
 
 def _size(candidate: Candidate) -> float:
-    """What the added amount is in the first parameter; 0 where the parameter of no effect is infinite."""
+    """Returns what the added amount is in the first parameter; 0 where the parameter of no effect is infinite."""
     null = candidate.absent
     added = null + np.array([0.0 if u.is_shape else _amount(u) for u in candidate.unknowns])
     before, after = (next(iter(candidate.parameters(x).values())).value for x in (null, added))

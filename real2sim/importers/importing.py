@@ -32,11 +32,11 @@ CURES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Imported:
-    """What became of a recording."""
+    """Result of importing a recording."""
 
     logs: tuple[Path, ...]
     notes: tuple[str, ...]
-    """What was read, and what is not in the logs."""
+    """Notes on what was read, and on what is not in the logs."""
 
 
 def import_recording(recording: Path, out: Path, description: Description, robot: Robot) -> Imported:
@@ -153,7 +153,7 @@ def _on_robot(log: RunLog, robot: Robot) -> tuple[list[str], RunLog]:
 
 
 def _lacking(log: RunLog, description: Description) -> list[str]:
-    """What `find` will miss."""
+    """Data that `find` will miss."""
     there = vars(log.joints) | log.meta | vars(log)  # claims before columns of gains, tables before claims
     absent = [part for part in WORTH_SAYING if there.get(part) is None]
     notes = [f"not in the log: {', '.join(absent)}; what needs them will be untestable"] if absent else []

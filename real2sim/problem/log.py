@@ -112,7 +112,7 @@ def gains_in_force(log: RunLog) -> tuple[Floats, Floats]:
 
 
 def has_changing_gains(log: RunLog) -> bool:
-    """Whether commands come with other gains than those that are claimed."""
+    """True where commands come with other gains than those that are claimed."""
     return any(np.any(own != claimed) for own, claimed in zip(gains_in_force(log), gains(log.meta), strict=True))
 
 
@@ -232,7 +232,7 @@ def _motions(joints: JointTable) -> list[tuple[float, float]]:
 
 
 def _motion(joints: JointTable) -> Floats:
-    """What tells one motion from another: commands, or else the angles themselves."""
+    """Returns what tells one motion from another: commands, or else the angles themselves."""
     return joints.q if joints.q_des is None else joints.q_des
 
 

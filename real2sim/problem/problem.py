@@ -44,9 +44,11 @@ class Unknown:
     stated: float | None = None
     """The only value other than 0 that a verdict can state; the values between help fits to get there."""
     is_choice: bool = False
-    """Whether only 0 and 1 are values: the better of the starts is taken, and nothing between is fitted."""
+    """True where only 0 and 1 are values: the better of the starts is taken, and nothing between is
+    fitted."""
     is_told: bool = True
-    """Whether the effect has a parameter for it. What has none is fitted, and is 0 where a profile has the effect."""
+    """True where the effect has a parameter for it. What has none is fitted, and is 0 where a
+    profile has the effect."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,9 +56,9 @@ class Coordinates:
     """How unknowns become the parameters of an effect, and back, where they are not the same."""
 
     parameters: Callable[[Floats], dict[str, float]]
-    """Of unknowns, shape (unknowns of the candidate,)."""
+    """Parameters of unknowns, shape (unknowns of the candidate,)."""
     unknowns: Callable[[Mapping[str, float]], Sequence[float]]
-    """Of parameters by name."""
+    """Unknowns of parameters by name."""
 
     @classmethod
     def less(cls, name: str, claimed: float) -> "Coordinates":
@@ -78,8 +80,8 @@ class Candidate:
     starts: tuple[tuple[float, ...], ...] = ()
     """Values from which fits start, in the order of `unknowns`; 0 where none are given."""
     is_nuisance: bool = False
-    """Whether it is fitted with every model, also the empty one, and never reported, e.g. the rate of the drive's
-    loop."""
+    """True where it is fitted with every model, also the empty one, and never reported, e.g. the
+    rate of the drive's loop."""
     model_error: float = 0.02
     """Standard error from differences between two correct models of the effect, e.g. a smooth and a sharp friction law;
     a share of the parameter or of its distance from the null value."""
@@ -135,11 +137,11 @@ class Candidate:
         return np.clip(found, [u.low for u in self.unknowns], [u.high for u in self.unknowns])
 
     def _null(self, unknown: Unknown) -> float:
-        """What it counts from; a shape counts from 0, as an effect may be absent by an infinite one."""
+        """Returns what it counts from; a shape counts from 0, as an effect may be absent by an infinite one."""
         return 0.0 if unknown.is_shape else float(self._declared(unknown.name).get("null", 0.0))
 
     def _declared(self, parameter: str) -> Mapping[str, Any]:
-        """What the effect says of a parameter; nothing of that of a nuisance."""
+        """Declaration of a parameter by its effect; none for that of a nuisance."""
         known = fields(EFFECTS[self.effect]) if self.effect in EFFECTS else ()
         return next((field.metadata for field in known if field.name == parameter), {})
 

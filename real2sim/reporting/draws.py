@@ -1,4 +1,4 @@
-"""What the seed of a simulated run drew, told apart from what is unknown of its robot.
+"""Draws by the seed of a simulated run, told apart from what is unknown of its robot.
 
 Each run of Saltus has a payload, a ground, drives and a camera of its own (`saltus.trial`). The log
 claims what was drawn of body, drives and ground, so that `find` looks for the rest. The camera's
@@ -23,7 +23,7 @@ EXACT_S = 0.001
 
 
 def drawn_lines(judgement: Judgement) -> list[str]:
-    """What the seeds of simulated runs drew, and which effects are not of them; else nothing.
+    """Returns what the seeds of simulated runs drew, and which effects are not of them; else nothing.
 
     A line for the draws, one for the effects that are draws, one for those that are not.
     """
@@ -48,7 +48,7 @@ def drawn_lines(judgement: Judgement) -> list[str]:
 
 
 def is_drawn(effect: FoundEffect, metas: Sequence[dict[str, Any]]) -> bool:
-    """Whether an effect is what the seed of a run drew of its camera."""
+    """True where an effect is what the seed of a run drew of its camera."""
     if effect.name != CameraLatency.name or "latency" not in effect.params:
         return False
     latencies = [_latency_s(meta, trial) for meta in metas if (trial := _trial(meta)) is not None]

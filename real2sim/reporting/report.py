@@ -68,7 +68,7 @@ class ShownResiduals:
 
     @property
     def has_places(self) -> bool:
-        """Whether channels are at several places, e.g. joints."""
+        """True where channels are at several places, e.g. joints."""
         return len({channel.place for channel in self.before}) > 1
 
 
@@ -144,7 +144,7 @@ def _residuals(comparison: Comparison, residuals: Residuals) -> ShownResiduals:
 
 
 def _known(profile: Profile, name: str, unit: str) -> str:
-    """What a profile gives the first parameter of an effect with this unit, or where it changes nothing."""
+    """Returns what a profile gives the first parameter of an effect with this unit, or where it changes nothing."""
     of_unit = [each for each in fields(EFFECTS[name]) if each.metadata.get("unit") == unit] if name in EFFECTS else []
     if not of_unit:
         return ""

@@ -1,1 +1,1 @@
-"""Whether a log can be believed, and whether its clocks agree."""
+"""True where a log can be believed, and whether its clocks agree."""

@@ -47,7 +47,7 @@ class ClockOffset:
     """Growth of the offset [s/s]."""
     drift_ci90: tuple[float, float]
     is_relative: bool
-    """Whether clock offset and latency cannot be separated."""
+    """True where clock offset and latency cannot be separated."""
 
     @property
     def text(self) -> str:

@@ -79,7 +79,7 @@ class Causes:
 
     @property
     def are_told(self) -> bool:
-        """Whether the law holds but for a factor that no effect makes."""
+        """True where the law holds but for a factor that no effect makes."""
         best = self.least_left
         if best > 1.0 - EXPLAINED or self.left < BETTER * best:
             return False

@@ -135,7 +135,7 @@ def _order(name: str, time_s: Floats) -> Iterator[Fault]:
 
 
 def _is_more(count: int, share: float, total: int) -> bool:
-    """Whether a count is a larger share of a total than chance makes of this one."""
+    """True where a count is a larger share of a total than chance makes of this one."""
     return bool(count > share * total + CHANCE * np.sqrt(share * total))
 
 

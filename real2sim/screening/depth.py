@@ -56,7 +56,7 @@ def _beyond(depth: DepthTable, camera: dict[str, Any]) -> Iterator[Fault]:
 
 
 def _step(ratio: float, seen: NDArray[np.uint16], is_known: bool = True) -> str:
-    """What a ratio of depth to what it should be says of the images' steps."""
+    """Returns what a ratio of depth to what it should be says of the images' steps."""
     step = min(STEPS_M, key=lambda each: abs(np.log(ratio * each / 1e-3)))
     if np.mean(seen >= FULL) > FULL_SHARE:
         return "most pixels are at the end of 16 bits, as steps of 1e-06 m (1000) would be: write whole millimetres"

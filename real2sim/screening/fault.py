@@ -12,4 +12,4 @@ class Fault:
     text: str
     """One sentence with numbers and the likely cause."""
     is_fatal: bool = True
-    """Whether the log cannot be fitted."""
+    """True where the log cannot be fitted."""

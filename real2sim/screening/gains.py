@@ -57,8 +57,8 @@ LEAST_KD = 0.3
 """Smaller claims are judged like this one [Nm s/rad]: the tolerance is then 0.06, which at a kp of 30 is the damping
 that a delay of one row of 2 ms takes away."""
 STANDARD_ERRORS = 10.0
-"""Of white noise, added to the tolerances. Drive noise lasts for several samples: kp of the same logs is off by up to
-3.3 of them."""
+"""Standard errors of white noise that are added to the tolerances. Drive noise lasts for several
+samples: kp of the same logs is off by up to 3.3 of them."""
 
 LARGEST_RESIDUAL_NM = 0.5
 """RMS of the residual from which the drive follows another encoder than the logged one: the largest torque noise."""
@@ -115,7 +115,7 @@ def angle_scale_faults(log: RunLog) -> Iterator[Fault]:
 
 
 class _Told:
-    """What the drives of a log were told."""
+    """Commands of the drives of a log."""
 
     def __init__(self, log: RunLog) -> None:
         told = gains_in_force(log)
@@ -247,7 +247,7 @@ class _Regression:
     left: float
     """Variance of the rest."""
     variance: float
-    """Of the torque."""
+    """Variance of the torque."""
 
     @property
     def explained(self) -> float:
@@ -260,7 +260,7 @@ class _Regression:
         return causes(self.torque, kp * self.matrix[0], kd * self.matrix[1], feedforward, is_rate_measured=has_rate)
 
     def fit(self, is_stiff: NDArray[np.bool_]) -> _Fit:
-        """What it says of the drive."""
+        """Returns what it says of the drive."""
         left, matrix = self.left, self.matrix
         unfollowed = float(np.var(self.rest[is_stiff])) / max(float(np.var(self.torque[is_stiff])), 1e-12)
         return _Fit(

@@ -21,12 +21,12 @@ from saltus.real2sim.screening.rig import pose_faults, rig_faults
 from saltus.recordings.run_log import RunLog
 
 LEAST_S = 1.5
-"""Of a log whose motion is judged: two and a half times the window over which slow motion is
-averaged (`screening.joints.SLOW_S`, taken twice). The longest healthy cut of 24 runs that was
-accused of a flipped sign had 1.38 s."""
+"""Least length of a log whose motion is judged: two and a half times the window over which slow
+motion is averaged (`screening.joints.SLOW_S`, taken twice). The longest healthy cut of 24 runs that
+was accused of a flipped sign had 1.38 s."""
 END_S = 1.0
-"""Of the log. A joint has settled this long after a step: what only the end shows may be a step
-that is cut."""
+"""End of a log that is judged apart. A joint has settled this long after a step: what only the end
+shows may be a step that is cut."""
 AT_ONCE = {
     "degrees", "time_unit", "dead_channel", "quaternion_norm", "base_unit", "no_camera",
     "image_size", "frames_backwards", "two_clocks",

@@ -12,7 +12,7 @@ from saltus.render.stereo.image import StereoImage
 
 @dataclass(frozen=True, kw_only=True)
 class Background(Effect[StereoImage]):
-    """What is not hit by any ray, or only farther away, is a wall at this distance, which faces the camera.
+    """A wall at this distance, which faces the camera, where no ray hits anything nearer.
 
     At 6 m one pixel in 14 is lost to `WeakSignal`, and the noise is 0.3 m: "far" for the model, whose range is 3 m.
     What the right imager does not see is that of a scene without the wall: shadows before it are 1.2 px too wide.

@@ -1,4 +1,4 @@
-"""What only one of the two imagers sees cannot be matched."""
+"""Occlusion: what only one of the two imagers sees cannot be matched."""
 
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar

@@ -66,7 +66,7 @@ class DisparityNoise(Effect[StereoImage]):
         return samples(self.correlation / (1.0 - math.exp(-1.0)), pitch)
 
     def _averaged(self, *pitches: float) -> float:
-        """What is left of the noise where one sample stands for all pixels in its place: the noise of their average."""
+        """Noise where one sample stands for all pixels in its place: that of their average."""
         share = 1.0
         for pitch in pitches:
             # mean distance of two of n pixels in a row is (n - 1/n) / 3

@@ -20,7 +20,7 @@ class Estimate:
 
     @property
     def testable(self) -> bool:
-        """Whether there is a value."""
+        """True where there is a value."""
         return self.value is not None
 
 

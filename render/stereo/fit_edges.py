@@ -1,4 +1,4 @@
-"""What is lost, and what flies, beside depth edges, and which columns are invalid."""
+"""Pixels that are lost or fly beside depth edges, and columns that are invalid."""
 
 from dataclasses import dataclass
 

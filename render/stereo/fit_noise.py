@@ -21,7 +21,7 @@ CORRELATED_PX = 100.0  # pixels that share one independent value of the noise, f
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NoiseCurves:
-    """What was measured of the noise."""
+    """Curves of the noise as measured."""
 
     range_m: Floats
     """Middle of each bin that has enough pixels [m], shape (n,)."""
@@ -36,7 +36,7 @@ class NoiseCurves:
     correlation_in_image: Floats
     """At these lags, mean of along rows and along columns."""
     variance_inverse: float
-    """Of the inverse depth [1/m^2], less the share of the depth unit."""
+    """Variance of the inverse depth [1/m^2], less the share of the depth unit."""
     unit_variance: float
     """Share of the depth unit [1/m^2]."""
     sequential: float

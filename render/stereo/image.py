@@ -12,7 +12,7 @@ from saltus.render.stereo.windows import ARRAY_WINDOWS, Windows
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StereoImage:
-    """What the matcher of a stereo camera has found so far, for any leading batch dimensions, numpy or torch."""
+    """Image that the matcher of a stereo camera has found so far, for any leading batch dimensions, numpy or torch."""
 
     disparity: Floats
     """Column in the left image less column in the right image [px of the sensor]; 0 where nothing is hit. Shape
@@ -20,9 +20,9 @@ class StereoImage:
     truth: Floats
     """Disparity of the scene itself [px], on which it depends what is lost; shape (..., height, width)."""
     valid: Any
-    """Whether there is a match, bool, shape (..., height, width)."""
+    """True where there is a match, bool, shape (..., height, width)."""
     hidden: Any
-    """Whether the right imager does not see the point, bool, shape (..., height, width)."""
+    """True where the right imager does not see the point, bool, shape (..., height, width)."""
     time_s: Floats
     """Capture time in the run's clock [s], float64, shape (...)."""
     optics: Optics

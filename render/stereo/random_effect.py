@@ -1,4 +1,4 @@
-"""What effects of a stereo matcher that draw at random have in common."""
+"""Effects of a stereo matcher that draw at random."""
 
 from abc import abstractmethod
 from dataclasses import dataclass

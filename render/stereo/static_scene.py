@@ -1,4 +1,4 @@
-"""What a recording of a scene in which nothing moves says about each pixel."""
+"""Statistics of each pixel in a recording of a scene in which nothing moves."""
 
 import math
 from collections.abc import Sequence
@@ -38,7 +38,8 @@ class StaticScene:
     unit_m: float
     """Depth unit [m]."""
     median: NDArray[np.float32]
-    """Of the inverse depth of each pixel where it is valid, 0 where it never is, shape (height, width)."""
+    """Median of the inverse depth of each pixel where it is valid, 0 where it never is, shape
+    (height, width)."""
     presence: NDArray[np.float64]
     """Share of the frames in which a pixel is valid, shape (height, width)."""
     surface: NDArray[np.bool_]

@@ -1,4 +1,4 @@
-"""What effects ask about the neighbourhood of every pixel, and who answers."""
+"""Questions of effects about the neighbourhood of every pixel, and who answers them."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -11,7 +11,7 @@ class Windows(Protocol):
     """Morphology of images; what lies beyond a border counts as the border does. A frozen value without fields."""
 
     def any_around(self, mask: Any, rows: int, columns: int) -> Any:
-        """Whether anything is set within `rows` and `columns` of each sample, bool, shape (..., height, width)."""
+        """True where anything is set within `rows` and `columns` of each sample, bool, shape (..., height, width)."""
         ...
 
     def range_around(self, values: Any) -> tuple[Any, Any]:

@@ -25,7 +25,7 @@ class Camera:
     """
 
     action: tyro.conf.Positional[Literal["show"]]
-    """What to do."""
+    """The command to run."""
     camera: tyro.conf.Positional[str] = "d435i"
     """Name, ideal or d435i, or a TOML file."""
     robot: str = DEFAULT_ROBOT

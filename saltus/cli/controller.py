@@ -17,4 +17,4 @@ class Controller(ServeProcess):
 
     module = "saltus.controller"
     action: tyro.conf.Positional[Literal["serve"]]
-    """What to do."""
+    """The command to run."""

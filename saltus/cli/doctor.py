@@ -79,7 +79,7 @@ def _versions() -> list[Finding]:
 
 
 def _packages() -> dict[str, str]:
-    """What saltus declares that it needs, each with the extra that brings it; none for what all commands need."""
+    """Packages that saltus declares, each with the extra that brings it; none for those that all commands need."""
     packages: dict[str, str] = {}
     for requirement in requires("saltus") or ():
         name = re.match(r"[\w.-]+", requirement)

@@ -50,7 +50,7 @@ class OnProcessors(SettingsCommand):
         default_factory=lambda: ProcessorCollection(loop=ClosedLoop(robot=DEFAULT_ROBOT))
     )
     processes: Processes = None
-    """That collect. The data do not depend on it."""
+    """Number of processes that collect. The data do not depend on it."""
     ray: Ray = None
     """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this machine's cores."""
 
@@ -188,7 +188,7 @@ class Dagger(SettingsCommand):
         default_factory=lambda: DaggerConfig(loop=ClosedLoop(robot=DEFAULT_ROBOT))
     )
     processes: Processes = None
-    """That collect. The data do not depend on it."""
+    """Number of processes that collect. The data do not depend on it."""
     ray: Ray = None
     """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this machine's cores."""
 

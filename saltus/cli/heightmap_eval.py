@@ -23,7 +23,7 @@ COLUMNS = (
     ("covered %", "coverage90", 1e2),
     ("NLL", "nll", 1.0),
 )
-"""Of the table: title, key, and factor to what is printed."""
+"""Columns of the table: title, key, and factor to what is printed."""
 WAY = (("way [m]", "distance_m", 1.0), ("edges met", "edges_met", 1.0))
 BAR = "{l_bar}{bar}| {elapsed}<{remaining}{postfix}"
 
@@ -45,7 +45,7 @@ class Eval:
     """How many, in batches of 20: half of a batch on courses that both planners master, half on harder ones. The
     learned policy and the scripted planner drive a batch in turns."""
     seed: int = 0
-    """Of courses, trials and cameras; whatever it is, no training draws the same."""
+    """Seed of courses, trials and cameras; whatever it is, no training draws the same."""
     terrains: tuple[str, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
     """Families of the courses, yours too; no files."""
     camera: str = "d435i"
@@ -54,7 +54,7 @@ class Eval:
     """Predictors without training that are shown the same images: geometric, geometric-feet; none by --baselines
     alone."""
     time_limit_s: float = 10.0
-    """Of a run."""
+    """Time limit of a run."""
     processes: Annotated[int | None, shown("INT", "one for each core")] = None
     """How many share the runs. The numbers do not depend on it."""
     json: Flag = False

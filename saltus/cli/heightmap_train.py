@@ -149,7 +149,7 @@ class Export:
     data: Path = Path("runs/dataset")
     """Folder of the dataset that the checkpoint was trained on."""
     checkpoint: Path = FOLDER / CHECKPOINT
-    """What to export."""
+    """The checkpoint to export."""
     out: Path = FOLDER
     """Folder for heightmap.onnx, its checksum and its card."""
     unseen: Annotated[

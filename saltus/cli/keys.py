@@ -21,7 +21,7 @@ class Init:
     """
 
     address: str
-    """Of the router's machine, as others reach it: host:port."""
+    """Address of the router's machine, as others reach it: host:port."""
     keys: Path = KEYS
     """Folder of the authority."""
     days: int = DAYS
@@ -49,7 +49,7 @@ class Issue:
     """
 
     role: tyro.conf.Positional[Literal["render", "heightmap", "policy", "controller", "recorder", "viewer", "operator"]]
-    """What its holder does."""
+    """The part that its holder has in a run."""
     keys: Path = KEYS
     """Folder of the authority."""
     days: int = DAYS
@@ -72,7 +72,7 @@ class Revoke:
     """
 
     name: tyro.conf.Positional[str]
-    """Of the certificate, see saltus keys list."""
+    """Name of the certificate, see saltus keys list."""
     keys: Path = KEYS
     """Folder of the authority."""
 

@@ -64,7 +64,7 @@ MUJOCO_GL = (
 
 
 class Command(Protocol):
-    """What a command line stands for."""
+    """A command as a command line names it."""
 
     def run(self) -> int:
         """Does it; returns the exit code."""
@@ -142,7 +142,7 @@ def _ask_for_mujoco_gl() -> None:
 
 
 def command_of(arguments: Sequence[str]) -> Command:
-    """What is to be run; what follows the name of a benchmark is for that benchmark to read.
+    """The command to run; the words after the name of a benchmark are for that benchmark to read.
 
     Raises:
         SaltusError: no command line of Saltus.

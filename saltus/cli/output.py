@@ -110,7 +110,7 @@ def _rows(value: Any) -> list[tuple[str, dict[str, Any]]]:
 
 
 def _is_cell(value: Any) -> bool:
-    """Whether it is short enough for a table; counts by name are."""
+    """True where it is short enough for a table; counts by name are."""
     return not isinstance(value, dict) or all(isinstance(part, int) for part in value.values())
 
 

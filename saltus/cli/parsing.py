@@ -45,7 +45,7 @@ def _defaults_of(command: Any) -> Any:
 
 
 def _read(kind: Any, arguments: Sequence[str] | None, prog: str, description: str | None, default: Any) -> Any:
-    """What tyro reads; what it would print as a box becomes one line."""
+    """Reads by tyro; its box of an error becomes one line."""
     box = io.StringIO()
     try:
         with contextlib.redirect_stderr(box):
@@ -57,7 +57,7 @@ def _read(kind: Any, arguments: Sequence[str] | None, prog: str, description: st
 
 
 def _check_seeds(command: object) -> None:
-    """Of the command, and of those that it holds: what numpy's generators and TOML both take."""
+    """Checks seeds of the command and of those that it holds: numpy's generators and TOML both take them."""
     for name, value in vars(command).items():
         if name in ("seed", "first_seed") and value is not None and not 0 <= value <= LARGEST_SEED:
             raise SaltusError(f"{name} = {value}: it must be from 0 to {LARGEST_SEED}")
@@ -66,7 +66,7 @@ def _check_seeds(command: object) -> None:
 
 
 def _one_line(box: str) -> str:
-    """What tyro says, without the box that it draws around it; the nearest name to what it does not know."""
+    """Words of tyro without the box around them; for an unknown name the nearest known one."""
     lines = [line.strip("│╭╮╰╯─ ") for line in box.splitlines()[1:]]
     parts = [list(part) for is_text, part in groupby(lines, bool) if is_text]
     said = " ".join(parts[0])
@@ -77,7 +77,7 @@ def _one_line(box: str) -> str:
 
 
 def _unknown(said: str, parts: list[list[str]]) -> str:
-    """What cannot be understood, and what is like it among the commands or flags that tyro lists."""
+    """Error for a word that is not understood, with what is like it among the commands or flags that tyro lists."""
     word = said.partition("options:")[2].split()[0].rstrip(",")
     listed: dict[str, list[str]] = {}
     for first, *more in parts[1:]:

@@ -44,7 +44,7 @@ class Eval:
     trials: int = 20
     """Number of trials."""
     seed: int = 0
-    """Of the first trial; the others have SEED + 1, SEED + 2, ..."""
+    """Seed of the first trial; the others have SEED + 1, SEED + 2, ..."""
     heightmap: Literal["true", "true-exact", "predicted"] = "true"
     """true: the terrain, shifted by up to 8 cm ahead and 5 cm up as the trial says. true-exact: the terrain as it is.
     predicted: what the heightmap service makes of late depth images."""
@@ -57,9 +57,10 @@ class Eval:
     known: Annotated[str | None, shown("STR", "nothing")] = None
     """Profile of what is known of the drives: the leg controller makes up for its torque gain and viscous friction."""
     friction: Annotated[float | None, shown("FLOAT", "drawn by each trial from 0.5 to 1")] = None
-    """Of the ground in all trials."""
+    """Friction of the ground in all trials."""
     push_ns: float = 0.0
-    """Of one push from the side in each trial, for 0.1 s at a place of the course that its seed draws [Ns]."""
+    """Impulse of one push from the side in each trial, for 0.1 s at a place of the course that its
+    seed draws [Ns]."""
     plan_delay_s: float = 0.0
     """From a state to its plan being obeyed, in steps of 2 ms: what the computer of a real robot takes."""
     processes: Annotated[int | None, shown("INT", "one for each core")] = None
@@ -141,7 +142,7 @@ class Export:
     """
 
     checkpoint: Path
-    """What to export: checkpoint.pt of a training."""
+    """The checkpoint.pt of a training."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-policy-export")] = None
     """Folder for policy.onnx and its checksum."""
 

@@ -83,9 +83,9 @@ class Import:
     description: Annotated[Path | None, shown("PATH", "none")] = None
     """TOML that says what a bag or a table does not say of itself (docs/tutorials/log.md)."""
     robot: str = DEFAULT_ROBOT
-    """Of a bag or a table: name, or path of an MJCF or of a folder with a robot.toml."""
+    """Robot of a bag or a table: name, or path of an MJCF or of a folder with a robot.toml."""
     topics: Topics = field(default_factory=Topics)
-    """Of a bag. One that is named here takes the place of the description's."""
+    """Topics of a bag. One that is named here takes the place of the description's."""
     out: Annotated[Path | None, NEW_FOLDER] = None
     """Folder of the log; or of several, one for each leg or for each log in an archive."""
 
@@ -292,6 +292,6 @@ class Demo:
 
 @dataclass(frozen=True, kw_only=True)
 class Real2sim(Group):
-    """What the simulator lacks: find it in logs, apply it, run experiments that show it, train with it."""
+    """The effects that a simulator lacks: find them in logs, apply it, run experiments that show it, train with it."""
 
     command: Subcommands[Find | Import | Apply | Experiments | Demo | Cycle]

@@ -35,7 +35,8 @@ class Show:
     robot: Annotated[str, tyro.conf.Positional]
     """Name of a shipped robot, an MJCF, or a folder with a robot.toml."""
     toml: Annotated[Path | None, tyro.conf.Positional, shown("TOML", "that of the robot's folder, or none")] = None
-    """What the MJCF cannot say: limits, stand pose, gains, camera mount, ... (that of a shipped robot has all)."""
+    """A file with what the MJCF cannot say: limits, stand pose, gains, camera mount, ... (that of a
+    shipped robot has all)."""
     json: Flag = False
     """Print the robot as one JSON object on the last line."""
 
@@ -68,7 +69,7 @@ class List:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotCommand(Group):
-    """What a robot is to Saltus: show, list."""
+    """Robots as Saltus knows them: show, list."""
 
     command: Subcommands[Show | List]
 

@@ -42,9 +42,9 @@ class Ros2:
     domain: int = 0
     """ROS_DOMAIN_ID."""
     namespace: str = "saltus"
-    """Of the topics that are sent; also the name of the node."""
+    """Namespace of the topics that are sent; also the name of the node."""
     prefix: Annotated[str | None, shown("STR", "the one of run.toml")] = None
-    """Of the robot's keys, where several share the router of the folder."""
+    """Prefix of the robot's keys, where several share the router of the folder."""
     base_frame: str = "base"
     """The frame of the trunk, in which those of heights and camera hang."""
     take: Flag = False

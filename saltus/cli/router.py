@@ -38,7 +38,7 @@ class Router(NetworkOptions):
     heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
     """ONNX file of the heightmap service: your own, where your camera sits elsewhere."""
     prefix: str = RunConfig.prefix
-    """Of the keys."""
+    """Prefix of the keys."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-router")] = None
     """Folder."""
 

@@ -1,4 +1,4 @@
-"""What commands say of a terrain and of a run."""
+"""Flags of a terrain and of a run, which commands share."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def _shown(size: str, otherwise: str = "") -> Any:
-    """What the help says of a size: its default in each family that has it, or `otherwise`."""
+    """Help of a size: its default in each family that has it, or `otherwise`."""
     sizes = {name: family.sizes[size] for name, family in FAMILIES.items() if size in family.sizes}
     defaults = ", ".join(f"{value.default:g} {name}" for name, value in sizes.items())
     by_difficulty = any(value.base is not None for value in sizes.values())
@@ -49,7 +49,7 @@ CourseOptions = tyro.conf.OmitArgPrefixes[Course]
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """What a run of the whole stack is told, by `demo` and `up` alike."""
+    """Flags of a run of the whole stack, of `demo` and `up` alike."""
 
     course: CourseOptions = field(default_factory=Course)
     robot: str = DEFAULT_ROBOT

@@ -44,7 +44,7 @@ class ServeProcess:
     """The command of a process that needs a running stack and nothing else."""
 
     module: ClassVar[str]
-    """Whose `__main__` is run."""
+    """The package whose `__main__` is run."""
 
     run_dir: Path
     """Folder of the run: of `saltus up` or `saltus router`."""

@@ -10,7 +10,7 @@ from types import FrameType
 from saltus.interrupts import WHOLE
 
 ENDING = (signal.SIGTERM, signal.SIGHUP)
-"""What service managers and containers send, and what a terminal sends that is closed."""
+"""Signals that service managers, containers and closed terminals send."""
 
 
 AGAIN_S, AT_MOST_S = 0.02, 10.0
@@ -96,7 +96,7 @@ class _Waits:
             WHOLE.interrupt(late)
 
     def end(self) -> None:
-        """What has come and was not raised is raised now."""
+        """Raises now a signal that has come and was not raised."""
         if self._late is not None:
             late, self._late = self._late, None
             raise late

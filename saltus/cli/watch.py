@@ -41,7 +41,7 @@ class Watch:
     robots: Annotated[tuple[str, ...], shown("PREFIX", "the one that each folder names")] = ()
     """Prefixes of the robots' keys, where several share the router of one folder."""
     port: Annotated[int | None, shown("INT", f"{PORT}, the next free one where it is taken; {FOXGLOVE_PORT}")] = None
-    """Of the page, or of Foxglove's connection, on this machine only."""
+    """Port of the page, or of Foxglove's connection, on this machine only."""
     foxglove: Flag = False
     """Serve one run or recording to Foxglove in place of a page."""
 

@@ -25,7 +25,7 @@ class ActuatorLag(Effect[Drive], name="actuator_lag", site="torque"):
 
     @cached_property
     def _weights(self) -> tuple[Constant, Constant]:
-        """Of the lagged torque at the start of a period: in the mean over it, and in the torque at its end."""
+        """Weights of the lagged torque at the start of a period: in the mean over it, and in the torque at its end."""
         return tuple(Constant(weight) for weight in lag_weights(self.time_constant, self.dt_s))  # type: ignore[return-value]
 
     def first(self, signal: Drive) -> Array:

@@ -36,7 +36,7 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
 
     @property
     def is_logged_at_motor(self) -> bool:
-        """Whether any joint's log is not that of the joint's own side."""
+        """True where any joint's log is not that of the joint's own side."""
         return isinstance(self.motor_side, Drawn) or bool(np.any(np.asarray(self.motor_side) != 0.0))
 
     @cached_property

@@ -10,9 +10,11 @@ from saltus.arrays import Array
 NOMINAL_FRICTION = 0.8
 """Coefficient between soles and ground that the model claims: rubber on concrete, middle of what trials draw."""
 NOMINAL_CONTACT_TIME_CONSTANT_S = 0.005
-"""Of the contacts that the model claims: nearly as stiff as a time step of 2 ms allows (the engine wants two)."""
+"""Time constant of the contacts that the model claims: nearly as stiff as a time step of 2 ms
+allows (the engine wants two)."""
 NOMINAL_TOUCH_IMPEDANCE = 0.95
-"""Of the contacts that the model claims, where they begin; the engine's default is 0.9."""
+"""Impedance of the contacts that the model claims, where they begin; the engine's default is
+0.9."""
 NOMINAL_IMPEDANCE_DEPTH_M = 0.001
 """Depth at which they have reached their full impedance; the engine's default."""
 LEAST_TURNING_M = 1e-5
@@ -21,7 +23,7 @@ LEAST_TURNING_M = 1e-5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyModel:
-    """What of the robot's model effects may change; one robot, or a batch. Sites "model" and "stand".
+    """The parts of a robot's model that effects may change; one robot, or a batch. Sites "model" and "stand".
 
     Those of shape (...) but the payload may be one number for all robots of a batch.
     """
@@ -31,13 +33,13 @@ class BodyModel:
     com_shift: Array
     """Added to the trunk's centre of mass [m], base frame, shape (..., 3)."""
     inertia_scale: Array
-    """Of the trunk about its centre of mass, true over claimed, shape (...)."""
+    """Inertia scale of the trunk about its centre of mass, true over claimed, shape (...)."""
     friction: Array
     """Coefficient of sliding friction between robot and terrain, shape (...)."""
     contact_time_constant: Array
-    """Of the contacts, which are critically damped [s], shape (...)."""
+    """Contact time constant of the contacts, which are critically damped [s], shape (...)."""
     touch_impedance: Array
-    """Of the contacts where they begin: 1 is rigid, shape (...)."""
+    """Touch impedance of the contacts where they begin: 1 is rigid, shape (...)."""
     impedance_depth: Array
     """Depth at which they have reached their full impedance [m], shape (...)."""
     torsion: Array
@@ -47,7 +49,7 @@ class BodyModel:
     roll_give: Array = 0.0
     """By how much the base of a held robot rolls under 1 Nm [rad/Nm], shape (...); 0 is rigid."""
     roll_damping: Array = 0.0
-    """Of that motion [Nm s/rad], shape (...)."""
+    """Roll damping of that motion [Nm s/rad], shape (...)."""
 
 
 def claimed_body(

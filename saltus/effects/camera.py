@@ -24,7 +24,7 @@ from saltus.effects.temporal_smear import TemporalSmear
 from saltus.wire.topics import CAMERA_LATENCY_S
 
 NOMINAL_LATENCY = CameraLatency(latency=CAMERA_LATENCY_S)
-"""That of a D435i (paper)."""
+"""The latency of a D435i (paper)."""
 CameraState: TypeAlias = tuple[Any, ...]
 """States of the effects, in the order of the chain."""
 
@@ -39,7 +39,7 @@ class ViewChain(SignalChain):
 
 @dataclass(frozen=True)
 class CameraChain(SignalChain):
-    """What the sensor does, what gets lost on the way, what the driver makes of the rest, and when it arrives."""
+    """Effects of the sensor, of losses on the way, of the driver, and of the time of arrival."""
 
     order: ClassVar[Order] = (
         SampleAndHold, DepthScale, DepthBias, DepthNoise, EdgeHoles, RangeClip, HoleFill, FrameDrop, TemporalSmear,
@@ -67,7 +67,7 @@ class CameraChain(SignalChain):
         return next((effect for effect in self.effects if isinstance(effect, CameraLatency)), CameraLatency())
 
     def film(self, depth: Array, captured_s: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-        """What becomes of all images of one camera.
+        """Passes all images of one camera through the chain.
 
         Args:
             depth: As exposed, shape (n, height, width).

@@ -41,9 +41,9 @@ from saltus.joint_command import JointCommand
 from saltus.robots.robot import Robot
 
 COMMAND_ORDER: Order = (CommandDelay, FeedforwardDelay)
-"""What happens to a packet until the drive uses it."""
+"""Effects on a packet until the drive uses it."""
 SENSOR_ORDER: Order = (EncoderBias, EncoderQuantisation, VelocityFilter, VelocityScale)
-"""What happens to the motion of a joint until the drive knows it."""
+"""Effects on the motion of a joint until the drive knows it."""
 TORQUE_ORDER: Order = (
     ActuatorLag,
     TorqueSpeedLimit,
@@ -54,9 +54,9 @@ TORQUE_ORDER: Order = (
     JointSpring,
     EndStop,
 )
-"""What happens to the torque that the drive asks for, and what else pulls at the joint."""
+"""Effects on the torque that the drive asks for, and other torques at the joint."""
 JOINT_ORDER: Order = (ViscousFriction, CoulombFriction, Stiction, Armature)
-"""What resists the motion at the joint."""
+"""Effects that resist the motion at the joint."""
 
 ActuatorState = tuple[Any, ...]
 """States of the effects, in the order of the chain."""
@@ -64,12 +64,13 @@ ActuatorState = tuple[Any, ...]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Torques:
-    """What an actuator does and what it believes that it does, each of shape (..., 12) [Nm]."""
+    """The torque that an actuator gives and the one that it reports, each of shape (..., 12) [Nm]."""
 
     applied: Array
     """At the joint."""
     believed: Array
-    """What the drive reports (`tau_est`): the PD law and feed-forward before lag, limits and gain."""
+    """The torque that the drive reports (`tau_est`): the PD law and feed-forward before lag, limits
+    and gain."""
     resistance: Resistance | None = None
     """For the physics to integrate over the coming step; None where nothing resists the joint."""
 
@@ -91,7 +92,7 @@ class BodyChain(SignalChain):
 
     @property
     def contact_dimensions(self) -> int:
-        """Of a contact in the engine: 3, or with friction against turning and rolling 6."""
+        """Dimensions of a contact in the engine: 3, or with friction against turning and rolling 6."""
         return 6 if any(isinstance(effect, SoftFeet) and effect.resists_turning for effect in self.effects) else 3
 
 
@@ -113,7 +114,7 @@ class ActuatorChain(Chain):
 
     @property
     def senses_otherwise(self) -> bool:
-        """Whether the drives measure another motion than that of the joints."""
+        """True where the drives measure another motion than that of the joints."""
         return any(
             effect.site == "joint_state" or (isinstance(effect, Backlash) and effect.is_logged_at_motor)
             for effect in self.effects
@@ -122,7 +123,7 @@ class ActuatorChain(Chain):
     def measured(
         self, position: Array, velocity: Array, time_s: Array, state: ActuatorState, fresh: Array | None = None
     ) -> JointState:
-        """What the drives will measure in the next `step`; arguments and `state` are those that it will get."""
+        """Returns what the drives will measure in the next `step`; arguments and `state` are those that it will get."""
         motion = self._on_its_side(JointState(position=position, velocity=velocity), state, fresh, Backlash.logged)
         return self._pass("joint_state", motion, time_s, list(state), fresh)
 

@@ -39,7 +39,7 @@ class DelayLine:
         return namespace(signal).stack([signal] * self.length, axis=-3)
 
     def pushed(self, signal: Array, line: Array) -> tuple[Array, Array]:
-        """What the receiver has now, and the line for the next call: the last samples, newest first."""
+        """Sample that the receiver has now, and the line for the next call: the last samples, newest first."""
         xp = namespace(signal)
         line = xp.concat([signal[..., None, :, :], line[..., :-1, :, :]], axis=-3)
         return xp.sum(self._weights(line) * line, axis=-3), line
@@ -50,13 +50,13 @@ class DelayLine:
         return self._weights_of(namespace(line).clip(self._delay_s.read(line), 0.0, None) * (1.0 / self._dt_s))
 
     def _weights_of(self, steps: Array) -> Array:
-        """Of every sample, for delays in samples, shape (..., values or 1)."""
+        """Weights of every sample, for delays in samples, shape (..., values or 1)."""
         xp, late = namespace(steps), steps[..., None, None, :]
         return xp.clip(1.0 - xp.abs(self._ages.like(late) - late), 0.0, None)
 
 
 def held_late(ago: Callable[[Indices], Floats], steps: Floats) -> Floats:
-    """What a `DelayLine` makes of a signal of which all samples are known, `steps` samples late.
+    """Output of a `DelayLine` for a signal of which all samples are known, `steps` samples late.
 
     `ago` gives the sample that was there so many samples before.
     """

@@ -1,4 +1,4 @@
-"""What only one of two imagers sees cannot be matched: holes to the left of near objects."""
+"""Holes to the left of near objects, which only one of two imagers sees past: nothing can be matched there."""
 
 from dataclasses import dataclass, replace
 

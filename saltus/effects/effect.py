@@ -1,4 +1,4 @@
-"""What an effect is: one frozen value that changes one signal, used by plant, camera, training and real2sim alike."""
+"""Effects: frozen values that each change one signal, used by plant, camera, training and real2sim alike."""
 
 import dataclasses
 import math
@@ -178,7 +178,7 @@ class Effect(Generic[Signal]):
         return dataclasses.replace(self, **{n: v if np.ndim(v) else float(v) for n, v in clipped.items()})
 
     def is_null(self) -> bool:
-        """Whether every parameter has the value at which nothing changes."""
+        """True where every parameter has the value at which nothing changes."""
         return all(_equal(getattr(self, f.name), f.metadata["null"]) for f in fields(self) if "null" in f.metadata)
 
 
@@ -238,7 +238,7 @@ def _check(label: str, value: Any, metadata: Any) -> None:
 
 
 def _equal(value: Any, null: Any) -> bool:
-    """Whether a parameter has its null value, in every entry."""
+    """True where a parameter has its null value, in every entry."""
     if isinstance(null, tuple) or isinstance(value, str):
         return isinstance(value, tuple) and value == null
     try:

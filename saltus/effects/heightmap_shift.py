@@ -40,7 +40,7 @@ class HeightmapShift(Effect[HeightQuery], name="heightmap_shift", site="heightma
 
 
 def shift_of(effects: Sequence[Effect[Any]]) -> HeightmapShift:
-    """That of the part "heightmap" of a profile; none where it has none."""
+    """The shift in the part "heightmap" of a profile; none where it has none."""
     return next((effect for effect in effects if isinstance(effect, HeightmapShift)), HeightmapShift())
 
 

@@ -1,4 +1,4 @@
-"""What an IMU reports."""
+"""Readings of an IMU."""
 
 from dataclasses import dataclass
 

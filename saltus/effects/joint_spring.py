@@ -1,4 +1,4 @@
-"""What pulls at a joint beside its drive."""
+"""A spring or a cable that pulls at a joint beside its drive."""
 
 from dataclasses import dataclass, replace
 

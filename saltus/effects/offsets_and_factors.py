@@ -130,13 +130,13 @@ class SoftFeet(Effect[BodyModel], name="soft_feet", site="model"):
 
     @property
     def resists_turning(self) -> bool:
-        """Whether contacts need more than normal and sliding forces."""
+        """True where contacts need more than normal and sliding forces."""
         return bool(np.any(np.not_equal(self.torsion, 0.0)) or np.any(np.not_equal(self.rolling, 0.0)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class BaseRoll(Effect[BodyModel], name="base_roll", site="stand"):
-    """What holds a robot in the air, a stand or a strap, lets its base roll, by `give` under 1 Nm, against `damping`.
+    """A stand or a strap that holds a robot in the air lets its base roll, by `give` under 1 Nm, against `damping`.
 
     The base turns about the x axis of its frame. A robot that nothing holds has no such effect.
     """

@@ -123,7 +123,7 @@ class Profile(Value):
 
     @property
     def depth_topic(self) -> Topic:
-        """That of this robot's images."""
+        """The topic of this robot's images."""
         return depth_topic(float(self.camera_chain.latency.latency))
 
     @property
@@ -146,7 +146,7 @@ IDEAL = Profile()
 """No effects at all."""
 
 TRAINING_SHIFT = HeightmapShift(x_range=0.08, z_range=0.05)
-"""What a policy must tolerate (paper)."""
+"""The shift that a policy must tolerate (paper)."""
 
 SHIPPED = "shipped"
 """Names the profile that a robot has as shipped."""

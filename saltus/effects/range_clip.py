@@ -1,4 +1,4 @@
-"""What is far reads as the end of a camera's range."""
+"""The end of a camera's range: things farther away read as this far."""
 
 import math
 from dataclasses import dataclass, replace

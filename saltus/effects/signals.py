@@ -9,7 +9,7 @@ from saltus.arrays import Array, Floats, namespace
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointState:
-    """What the encoders of the drives say. Site "joint_state"."""
+    """Readings of the drives' encoders. Site "joint_state"."""
 
     position: Floats
     """[rad], shape (..., 12)."""
@@ -27,10 +27,10 @@ class Drive(JointState):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Resistance:
-    """What resists the motion of a joint beside its links; the physics integrates it implicitly. Site "joint"."""
+    """Forces that resist the motion of a joint beside its links; the physics integrates it implicitly. Site "joint"."""
 
     velocity: Floats
-    """Of the joint [rad/s], shape (..., 12)."""
+    """Velocity of the joint [rad/s], shape (..., 12)."""
     friction: Floats
     """Dry friction: largest torque against the motion [Nm], shape (..., 12)."""
     damping: Floats

@@ -11,7 +11,7 @@ from saltus.effects.effect import Effect, Values, parameter, period
 from saltus.effects.signals import JointState
 
 SHORTEST = 1e-3
-"""Of a period: a shorter filter is none, and the weights stay finite."""
+"""Shortest filter, in parts of a period: a shorter one is none, and the weights stay finite."""
 Memory = tuple[Array, Array]
 """The last velocity and the last filtered one."""
 
@@ -45,7 +45,7 @@ class VelocityFilter(Effect[JointState], name="velocity_filter", site="joint_sta
 
 
 def low_pass_weights(time_constant: Values, dt_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of the newest input, of the one before, and of the last output, for an input linear in between; sum 1."""
+    """Weights of newest input, the one before and last output, for an input linear in between; sum 1."""
     steps = np.asarray(time_constant, dtype=float) / dt_s
     kept = np.exp(-1.0 / np.maximum(steps, SHORTEST))
     new = 1.0 - steps * (1.0 - kept)

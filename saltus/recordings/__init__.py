@@ -1,1 +1,1 @@
-"""What is kept of a run, and what is read from it afterwards."""
+"""Recordings and logs of runs, and what is read from them afterwards."""

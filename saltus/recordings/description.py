@@ -64,18 +64,18 @@ class Columns:
 
 @dataclass(frozen=True, kw_only=True)
 class Description:
-    """What a recording of others does not say of itself."""
+    """A description of somebody else's recording, with what it does not say of itself."""
 
     claims: dict[str, Any] = field(default_factory=dict)
-    """What meta.json of the run log is to claim: base, kp, kd, terrain and so on."""
+    """Claims for meta.json of the run log: base, kp, kd, terrain and so on."""
     topics: Topics = field(default_factory=Topics)
-    """Of a bag."""
+    """Topics of a bag."""
     leave_out: tuple[str, ...] = ()
     """Signals that stay out of the log although the recording has them: dq, q_des, dq_des, tau_ff,
     tau_est, kp, kd, imu, base, depth."""
     joint_names: dict[str, str] = field(default_factory=dict)
     """The recording's name of a joint, and that of the robot; empty for what is no joint of the robot's legs."""
     columns: Columns | None = None
-    """Of a table."""
+    """Columns of a table."""
     units: Units = field(default_factory=Units)
     """Units of the signals that are not in SI units."""

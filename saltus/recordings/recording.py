@@ -63,11 +63,11 @@ class Recording:
     """None where the head of the file is lost."""
     metadata: dict[str, str] = field(default_factory=dict, repr=False)
     summary: dict[str, str] = field(default_factory=dict, repr=False)
-    """What the writer said at the end: restarts, errors."""
+    """The summary that the writer gave at the end: restarts, errors."""
     complete: bool = False
-    """Whether the file has its end and every part of it is sound."""
+    """True where the file has its end and every part of it is sound."""
     lost: list[str] = field(default_factory=list)
-    """What is missing, one line each."""
+    """Losses, one line each."""
     _schemas: dict[int, Schema] = field(default_factory=dict, repr=False)
     _channels: dict[int, Channel] = field(default_factory=dict, repr=False)
     _chunks: list[Chunk] = field(default_factory=list, repr=False)
@@ -237,7 +237,7 @@ class TopicTiming:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a file begins as a recording of a run; other programs write MCAP too."""
+    """True where a file begins as a recording of a run; other programs write MCAP too."""
     with suppress(Exception), path.open("rb") as file:  # damaged bytes fail in many ways
         first = next(StreamReader(file).records)
         return isinstance(first, Header) and first.library == LIBRARY

@@ -183,7 +183,7 @@ def _body_figure(data: RunData) -> go.Figure:
 
 
 def _error_figure(data: RunData) -> go.Figure:
-    """Of the steps that the headline's error is of: the robot runs, on a heightmap of status OK."""
+    """Errors of the steps that the headline counts: the robot runs, on a heightmap of status OK."""
     running = [t for t, s in zip(data.truths, data.states, strict=True) if s.mode == ControllerMode.RUN]
     pairs = [(data.heightmaps[t.step], t) for t in running if t.step in data.heightmaps]
     trusted = [(h, t) for h, t in pairs if h.status == HeightmapStatus.OK]

@@ -33,7 +33,8 @@ GRID_MAP = {
         "uint16 inner_start_index\n"
     ),
 }
-"""Of the package grid_map_msgs for ROS 2, which is not among those that every ROS 2 has."""
+"""Definitions of the package grid_map_msgs for ROS 2, which is not among those that every ROS 2
+has."""
 for _name, _text in GRID_MAP.items():
     STORE.register(get_types_from_msg(_text, _name))
 
@@ -50,7 +51,8 @@ the start as the robot itself has added up its way."""
 ELEVATION, VARIANCE = "elevation", "variance"
 """Layers of a GridMap; viewers and planners look for the first by this name."""
 COLUMNS = 2
-"""Of a GridMap: a profile of one line, as wide as two cells, because viewers draw surfaces between cells."""
+"""Columns of a GridMap: a profile of one line, as wide as two cells, because viewers draw surfaces
+between cells."""
 CDR_HEADER = 4  # bytes
 FLOAT32 = 7  # sensor_msgs/msg/PointField
 CUBE, SPHERE, CYLINDER, LINE_LIST, SPHERE_LIST = 1, 2, 3, 5, 7  # visualization_msgs/msg/Marker

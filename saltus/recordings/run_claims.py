@@ -1,4 +1,4 @@
-"""What `meta.json` of a run log claims of the rig: which keys there must be, and what values they may have.
+"""Claims of `meta.json` of a run log about the rig: which keys there must be, and what values they may have.
 
 The simulator that a log is compared with is built from these claims, so each of them is checked before anything else.
 """
@@ -49,7 +49,7 @@ SIZE: Range = (1e-6, 1e5, "m")
 
 
 def claim_of(robot: Robot) -> str:
-    """What meta.json says of a robot: its name, or that of the model beside it where Saltus does not ship it."""
+    """Claim of meta.json about a robot: its name, or its model beside it where Saltus does not ship it."""
     return robot.name if robot.name in shipped_robots() else f"{robot.name}.xml"
 
 

@@ -44,7 +44,7 @@ def as_run_log(run: Path, folder: Path) -> Path:
 
 
 def is_run(path: Path) -> bool:
-    """Whether it is the folder or the recording of a run of Saltus."""
+    """True where it is the folder or the recording of a run of Saltus."""
     return (path / RECORDING_FILE).is_file() if path.is_dir() else path.is_file() and is_recording(path)
 
 
@@ -134,7 +134,7 @@ def _joints(logs: list[JointLog]) -> JointTable:
 
 
 def _row_times(logs: list[JointLog]) -> Floats:
-    """Of all rows: even between the beginnings of two messages, which in real time follow each other unevenly."""
+    """Times of all rows: even between the beginnings of two messages, which follow each other unevenly."""
     most = len(logs[0].position)
     starts_s, first = np.array([(log.time_ns * 1e-9, log.step * most) for log in logs]).T
     rows = np.concatenate([log.step * most + np.arange(len(log.position)) for log in logs])

@@ -1,4 +1,4 @@
-"""What a recorded run says about itself, as numbers."""
+"""Numbers that sum up a recorded run."""
 
 import json
 from collections import Counter
@@ -132,7 +132,7 @@ def heightmap_error(recording: Recording) -> float:
 
 
 def _troubles(recording: Recording) -> list[str]:
-    """What went wrong between a robot's first step and its end, the first of each kind, one phrase each, in order."""
+    """Troubles between a robot's first step and its end, the first of each kind, one phrase each, in order."""
     # A computer is too slow from the beginning; that takes seconds to tell.
     events = sorted(recording.of(Event), key=lambda event: (event.code != "too_slow", event.time_ns))
     run_ns = min((event.time_ns for event in events if event.code == "mode_run"), default=np.inf)

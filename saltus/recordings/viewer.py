@@ -121,12 +121,12 @@ class Viewer:
         self._errors: Floats | None = None
 
     def first(self) -> Iterator[ViewerMessage]:
-        """What stands still: robot and terrain."""
+        """Channels of what stands still: robot and terrain."""
         yield _message("/viewer/robot", ros.marker_array(list(self._robot_markers())))
         yield _message("/viewer/terrain", ros.marker_array(list(self._terrain_markers())))
 
     def derive(self, key: str, message: Message, arrival_ns: int) -> Iterator[ViewerMessage]:
-        """What a viewer needs of one message of a key below the robot's prefix; nothing for most."""
+        """Derived messages for viewers, of one message of a key below the robot's prefix; none for most."""
         topic = topic_of(key)
         if topic is None:
             return

@@ -1,4 +1,4 @@
-"""What figures of several reports share: colours, axes, the ground, and lines where feet stand."""
+"""Parts that figures of several reports share: colours, axes, the ground, and lines where feet stand."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -96,7 +96,7 @@ class LegKinematics:
         return xp.stack([abduction, thigh, calf], -1).reshape((*foot_position.shape[:-2], 12))
 
     def _leg(self, joint_position: Array) -> tuple[Array, ...]:
-        """What positions and Jacobians share.
+        """Parts that positions and Jacobians share.
 
         Sines and cosines of the chain's angles, (..., 4, 3); the foot's x, y, z from the anchor, its drop in the leg's
         own plane, and the calf's share of x and of the drop, each (..., 4).

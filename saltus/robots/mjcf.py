@@ -165,7 +165,7 @@ class _Deriver:
         return replace(guessed, **given)
 
     def _passive(self) -> str:
-        """What the model says of its joints that only a profile can hold."""
+        """Returns what the model says of its joints that only a profile can hold."""
         model = self._model
         dofs = model.jnt_dofadr[self._joints]
         found = {"damping": model.dof_damping[dofs], "dry friction": model.dof_frictionloss[dofs]}
@@ -230,7 +230,7 @@ class _Deriver:
         return self._take(name, value, "guessed", "scaled to size and mass")
 
     def _take(self, name: str, value: Any, kind: Kind, detail: str = "") -> Any:
-        """What the TOML says of a field, else `value`."""
+        """Returns what the TOML says of a field, else `value`."""
         given = getattr(self._given, name)
         self._note(name, kind if given is None else "toml", detail if given is None else "")
         return value if given is None else given

@@ -132,7 +132,7 @@ def _geoms(model: mujoco.MjModel, body: int) -> list[int]:
 
 
 def _corners(model: mujoco.MjModel, geom: int) -> Floats:
-    """Of the box around a geom, in the frame of its body [m], shape (8, 3)."""
+    """Corners of the box around a geom, in the frame of its body [m], shape (8, 3)."""
     center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
     signs = np.stack(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]), axis=-1).reshape(8, 3)
     rotation = np.zeros(9)

@@ -45,9 +45,9 @@ class Gains:
     swing_kp: float
     swing_kd: float
     stance_kd: float
-    """Of the velocity feedback of legs that stand."""
+    """Gain of the velocity feedback of legs that stand."""
     damp_kd: float
-    """Of a robot that is not upright."""
+    """Damping of a robot that is not upright."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,7 +66,7 @@ class Robot(Value):
     hip_anchor: Floats = _array(4, 3)
     """Abduction axis of each leg, at the thigh's place along it, base frame [m], shape (4, 3)."""
     abduction_offset: Floats = _array(4)
-    """Of each foot from its abduction axis, to the left [m], shape (4,)."""
+    """Offset of each foot from its abduction axis, to the left [m], shape (4,)."""
     thigh_length: float
     """From the thigh's axis to the knee's [m]."""
     calf_length: float
@@ -86,9 +86,10 @@ class Robot(Value):
     trunk_mass: float
     """With everything that is fixed to it [kg]."""
     link_mass: Floats = _array(12)
-    """Of hip, thigh and calf of each leg [kg], shape (12,)."""
+    """Mass of hip, thigh and calf of each leg [kg], shape (12,)."""
     inertia: Floats = _array(3)
-    """Of the whole robot about x, y, z of the base, as the controller takes it [kg m^2], shape (3,)."""
+    """Inertia of the whole robot about x, y, z of the base, as the controller takes it [kg m^2],
+    shape (3,)."""
 
     # Drives
     armature: Floats = _array(12)
@@ -109,7 +110,7 @@ class Robot(Value):
     stand_pose: Floats = _array(12)
     """Joint angles in which the robot stands [rad], shape (12,)."""
     stand_height: float
-    """Of the base above the ground there [m]."""
+    """Height of the base above the ground there [m]."""
     gains: Gains
     swing_foot_z: Floats = _array(2)
     """Lowest and highest place of a swinging foot in the base frame [m], shape (2,): the controller keeps within it,
@@ -161,7 +162,7 @@ class Robot(Value):
 
     @cached_property
     def mass(self) -> float:
-        """Of the whole robot [kg]."""
+        """Mass of the whole robot [kg]."""
         legs = self.link_mass.reshape(4, 3)
         of_leg = legs[:, 0] + legs[:, 1] + legs[:, 2]
         return float(self.trunk_mass + ((of_leg[0] + of_leg[1]) + (of_leg[2] + of_leg[3])))

@@ -1,4 +1,4 @@
-"""What Saltus ships of robots: folders of data beside this module."""
+"""Robots that Saltus ships: folders of data beside this module."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -32,12 +32,12 @@ class Similarity:
 
     @classmethod
     def of(cls, leg_length: float, mass: float) -> "Similarity":
-        """Of a robot with legs of that length [m] and that mass [kg]."""
+        """Similarity of a robot with legs of that length [m] and that mass [kg]."""
         return cls(length=leg_length / LEG_LENGTH, mass=mass / MASS)
 
     @classmethod
     def of_robot(cls, robot: Robot) -> "Similarity":
-        """Of a robot."""
+        """Similarity of a robot."""
         return cls.of(robot.leg_length, robot.mass)
 
     @property
@@ -56,7 +56,7 @@ class Similarity:
 
     @property
     def gains(self) -> Gains:
-        """Of the leg controller."""
+        """Gains of the leg controller."""
         kp = self.mass * self.length
         kd = kp * self.time
         return Gains(

@@ -24,14 +24,14 @@ class Leg:
     """One leg of a model. Vectors and rotations are those in the base frame where all joints are at zero."""
 
     body: tuple[int, ...]
-    """Of hip, thigh and calf, as joints and signs."""
+    """Body of hip, thigh and calf, as joints and signs."""
     joint: tuple[int, ...]
     sign: tuple[float, ...]
     """+1, or -1 where the model counts an angle the other way."""
     offset: Floats
     """Abduction axis from the base, thigh axis from there, knee from there, foot from there [m], shape (4, 3)."""
     rotation: Floats
-    """Of each body to the base, shape (3, 3, 3)."""
+    """Rotation of each body to the base, shape (3, 3, 3)."""
     foot: int
     """Geom of the sphere at its end."""
     foot_radius: float
@@ -39,7 +39,7 @@ class Leg:
 
     @property
     def lengths(self) -> dict[str, float]:
-        """What all legs must have in common [m], [rad]."""
+        """Lengths and angles that all legs must have in common [m], [rad]."""
         thigh, calf = self.offset[2], self.offset[3]
         return {
             "length of the thigh": float(np.hypot(thigh[0], thigh[2])),
@@ -51,7 +51,7 @@ class Leg:
 
     @property
     def sideways(self) -> float:
-        """Of the foot from the abduction axis, to the left [m]."""
+        """Distance of the foot from the abduction axis, to the left [m]."""
         return float(self.offset[1, 1] + self.offset[2, 1] + self.offset[3, 1])
 
 

@@ -20,7 +20,7 @@ ADVICE = {
     "clock": "stamps are not this computer's time: --arrival-times takes messages as they arrive",
     "depth_unit": "depth images of 32 bit are too far in metres: --depth-unit-m 0.001 takes them as millimetres",
 }
-"""Of reasons for which messages are refused."""
+"""Advice of reasons for which messages are refused."""
 
 
 class Sender:

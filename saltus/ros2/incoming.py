@@ -1,4 +1,4 @@
-"""What ROS tells of somebody's robot, as messages of ours: what the heightmap service reads, and nothing to be obeyed.
+"""Messages of ROS from somebody's robot, made ours: what the heightmap service reads, and nothing to be obeyed.
 
 Bytes come from whoever reaches the ROS router. `Intake` counts what it cannot use and goes on; what it makes of the
 rest is checked once more by whoever reads it on the bus.
@@ -33,7 +33,7 @@ TYPES = {
     "imu": "sensor_msgs/msg/Imu",
     "odometry": "nav_msgs/msg/Odometry",
 }
-"""What is taken from ROS: the type of each."""
+"""Type of each message that is taken from ROS."""
 DEPTH = "/camera/depth/image_rect_raw"
 """Topic of the depth images, if nobody names another."""
 
@@ -142,7 +142,7 @@ class Intake:
         )
 
     def missing(self, now_ns: int) -> list[str]:
-        """Of what a state needs: what has not come or is too old."""
+        """Parts of a state that have not come or are too old."""
         oldest_ns = now_ns - round(1e9 * HELD_S)
         needed = ("joints", "imu", "odometry")
         return [kind for kind in needed if kind not in self._newest or self._newest[kind].time_ns < oldest_ns]

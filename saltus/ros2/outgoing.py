@@ -1,4 +1,4 @@
-"""What a run tells ROS: messages of ROS 2's own types, made of ours; never of what only a simulator knows."""
+"""Messages of a run for ROS, of its own types, made of ours; never of what only a simulator knows."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

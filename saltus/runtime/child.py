@@ -53,17 +53,17 @@ class Child:
 
     @property
     def ready(self) -> bool:
-        """Whether it has said so since it was told to begin."""
+        """True where it has said so since it was told to begin."""
         return self.alive_s is not None
 
     @property
     def has_spare(self) -> bool:
-        """Whether a process waits to take over, or loads to do so."""
+        """True where a process waits to take over, or loads to do so."""
         return self._waits is not None
 
     @property
     def loading(self) -> bool:
-        """Whether there is a process that will wait for its cue and has not come so far."""
+        """True where there is a process that will wait for its cue and has not come so far."""
         return self._waits is not None and self._waits.loading()
 
     @property
@@ -101,7 +101,7 @@ class Child:
         return None if self._runs is None else self._runs.process.poll()
 
     def running(self) -> bool:
-        """Whether it was told to begin and has not ended."""
+        """True where it was told to begin and has not ended."""
         return self._runs is not None and self._runs.process.poll() is None
 
     def signal(self, number: signal.Signals) -> None:
@@ -157,7 +157,7 @@ class _Launch:
         self._loaded = False
 
     def loading(self) -> bool:
-        """Whether it has not yet said that it waits, and still may."""
+        """True where it has not yet said that it waits, and still may."""
         with contextlib.suppress(BlockingIOError, ConnectionResetError):
             self._loaded = self._loaded or self._line.recv(1) == cue.LOADED
         in_time = self._clock.elapsed_s() - self._started_s < LOAD_TIMEOUT_S

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 PRIORITY = -10
-"""Of a process of a run: before everything of ordinary priority."""
+"""Priority of a process of a run: before everything of ordinary priority."""
 FIRST = {"controller": -15}
 """The 500 Hz loop comes before the others, and behind what the system keeps for itself."""
 AUTOGROUP = Path("/proc/self/autogroup")
@@ -65,7 +65,7 @@ def preferred() -> Iterator[None]:
 
 
 def _set_slices(slice_ns: int) -> None:
-    """Of the calling thread, and of those that it starts from now on; 0 for the usual ones. Older systems have none."""
+    """Sets the slices of this thread and of those it starts; 0 for the usual ones. Older systems have none."""
     call = _SCHED_SETATTR.get(platform.machine()) if sys.platform == "linux" else None
     if call is None or os.sched_getscheduler(0) != os.SCHED_OTHER:
         return

@@ -1,4 +1,4 @@
-"""What the entry point of a process needs: arguments, configuration, bus, clock, proof of life, a clean end.
+"""Parts that the entry point of a process needs: arguments, configuration, bus, clock, proof of life, a clean end.
 
 A process is a pure class with `step(...)`; its `__main__` wires it to the bus and nothing else.
 `saltus.policy.__main__` is an example: slow things first, then subscribe, then `context.ready()`, as only now the run
@@ -36,7 +36,7 @@ from saltus.wire.messages import Event, ProcessStatus
 from saltus.wire.zenoh_bus import ZenohBus
 
 STATUS_PERIOD_S = 0.5
-"""Of the machine's time: a run that is slowed tells as soon how it goes."""
+"""Period in the machine's time: a run that is slowed tells as soon how it goes."""
 ROUTER_LOST_S = 2.0
 """How long the router may be gone, by the run's clock, less the time in which the process itself stood still: links are
 given up meanwhile, and come back."""
@@ -44,7 +44,7 @@ LINKED_S = 1.0
 """After its opening a peer has links to all others, also on a busy computer: what is sent sooner may reach nobody. In
 0.3 s one of 21 had none."""
 LINKED_LATEST_S = 3.0
-"""Who is heard by nobody yet waits so long, on a computer that is busier."""
+"""Longest wait of a sender that nobody hears yet, on a busy computer."""
 EXIT_ERROR = 2
 PEER_FLAG = "--peer"
 
@@ -63,7 +63,7 @@ class ProcessContext:
         self.bus = bus
         self.clock = RunClock.of(run_config)
         self.stopped = False
-        """Whether the process should finish and return."""
+        """True where the process should finish and return."""
         self._cued = cued
         self._ready = False
         self._status = bus.publisher("status", name)
@@ -76,7 +76,7 @@ class ProcessContext:
 
     @cached_property
     def setup(self) -> Setup:
-        """What the run is of."""
+        """Returns what the run is of."""
         return config.load(Setup, self.run_dir / SETUP_FILE)
 
     def ready(self) -> None:
@@ -137,7 +137,7 @@ class ProcessContext:
         self._check_surroundings(now_s)
 
     def heard(self) -> bool:
-        """Whether anybody hears its events."""
+        """True where anybody hears its events."""
         return self._events.heard()
 
     def event(self, code: str, detail: str = "") -> None:

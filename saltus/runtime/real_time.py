@@ -1,4 +1,4 @@
-"""Whether a computer keeps up with a real-time run, and at which speed it would."""
+"""True where a computer keeps up with a real-time run, and at which speed it would."""
 
 import statistics
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ from saltus.wire.messages import ProcessStatus
 from saltus.wire.topics import TOPICS
 
 SETTLE_S = 0.4
-"""What comes so soon after the robot's first word does not count [s of the machine]: the first images and answers are
-slow, and the robot stands for a second before it runs."""
+"""Time after the robot's first message in which nothing counts [s of the machine]: the first images
+and answers are slow, and the robot stands for a second before it runs."""
 WINDOW_S = 2.0
 """A verdict rests on the last so many seconds of the machine: it is to be known within 3 s."""
 SHARE_KEPT = 0.9
@@ -18,9 +18,9 @@ are off by a fiftieth more (docs/heightmap.md)."""
 LATE_WANTED_S = 0.020
 """At the advised speed: nine in ten robots cross when every plan is so late (docs/policy.md)."""
 RESERVE = 0.7
-"""Of the speed that was reached is advised: the next moment may be busier."""
+"""Share of the speed reached that is advised: the next moment may be busier."""
 SPEEDS = (0.8, 0.6, 0.5, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01)
-"""What may be advised; a slower run would hardly be waited for."""
+"""Speeds that may be advised; a slower run would hardly be waited for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,14 +30,14 @@ class RealTimeFactor:
     stream: str
     """Topic and the process that received it."""
     share: float
-    """Of the messages that the table of topics asks for, how many came: 1 keeps up."""
+    """Share of the messages that the table of topics asks for that came: 1 keeps up."""
     reached: float
     """Seconds of the run that were delivered for each second of the machine: `share` of the run's speed."""
     late_s: float
     """How much longer than by their period and jitter messages let wait [s, run's clock]: the worst one in half a
     second, median."""
     kept: bool
-    """Whether the stream keeps up."""
+    """True where the stream keeps up."""
     speed: float
     """The speed at which it would; the present one where it does."""
 
@@ -50,7 +50,7 @@ class RealTimeFactor:
 
 @dataclass(frozen=True)
 class _Period:
-    """What a stream's receiver told about one of its periods, in the run's clock."""
+    """A period of a stream as its receiver told it, in the run's clock."""
 
     end_ns: int
     length_s: float

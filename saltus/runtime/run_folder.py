@@ -18,7 +18,7 @@ CLIENT_FILE = "client.json5"
 
 @dataclass(frozen=True, kw_only=True)
 class RunFolder:
-    """What a folder of a run says."""
+    """The files of a run's folder, read."""
 
     config: RunConfig
     setup: Setup

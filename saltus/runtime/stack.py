@@ -81,7 +81,7 @@ class Stack:
         self.endpoint = ""
         """Where the router listens."""
         self.finished = False
-        """Whether the run came to its own end: the controller has returned."""
+        """True where the run came to its own end: the controller has returned."""
         self.rejected: dict[str, dict[str, int]] = {}
         """Messages that each process refused, by "topic/reason", from its last proof of life."""
         self.overruns: dict[str, int] = {}
@@ -96,7 +96,7 @@ class Stack:
         """The same of the first time that it did not keep up; None while it does."""
         self._monitor = RealTimeMonitor(self._clock, robot=programs[-1].name)
         self._heard_until_s = 0.0
-        """What had arrived by this time of the run's clock has been read."""
+        """All that had arrived by this time of the run's clock has been read."""
         self._begin_at_s: dict[str, float] = {}  # of those that have died
         self._events_sent = self._events_seen = 0
         self._unrecorded: deque[RawSample] = deque()
@@ -377,7 +377,7 @@ class Stack:
             raise RecordingError(self.recording_error)
 
     def _limit(self, seconds: float) -> Callable[[], bool]:
-        """Whether so much of the run's time is not over yet; in lockstep it stands still where nothing is recorded."""
+        """True until so much of the run's time is over; in lockstep it stands still where nothing is recorded."""
         until_s, standstill_s = self._clock.elapsed_s() + seconds, time.monotonic() + STANDSTILL_S
         return lambda: (
             self._clock.elapsed_s() < until_s and (not self._clock.lockstep or time.monotonic() < standstill_s)

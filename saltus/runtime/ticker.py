@@ -10,7 +10,7 @@ FUTURE_TOLERANCE_NS = 5_000_000  # clocks of one machine agree; 5 ms is a roundi
 
 
 class Freshness(Enum):
-    """Whether a message may still be used."""
+    """True where a message may still be used."""
 
     OK = "ok"
     DEGRADED = "degraded"
@@ -20,7 +20,7 @@ class Freshness(Enum):
 
     @property
     def usable(self) -> bool:
-        """Whether a consumer may act on the message at all."""
+        """True where a consumer may act on the message at all."""
         return self in (Freshness.OK, Freshness.DEGRADED)
 
 

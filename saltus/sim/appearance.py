@@ -1,4 +1,4 @@
-"""What the robot, the terrain and the light look like in a video. No effect on physics.
+"""Looks of the robot, the terrain and the light in a video. No effect on physics.
 
 Shapes and colours are free inventions in the proportions of a small dog; nothing here comes from a measurement.
 """

@@ -41,12 +41,12 @@ class DrivenRobots(ABC):
 
     @property
     def imu(self) -> ImuReading:
-        """What the IMU reports now."""
+        """Returns what the IMU reports now."""
         return self._reading
 
     @property
     def sensed(self) -> Sensed:
-        """What IMU and encoders report now."""
+        """Returns what IMU and encoders report now."""
         return sensed(self._state, self._reading)
 
     def step(self, command: JointCommand) -> PlantState:

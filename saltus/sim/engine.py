@@ -34,7 +34,7 @@ class Engine(ABC):
     boxes: int
     """Terrain boxes of each robot."""
     dimensions: int
-    """Of contacts: 3, or 6 with friction against turning and rolling."""
+    """Dimensions of contacts: 3, or 6 with friction against turning and rolling."""
     qpos: Array
     """Base position, base quaternion (w, x, y, z), joints; world frame. Shape (count, 19). May be written."""
     qvel: Array

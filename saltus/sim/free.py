@@ -24,11 +24,11 @@ class Solver:
     impratio: float = scene.CONTACT_IMPRATIO
     """Ratio of frictional to normal stiffness."""
     impedance: tuple[float, float] = scene.CONTACT_SOLIMP[:2]
-    """Of contacts, at the first touch and deep down."""
+    """Impedance of contacts, at the first touch and deep down."""
     is_pyramidal: bool = False
-    """Whether the cone of friction has four sides."""
+    """True where the cone of friction has four sides."""
     dimensions: int = 3
-    """Of contacts; 6 with friction against turning and rolling."""
+    """Dimensions of contacts; 6 with friction against turning and rolling."""
     substeps: int = 1
     """Steps of the engine in one of `PHYSICS_DT`."""
 
@@ -73,7 +73,7 @@ class FreeRobots(MujocoBatch):
 
     @property
     def foot_force(self) -> Floats:
-        """Of the ground on each foot, mean over the last step, world frame [N], shape (count, 4, 3)."""
+        """Force of the ground on each foot, mean over the last step, world frame [N], shape (count, 4, 3)."""
         return -self._sensors[:, scene.FOOT_FORCE].reshape(-1, 4, 3)
 
 

@@ -45,13 +45,13 @@ class LinearLegs:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RollingBase:
-    """What a base that may roll about its x axis and the joints feel of each other along a motion, at n instants.
+    """Coupling of a base that may roll about its x axis and the joints along a motion, at n instants.
 
     Per angle [1/rad], rate [s/rad] and acceleration [s^2/rad] of the base, in this order; moments and torques in [Nm].
     """
 
     moment: Floats
-    """That holds the base still, shape (n,)."""
+    """Moment that holds the base still, shape (n,)."""
     on_base: Floats
     """Shape (n, 3)."""
     on_joints: Floats
@@ -131,7 +131,7 @@ class HeldRobot:
         return torque
 
     def rolling(self, position: Floats, velocity: Floats, acceleration: Floats) -> RollingBase:
-        """What a base feels that may roll about its x axis while the joints move; arguments as of `along`.
+        """Returns what a base feels that may roll about its x axis while the joints move; arguments as of `along`.
 
         Raises:
             ModelError: the robot has no base that could move, or more joints than are given.

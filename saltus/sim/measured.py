@@ -25,9 +25,9 @@ class Motion:
     """States at n instants, and how velocities change from there on."""
 
     position: Floats
-    """Of base, its quaternion and joints, shape (n, 19)."""
+    """Position of base, its quaternion and joints, shape (n, 19)."""
     velocity: Floats
-    """Of the base in the world, its rates in its own frame, joints, shape (n, 18)."""
+    """Velocity of the base in the world, its rates in its own frame, joints, shape (n, 18)."""
     acceleration: Floats
     """Shape (n, 18)."""
 
@@ -41,7 +41,7 @@ class Touch:
     foot: NDArray[np.bool_]
     """Feet that may touch the ground, shape (n, 4)."""
     elsewhere: NDArray[np.bool_]
-    """Whether anything but a foot touches, or a joint its stop, shape (n,)."""
+    """True where anything but a foot touches, or a joint its stop, shape (n,)."""
 
 
 class MeasuredRobot:
@@ -67,7 +67,7 @@ class MeasuredRobot:
         self._data = mujoco.MjData(self._model)
 
     def forces(self, motion: Motion, body: BodyModel) -> Floats:
-        """What must act for this motion: force [N] and moment [Nm] on the base, torques of joints, shape (n, 18)."""
+        """Forces of this motion: force [N] and moment [Nm] on the base, torques of joints, shape (n, 18)."""
         self._layout.write_bodies(lambda name: getattr(self._model, name), body, robots=())
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
         data, found = self._data, np.empty_like(motion.velocity)

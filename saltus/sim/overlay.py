@@ -1,4 +1,4 @@
-"""What a video shows on top of the scene: the predicted heightmap, and a simple shadow."""
+"""Overlays of a video: the predicted heightmap, and a simple shadow."""
 
 from itertools import pairwise
 

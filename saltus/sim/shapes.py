@@ -45,14 +45,14 @@ class Primitive:
     size: Floats
     """Full extents along its own axes [m], shape (3,); a cylinder stands along z, a ball may be an ellipsoid."""
     position: Floats
-    """Of its centre in the frame of the body [m], shape (3,)."""
+    """Position of its centre in the frame of the body [m], shape (3,)."""
     quaternion: Floats
     """From its own axes to those of the body (w, x, y, z), shape (4,)."""
     rgba: tuple[float, float, float, float]
 
 
 class RobotShapes:
-    """What a robot looks like, body by body."""
+    """Shapes of a robot, body by body."""
 
     def __init__(self, robot: Robot, terrain: Terrain) -> None:
         spec = scene.build_spec(robot, terrain)
@@ -141,7 +141,7 @@ class RobotShapes:
 
 @lru_cache(maxsize=4)
 def looks_of(robot: Robot) -> RobotShapes:
-    """What a robot looks like, wherever it stands; kept, as it takes 0.1 s."""
+    """Looks of a robot, wherever it stands; kept, as they take 0.1 s."""
     return RobotShapes(robot, flat.make())
 
 
@@ -211,7 +211,7 @@ def _arc() -> Floats:
 
 
 def _product(one: Floats, other: Floats) -> Floats:
-    """Of quaternions (w, x, y, z), shape (n, 4)."""
+    """Product of quaternions (w, x, y, z), shape (n, 4)."""
     w, x, y, z = np.moveaxis(one, -1, 0)
     a, b, c, d = np.moveaxis(other, -1, 0)
     return np.stack(

@@ -1,4 +1,4 @@
-"""What a plant reports about its robots."""
+"""States that a plant reports about its robots."""
 
 from dataclasses import dataclass
 
@@ -18,16 +18,16 @@ class PlantState:
     time_s: float | Floats
     """Since the last reset of the robot [s], shape ()."""
     position_base_in_world: Floats
-    """Of the base origin [m], shape (3,)."""
+    """Position of the base origin [m], shape (3,)."""
     quaternion_base_in_world: Floats
     """(w, x, y, z), shape (4,)."""
     velocity_base_in_world: Floats
-    """Of the base origin [m/s], shape (3,)."""
+    """Velocity of the base origin [m/s], shape (3,)."""
     angular_velocity_base: Floats
     """Base frame [rad/s], shape (3,)."""
     acceleration_base: Floats
-    """What an accelerometer at the base origin reads: mean specific force over the last physics step, in the present
-    base frame [m/s^2], shape (3,)."""
+    """Reading of an accelerometer at the base origin: mean specific force over the last physics
+    step, in the present base frame [m/s^2], shape (3,)."""
     joint_position: Floats
     """[rad], shape (12,)."""
     joint_velocity: Floats
@@ -39,9 +39,9 @@ class PlantState:
     foot_position_in_world: Floats
     """Centres of the foot spheres [m], shape (4, 3)."""
     trunk_contact: NDArray[np.bool_] | np.bool_ | bool
-    """Whether trunk, payload or a hip touched the terrain in the last step, shape ()."""
+    """True where trunk, payload or a hip touched the terrain in the last step, shape ()."""
 
 
 def sensed(state: PlantState, imu: ImuReading) -> Sensed:
-    """What the sensors of the robots say: their IMU, and encoders."""
+    """Readings of the robots' IMUs and encoders."""
     return Sensed(**vars(imu), joint_position=state.joint_position, joint_velocity=state.joint_velocity)

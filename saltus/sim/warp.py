@@ -18,10 +18,11 @@ CONTACTS = 16
 CONSTRAINTS = 36
 """Room for rows of constraints of one robot beside its contacts: one for a joint at its limit, one for its friction."""
 SOLVER_ITERATIONS = 10
-"""Of the contact solver. A step lasts until the slowest robot of all has converged: of 256 bounding robots 253 are
-within 1e-5 m/s after 10, and the slowest within 0.1 m/s, where the engine's 100 are a multiple of the time."""
+"""Iterations of the contact solver. A step lasts until the slowest robot of all has converged: of
+256 bounding robots 253 are within 1e-5 m/s after 10, and the slowest within 0.1 m/s, where the
+engine's 100 are a multiple of the time."""
 _NO_ROOM = mujoco_warp.OverflowType.NEFC | mujoco_warp.OverflowType.BROADPHASE | mujoco_warp.OverflowType.NARROWPHASE
-"""What the engine notes when contacts or constraint rows of a robot were left out."""
+"""Warnings of the engine that contacts or constraint rows of a robot were left out."""
 _DIFFERING = (
     "geom_pos",
     "geom_size",

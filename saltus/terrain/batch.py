@@ -133,7 +133,7 @@ def descends(kind: Array) -> Array:
 
 
 def _size(kind: Array, difficulty: Array, *names: str) -> Array:
-    """What the difficulty makes of the size of one of these names of each robot's kind [m], 0 without; shape (n,)."""
+    """Size of one of these names of each robot's kind at its difficulty [m], 0 without; shape (n,)."""
     none = Size(default=0.0, low=0.0, high=0.0, base=0.0)
     sizes = [next((FAMILIES[kind].sizes[n] for n in names if n in FAMILIES[kind].sizes), none) for kind in KINDS]
     base = _chosen(kind, difficulty, [size.base or 0.0 for size in sizes])

@@ -73,7 +73,7 @@ class Box:
 
     @property
     def is_level(self) -> bool:
-        """Whether its edges are along the axes of the world."""
+        """True where its edges are along the axes of the world."""
         return self.pitch == 0.0 and self.yaw == 0.0
 
 
@@ -105,7 +105,7 @@ class Boxes:
         return cls(center=center, half_size=0.5 * size, turn=turn if turn.any() else None)
 
     def to_tables(self) -> list[dict[str, Any]]:
-        """What `from_tables` reads, of numpy arrays without leading dimensions."""
+        """Returns what `from_tables` reads, of numpy arrays without leading dimensions."""
         rows = zip(self.center.tolist(), (2.0 * self.half_size).tolist(), self.angles.tolist(), strict=True)
         return [{"center": c, "size": s} | ({"pitch": a[0], "yaw": a[1]} if any(a) else {}) for c, s, a in rows]
 
@@ -179,7 +179,7 @@ class Boxes:
         return xp.maximum(xp.max(top, axis=-1), floor)
 
     def covers(self, x: float, y: float) -> bool:
-        """Whether any box lies above or below a place [m]; of numpy arrays without leading dimensions."""
+        """True where any box lies above or below a place [m]; of numpy arrays without leading dimensions."""
         top = self._tops(x - self.center[None, :, 0], y - self.center[None, :, 1])
         return bool(np.isfinite(top).any())
 

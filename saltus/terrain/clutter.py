@@ -17,7 +17,8 @@ BOXES = 12
 FROM_X, TO_X, ASIDE_M = 0.6, 4.5, 0.8
 """Where they are: a camera sees 0.2 m to either side at 1 m, 0.6 m at 3 m."""
 SIDE_M = (0.03, 2.0)
-"""Of a thing along x and y before it is turned, in equal shares of the logarithm: from a stick to a wall."""
+"""Side of a thing along x and y before it is turned, in equal shares of the logarithm: from a stick
+to a wall."""
 LEAST_HEIGHT_M = 0.03
 IN_THE_AIR = 0.3
 """Share of things that have nothing below them, like the plate of a table; they are as often high as low."""

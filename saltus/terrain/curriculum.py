@@ -51,7 +51,7 @@ class SizedFamily:
     greatest: dict[str, Size] = field(default_factory=dict)
     """Sizes that can be given besides, with which others are drawn."""
     is_drawn: bool = False
-    """Whether courses of other random numbers differ whatever the sizes are."""
+    """True where courses of other random numbers differ whatever the sizes are."""
 
     def __call__(self, difficulty: float | None, rng: np.random.Generator, **given: float) -> Terrain:
         """A terrain of the family, see `make_terrain`."""
@@ -124,7 +124,7 @@ SCENERY: dict[str, SizedFamily] = {
         make=clutter.make, sizes={"height_m": Size(default=0.5, low=0.06, high=1.5, base=0.1, slope=1.1)}, is_drawn=True
     )
 }
-"""What predictors are shown beside courses; no robot has to cross it."""
+"""Terrains that predictors are shown beside courses; no robot has to cross them."""
 _BROUGHT = FAMILIES | SCENERY
 
 
@@ -166,7 +166,7 @@ def find_family(name: str) -> SizedFamily | OwnFamily:
 
 
 def is_drawn(config: TerrainConfig) -> bool:
-    """Whether terrains of another layout seed differ."""
+    """True where terrains of another layout seed differ."""
     if config.terrain.endswith(FILE_SUFFIX):
         return False
     family = _BROUGHT.get(config.terrain)

@@ -24,7 +24,7 @@ class Shape:
     """Columns of courses; column 0 is the ground at the start. Arrays with a leading dimension of courses."""
 
     length: Array
-    """Of each column along x [m], shape (n, columns)."""
+    """Length of each column along x [m], shape (n, columns)."""
     gap: Array
     """Width of the trench before it [m], shape (n, columns)."""
     top: Array
@@ -85,5 +85,5 @@ def is_kind(kind: Array, *names: str) -> Array:
 
 
 def between(bounds: tuple[float, float], draw: Array) -> Array:
-    """What a uniform draw from [0, 1) makes of these bounds, of its shape."""
+    """Returns what a uniform draw from [0, 1) makes of these bounds, of its shape."""
     return bounds[0] + (bounds[1] - bounds[0]) * draw

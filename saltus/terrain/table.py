@@ -30,7 +30,8 @@ class CourseTable:
     ground: Boxes
     """As high as the courses, arrays of shape (courses, some, ...)."""
     solid: Boxes
-    """What robots step on: each box once, spare ones far below; arrays of shape (courses, boxes, ...)."""
+    """Ground that robots step on: each box once, spare ones far below; arrays of shape (courses,
+    boxes, ...)."""
     finish_x: Array
     """From the start [m], shape (courses,)."""
     slope: Array
@@ -38,7 +39,7 @@ class CourseTable:
     floor: Array
     """Where a trench in the lowest ground would end [m], shape (courses,)."""
     leads_down: Array
-    """Whether the finish is lower than the start, bool, shape (courses,)."""
+    """True where the finish is lower than the start, bool, shape (courses,)."""
 
     @staticmethod
     @cache
@@ -108,7 +109,7 @@ class OwnCourses:
     course: Array
     """Place of each robot's course in the table, whole numbers, shape (n,)."""
     used: Array
-    """Whether the robot is on it, bool, shape (n,)."""
+    """True where the robot is on it, bool, shape (n,)."""
 
     def height_at(self, x: Array, y: Array, otherwise: Array) -> Array:
         """Ground at world x and y [m], `otherwise` of the other robots; all of shape (n, points)."""
@@ -116,7 +117,7 @@ class OwnCourses:
         return namespace(x).where(self.used[:, None], heights, otherwise)
 
     def boxes(self, otherwise: Boxes) -> Boxes:
-        """What robots step on, `otherwise` of the other robots; arrays of shape (n, `CourseTable.boxes`, ...)."""
+        """Boxes that robots step on, `otherwise` for others; arrays of shape (n, `CourseTable.boxes`, ...)."""
         xp, own = namespace(otherwise.center), self.table.solid.of_robot(self.course)
         spare = xp.zeros_like(own.center[:, otherwise.center.shape[1] :])
         center = xp.concat([otherwise.center, spare + SPARE_DEPTH], axis=1)

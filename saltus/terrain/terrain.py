@@ -26,7 +26,7 @@ THICKNESS = 0.6  # of the lowest column, at least: nothing falls through
 TRENCH_DEPTH = 0.4  # original
 STANCE_M = 0.5  # feet stand 0.2 m ahead of and behind the base, and a trial starts up to 0.2 m off
 LEVEL_M = 1e-3
-"""What the ground at the start of somebody's own course may be off zero: a robot starts upon it."""
+"""Tolerance of the height at the start of somebody's own course: a robot starts upon it."""
 _DIGITS = 9  # edges that differ by less than a nanometre are one
 
 

@@ -25,7 +25,7 @@ GAP_M = 0.5  # between the grounds of two runs
 
 
 class Drawing:
-    """What a server shows of one run; `draw` is all that changes.
+    """The picture of one run that a server shows; `draw` is all that changes.
 
     Args:
         server: The page.

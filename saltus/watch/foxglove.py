@@ -40,13 +40,14 @@ SENT_HZ = 30.0  # enough for the eye: what has come in since is sent at once
 LOOK_S = 0.5  # how often it looks whether the run has begun or ended
 UNWATCHED_S = 0.2  # how often it looks whether somebody watches
 SENDERS = (*PROCESSES, SUPERVISOR, OPERATOR)
-"""Of topics of which each process has its own. A client that subscribes as soon as it is told of a channel may be too
-quick for the SDK, which knows no such channel yet: those of others are there when they speak, and may be missed."""
+"""Senders of topics of which each process has its own. A client that subscribes as soon as it is
+told of a channel may be too quick for the SDK, which knows no such channel yet: those of others are
+there when they speak, and may be missed."""
 BACK_NS = 250_000_000  # before a moment that somebody jumps to: enough for one message of every derived topic
 
 
 class Listener(ServerListener):
-    """What clients ask for, by Foxglove's threads."""
+    """Requests of clients, which come by Foxglove's threads."""
 
     def __init__(self) -> None:
         self.subscribed: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -101,7 +102,7 @@ class Studio:
 
     @property
     def watched(self) -> bool:
-        """Whether somebody has subscribed to anything."""
+        """True where somebody has subscribed to anything."""
         return any(channel.has_sinks() for channel in self._channels.values())
 
     def run(self) -> None:
@@ -157,7 +158,7 @@ class Studio:
             self._server.broadcast_playback_state(state)
 
     def _repeat_first(self, viewer_: Viewer, now_ns: int) -> None:
-        """What stands still is said again to who has just come."""
+        """Says again what stands still, to a client that has just come."""
         topics = set()
         while not self._listener.subscribed.empty():
             topics.add(self._listener.subscribed.get())
@@ -195,7 +196,7 @@ class Playback:
     def __init__(self, recorded: RecordedRun) -> None:
         self.span_ns = recorded.span_ns
         self.now_ns = recorded.span_ns[0] - 1
-        """What came until then has been played."""
+        """All that came until then has been played."""
         self.viewer = Viewer(recorded.world.robot, recorded.world.terrain)
         self._recorded = recorded
         self._playing, self._speed = True, 1.0
@@ -210,7 +211,7 @@ class Playback:
         return self._state(did_seek=request.seek_time is not None, request_id=request.request_id)
 
     def advance(self, seconds: float) -> tuple[list[Arrival], PlaybackState | None]:
-        """What came in within the next seconds of this machine; and what to tell clients, where it begins anew."""
+        """Messages of the next seconds of this machine; and what to tell clients, where the recording begins anew."""
         start_ns, end_ns = self.span_ns
         state = None
         if self._playing and self.now_ns >= end_ns:

@@ -50,11 +50,11 @@ class LiveRun:
         self._bus.close()
 
     def connected(self) -> bool:
-        """Whether the run still answers."""
+        """True where the run still answers."""
         return self._bus.connected()
 
     def hear(self) -> list[Arrival]:
-        """What has come in since the last call."""
+        """Messages since the last call."""
         arrivals = [arrival for raw in self._onlooker.drain() if (arrival := self._arrival(raw)) is not None]
         self._arrivals.extend(arrivals)
         now_ns = self.now_ns()

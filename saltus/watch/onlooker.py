@@ -7,7 +7,8 @@ from saltus.wire.sharing import PERIOD_S, unpacked
 from saltus.wire.zenoh_bus import ZenohBus
 
 UNSHARED_NS = 1_000_000_000
-"""Who is handed on nothing for so long listens for itself. A supervisor hands on each `PERIOD_S`, be it nothing."""
+"""Silence after which a reader listens for itself. A supervisor hands on each `PERIOD_S`, be it
+nothing."""
 WAITED_NS = round(2e9 * PERIOD_S)
 """A batch that is later than this is missed."""
 
@@ -32,7 +33,7 @@ class Onlooker:
         bus.look_on(self._receive)
 
     def drain(self) -> list[RawSample]:
-        """What has come since the last call, in order of arrival."""
+        """Messages since the last call, in order of arrival."""
         shared = self._shared.drain()
         if self._own is None:
             if time.monotonic_ns() - self._heard_ns > UNSHARED_NS:
@@ -57,7 +58,7 @@ class Onlooker:
         return now_ns if self._own is not None else max(self._heard_ns, now_ns - WAITED_NS)
 
     def _unheard(self, shared: list[RawSample]) -> list[RawSample]:
-        """Of what was handed on, what it has not heard itself; an attachment counts the messages of its sender."""
+        """Samples handed on that it has not heard itself; an attachment counts the messages of its sender."""
         if self._heard_itself and shared and shared[0].arrival_ns > max(self._heard_itself.values()) + WAITED_NS:
             self._heard_itself = {}
         return [raw for raw in shared if (raw.key, raw.attachment) not in self._heard_itself]

@@ -23,8 +23,8 @@ CAMERA_AT, CAMERA_LOOKS_AT = (-0.8, -1.5, 0.6), (0.2, 0.0, -0.05)
 READ_EVERY = 3
 BACK = 0.5  # so many times farther away for each metre to the last of several robots [1/m]
 FOLLOW_SHARE, FAR_M = 0.15, 1.0
-"""Of the way to the robot, each time that is drawn: jumps do not shake the picture; from farther away, and where a
-recording pauses, all of it."""
+"""Share of the way to the robot that the picture follows each time that is drawn: jumps do not
+shake the picture; from farther away, and where a recording pauses, all of it."""
 LIGHT, GROUND = 2.2, (150, 150, 155)
 SPEEDS = ("lockstep", "1", "0.5", "0.25", "0.1")
 PLAY_SPEEDS = ("1", "0.5", "0.25", "0.1")
@@ -37,7 +37,7 @@ FAULTS = {
     "Kill the heightmap service": ("kill", "heightmap"),
     "Kill the planner": ("kill", "policy"),
 }
-"""What each button asks of the run: code and detail of the operator's event."""
+"""Buttons, and what they ask of the run: code and detail of the operator's event."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ class Start:
     terrain: str
     seed: int
     speed: str
-    """Of real time, or "lockstep"."""
+    """Speed in parts of real time, or "lockstep"."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ class Ask:
 
 
 class Page:
-    """What a browser shows, and what is pressed in it."""
+    """The page in a browser: what it shows and what is pressed in it."""
 
     def __init__(self, server: Server) -> None:
         self.server = server
@@ -67,7 +67,7 @@ class Page:
         """Filled by viser's threads."""
         self.playing = True
         self.time_s = 0.0
-        """Of recordings, since their beginning."""
+        """Time in recordings, since their beginning."""
         self._drawings: list[Drawing] = []
         self._panels: list[Any] = []
         self._shown: list[Panel] = []
@@ -79,12 +79,12 @@ class Page:
 
     @property
     def watched(self) -> bool:
-        """Whether there is a browser that shows this page."""
+        """True where there is a browser that shows this page."""
         return bool(self.server.get_clients())
 
     @property
     def follows(self) -> bool:
-        """Whether the picture goes with the robot."""
+        """True where the picture goes with the robot."""
         return bool(self._follow.value)
 
     def arrange(self, worlds: list[World], duration_s: float, *, may_ask: bool) -> None:
@@ -143,7 +143,7 @@ class Page:
             self._slider.value = round(self.time_s, 2)  # type: ignore[misc] # its setter is declared elsewhere
 
     def say(self, text: str, colour: str = GREY) -> None:
-        """What is going on, in one line."""
+        """Shows what is going on, in one line."""
         content = f'<div style="font-size:0.85em;color:{colour}">{html.escape(text)}</div>'
         if self._state.content != content:
             self._state.content = content

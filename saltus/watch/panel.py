@@ -1,4 +1,4 @@
-"""What the page says beside the picture: depth image, heights, topics, events. One of each run."""
+"""The panel beside the picture: depth image, heights, topics, events. One of each run."""
 
 import base64
 import html

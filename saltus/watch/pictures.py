@@ -1,4 +1,4 @@
-"""What a run saw and predicted, as pictures: of pages, and beside the robot in videos."""
+"""Pictures of what a run saw and predicted, for pages and beside the robot in videos."""
 
 import math
 

@@ -43,7 +43,7 @@ class RecordedRun:
         self._event_ns, self._events = [ns for ns, _ in found], tuple(event for _, event in found)
 
     def arrivals(self, after_ns: int, until_ns: int) -> Iterator[Arrival]:
-        """What came in after one time and until another, in the run's clock."""
+        """Messages after one time and until another, in the run's clock."""
         return self._recording.arrivals(after_ns, until_ns)
 
     def at(self, time_s: float) -> Scene:

@@ -1,4 +1,4 @@
-"""What is known of a run at an instant, from the messages of the seconds before it, live and recorded alike."""
+"""A run at an instant, as known from the messages of the seconds before it, live and recorded alike."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -37,7 +37,7 @@ from saltus.wire.topics import CAMERA_LATENCY_S, TOPICS, depth_topic
 Kind = TypeVar("Kind", bound=Message)
 
 LOOK_BACK_NS = 1_500_000_000
-"""What came before is not looked at: a topic that has said nothing for so long is silent."""
+"""How far back messages are looked at: a topic that has said nothing for so long is silent."""
 RATE_OVER_NS = 1_000_000_000
 STEPS_APART_NS = 100_000_000
 """A heightmap whose truth is known is drawn rather than a newer one without, if it is no older than this."""
@@ -46,7 +46,7 @@ SILENT = "silent"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class World:
-    """What stays the same in a run."""
+    """Parts of a scene that stay the same in a run."""
 
     title: str
     config: RunConfig
@@ -85,7 +85,7 @@ class Heights:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
-    """What is known of a run at an instant; None for what nobody has said."""
+    """A run at an instant; None for what nobody has said."""
 
     time_s: float
     """In the run's clock."""

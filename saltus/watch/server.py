@@ -38,7 +38,7 @@ class Server(viser.ViserServer):
 
     @property
     def address(self) -> str:
-        """Who has it may watch and press buttons."""
+        """Address of the page; whoever has it may watch and press buttons."""
         return f"http://{LOOPBACK}:{self.get_port()}/{self.token}/"
 
     def request_share_url(self, verbose: bool = True) -> None:
@@ -47,7 +47,7 @@ class Server(viser.ViserServer):
 
 @contextlib.contextmanager
 def _guarded(token: str) -> Iterator[list[bool]]:
-    """What opens a websocket server meanwhile asks for the token; filled where one was opened."""
+    """Makes websocket servers that are opened meanwhile ask for the token; filled where one was opened."""
     opened: list[bool] = []
     serve = websocket_server.serve
 

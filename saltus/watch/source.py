@@ -31,7 +31,7 @@ class Source:
 
     @property
     def world(self) -> World | None:
-        """What stays the same in the run; None before it has begun."""
+        """World of the run, which stays the same; None before it has begun."""
         run = self.live or self.recorded
         return None if run is None else run.world
 
@@ -42,12 +42,12 @@ class Source:
 
     @property
     def duration_s(self) -> float:
-        """Of the recording [s]; 0 for what goes on."""
+        """Duration of the recording [s]; 0 for what goes on."""
         return self.recorded.duration_s if self.live is None and self.recorded is not None else 0.0
 
     @property
     def may_ask(self) -> bool:
-        """Whether this is a run on this machine that goes on: its owner may do everything."""
+        """True where this is a run on this machine that goes on: its owner may do everything."""
         return self.live is not None and not self.prefix and read_client(self.path / CLIENT_FILE).startswith(LOCAL)
 
     def scene(self, time_s: float) -> Scene | None:
@@ -107,7 +107,7 @@ def _written(file: Path) -> float | None:
 
 
 def _answers(client: Path) -> bool:
-    """Whether the socket is there of the router that a file names; over a network nobody knows before."""
+    """True where the socket is there of the router that a file names; over a network nobody knows before."""
     try:
         endpoint = read_client(client)
     except SaltusError:

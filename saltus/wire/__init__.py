@@ -1,1 +1,1 @@
-"""What processes say to each other, and the bus that carries it."""
+"""Messages of the processes, and the bus that carries them."""

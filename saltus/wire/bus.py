@@ -30,7 +30,7 @@ class Sample:
     """A message that passed every check."""
 
     message: Any
-    """Of the topic's type in `saltus.wire.topics`."""
+    """Message, of the topic's type in `saltus.wire.topics`."""
     envelope: Envelope
     arrival_ns: int
     """When it came in, taken or not, on the monotonic clock of this machine."""
@@ -38,7 +38,7 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class RawSample:
-    """What arrived, unchecked."""
+    """A sample as it arrived, unchecked."""
 
     key: str
     """Below the robot's prefix, e.g. "done/render"."""
@@ -55,7 +55,7 @@ class Publisher(Protocol):
         """Sends; never waits for a receiver."""
 
     def heard(self) -> bool:
-        """Whether what is put reaches anybody."""
+        """True where what is put reaches anybody."""
 
 
 class Bell:
@@ -128,7 +128,7 @@ class Stream:
 
 @dataclass(frozen=True)
 class Intake:
-    """What came on a key over a while."""
+    """Counts of what came on a key over a while."""
 
     topic: Topic
     received: int
@@ -175,7 +175,7 @@ class Latest:
         return 1e-9 * (time.monotonic_ns() - self.last_arrival_ns)
 
     def take_intake(self) -> Intake:
-        """What has come since the last call."""
+        """Intake since the last call."""
         now_ns = time.monotonic_ns()
         last_ns = max(self._counted_from_ns, self.last_arrival_ns or 0)
         intake = Intake(self.topic, self._received, max(self._silence_ns, now_ns - last_ns))
@@ -221,7 +221,7 @@ def unpack(topic: Topic, raw: RawSample) -> tuple[Envelope, Message]:
 
 
 class Bus(ABC):
-    """What a process sees of the others, below the prefix of the robot's keys.
+    """The other processes as one sees them, below the prefix of the robot's keys.
 
     The bell is rung whenever a message comes in. Buses may share one, for a process that waits for any of several
     robots.
@@ -232,11 +232,12 @@ class Bus(ABC):
         self.bell = bell
         self.boot_id = secrets.token_bytes(16)
         self.muted = False
-        """Whether what is put is dropped: of a process that works along beside the one that is heard."""
+        """True where what is put is dropped: of a process that works along beside the one that is
+        heard."""
         self.rejected: Counter[str] = Counter()
         """Messages refused so far by "topic/reason"."""
         self.latests: list[Latest] = []
-        """Of the keys that were asked for."""
+        """Newest messages of the keys that were asked for."""
 
     @abstractmethod
     def publisher(self, topic: str, suffix: str = "") -> Publisher:
@@ -252,7 +253,7 @@ class Bus(ABC):
 
     @abstractmethod
     def connected(self) -> bool:
-        """Whether messages can travel now."""
+        """True where messages can travel now."""
 
     @abstractmethod
     def close(self) -> None:

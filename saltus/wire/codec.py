@@ -56,7 +56,7 @@ _SCALARS: dict[str, Callable[[Any], Any]] = {
 
 @dataclass(frozen=True)
 class Envelope:
-    """What travels beside a payload, in the layout of rmw_zenoh's attachment."""
+    """The attachment of a payload, in the layout of rmw_zenoh."""
 
     sequence: int
     """Counts the messages of one publisher from 1."""

@@ -15,7 +15,7 @@ from saltus.files import whole_file
 from saltus.resources import resource
 
 LOCAL = "unixsock-stream/"
-"""What endpoints of sockets in folders begin with."""
+"""Beginning of the endpoints of sockets in folders."""
 _ENDPOINTS = "connect/endpoints"
 _LEASE = "transport/link/tx/lease"  # [ms]
 _LOOK_S = 1.0  # for a port to take a connection

@@ -24,7 +24,7 @@ STATE = "keys.toml"
 AUTHORITY = "authority"
 ROUTER = "router"
 PRIVATE_SUFFIXES = (".internal", ".local", ".lan", ".home.arpa")
-"""Of names for which no public authority issues certificates."""
+"""Suffixes of names for which no public authority issues certificates."""
 _AUTHORITY_DAYS = 3650
 
 
@@ -44,10 +44,10 @@ class Issued:
 
 @dataclass(frozen=True, kw_only=True)
 class Keys:
-    """What the folder of an authority holds beside keys and certificates."""
+    """State of an authority, which its folder holds beside keys and certificates."""
 
     address: str
-    """Of the router, as others connect to it: host:port."""
+    """Address of the router, as others connect to it: host:port."""
     issued: tuple[Issued, ...] = ()
 
     @property

@@ -9,11 +9,11 @@ from saltus.wire.messages import Message
 
 
 class MemoryHub:
-    """What the memory buses of several processes share."""
+    """The exchange that the memory buses of several processes share."""
 
     def __init__(self) -> None:
         self.bell = Bell()
-        """Of all buses of the hub."""
+        """Bell of all buses of the hub."""
         self._slots: dict[str, list[Slot]] = {}
         self._streams: list[tuple[str, Stream]] = []
 

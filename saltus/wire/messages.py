@@ -1,4 +1,4 @@
-"""What the processes say to each other: frozen dataclasses, SI units, one meaning for each field.
+"""Messages that the processes send each other: frozen dataclasses, SI units, one meaning for each field.
 
 Frames. *world*: z up, x along the course, yaw as the IMU reports it. *base*: at the trunk's geometric centre, x
 forward, y left, z up. *yaw frame*: world axes rotated by the yaw of the base, origin at the base. Legs are in
@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats, Reals
 
 OPERATOR = "operator"
-"""Whose events, under `event/operator`, ask something of a run."""
+"""Name of the operator, whose events under `event/operator` ask something of a run."""
 SUPERVISOR = "supervisor"
-"""Who starts and watches the processes of a run; its events are under `event/supervisor`."""
+"""Name of the process that starts and watches those of a run; its events are under
+`event/supervisor`."""
 
 
 class HeightmapStatus(IntEnum):
@@ -38,7 +39,7 @@ class HeightmapStatus(IntEnum):
 
 
 class PlanStatus(IntEnum):
-    """What the planner asks the controller to do."""
+    """Task that the planner gives the controller."""
 
     STAND = 0
     """Stay on all four feet."""
@@ -84,7 +85,7 @@ class DepthFrame:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotState:
-    """What a robot measures and estimates about itself at one instant."""
+    """Measurements and estimates of a robot about itself at one instant."""
 
     time_ns: int
     step: int
@@ -182,7 +183,7 @@ class JointLog:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GroundTruth:
-    """What only a simulator knows. Read by the camera, labels and reports; never by perception or control."""
+    """Quantities that only a simulator knows, for camera, labels and reports; never perception or control."""
 
     time_ns: int
     step: int

@@ -60,7 +60,7 @@ class RosNode(Protocol):
     """A node of a ROS 2 graph, whatever carries it."""
 
     def connected(self) -> bool:
-        """Whether others can be reached."""
+        """True where others can be reached."""
 
     def publisher(self, topic: str, type_name: str, type_hash: str) -> RosPublisher:
         """Announces a publisher; `type_hash` is RIHS01_ and 64 hexadecimal digits."""
@@ -91,7 +91,7 @@ class Ros2Node:
         self._session.close()
 
     def connected(self) -> bool:
-        """Whether the router answers."""
+        """True where the router answers."""
         return bool(self._session.info.routers_zid())
 
     def publisher(self, topic: str, type_name: str, type_hash: str) -> "Ros2Publisher":

@@ -16,9 +16,10 @@ from saltus.resources import resource
 from saltus.wire.joining import LOCAL, Certificate, lease_slowed, mutual_tls
 
 RECEIVING_THREADS = 16
-"""Of a process that hosts a router; Zenoh makes them for its first session. In lockstep one waits for each sender whose
-message does not fit into a full link. With the 2 of the default both wait for the recorder, a session of the same
-process, which needs one of them to receive. A run has 5 senders; programs of its user come on top."""
+"""Threads of a process that hosts a router; Zenoh makes them for its first session. In lockstep one
+waits for each sender whose message does not fit into a full link. With the 2 of the default both
+wait for the recorder, a session of the same process, which needs one of them to receive. A run has
+5 senders; programs of its user come on top."""
 os.environ.setdefault("ZENOH_RUNTIME", f"(rx: (worker_threads: {RECEIVING_THREADS}))")
 
 
@@ -31,7 +32,7 @@ class Network:
     certificate: Certificate
     """The router's."""
     access_control: dict[str, Any]
-    """What each certificate may, as Zenoh's configuration says it."""
+    """Rights of each certificate, as Zenoh's configuration says them."""
 
 
 def open_router(network: Network | None = None, speed: float = 1.0) -> tuple[str, contextlib.ExitStack]:

@@ -57,7 +57,7 @@ def packed(samples: Iterable[RawSample]) -> bytes:
 
 
 def unpacked(batch: bytes) -> list[RawSample]:
-    """What a batch holds, up to where it is malformed."""
+    """Samples of a batch, up to where it is malformed."""
     now_ns, place, samples = time.monotonic_ns(), 0, list[RawSample]()
     while place + HEAD.size <= len(batch):
         age_ns, *sizes = HEAD.unpack_from(batch, place)

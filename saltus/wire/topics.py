@@ -73,7 +73,7 @@ of a key that begins with @ by itself alone: who subscribes to everything does n
 
 
 def depth_topic(latency_s: float) -> Topic:
-    """That of a camera whose images arrive so long after exposure [s]: then they are on time.
+    """The depth topic of a camera whose images arrive so long after exposure [s]: then they are on time.
 
     Images of a faster camera than the one that predictors know may be as old as that one's.
     """

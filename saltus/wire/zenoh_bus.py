@@ -118,7 +118,7 @@ class ZenohBus(Bus):
         self._session.declare_subscriber(f"{self.prefix}/{SHARED}", lambda it: receive(it.payload.to_bytes()))
 
     def connected(self) -> bool:
-        """Whether the router answers."""
+        """True where the router answers."""
         return bool(self._session.info.routers_zid())
 
     def close(self) -> None:
@@ -136,7 +136,7 @@ class ZenohPublisher:
         self._sequence = 0
 
     def heard(self) -> bool:
-        """Whether a subscriber is known; a link alone is there before its subscribers are."""
+        """True where a subscriber is known; a link alone is there before its subscribers are."""
         return bool(self._publisher.matching_status.matching)
 
     def put(self, message: Message) -> None:

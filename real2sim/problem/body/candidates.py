@@ -1,4 +1,4 @@
-"""What may be otherwise than claimed about a robot on the ground, in coordinates that are 0 where nothing is."""
+"""Candidates for what may differ from the claims about a robot on the ground; coordinates are 0 where nothing does."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -32,13 +32,14 @@ CORNERS_NM = (6.0, 12.0, 18.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Claims:
-    """What a log claims of body and ground."""
+    """Claims of a log about body and ground."""
 
     payload_kg: float = 0.0
     friction: float = NOMINAL_FRICTION
     contact_time_constant: float = NOMINAL_CONTACT_TIME_CONSTANT_S
     payload_position: tuple[float, ...] | None = None
-    """Of what may be on top of the trunk [m], base frame; None for where the simulator has it."""
+    """Place of what may be on top of the trunk [m], base frame; None for where the simulator has
+    it."""
     motor_strength: float = 1.0
     """Delivered over commanded torque."""
 
@@ -68,7 +69,7 @@ class Claims:
 
 
 def trunk_candidates() -> tuple[Candidate, ...]:
-    """What may be otherwise about the mass of the trunk and what it carries."""
+    """Candidates for the mass of the trunk and what it carries."""
     return (
         candidate("payload_mass", Unknown("mass", -2.5, 8.0, 0.4), where="trunk"),
         candidate("com_offset", *(Unknown(a, -0.1, 0.1, 0.01) for a in "xyz"), where="trunk"),
@@ -144,7 +145,7 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
 
 
 def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
-    """What to simulate; `unknowns` of shape (n, unknowns), `names` those of the problem."""
+    """Rig to simulate; `unknowns` of shape (n, unknowns), `names` those of the problem."""
     value = dict(zip(names, unknowns.T, strict=True))
     n = len(unknowns)
     body = claimed_body(

@@ -158,7 +158,7 @@ class StartNoise:
 
     @classmethod
     def of(cls, noise: Noise, *, has_gyro: bool) -> "StartNoise":
-        """Of smoothed states; `noise` is that of means over blocks."""
+        """Noise of smoothed states; `noise` is that of means over blocks."""
         # a parabola through n samples has 9 / (4 n) of their variance in its middle
         position, tilt, velocity, q, dq = np.sqrt(2.25 * BLOCK_STEPS / SMOOTHING_STEPS) * noise.sigma
         # and its slope 12 / n^3

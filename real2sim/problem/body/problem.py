@@ -88,7 +88,8 @@ class BodyProblem(Problem):
     blocks = ("trunk",)
     places = ({"trunk": "trunk", "feet": "feet", "joints": "all"},)
     simulator_disagreement = 0.3
-    """What right ways to compute contacts differ by is in the noise already."""
+    """Share by which simulators may disagree; differences of right ways to compute contacts are in
+    the noise already."""
 
     def __init__(self, log: RunLog) -> None:
         if log.base is None or log.meta.get("base") != "free" or len(log.meta["joints"]) != 12:
@@ -174,7 +175,7 @@ class BodyProblem(Problem):
         return self._claims.friction - best if best > SMALLEST_LESS else otherwise
 
     def _rig(self, unknowns: Floats | None = None) -> Rig:
-        """What to simulate; without effects where no unknowns are given, shape (n, unknowns)."""
+        """Rig to simulate; without effects where no unknowns are given, shape (n, unknowns)."""
         return rig_of(self.names, self._claims, self.absent[None] if unknowns is None else unknowns)
 
     def _likeliest(self, noise: Noise) -> Solver:
@@ -236,7 +237,7 @@ class BodyProblem(Problem):
         return np.asarray((quarter - HALF_TO_QUARTER * half) ** 2)
 
     def _moved(self, spread: StartNoise, by: Floats) -> Floats:
-        """What errors change by when starts are off `by` so many standard deviations, shape (k, w, BLOCKS, 33)."""
+        """Change of errors when starts are off `by` so many standard deviations, shape (k, w, BLOCKS, 33)."""
         windows = self._windows
         claims = self._rig(np.tile(self.absent, (len(by), 1)))
         states = self._replay.states(claims, *spread.moved(windows.qpos, windows.qvel, by))

@@ -34,7 +34,7 @@ CHUNK = 512
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rig:
-    """What is simulated, for n sets of unknowns.
+    """Simulated robots, for n sets of unknowns.
 
     Attributes:
         body: Trunk, payload, ground; shapes (n, ...).

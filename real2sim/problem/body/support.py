@@ -1,4 +1,4 @@
-"""Whether a robot stands on its legs: the weight that its drives' torques carry."""
+"""True where a robot stands on its legs: the weight that its drives' torques carry."""
 
 import numpy as np
 
@@ -9,8 +9,8 @@ from saltus.robots.legs import LegKinematics
 from saltus.rotations import rotation_matrix
 
 LEAST_SHARE = 0.5
-"""Of the robot's weight. In the mean over a log the ground gives all of it; motors a third weaker than claimed seem
-to give two thirds."""
+"""Least share of the robot's weight. In the mean over a log the ground gives all of it; motors a
+third weaker than claimed seem to give two thirds."""
 EVERY = 5
 """Rows of which one is looked at: drives follow legs, which move below 20 Hz."""
 

@@ -44,7 +44,7 @@ class CountRows:
     segment: Indices
     time_s: Floats
     value: Floats
-    """What was measured; of noise, beside what is predicted without effects."""
+    """Measured value; of noise, beside what is predicted without effects."""
     sigma: Floats
     sigma_above: Floats
     """Standard deviation where more is expected than was measured."""
@@ -168,7 +168,7 @@ def _edge_rows(data: CameraData, view: DenseView) -> list[Row]:
 
 
 def _deviation_of_mean(images: list[np.floating]) -> float:
-    """Of counts of one image after the other, which a temporal filter makes alike."""
+    """Deviation of the mean of counts of one image after the other, which a temporal filter makes alike."""
     blocks = [np.mean(block) for block in np.array_split(images, min(BLOCKS, len(images)))]
     return float(max(np.std(part) / np.sqrt(len(part)) for part in (images, blocks)))
 
@@ -213,7 +213,7 @@ def _lost_rows(data: CameraData) -> list[Row]:
 
 
 def _usual_rows(data: CameraData, noise: NoiseParts) -> list[Row]:
-    """What is known of cameras without a log: without it, noise that is added looks like a camera that has more."""
+    """Rows known of cameras without a log; without them, added noise looks like a camera that has more."""
     owners_of = np.unique(noise.segment)
     less, more = (spread * float(np.sqrt(len(owners_of))) for spread in (QUIET_SPREAD, USUAL_SPREAD))
     return [(USUAL, int(k), _middle_s(data, k), 0.0, less, more, 0.0) for k in owners_of]

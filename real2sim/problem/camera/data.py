@@ -27,7 +27,7 @@ AS_CLAIMED = CameraEffects()
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CameraData:
-    """What a log's images and its claims come to."""
+    """Images and claims of a log, prepared."""
 
     camera: ClaimedCamera
     motion: BaseMotion
@@ -46,7 +46,7 @@ class CameraData:
     view: CameraEffects
     """From where and when edges are told: as claimed, or where a camera that is far off seems to be."""
     predicted: Floats
-    """Of that view [m], shape (kept, pixels)."""
+    """Predicted depth of that view [m], shape (kept, pixels)."""
     noise: DepthNoise
     difference: Floats
     """Second differences of measured less predicted depth along rows of the grid [m], NaN where edges or holes are,

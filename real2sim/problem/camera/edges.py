@@ -28,7 +28,7 @@ class EdgeCounts:
     copies: Floats
     """Pixels that are exactly as their left neighbour [px], shape (edges,)."""
     by_chance: Floats
-    """What is usual of those, and taken off [px], shape (edges,)."""
+    """Usual part of those, which is taken off [px], shape (edges,)."""
 
 
 def edge_counts(

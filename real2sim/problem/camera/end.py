@@ -69,7 +69,7 @@ def _beside(data: CameraData, row: Indices, column: Indices) -> Floats:
 
 
 def _near_jump(data: CameraData, row: Indices, column: Indices) -> np.ndarray:
-    """Whether the predicted scene jumps within the margin; a crease is no jump. Shape (kept, pixels)."""
+    """True where the predicted scene jumps within the margin; a crease is no jump. Shape (kept, pixels)."""
     reach = data.grid.margin + 1
     broken = np.zeros((len(data.kept), len(row)), dtype=bool)
     for rows, columns in ((0, 1), (1, 0)):

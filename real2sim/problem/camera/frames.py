@@ -19,14 +19,14 @@ class Frames:
     """New images of a log in the order of their arrival, repeats left out."""
 
     index: Indices
-    """Of each in the log, shape (n,)."""
+    """Index of each in the log, shape (n,)."""
     stamp_s: Floats
     """Exposure plus total latency [s], as far as the log knows it: arrival where it has no time of capture."""
     jitter_s: Floats
-    """What `stamp_s` has too much against frames at a constant rate [s]; 0 where that cannot be told."""
+    """Excess of `stamp_s` over frames at a constant rate [s]; 0 where that cannot be told."""
     filtered: Indices
-    """Of each image in the log that a temporal filter has seen: new ones, and repeats that are not equal to the image
-    before, shape (filtered,)."""
+    """Index of each image in the log that a temporal filter has seen: new ones, and repeats that
+    are not equal to the image before, shape (filtered,)."""
     shown: Indices
     """Which of the new images each of them shows, shape (filtered,)."""
     due_s: Floats

@@ -25,7 +25,7 @@ class DepthModel:
     jitter_s: Floats
     """Part of `stamp_s` that may be scatter of the arrival [s], shape (images,)."""
     tangents: Floats
-    """Of the pixels, camera frame, shape (3, pixels)."""
+    """Tangents of the pixels, camera frame, shape (3, pixels)."""
     shown: Indices
     """Images in the order in which a temporal filter has seen them; repeats may be among them. Shape (filtered,)."""
     is_hole: NDArray[np.bool_] | None = None

@@ -32,7 +32,7 @@ class DepthNoise:
 
 
 def second_differences(values: Floats) -> Floats:
-    """Of unit gain for white noise, along the last axis but one, shape (frames, rows, columns - 2)."""
+    """Second differences along the last axis but one, white noise keeps its size; (frames, rows, columns - 2)."""
     bend = values[..., 2:] - 2.0 * values[..., 1:-1] + values[..., :-2]
     return bend / np.sqrt(SECOND_DIFFERENCE)
 

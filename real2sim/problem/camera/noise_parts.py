@@ -26,11 +26,11 @@ class NoiseParts:
     measured: Floats
     """At the grid [m], shape (kept, pixels)."""
     at: tuple[Indices, ...]
-    """Of each part its differences, places in all of them."""
+    """Places of each part's differences in all of them."""
     depth: tuple[Floats, ...]
     """Their depth without effects [m]."""
     segment: Indices
-    """Of each part, shape (parts,)."""
+    """Segment of each part, shape (parts,)."""
     deviation: Floats
     """Standard deviation of the logarithm of the variance by chance, shape (parts,)."""
     range4: Floats

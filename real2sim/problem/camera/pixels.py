@@ -68,7 +68,7 @@ class PixelGrid:
 
 
 def is_broken(depth: Floats, before: Floats, after: Floats, sigma: Floats) -> NDArray[np.bool_]:
-    """Whether depth [m] jumps between two opposite neighbours of pixels; disparity is linear over a plane.
+    """True where depth [m] jumps between two opposite neighbours of pixels; disparity is linear over a plane.
 
     0 or infinite is no depth, and says nothing in a neighbour. `sigma` is the noise of `depth` [m].
     """

@@ -25,7 +25,7 @@ LEAST_NOISE = 1e-4  # m and rad: no motion capture of a walking robot is better
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClaimedCamera:
-    """What `meta.json` says of the camera."""
+    """Camera as `meta.json` claims it."""
 
     fx: float
     fy: float
@@ -38,7 +38,7 @@ class ClaimedCamera:
     rate_hz: float
     latency_s: float
     range_m: float
-    """What is farther reads as this far, or as nothing."""
+    """Farthest depth; things beyond read as this far, or as nothing."""
 
     def tangents(self, row: Indices, column: Indices) -> Floats:
         """Where pixels look, camera frame (right, down, forward), of depth 1. Shapes (n,) -> (3, n)."""

@@ -13,14 +13,14 @@ NEAREST_M = 1e-3  # what is nearer to the image plane is behind the lens
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
-    """What there is to see, in the world frame."""
+    """Things that can be seen, in the world frame."""
 
     box_low: Floats
     """Lowest corner of each box [m], shape (boxes, 3)."""
     box_high: Floats
     """Highest corner [m], shape (boxes, 3)."""
     has_ground: bool
-    """Whether there is a plane z = 0."""
+    """True where there is a plane z = 0."""
 
     def depth(self, origin: Floats, direction: Floats) -> Floats:
         """Along each ray in lengths of its direction, infinite where nothing is hit.

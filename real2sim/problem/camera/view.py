@@ -1,4 +1,4 @@
-"""What a depth camera would see of the claimed terrain from a measured pose."""
+"""Views that a depth camera would have of the claimed terrain from a measured pose."""
 
 from typing import Any
 

@@ -100,7 +100,7 @@ class ImuProblem(Problem):
         return _means(rotations.to_vector(quaternion_product(quaternion_inverse(base), path)))
 
     def _roots(self) -> tuple[Floats, Floats]:
-        """What makes windows white: tilt and turn about roll and pitch, and turn about yaw alone.
+        """Roots that make windows white: tilt and turn about roll and pitch, and turn about yaw alone.
 
         Inverse Cholesky factors of their covariance, shapes (w, 2, 2 BLOCKS, 2 BLOCKS) and (w, BLOCKS, BLOCKS). Both
         signals have the noise of the base in common. The integral of the rates has that of a random walk.

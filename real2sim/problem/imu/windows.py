@@ -39,7 +39,7 @@ STEADY_RAD = 1e-5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImuWindows:
-    """What IMU and motion capture say; w windows.
+    """Readings of IMU and motion capture; w windows.
 
     Attributes:
         start_s: Shape (w,).

@@ -136,7 +136,7 @@ class JumpProblem(Problem):
         return beside(placed, known, lost, float(self._limits[leg, place]))
 
     def _left(self, unknowns: Floats) -> Floats:
-        """What drives and bodies leave to explain, shape (n, b, 18)."""
+        """Returns what drives and bodies leave to explain, shape (n, b, 18)."""
         split = len(LEGS) * self._joints.count
         drives = self._joints.drives(unknowns[:, :split].reshape(len(unknowns), len(LEGS), -1), PHYSICS_DT)
         strength = self._claims.motor_strength * (1.0 if drives.torque_gain is None else 1.0 + drives.torque_gain)
@@ -146,7 +146,7 @@ class JumpProblem(Problem):
         return left + np.einsum("np,pbs->nbs", unknowns[:, split:], self._slopes[self._trunk])
 
     def _changed(self, by: Floats) -> Floats:
-        """What another body changes, shape (b, 18)."""
+        """Returns what another body changes, shape (b, 18)."""
         mass, *shift, excess = by
         body = claimed_body(
             payload_kg=self._claims.payload_kg + mass, com_shift=np.array(shift), inertia_scale=1.0 + excess

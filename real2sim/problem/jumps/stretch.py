@@ -31,7 +31,8 @@ LATEST_STEPS, LATE_SHARE = 26, 0.6
 UNEVEN = 0.1
 """Share of how the ground's force changes within a block that stays unknown: the base is measured only at its ends."""
 SMALLEST_PIVOT = 0.02
-"""Of a leg's Jacobian [m]: a leg nearer to straight tells nothing of the force on its foot."""
+"""Smallest pivot of a leg's Jacobian [m]: a leg nearer to straight tells nothing of the force on
+its foot."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,13 +63,13 @@ class Stretch:
 
     @property
     def told(self) -> Floats:
-        """What drives give as they are told [Nm], shape (n, 12)."""
+        """Returns what drives give as they are told [Nm], shape (n, 12)."""
         q_des, dq_des, kp, kd, feedforward = self.commands.reshape(5, len(self.time_s), -1)
         angle, rate = self.motion.position[:, BASE + 1 :], self.motion.velocity[:, BASE:]
         return np.asarray(kp * (q_des - angle) + kd * (dq_des - rate) + feedforward)
 
     def torque(self, drives: Drives) -> Floats:
-        """What drives with these effects give along the measured motion [Nm], shape (n, 4, 3, sets)."""
+        """Returns what drives with these effects give along the measured motion [Nm], shape (n, 4, 3, sets)."""
         n = len(self.time_s)
         instants, last = np.arange(n), np.full(n, n - 1)
         angle, rate, change = (
@@ -172,14 +173,14 @@ class Balance:
         self._claimed = self._needed(claimed)
 
     def left(self, torque: Floats) -> Floats:
-        """What drives' torques, shape (n, 4, 3, sets), leave to explain: of base and joints, shape (b, 18, sets)."""
+        """Rest of base and joints, (b, 18, sets), that drives' torques, (n, 4, 3, sets), leave to explain."""
         given = np.einsum("nlbi,nlis->nbs", self._on_base, torque)
         of_joints = torque.reshape(len(torque), -1, torque.shape[-1])
         lacking = self._stretch.blocks(np.concatenate([given, -of_joints], axis=1)).mean(axis=1)
         return self._claimed[..., None] + lacking
 
     def change(self, body: BodyModel) -> Floats:
-        """What another body changes of that, shape (b, 18)."""
+        """Returns what another body changes of that, shape (b, 18)."""
         return self._needed(body) - self._claimed
 
     def _needed(self, body: BodyModel) -> Floats:
@@ -189,7 +190,7 @@ class Balance:
         return self._stretch.blocks(force).mean(axis=1)
 
     def _pushed(self, force: Floats) -> Floats:
-        """What the ground gives the base through legs that need these torques, shape (n, 18) -> (n, 6)."""
+        """Returns what the ground gives the base through legs that need these torques, shape (n, 18) -> (n, 6)."""
         legs = force[:, BASE:].reshape(-1, len(LEGS), len(LINKS))
         return np.asarray(np.einsum("nlbi,nli->nb", self._on_base, legs))
 
