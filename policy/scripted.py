@@ -13,8 +13,8 @@ import numpy as np
 from saltus.action import Action, swing_lift
 from saltus.arrays import Array, Constant, namespace, smooth_step
 from saltus.constants import GRAVITY
+from saltus.policy.interpolation import height_at, highest_between, slope
 from saltus.policy.observation import Observation
-from saltus.policy.profile import height_at, highest_between, slope
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
 

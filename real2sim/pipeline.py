@@ -22,8 +22,8 @@ from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.log import in_sequence, load_rigs, model_of, quadruped_of, shifts_s
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.progress import ComparisonProgress, Progress
-from saltus.real2sim.rebased import RebasedProblem
-from saltus.real2sim.resolve import resolved
+from saltus.real2sim.rebased_problem import RebasedProblem
+from saltus.real2sim.resolution import resolved
 from saltus.real2sim.results import Comparison, Examination, Judgement
 from saltus.real2sim.screening.align import align
 from saltus.real2sim.screening.screen import screen
@@ -32,7 +32,7 @@ from saltus.real2sim.search.narrowed import NarrowedProblem
 from saltus.real2sim.search.saturation_curve import with_curves
 from saltus.real2sim.search.search import search
 from saltus.real2sim.sensors import SENSORS, Sensor
-from saltus.real2sim.stacked import StackedProblem, stackable
+from saltus.real2sim.stacked_problem import StackedProblem, stackable
 from saltus.real2sim.verdict import Missing, Verdict, merge
 from saltus.recordings.run_log import RunLog
 

@@ -15,7 +15,7 @@ from itertools import combinations
 from typing import Any
 
 from saltus.real2sim.experiments.menu import EXPERIMENTS, SEPARATIONS
-from saltus.real2sim.resolve import largest
+from saltus.real2sim.resolution import largest
 from saltus.real2sim.search.findings import FoundEffect
 from saltus.real2sim.sensors import SENSORS
 from saltus.real2sim.verdict import NextExperiment

@@ -16,7 +16,7 @@ from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import RunLog
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot
-from saltus.sim.held import HeldRobot
+from saltus.sim.held_robot import HeldRobot
 
 STATES = 200  # states at which weights are computed, spread over the log
 MIN_WEIGHT = 0.5  # Nm: the hip of a robot of 12 kg holds 0.7

@@ -14,7 +14,7 @@ from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix
 from saltus.sim import scene
-from saltus.sim.driven import DrivenRobots, Motion
+from saltus.sim.driven_robots import DrivenRobots, Motion
 from saltus.sim.mujoco_batch import MujocoBatch
 from saltus.sim.plant import CLEARANCE, standing_pose
 from saltus.sim.state import Floats, PlantState

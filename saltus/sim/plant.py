@@ -13,7 +13,7 @@ from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import LEGS, Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.sim import scene
-from saltus.sim.driven import DrivenRobots, Motion
+from saltus.sim.driven_robots import DrivenRobots, Motion
 from saltus.sim.layout import ModelLayout
 from saltus.sim.state import Floats, PlantState
 from saltus.terrain.stack import TerrainStack

@@ -12,8 +12,8 @@ from benchmarks.planner import bounding
 from saltus.action import Action
 from saltus.arrays import Floats
 from saltus.grid import HEIGHTMAP_X
+from saltus.policy.interpolation import height_at, highest_between, slope
 from saltus.policy.observation import Observation, observe
-from saltus.policy.profile import height_at, highest_between, slope
 from saltus.policy.scripted import (
     PITCH_RATE_LIMIT,
     RESIDUAL_HIGH,

@@ -19,7 +19,7 @@ from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.problem import BodyProblem
 from saltus.real2sim.problem.body.support import carried_by
 from saltus.real2sim.problem.problem import Problem
-from saltus.real2sim.rebased import NOT_HELD, RebasedProblem
+from saltus.real2sim.rebased_problem import NOT_HELD, RebasedProblem
 from saltus.real2sim.sensors import SENSORS
 from saltus.recordings.run_log import RunLog
 

@@ -32,7 +32,7 @@ from saltus.real2sim.problem.camera.edges import edge_counts
 from saltus.real2sim.problem.camera.frames import frames_of
 from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.problem.camera.rays import claimed_scenes
-from saltus.real2sim.rebased import RebasedProblem
+from saltus.real2sim.rebased_problem import RebasedProblem
 from saltus.recordings.run_log import DepthTable
 
 STEP_SHARE = 0.1  # of an unknown's scale, for differences

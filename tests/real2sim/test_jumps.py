@@ -24,7 +24,7 @@ from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.jumps.problem import NOT_SHOWN, JumpProblem
-from saltus.real2sim.rebased import RebasedProblem
+from saltus.real2sim.rebased_problem import RebasedProblem
 from saltus.real2sim.sensors import SENSORS
 from saltus.recordings.run_log import RunLog
 

@@ -11,7 +11,7 @@ from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.profile import Profile
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.real2sim.problem.problem import Problem, WrappedProblem
-from saltus.real2sim.rebased import RebasedProblem
+from saltus.real2sim.rebased_problem import RebasedProblem
 from saltus.real2sim.reporting.words import sentence
 from saltus.real2sim.search.findings import FoundEffect, Interval
 from saltus.real2sim.search.search import search

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from saltus.arrays import Floats
-from saltus.sim.free import OWN_SOLVER, Solver
+from saltus.sim.free_robots import OWN_SOLVER, Solver
 
 SOFTER = (0.9, 0.95)
 """Impedance of contacts that engines have by default; the scene's own are stiffer, so that feet do not creep."""

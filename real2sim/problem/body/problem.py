@@ -26,7 +26,7 @@ from saltus.real2sim.problem.body.windows import BLOCKS, Windows, cut_windows
 from saltus.real2sim.problem.log import boxes_of, model_of, robot_of, segments_of, torque_limits
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
 from saltus.recordings.run_log import RunLog
-from saltus.sim.free import Solver
+from saltus.sim.free_robots import Solver
 from saltus.terrain.boxes import Boxes
 
 LATE = BLOCKS * 2 // 3

@@ -23,7 +23,7 @@ from saltus.real2sim.problem.body.windows import (
     Windows,
 )
 from saltus.robots.robot import Robot
-from saltus.sim.free import OWN_SOLVER, FreeRobots, Solver
+from saltus.sim.free_robots import OWN_SOLVER, FreeRobots, Solver
 from saltus.terrain.boxes import Boxes
 
 Limit = TorqueSpeedLimit | TorqueSaturation

@@ -9,7 +9,7 @@ from saltus.arrays import Floats
 from saltus.real2sim.problem.joints.candidates import Reach
 from saltus.real2sim.problem.joints.motion import Rows
 from saltus.recordings.run_log import RunLog
-from saltus.sim.held import HeldRobot
+from saltus.sim.held_robot import HeldRobot
 
 LEAST_TORQUE = 5.0  # Nm commanded: drives of this class lose nothing below it (original's dynamometer table)
 LEAST_FAST = 2.0  # rad/s: a tenth of the smallest no-load speed that is published for robots of this class

@@ -12,7 +12,7 @@ from saltus.errors import ModelError, RecordingError
 from saltus.real2sim.problem.joints.replay import Motion, Windows
 from saltus.real2sim.problem.joints.sway import Sway
 from saltus.recordings.run_log import RunLog
-from saltus.sim.held import HeldRobot, LinearLegs, RollingBase
+from saltus.sim.held_robot import HeldRobot, LinearLegs, RollingBase
 
 SLOWEST_LOOP_S = 0.002
 """Drives evaluate their law at 500 Hz or faster (schema of run logs)."""

@@ -22,7 +22,7 @@ from saltus.real2sim.problem.log import gains, model_of, segments_of, torque_lim
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import LINKS, Robot
-from saltus.sim.held import HeldRobot
+from saltus.sim.held_robot import HeldRobot
 
 SAMPLE_S = 0.016
 """Rows are averaged over this long: motions of 10 Hz keep 96 %, and a log of 30 s has 2000 samples a signal."""

@@ -1,7 +1,7 @@
 """Replays the commands of a log to many simulated robots at once, each with other effects in its drives.
 
 The base is held, so that legs are short open chains; near the measured motion their equation of motion is linear with
-known coefficients (`saltus.sim.held`). All windows of the log and all sets of effects advance together, in arrays of
+known coefficients (`saltus.sim.held_robot`). All windows and all sets of effects advance together, in arrays of
 shape (windows, branches, joints, sets), the sets last because they are most.
 """
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats, Indices
-from saltus.sim.held import RollingBase
+from saltus.sim.held_robot import RollingBase
 
 STILL_ROWS = 25
 """At the beginning of a stretch, over whose mean the base is taken to hang still."""

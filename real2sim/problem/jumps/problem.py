@@ -25,7 +25,7 @@ from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
 from saltus.real2sim.problem.stream_noise import quiet_sigma
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import JOINTS, LEGS, LINKS
-from saltus.sim.measured import MeasuredRobot, Motion
+from saltus.sim.measured_robot import MeasuredRobot, Motion
 from saltus.terrain.boxes import Boxes
 
 BASE_SIGNALS = ("force_x", "force_y", "force_z", "moment_roll", "moment_pitch", "moment_yaw")

@@ -18,7 +18,7 @@ from saltus.real2sim.problem.log import gains_in_force
 from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import LEGS, LINKS
-from saltus.sim.measured import MeasuredRobot, Motion, Touch
+from saltus.sim.measured_robot import MeasuredRobot, Motion, Touch
 
 Values = TypeVar("Values", bound=NDArray[Any])
 

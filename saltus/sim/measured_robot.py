@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from saltus.effects.body import BodyModel
 from saltus.robots.robot import JOINTS, LEGS, Robot
-from saltus.sim import free
+from saltus.sim import free_robots
 from saltus.sim.layout import ModelLayout
 from saltus.sim.state import Floats
 from saltus.terrain.boxes import Boxes
@@ -54,7 +54,7 @@ class MeasuredRobot:
     """
 
     def __init__(self, robot: Robot, boxes: Boxes, payload_position: Sequence[float] | None = None) -> None:
-        spec = free.spec_on(robot, boxes)
+        spec = free_robots.spec_on(robot, boxes)
         self._model = spec.compile()
         self._layout = ModelLayout(robot, self._model)
         if payload_position is not None:
