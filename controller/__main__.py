@@ -1,6 +1,5 @@
 """The controller process: the leg controller and the robot behind it, wired to the bus."""
 
-import gc
 import json
 import sys
 from dataclasses import asdict
@@ -16,6 +15,7 @@ from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.shove import Shove
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import Ticker
+from saltus.tuning import freeze
 from saltus.wire.messages import ControllerMode
 
 TICK_NS = round(1e9 * PHYSICS_DT)
@@ -88,8 +88,7 @@ class Run:
     def realtime(self) -> None:
         """Runs at 500 Hz of the run's clock; the others answer when they can."""
         ticker = Ticker(1.0 / PHYSICS_DT, catch_up=CATCH_UP_TICKS, clock=self._context.clock)
-        gc.collect()
-        gc.freeze()  # what was loaded lives on: the collector need not look at it in the middle of a tick
+        freeze()
         self._context.ready()
         while not self._finished():
             self._free_step(ticker)

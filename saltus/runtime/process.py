@@ -27,10 +27,9 @@ from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.errors import SaltusError
 from saltus.runtime import cue
-from saltus.runtime.memory import kept_small
-from saltus.runtime.priority import prefer_loop, prefer_process
 from saltus.runtime.run_folder import SETUP_FILE, read_config
 from saltus.setup import Setup
+from saltus.tuning import kept_small, prefer_loop, prefer_process
 from saltus.wire.bus import Bus
 from saltus.wire.messages import Event, ProcessStatus
 from saltus.wire.zenoh_bus import ZenohBus

@@ -25,12 +25,11 @@ from saltus.interrupts import WHOLE
 from saltus.named_setup import named_setup
 from saltus.recordings.recorder import RECORDING_FILE, Recorder
 from saltus.runtime.child import Child, name_exit
-from saltus.runtime.memory import kept_small
-from saltus.runtime.priority import preferred
 from saltus.runtime.process import PEER_FLAG
 from saltus.runtime.programs import PROGRAMS, Program
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
+from saltus.tuning import kept_small, preferred
 from saltus.wire.bus import STREAM_CAPACITY, Latest, Publisher, RawSample, Stream, sender_of, unpack
 from saltus.wire.joining import write_client
 from saltus.wire.messages import OPERATOR, SUPERVISOR, Event, ProcessStatus
@@ -58,7 +57,7 @@ class Stack:
 
     `run_dir` gets the files of `saltus.runtime.run_folder`, `recording.mcap` and `logs/<process>.log`; in run.toml the
     start of the run on the monotonic clock is filled in. With `network` others join over it. All limits below are in
-    the clock of this run. Threads that this process starts later share one heap (`saltus.runtime.memory`).
+    the clock of this run. Threads that this process starts later share one heap (`saltus.tuning`).
 
     Raises:
         ConfigError, ModelError: there is no such robot, grid, terrain, camera or profile.

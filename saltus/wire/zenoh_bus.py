@@ -1,8 +1,5 @@
 """The bus over Zenoh."""
 
-import ctypes
-import sys
-import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -10,6 +7,7 @@ from typing import Any
 import zenoh
 
 from saltus.config import RunConfig
+from saltus.tuning import keep_thread, switch_soon
 from saltus.wire import codec
 from saltus.wire.bus import STREAM_CAPACITY, Bell, Bus, Latest, RawSample, Slot, Stream
 from saltus.wire.codec import Envelope
@@ -17,11 +15,6 @@ from saltus.wire.joining import open_session
 from saltus.wire.messages import Message
 from saltus.wire.sharing import Sharer
 from saltus.wire.topics import SHARED, TOPICS
-
-SWITCH_S = 5e-4
-"""After which a thread of Python lets another one in, in a process that hears everything: Zenoh's. A socket holds
-200 KB, and what comes while it is full is lost: of 1,500 small messages at 500 Hz 215 beside a thread that computes and
-lets others in after the 5 ms of the default, 6 with this."""
 
 
 class ZenohBus(Bus):
@@ -76,7 +69,7 @@ class ZenohBus(Bus):
         name = key.removeprefix(f"{self.prefix}/")
 
         def receive(sample: Any) -> None:
-            _stay()
+            keep_thread()
             slot.push(_raw(sample, name))
 
         # Not Zenoh's channels: who looks into them again and again notices 0.3 ms late, and the FIFO lets a slow
@@ -89,8 +82,7 @@ class ZenohBus(Bus):
         """See `Bus.stream`."""
         stream = Stream(capacity)
         start = len(self.prefix) + 1
-        before_s = sys.getswitchinterval()
-        sys.setswitchinterval(SWITCH_S)
+        switch_as_before = switch_soon()
 
         def receive(sample: Any) -> None:
             stream.push(_raw(sample, str(sample.key_expr)[start:]))
@@ -99,7 +91,7 @@ class ZenohBus(Bus):
 
         def end() -> None:
             subscriber.undeclare()
-            sys.setswitchinterval(before_s)
+            switch_as_before()
 
         stream.end = end
         return stream
@@ -151,19 +143,6 @@ class ZenohPublisher:
         self._sequence += 1
         envelope = Envelope(self._sequence, message.time_ns, self._bus.boot_id)
         self._publisher.put(payload, attachment=envelope.to_bytes())
-
-
-_thread = threading.local()
-
-
-def _stay() -> None:
-    """Makes Python keep its state of this thread, one of Zenoh's, from one call to the next.
-
-    It would map memory for a new one at each call and unmap it at its end, which takes longer than the call.
-    """
-    if not hasattr(_thread, "kept"):
-        _thread.kept = True
-        ctypes.pythonapi.PyGILState_Ensure()  # never released
 
 
 def _raw(sample: Any, key: str) -> RawSample:

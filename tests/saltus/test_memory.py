@@ -8,7 +8,7 @@ import pytest
 
 HEAPS = """
 import contextlib, ctypes, sys, threading
-from saltus.runtime.memory import kept_small
+from saltus.tuning import kept_small
 
 libc = ctypes.CDLL(None)
 libc.fopen.restype = ctypes.c_void_p
@@ -34,11 +34,11 @@ libc.fclose(file)
 BACKLOG = """
 import contextlib, os, sys, threading, time
 from benchmarks._measuring import use_of
-from saltus.runtime import memory
+from saltus import tuning
 
-memory.GIVE_BACK_S = 0.05
+tuning.GIVE_BACK_S = 0.05
 before_mb = use_of(os.getpid()).memory_mb
-with memory.kept_small() if sys.argv[1] == "small" else contextlib.nullcontext():
+with tuning.kept_small() if sys.argv[1] == "small" else contextlib.nullcontext():
     images = [bytes(40_000) + bytes(1) for _ in range(1_000)]
     end = bytes(40_000) + bytes(2)  # behind them: the heap cannot be cut at its end
     high_mb = use_of(os.getpid()).memory_mb - before_mb

@@ -9,13 +9,13 @@ import time
 
 import pytest
 
-from saltus.runtime.priority import AUTOGROUP, FIRST, PRIORITY, SLICE_NS
+from saltus.tuning import AUTOGROUP, FIRST, PRIORITY, SLICE_NS
 
 CAP_SYS_NICE, PR_CAPBSET_DROP = 23, 24  # linux/capability.h, linux/prctl.h
 SPIN_S = 0.3
 SPIN = """
 import os, sys, time
-from saltus.runtime.priority import AUTOGROUP, prefer_loop, prefer_process
+from saltus.tuning import AUTOGROUP, prefer_loop, prefer_process
 if len(sys.argv) > 1:
     prefer_process(sys.argv[1])
     prefer_loop(sys.argv[1])
@@ -97,7 +97,7 @@ def test_the_loop_gets_the_processor_beside_a_busy_program() -> None:
 
 SLICES = """
 import ctypes, platform, struct, threading
-from saltus.runtime.priority import prefer_process, preferred
+from saltus.tuning import prefer_process, preferred
 
 def tell():
     attributes = ctypes.create_string_buffer(48)
