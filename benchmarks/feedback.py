@@ -16,17 +16,17 @@ from numpy.typing import NDArray
 
 from benchmarks._command import progress
 from benchmarks._pictures import Pictured, save, subplots
-from saltus.action import Action
 from saltus.config import TerrainConfig
 from saltus.constants import PHYSICS_DT
 from saltus.controller.estimator import Estimator
 from saltus.controller.gait import standing
 from saltus.controller.law import LegController
 from saltus.controller.robot.mujoco import MujocoRobot
-from saltus.controller.signals import Plan, plan_from_action
+from saltus.controller.signals import Reference, reference_of
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.grid import LINE
+from saltus.plan import Plan
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.setup import Setup
@@ -78,10 +78,10 @@ class Trace:
         return float(np.sqrt(np.mean(error**2)))
 
 
-def make_plan(phase: float, frequency_hz: float) -> Plan:
+def make_plan(phase: float, frequency_hz: float) -> Reference:
     """Bounding with a pitch rate that follows the phase."""
     residual = np.array([0.0, 0.0, LIFT_M])
-    action = Action(
+    plan = Plan(
         stepping_frequency_hz=np.asarray(frequency_hz),
         velocity_x=np.asarray(VELOCITY_X),
         velocity_z=np.asarray(VELOCITY_Z),
@@ -89,7 +89,7 @@ def make_plan(phase: float, frequency_hz: float) -> Plan:
         foot_residual_front=residual,
         foot_residual_rear=residual,
     )
-    return plan_from_action(action, np.asarray(0.0))
+    return reference_of(plan, np.asarray(0.0))
 
 
 def run(kd: float, frequency_hz: float, seconds: float) -> Trace:

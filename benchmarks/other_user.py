@@ -22,9 +22,9 @@ from typing import Any
 import zenoh
 
 from benchmarks._command import Command
-from saltus.action import REST, plan_message
 from saltus.config import RunConfig, TerrainConfig
 from saltus.errors import SaltusError
+from saltus.plan import REST, plan_message
 from saltus.resources import resource
 from saltus.runtime.run_folder import CLIENT_FILE
 from saltus.runtime.stack import Stack

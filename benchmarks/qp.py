@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from benchmarks._command import Command
 from benchmarks._measuring import Stopwatch
-from saltus.action import Action
 from saltus.controller.estimator import Estimator
 from saltus.controller.law import LegController
-from saltus.controller.signals import Plan, observe, plan_from_action
+from saltus.controller.signals import Reference, observe, reference_of
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
+from saltus.plan import Plan
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -98,7 +98,7 @@ class Benchmark(Command):
         return (time.thread_time_ns() - start) / 1e3 / 10 / self.robots
 
 
-def random_robots(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Plan, RobotStates]:
+def random_robots(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Reference, RobotStates]:
     """Random robots and plans over the whole range of motion policies."""
 
     def uniform(low: float, high: float, *shape: int) -> NDArray[np.float64]:
@@ -119,7 +119,7 @@ def random_robots(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Pla
         leg_trusted=np.ones((*batch, 4), dtype=np.bool_),
         cycle=np.zeros(batch, dtype=np.int64),
     )
-    action = Action(
+    plan = Plan(
         stepping_frequency_hz=uniform(0.5, 4.0),
         velocity_x=uniform(-3.0, 3.0),
         velocity_z=uniform(-3.0, 3.0),
@@ -127,7 +127,7 @@ def random_robots(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Pla
         foot_residual_front=uniform(-0.2, 0.2, 3),
         foot_residual_rear=uniform(-0.2, 0.2, 3),
     )
-    return plan_from_action(action, uniform(-3.1, 3.1)), robots
+    return reference_of(plan, uniform(-3.1, 3.1)), robots
 
 
 def row(value: Any, k: int) -> Any:

@@ -32,13 +32,13 @@ import numpy as np
 
 from benchmarks._command import Command
 from benchmarks._measuring import percentiles, processor_s, random_frames, resident_mb
-from saltus.action import REST, plan_message
 from saltus.arrays import Floats
 from saltus.config import RunConfig
 from saltus.depth import D435I
 from saltus.depth_camera import SHIPPED
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.named_setup import named_setup
+from saltus.plan import REST, plan_message
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.runtime.child import ENVIRONMENT

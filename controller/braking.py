@@ -8,12 +8,12 @@ the ground is taken to be the plane through the places where its feet last stood
 
 from dataclasses import dataclass, replace
 
-from saltus.action import Action, swing_lift
 from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT
 from saltus.controller.gait import GaitConfig
 from saltus.controller.law import Diagnostics
-from saltus.controller.signals import Plan, plan_from_action
+from saltus.controller.signals import Reference, reference_of
+from saltus.plan import Plan, swing_lift
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
 
@@ -111,8 +111,8 @@ class Braking:
         x, y, hips = body.velocity[..., 0], body.velocity[..., 1], self._hip_x[_FRONT] * body.angular_velocity[..., 1]
         return x * x + y * y + hips * hips < self.config.slow_mps**2
 
-    def plan(self, diagnostics: Diagnostics, base_height: Array, heading: Array, state: BrakingState) -> Plan:
-        """The braking plan.
+    def reference(self, diagnostics: Diagnostics, base_height: Array, heading: Array, state: BrakingState) -> Reference:
+        """The reference of the braking plan.
 
         Args:
             diagnostics: of the last tick.
@@ -129,7 +129,7 @@ class Braking:
         stance_x = xp.where(front, zero + self._hip_x[_FRONT], zero + self._hip_x[_REAR])
         height = base_height + stance_x * slope  # over the ground under the base
         push = xp.where(front, zero - config.pitch_rate, zero + config.pitch_rate)
-        action = Action(
+        plan = Plan(
             stepping_frequency_hz=zero + config.stepping_frequency_hz,
             velocity_x=zero,
             velocity_z=config.height_gain * (config.height_m - height) + config.climb_gain * slope * forward,
@@ -137,12 +137,12 @@ class Braking:
             foot_residual_front=self._residual(diagnostics, base_height, slope, state, _FRONT, 0.0),
             foot_residual_rear=self._residual(diagnostics, base_height, slope, state, _REAR, config.rear_reach_m),
         )
-        return plan_from_action(action, heading)
+        return reference_of(plan, heading)
 
-    def catching(self, plan: Plan, state: BrakingState) -> Plan:
-        """A plan for sprung legs: `plan` with feet along the slope of the ground."""
+    def catching(self, reference: Reference, state: BrakingState) -> Reference:
+        """The reference for sprung legs: with feet along the slope of the ground."""
         rise = self._slope(state)[..., None] * self._legs_x.like(state.foothold)
-        return replace(plan, foot_residual=rise[..., None] * self._up.like(rise))
+        return replace(reference, foot_residual=rise[..., None] * self._up.like(rise))
 
     def _slope(self, state: BrakingState) -> Array:
         """Slope of the ground between the footholds of the front and the rear feet, shape (...)."""

@@ -13,7 +13,7 @@ from saltus.constants import PHYSICS_DT
 from saltus.controller.compensation import Compensation
 from saltus.controller.feedback import FeedbackConfig, VelocityFeedback
 from saltus.controller.gait import Gait, GaitConfig, GaitSignal, GaitState
-from saltus.controller.signals import Body, Plan, observe
+from saltus.controller.signals import Body, Reference, observe
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceSolver
 from saltus.controller.swing import SwingConfig, SwingLegs
 from saltus.joint_command import JointCommand
@@ -144,26 +144,26 @@ class LegController:
         )
 
     def step(
-        self, plan: Plan, sensed: Proprioception, state: LawState, mode: ControllerMode = ControllerMode.RUN
+        self, reference: Reference, sensed: Proprioception, state: LawState, mode: ControllerMode = ControllerMode.RUN
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         """One tick of 2 ms: the command, the next state, and the details of this step.
 
         The plan is read while running and coasting; of it, while landing, frequency and foot residual. A change of mode
         starts its blend or its landing.
         """
-        command, state, diagnostics = self._commanded(plan, sensed, state, mode)
+        command, state, diagnostics = self._commanded(reference, sensed, state, mode)
         return (command if self._compensation is None else self._compensation(command)), state, diagnostics
 
     def _commanded(
-        self, plan: Plan, sensed: Proprioception, state: LawState, mode: ControllerMode
+        self, reference: Reference, sensed: Proprioception, state: LawState, mode: ControllerMode
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         """Returns what ideal drives are asked for."""
         body = observe(sensed, self._legs)
         state = self._entered(state, mode, sensed, body)
         if mode in _MOVING:
-            return self._run(plan, sensed, body, state)
+            return self._run(reference, sensed, body, state)
         if mode == ControllerMode.LANDING:
-            return self._land(sensed, plan, body, state)
+            return self._land(sensed, reference, body, state)
         command = self._damp(sensed) if mode == ControllerMode.DAMP else self._stand(sensed, state)
         return (command, *self._at_rest(body, state))
 
@@ -193,15 +193,15 @@ class LegController:
         )
 
     def _run(
-        self, plan: Plan, sensed: Proprioception, body: Body, state: LawState
+        self, reference: Reference, sensed: Proprioception, body: Body, state: LawState
     ) -> tuple[JointCommand, LawState, Diagnostics]:
-        gait = self._gait.advance(state.gait, plan.stepping_frequency, PHYSICS_DT)
-        signal = self._gait.read(gait, plan.stepping_frequency)
+        gait = self._gait.advance(state.gait, reference.stepping_frequency, PHYSICS_DT)
+        signal = self._gait.read(gait, reference.stepping_frequency)
         state = replace(state, gait=gait, landed=state.landed & False, mode_time_s=state.mode_time_s + PHYSICS_DT)
-        return self._track(plan, sensed, body, state, signal)
+        return self._track(reference, sensed, body, state, signal)
 
     def _land(
-        self, sensed: Proprioception, plan: Plan, body: Body, state: LawState
+        self, sensed: Proprioception, reference: Reference, body: Body, state: LawState
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         """All legs are springs that reach for the ground at the capture point, in whatever order they touch it.
 
@@ -210,13 +210,13 @@ class LegController:
         """
         xp = namespace(body.roll)
         config = self.config
-        frequency = xp.maximum(plan.stepping_frequency, xp.zeros_like(body.roll) + config.landing_frequency_hz)
+        frequency = xp.maximum(reference.stepping_frequency, xp.zeros_like(body.roll) + config.landing_frequency_hz)
         gait = self._gait.advance(state.gait, frequency, PHYSICS_DT)
         signal = self._gait.read(gait, frequency)
         landed = state.landed | signal.contact
         signal = replace(signal, contact=landed, trusted=landed & (signal.trusted | state.landed))
 
-        target = self._swing.capture_point(body, self._robot.stand_height) + plan.foot_residual
+        target = self._swing.capture_point(body, self._robot.stand_height) + reference.foot_residual
         zero = xp.zeros_like(sensed.joint_position)
         command = JointCommand(
             position=self._swing.joint_target(body, target, sensed.joint_position),
@@ -228,7 +228,7 @@ class LegController:
         return (command, *self._without_plan(body, replace(state, gait=gait, landed=landed), signal))
 
     def _track(
-        self, plan: Plan, sensed: Proprioception, body: Body, state: LawState, signal: GaitSignal
+        self, reference: Reference, sensed: Proprioception, body: Body, state: LawState, signal: GaitSignal
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         """Swing, stance feed-forward, feedback, command."""
         xp = namespace(body.roll)
@@ -237,9 +237,9 @@ class LegController:
 
         liftoff = xp.where(standing, body.foot_yaw, state.liftoff)
         path = self._swing.nominal_path(body, liftoff, signal.progress, signal.stance_duration, sensed.base_height)
-        swing_joint = self._swing.joint_target(body, path + plan.foot_residual, sensed.joint_position)
+        swing_joint = self._swing.joint_target(body, path + reference.foot_residual, sensed.joint_position)
 
-        velocity, angular_velocity = self._reference(plan, body)
+        velocity, angular_velocity = self._velocities(reference, body)
         acceleration = self._stance.acceleration_reference(body, velocity, angular_velocity)
         qp = self._stance.build_qp(body, acceleration, contact)
         force = self._solver.solve(qp)
@@ -266,15 +266,15 @@ class LegController:
         )
         return command, replace(state, liftoff=liftoff), diagnostics
 
-    def _reference(self, plan: Plan, body: Body) -> tuple[Array, Array]:
+    def _velocities(self, reference: Reference, body: Body) -> tuple[Array, Array]:
         """Velocity references of a plan: turned to the heading, and no further from the present than allowed."""
         xp = namespace(body.roll)
-        error = body.yaw - plan.heading
+        error = body.yaw - reference.heading
         error = error - 2.0 * np.pi * xp.round(error * (0.5 / np.pi))
         yaw_rate = -self.config.heading_gain * error
-        wanted = plan.angular_velocity + yaw_rate[..., None] * self._yaw_axis.like(error)
+        wanted = reference.angular_velocity + yaw_rate[..., None] * self._yaw_axis.like(error)
         step, angular_step = self._velocity_step.like(error), self._angular_step.like(error)
-        velocity = xp.clip(plan.velocity, body.velocity - step, body.velocity + step)
+        velocity = xp.clip(reference.velocity, body.velocity - step, body.velocity + step)
         return velocity, xp.clip(wanted, body.angular_velocity - angular_step, body.angular_velocity + angular_step)
 
     def _rest_pose(self, body: Body) -> Array:

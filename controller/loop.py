@@ -4,17 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.action import REST, action_of, plan_message
 from saltus.constants import PHYSICS_DT
 from saltus.controller.braking import Braking
 from saltus.controller.estimator import Estimator
 from saltus.controller.gait import GaitSignal, standing
 from saltus.controller.law import Diagnostics, LegController
 from saltus.controller.robot.backend import Reading
-from saltus.controller.signals import Plan, plan_from_action
+from saltus.controller.signals import Reference, reference_of
 from saltus.controller.watchdog import WatchdogConfig, WatchdogInput, WatchdogState, watch
 from saltus.errors import SaltusError
 from saltus.joint_command import JointCommand
+from saltus.plan import REST, plan_message, plan_of
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
@@ -57,7 +57,7 @@ class ControlLoop:
         self._reading: Reading | None = None
         self._attitude = (0.0, 0.0)
         self._heading = 0.0
-        self._plan: tuple[MotionPlan, Plan] | None = None
+        self._plan: tuple[MotionPlan, Reference] | None = None
         self._rows: list[_Row] = []
 
     @property
@@ -132,34 +132,34 @@ class ControlLoop:
             raise SaltusError("the control loop must sense before it acts")
         return self._reading
 
-    def _reference(self, message: MotionPlan | None) -> Plan:
+    def _reference(self, message: MotionPlan | None) -> Reference:
         message = message or _NO_PLAN
         if self._plan is None or self._plan[0] is not message:
-            self._plan = (message, plan_from_action(action_of(message), np.asarray(self._heading)))
+            self._plan = (message, reference_of(plan_of(message), np.asarray(self._heading)))
         return self._plan[1]
 
     def _states(self) -> RobotStates:
         return states_of(self._sensed_reading().measurement, self._estimate, self._gait)
 
-    def _step_law(self, plan: Plan) -> JointCommand:
-        mode, plan = self._own_plan(plan)
-        command, self._law_state, diagnostics = self._law.step(plan, self._states(), self._law_state, mode)
+    def _step_law(self, reference: Reference) -> JointCommand:
+        mode, reference = self._own_reference(reference)
+        command, self._law_state, diagnostics = self._law.step(reference, self._states(), self._law_state, mode)
         self._diagnostics, self._ground = diagnostics, self._braking.observe(diagnostics, self._ground)
         self._gait = diagnostics.gait
         self._settled = bool(self._law.settled(self._law_state, diagnostics))
         return command
 
-    def _own_plan(self, plan: Plan) -> tuple[ControllerMode, Plan]:
+    def _own_reference(self, reference: Reference) -> tuple[ControllerMode, Reference]:
         """Returns what the law is to do: while plans are late and until the robot is slow it bounds on and brakes."""
         last = self._diagnostics
         if last is None or self.mode not in (ControllerMode.COAST, ControllerMode.LANDING):
             self._caught = False
-            return self.mode, plan
+            return self.mode, reference
         self._caught = self.mode == ControllerMode.LANDING and (self._caught or bool(self._braking.is_slow(last)))
         if self._caught:
-            return ControllerMode.LANDING, self._braking.catching(plan, self._ground)
+            return ControllerMode.LANDING, self._braking.catching(reference, self._ground)
         height = np.asarray(self._estimate.base_height)
-        return ControllerMode.COAST, self._braking.plan(last, height, np.asarray(self._heading), self._ground)
+        return ControllerMode.COAST, self._braking.reference(last, height, np.asarray(self._heading), self._ground)
 
 
 _NO_PLAN = plan_message(REST, PlanStatus.STAND, reason="no plan yet")

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.action import Action
 from saltus.arrays import Array, Constant, namespace
+from saltus.plan import Plan
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import SIDE
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
@@ -15,7 +15,7 @@ _OUTWARD = Constant(np.stack([np.ones(4), SIDE, np.ones(4)], -1))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Plan:
+class Reference:
     """The centroidal reference in the yaw frame."""
 
     stepping_frequency: Array
@@ -52,16 +52,16 @@ class Body:
     """Foot Jacobians, base frame [m/rad], shape (..., 4, 3, 3)."""
 
 
-def plan_from_action(action: Action, heading: Array) -> Plan:
-    """The reference that an action stands for, mirrored between left and right; `heading` is the yaw to hold [rad]."""
-    xp = namespace(action.velocity_x)
-    zero = xp.zeros_like(action.velocity_x)
-    front, rear = action.foot_residual_front, action.foot_residual_rear
-    return Plan(
-        stepping_frequency=action.stepping_frequency_hz,
-        velocity=xp.stack([action.velocity_x, zero, action.velocity_z], -1),
-        angular_velocity=xp.stack([zero, action.pitch_rate, zero], -1),
-        foot_residual=xp.stack([front, front, rear, rear], -2) * _OUTWARD.like(action.velocity_x),
+def reference_of(plan: Plan, heading: Array) -> Reference:
+    """The reference that a plan stands for, mirrored between left and right; `heading` is the yaw to hold [rad]."""
+    xp = namespace(plan.velocity_x)
+    zero = xp.zeros_like(plan.velocity_x)
+    front, rear = plan.foot_residual_front, plan.foot_residual_rear
+    return Reference(
+        stepping_frequency=plan.stepping_frequency_hz,
+        velocity=xp.stack([plan.velocity_x, zero, plan.velocity_z], -1),
+        angular_velocity=xp.stack([zero, plan.pitch_rate, zero], -1),
+        foot_residual=xp.stack([front, front, rear, rear], -2) * _OUTWARD.like(plan.velocity_x),
         heading=heading,
     )
 

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paper.training import IMITATOR_FORMAT, IMITATOR_INPUTS, IMITATOR_OUTPUTS
-from saltus.action import Action
 from saltus.arrays import Floats, Reals, Singles
 from saltus.effects.profile import Profile
 from saltus.errors import ModelError
@@ -21,7 +20,8 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
 from saltus.heightmap.service.sight import Tick
 from saltus.model_file import ModelFile
-from saltus.policy.bounds import ACTIONS, ActionBounds, action_from_values
+from saltus.plan import Plan
+from saltus.policy.bounds import ACTIONS, ActionBounds, plan_from_values
 from saltus.policy.features import PROPRIOCEPTION_SIZE, features
 from saltus.policy.observation import Observation, observe
 from saltus.robots.legs import LegKinematics
@@ -92,7 +92,7 @@ class PassOn:
     def __init__(self, bounds: ActionBounds) -> None:
         self._bounds = bounds
 
-    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Action:
+    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Plan:
         """The plan; see `saltus.policy.planner.Planner`."""
         del observation, fresh
-        return action_from_values(self._bounds.clipped(self._bounds.denormalised(heights[..., : len(ACTIONS)])))
+        return plan_from_values(self._bounds.clipped(self._bounds.denormalised(heights[..., : len(ACTIONS)])))

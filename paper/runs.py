@@ -218,7 +218,7 @@ def _run(
     steps = [look(step) for step in rollout.run()]
     reference = np.array([_planned(step) for step in steps])
     velocity = np.array([_moved(step) for step in steps])
-    frequency = np.array([step.action.stepping_frequency_hz for step in steps])
+    frequency = np.array([step.plan.stepping_frequency_hz for step in steps])
     made = []
     for i, (trace, outcome) in enumerate(zip(traces_of(steps), rollout.outcomes, strict=True)):
         if outcome is not None:
@@ -240,8 +240,8 @@ def _run(
 
 def _planned(step: RolloutStep) -> Floats:
     """Shape (n, 3)."""
-    action = step.action
-    return np.stack([action.velocity_x, action.velocity_z, action.pitch_rate], axis=-1)
+    plan = step.plan
+    return np.stack([plan.velocity_x, plan.velocity_z, plan.pitch_rate], axis=-1)
 
 
 def _moved(step: RolloutStep) -> Floats:

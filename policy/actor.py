@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.action import Action
 from saltus.arrays import Floats, Reals
 from saltus.errors import ConfigError, ModelError
 from saltus.grid import HEIGHTMAP_X
 from saltus.model_file import ModelFile
-from saltus.policy.bounds import ACTIONS, ActionBounds, action_from_values
+from saltus.plan import Plan
+from saltus.policy.bounds import ACTIONS, ActionBounds, plan_from_values
 from saltus.policy.features import (
     LAYOUT,
     PROPRIOCEPTION_SIZE,
@@ -52,11 +52,11 @@ class PolicyActor:
         self._past = np.zeros((0, max(self.past_steps, default=0), RECALLED))
         self._latest = np.zeros((0, RECALLED))
 
-    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Action:
+    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Plan:
         """Plans the next 10 ms, within the bounds; see `saltus.policy.planner.Planner`."""
         vector = features(observation, heights)
         if not self.past_steps:
-            return action_from_values(self.values(vector))
+            return plan_from_values(self.values(vector))
         batch = vector.shape[:-1]
         if self._latest.shape[:-1] != batch:  # others than before
             fresh, self._latest = True, np.zeros((*batch, RECALLED))
@@ -64,7 +64,7 @@ class PolicyActor:
         self._past = remembered(self._past, self._latest, vector, np.broadcast_to(fresh, batch))
         values = self.values(with_past(vector, self._past, self.past_steps))
         self._latest = np.concatenate([vector[..., :PROPRIOCEPTION_SIZE], self._bounds.normalised(values)], axis=-1)
-        return action_from_values(values)
+        return plan_from_values(values)
 
     def values(self, given: Reals) -> Floats:
         """Values of `ACTIONS`, shape (..., 10), for vectors of `saltus.policy.features.with_past`, (..., some)."""

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from saltus.action import Action
 from saltus.arrays import Array, Constant, namespace
 from saltus.config import check_between
 from saltus.errors import ConfigError
+from saltus.plan import Plan
 
 ACTIONS = (
     "stepping_frequency_hz",
@@ -61,9 +61,9 @@ class ActionBounds:
         return 2.0 * (values - low) / (high - low) - 1.0
 
 
-def action_from_values(values: Array) -> Action:
-    """The action of values in the order of `ACTIONS`, shape (..., 10)."""
-    return Action(
+def plan_from_values(values: Array) -> Plan:
+    """The plan of values in the order of `ACTIONS`, shape (..., 10)."""
+    return Plan(
         stepping_frequency_hz=values[..., 0],
         velocity_x=values[..., 1],
         velocity_z=values[..., 2],
@@ -73,8 +73,8 @@ def action_from_values(values: Array) -> Action:
     )
 
 
-def values_of(action: Action) -> Array:
-    """The values of an action in the order of `ACTIONS`, shape (..., 10): the inverse of `action_from_values`."""
-    xp = namespace(action.velocity_x)
-    scalars = (action.stepping_frequency_hz, action.velocity_x, action.velocity_z, action.pitch_rate)
-    return xp.concat([xp.stack(scalars, axis=-1), action.foot_residual_front, action.foot_residual_rear], axis=-1)
+def values_of(plan: Plan) -> Array:
+    """The values of a plan in the order of `ACTIONS`, shape (..., 10): the inverse of `action_from_values`."""
+    xp = namespace(plan.velocity_x)
+    scalars = (plan.stepping_frequency_hz, plan.velocity_x, plan.velocity_z, plan.pitch_rate)
+    return xp.concat([xp.stack(scalars, axis=-1), plan.foot_residual_front, plan.foot_residual_rear], axis=-1)

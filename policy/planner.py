@@ -6,12 +6,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.action import Action
 from saltus.arrays import Reals
 from saltus.config import PlannerName
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
 from saltus.models import model_path
+from saltus.plan import Plan
 from saltus.policy.observation import Observation, observe
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -21,7 +21,7 @@ from saltus.states import standing_state
 class Planner(Protocol):
     """Plans for any batch of robots, always the same ones or such as begin."""
 
-    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Action:
+    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Plan:
         """Plans the next 10 ms.
 
         Args:

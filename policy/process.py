@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.action import REST, plan_message
+from saltus.plan import REST, plan_message
 from saltus.policy.observation import observe
 from saltus.policy.planner import Planner
 from saltus.robots.legs import LegKinematics
@@ -95,9 +95,9 @@ class PlannerProcess:
         self.notices.append(Notice(code=code, detail=detail))
 
     def _planned(self, state: RobotState) -> MotionPlan:
-        action = REST
+        plan = REST
         if self._status == PlanStatus.GO and self._heightmap is not None:
             heights = np.asarray(self._heightmap.height, dtype=np.float64)
             begins = self._plan is None or self._plan.status != PlanStatus.GO
-            action = self._planner.step(observe(state, self._legs), heights, begins)
-        return plan_message(action, self._status, time_ns=state.time_ns, step=state.step, reason=self._reason)
+            plan = self._planner.step(observe(state, self._legs), heights, begins)
+        return plan_message(plan, self._status, time_ns=state.time_ns, step=state.step, reason=self._reason)

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from saltus.action import Action, swing_lift
 from saltus.arrays import Array, Constant, namespace, smooth_step
 from saltus.constants import GRAVITY
+from saltus.plan import Plan, swing_lift
 from saltus.policy.interpolation import height_at, highest_between, slope
 from saltus.policy.observation import Observation
 from saltus.robots.robot import Robot
@@ -154,7 +154,7 @@ class ScriptedPlanner:
         self._pitch_inertia, self._max_lift = float(robot.inertia[1]), 2.0 * float(robot.foot_force[1]) / robot.mass
         self._velocity_gain = VELOCITY_GAIN / size.time
 
-    def step(self, observation: Observation, heights: Array, fresh: object = False) -> Action:
+    def step(self, observation: Observation, heights: Array, fresh: object = False) -> Plan:
         """Plans the next 10 ms, within the bounds, from the present alone; see `saltus.policy.planner.Planner`."""
         del fresh
         p = self.parameters
@@ -164,7 +164,7 @@ class ScriptedPlanner:
         incline = slope(ground, *self._slope_range)
         velocity_z, pitch_rate = self._body(observation, incline)
         same = 0.0 * observation.pitch  # spreads a number over the batch
-        action = Action(
+        plan = Plan(
             stepping_frequency_hz=p.stepping_frequency_hz + same,
             velocity_x=p.velocity_x + same,
             velocity_z=velocity_z,
@@ -172,7 +172,7 @@ class ScriptedPlanner:
             foot_residual_front=self._residual(observation, heights, ground, FRONT, p.front_landing_x),
             foot_residual_rear=self._residual(observation, heights, ground, REAR, p.rear_landing_x),
         )
-        return bounded(action)
+        return bounded(plan)
 
     def _body(self, observation: Observation, incline: Array) -> tuple[Array, Array]:
         """References of vertical velocity and pitch rate, each of shape (...)."""
@@ -274,17 +274,17 @@ class ScriptedPlanner:
         return candidates[xp.argmin(cost, axis=-1)]
 
 
-def bounded(action: Action) -> Action:
-    """The nearest action within the bounds."""
-    xp = namespace(action.velocity_x)
-    low, high = _LOW.like(action.velocity_x), _HIGH.like(action.velocity_x)
-    return Action(
-        stepping_frequency_hz=xp.clip(action.stepping_frequency_hz, *FREQUENCY_RANGE_HZ),
-        velocity_x=xp.clip(action.velocity_x, -VELOCITY_X_LIMIT, VELOCITY_X_LIMIT),
-        velocity_z=xp.clip(action.velocity_z, -VELOCITY_Z_LIMIT, VELOCITY_Z_LIMIT),
-        pitch_rate=xp.clip(action.pitch_rate, -PITCH_RATE_LIMIT, PITCH_RATE_LIMIT),
-        foot_residual_front=xp.clip(action.foot_residual_front, low, high),
-        foot_residual_rear=xp.clip(action.foot_residual_rear, low, high),
+def bounded(plan: Plan) -> Plan:
+    """The nearest plan within the bounds."""
+    xp = namespace(plan.velocity_x)
+    low, high = _LOW.like(plan.velocity_x), _HIGH.like(plan.velocity_x)
+    return Plan(
+        stepping_frequency_hz=xp.clip(plan.stepping_frequency_hz, *FREQUENCY_RANGE_HZ),
+        velocity_x=xp.clip(plan.velocity_x, -VELOCITY_X_LIMIT, VELOCITY_X_LIMIT),
+        velocity_z=xp.clip(plan.velocity_z, -VELOCITY_Z_LIMIT, VELOCITY_Z_LIMIT),
+        pitch_rate=xp.clip(plan.pitch_rate, -PITCH_RATE_LIMIT, PITCH_RATE_LIMIT),
+        foot_residual_front=xp.clip(plan.foot_residual_front, low, high),
+        foot_residual_rear=xp.clip(plan.foot_residual_rear, low, high),
     )
 
 

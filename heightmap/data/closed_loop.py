@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.action import Action
 from saltus.arrays import Floats, Reals
 from saltus.config import TerrainConfig
 from saltus.controller.compensation import compensation_of
@@ -28,6 +27,7 @@ from saltus.heightmap.data.stereo_images import SAMPLED, stereo_images
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.settings import ClosedLoop
+from saltus.plan import Plan
 from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep
 from saltus.policy.observation import Observation
 from saltus.policy.planner import make_planner
@@ -112,7 +112,7 @@ class MixedPlanner:
         self._speed = rng.uniform(*SPEED, count)
         self._frequency = rng.uniform(*RHYTHM, count)
 
-    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Action:
+    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Plan:
         """Plans the next 10 ms of all robots; see `saltus.policy.planner.Planner`."""
         rules, policy = self._scripted.step(observation, heights), self._learned.step(observation, heights, fresh)
         policy = replace(
@@ -120,7 +120,7 @@ class MixedPlanner:
             velocity_x=policy.velocity_x * self._speed,
             stepping_frequency_hz=policy.stepping_frequency_hz * self._frequency,
         )
-        return Action(**{f.name: self._chosen(getattr(policy, f.name), getattr(rules, f.name)) for f in fields(rules)})
+        return Plan(**{f.name: self._chosen(getattr(policy, f.name), getattr(rules, f.name)) for f in fields(rules)})
 
     def _chosen(self, policy: Floats, rules: Floats) -> Floats:
         mask = self._is_learned.reshape(-1, *(1,) * (policy.ndim - 1))

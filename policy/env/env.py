@@ -17,7 +17,7 @@ from saltus.controller.compensation import compensation_of
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitState
 from saltus.controller.law import LawState, LegController
-from saltus.controller.signals import plan_from_action
+from saltus.controller.signals import reference_of
 from saltus.controller.stance import StanceSolver
 from saltus.controller.stance_batched import BatchedSolver
 from saltus.effects.effect import map_arrays
@@ -26,7 +26,7 @@ from saltus.effects.order import chosen_of
 from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
 from saltus.joint_command import JointCommand
-from saltus.policy.bounds import ACTIONS, action_from_values
+from saltus.policy.bounds import ACTIONS, plan_from_values
 from saltus.policy.env.compiled import Stage
 from saltus.policy.env.curriculum import kinds_of_robots
 from saltus.policy.env.drives import training_drives
@@ -192,8 +192,8 @@ class JumpEnv:
     def _control(self) -> None:
         memory, true = self.memory, engine_states(self._engine, self.memory)
         states = self._sensed(true)
-        plan = plan_from_action(action_from_values(self._obeyed()), memory.heading)
-        command, state, seen = self._law.step(plan, states, self._law_state(), ControllerMode.RUN)
+        reference = reference_of(plan_from_values(self._obeyed()), memory.heading)
+        command, state, seen = self._law.step(reference, states, self._law_state(), ControllerMode.RUN)
         command = self._or_stand(command)
         joints = true.joint_position, true.joint_velocity
         torque, actuators = self._drives.step(command, *joints, self._time_s(), memory.actuators, self._fresh())

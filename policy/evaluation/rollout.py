@@ -13,17 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.action import Action
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT, POLICY_DT, POLICY_STEPS
 from saltus.controller.compensation import Compensation
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitSignal, standing
 from saltus.controller.law import LawState, LegController
-from saltus.controller.signals import Plan, plan_from_action
+from saltus.controller.signals import Reference, reference_of
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import SHIPPED, Profile, load_profile
+from saltus.plan import Plan
 from saltus.policy.evaluation.heights import HeightSource, TrueHeights
 from saltus.policy.evaluation.pushes import Pushes
 from saltus.policy.observation import observe
@@ -53,7 +53,7 @@ class RolloutStep:
     truth: PlantState
     heights: Floats
     """Heights that the planner saw [m], shape (n, 30)."""
-    action: Action
+    plan: Plan
     fresh: NDArray[np.bool_]
     """Robot starts from the beginning with this step, shape (n,)."""
     running: NDArray[np.bool_]
@@ -102,7 +102,7 @@ class Rollout:
         delay = round(plan_delay_s / PHYSICS_DT)
         # How many plans ago the one was made that is obeyed at each physics step of a policy step.
         self._plans_ago = [max(0, math.ceil((delay - tick) / POLICY_STEPS)) for tick in range(POLICY_STEPS)]
-        self._plans: deque[Plan] = deque(maxlen=max(self._plans_ago) + 1)
+        self._references: deque[Reference] = deque(maxlen=max(self._plans_ago) + 1)
         strength = np.array([[trial.motor_strength] for trial in trials])
         self._plant = BatchPlant(
             robot,
@@ -148,8 +148,8 @@ class Rollout:
 
         # 2. plan
         begins = fresh | (self._index <= self._stand_steps)  # the deployed planner begins when the robot may go
-        action = self.planner.step(observe(states, self._legs), heights, begins)
-        self._plans.appendleft(plan_from_action(action, self._heading))
+        plan = self.planner.step(observe(states, self._legs), heights, begins)
+        self._references.appendleft(reference_of(plan, self._heading))
         running = np.array([outcome is None for outcome in self.outcomes])
 
         # 3. track it
@@ -157,18 +157,18 @@ class Rollout:
         touched = np.zeros(self.count, dtype=np.bool_)
         self._plant.push(self._pushes.step(truth.position_base_in_world[:, 0]))
         for ago in self._plans_ago:
-            touched |= self._substep(self._plans[min(ago, len(self._plans) - 1)], mode)
+            touched |= self._substep(self._references[min(ago, len(self._references) - 1)], mode)
         self._index += 1
 
         # 4. judge; robots that are done start again
         self._fresh = self._judge(touched)
         if self._fresh.any():
             self._restart(self._fresh)
-        return RolloutStep(states=states, truth=truth, heights=heights, action=action, fresh=fresh, running=running)
+        return RolloutStep(states=states, truth=truth, heights=heights, plan=plan, fresh=fresh, running=running)
 
-    def _substep(self, plan: Plan, mode: ControllerMode) -> NDArray[np.bool_]:
+    def _substep(self, reference: Reference, mode: ControllerMode) -> NDArray[np.bool_]:
         """2 ms of control and physics; returns which trunks touched the ground."""
-        command, self._law_state, diagnostics = self._law.step(plan, self._states(), self._law_state, mode)
+        command, self._law_state, diagnostics = self._law.step(reference, self._states(), self._law_state, mode)
         self._gait = diagnostics.gait
         now = self._plant.step(command)
         self._estimate = self._estimator.step(self._plant.sensed, self._gait.trusted, self._estimate)

@@ -9,13 +9,13 @@ import pytest
 import torch
 from samples import KINEMATICS, PROFILE, ROBOT, setup_of
 
-from saltus.action import REST, plan_message
 from saltus.config import TerrainConfig
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.braking import Braking, BrakingState
 from saltus.controller.law import LegController
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
+from saltus.plan import REST, plan_message
 from saltus.policy.observation import observe
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.trial import Trial
@@ -105,9 +105,9 @@ def test_plans_of_a_batch_are_those_of_numpy_and_torch_and_of_each_robot(draw):
     rng = np.random.default_rng(21)
     diagnostics, sensed, plan = robots(draw, rng, (16,))
     state = BRAKING.observe(diagnostics, BrakingState(foothold=diagnostics.body.foot_yaw + rng.normal(0, 0.1, (4, 3))))
-    ours = BRAKING.plan(diagnostics, sensed.base_height, plan.heading, state)
+    ours = BRAKING.reference(diagnostics, sensed.base_height, plan.heading, state)
     inputs = [as_tensors(value) for value in (diagnostics, sensed.base_height, plan.heading, state)]
-    theirs = BRAKING.plan(*inputs)
+    theirs = BRAKING.reference(*inputs)
     for field in fields(ours):
         value = getattr(ours, field.name)
         assert np.isfinite(value).all()
@@ -120,8 +120,8 @@ def test_asks_for_rest_and_pushes_against_the_slope(draw):
     feet = np.array([[0.19, -0.13, -0.3], [0.19, 0.13, -0.3], [-0.19, -0.13, -0.3], [-0.19, 0.13, -0.3]])
     level = BrakingState(foothold=np.broadcast_to(feet, (64, 4, 3)))
     uphill = BrakingState(foothold=level.foothold + 0.2 * level.foothold[..., :1] * np.array([0.0, 0.0, 1.0]))
-    flat = BRAKING.plan(diagnostics, sensed.base_height, plan.heading, level)
-    steep = BRAKING.plan(diagnostics, sensed.base_height, plan.heading, uphill)
+    flat = BRAKING.reference(diagnostics, sensed.base_height, plan.heading, level)
+    steep = BRAKING.reference(diagnostics, sensed.base_height, plan.heading, uphill)
     assert (flat.velocity[:, :2] == 0.0).all()
     np.testing.assert_allclose(
         flat.angular_velocity[:, 1] - steep.angular_velocity[:, 1], BRAKING.config.pitch_gain * 0.2

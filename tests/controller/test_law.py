@@ -6,10 +6,10 @@ import torch
 from samples import KINEMATICS, ROBOT
 
 from benchmarks.qp import row
-from saltus.action import Action, action_of, plan_message
 from saltus.constants import PHYSICS_DT
 from saltus.controller.law import LegController
-from saltus.controller.signals import plan_from_action
+from saltus.controller.signals import reference_of
+from saltus.plan import Plan, plan_message, plan_of
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.wire.messages import ControllerMode, PlanStatus
 
@@ -153,7 +153,7 @@ def test_yaw_is_turned_back_to_the_heading_the_short_way(draw, side):
 
 
 def test_residuals_are_mirrored_outward():
-    action = Action(
+    wanted = Plan(
         stepping_frequency_hz=np.asarray(2.0),
         velocity_x=np.asarray(1.0),
         velocity_z=np.asarray(0.5),
@@ -161,7 +161,7 @@ def test_residuals_are_mirrored_outward():
         foot_residual_front=np.array([0.1, 0.05, 0.2]),
         foot_residual_rear=np.array([-0.1, 0.02, 0.3]),
     )
-    plan = plan_from_action(action_of(plan_message(action, PlanStatus.GO)), np.asarray(0.0))
+    plan = reference_of(plan_of(plan_message(wanted, PlanStatus.GO)), np.asarray(0.0))
     expected = [[0.1, -0.05, 0.2], [0.1, 0.05, 0.2], [-0.1, -0.02, 0.3], [-0.1, 0.02, 0.3]]
     np.testing.assert_allclose(plan.foot_residual, expected)
     np.testing.assert_allclose(plan.velocity, [1.0, 0.0, 0.5])

@@ -128,7 +128,7 @@ def test_the_past_begins_when_the_robot_may_go(policy: Path) -> None:
         step = rollout.step()
     blank = PolicyActor(ROBOT, policy)
     first = blank.step(observe(step.states, LegKinematics(ROBOT)), step.heights)
-    np.testing.assert_array_equal(first.velocity_x, step.action.velocity_x)
+    np.testing.assert_array_equal(first.velocity_x, step.plan.velocity_x)
 
 
 @pytest.mark.parametrize("steps", [(0,), (2, 1), (3, 3), (1, 101), (-1,)])

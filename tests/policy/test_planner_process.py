@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from samples import ROBOT
 
-from saltus.action import Action
 from saltus.arrays import Array
 from saltus.grid import HEIGHTMAP_X
+from saltus.plan import Plan
 from saltus.policy.observation import Observation
 from saltus.policy.process import LOST_NS, STAND_NS, PlannerProcess
 from saltus.policy.scripted import ScriptedPlanner
@@ -154,7 +154,7 @@ class Recalling(ScriptedPlanner):
         super().__init__(ROBOT)
         self.begun: list[bool] = []
 
-    def step(self, observation: Observation, heights: Array, fresh: object = False) -> Action:
+    def step(self, observation: Observation, heights: Array, fresh: object = False) -> Plan:
         self.begun.append(bool(fresh))
         return super().step(observation, heights)
 

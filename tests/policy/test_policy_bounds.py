@@ -8,7 +8,7 @@ from samples import KINEMATICS, ROBOT
 
 from saltus.controller.signals import Body, observe
 from saltus.controller.swing import SwingConfig, SwingLegs
-from saltus.policy.bounds import ACTIONS, ActionBounds, action_from_values, values_of
+from saltus.policy.bounds import ACTIONS, ActionBounds, plan_from_values, values_of
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.states import standing_state
 
@@ -55,4 +55,4 @@ def test_outputs_of_one_are_the_bounds() -> None:
 
 def test_values_and_actions_are_the_same_in_other_words() -> None:
     values = np.random.default_rng(0).normal(size=(3, 7, len(ACTIONS)))
-    np.testing.assert_array_equal(values_of(action_from_values(values)), values)
+    np.testing.assert_array_equal(values_of(plan_from_values(values)), values)

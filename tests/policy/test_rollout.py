@@ -9,11 +9,11 @@ import pytest
 from robots.odd_robot import odd_mjcf
 from samples import PROFILE, ROBOT
 
-from saltus.action import Action
 from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.effects.imu_bias import ImuBias
 from saltus.grid import HEIGHTMAP_X
+from saltus.plan import Plan
 from saltus.policy.evaluation.rollout import Rollout, exact_heights
 from saltus.policy.observation import Observation
 from saltus.policy.scripted import ScriptedPlanner
@@ -93,9 +93,9 @@ class LatePlanner:
 
     def __init__(self, steps: int) -> None:
         self._planner = ScriptedPlanner(ROBOT)
-        self._said: deque[Action] = deque(maxlen=steps + 1)
+        self._said: deque[Plan] = deque(maxlen=steps + 1)
 
-    def step(self, observation: Observation, heights: Floats, fresh: object = False) -> Action:
+    def step(self, observation: Observation, heights: Floats, fresh: object = False) -> Plan:
         del fresh
         self._said.append(self._planner.step(observation, heights))
         return self._said[0]

@@ -9,9 +9,9 @@ import torch
 from samples import KINEMATICS, ROBOT
 
 from benchmarks.planner import bounding
-from saltus.action import Action
 from saltus.arrays import Floats
 from saltus.grid import HEIGHTMAP_X
+from saltus.plan import Plan
 from saltus.policy.interpolation import height_at, highest_between, slope
 from saltus.policy.observation import Observation, observe
 from saltus.policy.scripted import (
@@ -54,8 +54,8 @@ def terrains(rng: np.random.Generator, count: int = COUNT) -> Floats:
     return steps - rng.uniform(0.2, 0.35, (count, 1))
 
 
-def arrays(action: Action) -> list[Floats]:
-    return [np.asarray(getattr(action, f.name)) for f in fields(action)]
+def arrays(plan: Plan) -> list[Floats]:
+    return [np.asarray(getattr(plan, f.name)) for f in fields(plan)]
 
 
 def pick(observation: Observation, i: int) -> Observation:
@@ -100,13 +100,13 @@ def test_the_same_again_and_nothing_is_changed() -> None:
 def test_plans_are_finite_and_within_their_bounds() -> None:
     rng = np.random.default_rng(3)
     for _ in range(20):
-        action = ScriptedPlanner(ROBOT).step(observations(rng), terrains(rng))
-        assert all(np.isfinite(values).all() for values in arrays(action))
-        assert np.all((action.stepping_frequency_hz >= 0.5) & (action.stepping_frequency_hz <= 4.0))
-        assert np.all(np.abs(action.velocity_x) <= VELOCITY_X_LIMIT)
-        assert np.all(np.abs(action.velocity_z) <= VELOCITY_Z_LIMIT)
-        assert np.all(np.abs(action.pitch_rate) <= PITCH_RATE_LIMIT)
-        for residual in (action.foot_residual_front, action.foot_residual_rear):
+        plan = ScriptedPlanner(ROBOT).step(observations(rng), terrains(rng))
+        assert all(np.isfinite(values).all() for values in arrays(plan))
+        assert np.all((plan.stepping_frequency_hz >= 0.5) & (plan.stepping_frequency_hz <= 4.0))
+        assert np.all(np.abs(plan.velocity_x) <= VELOCITY_X_LIMIT)
+        assert np.all(np.abs(plan.velocity_z) <= VELOCITY_Z_LIMIT)
+        assert np.all(np.abs(plan.pitch_rate) <= PITCH_RATE_LIMIT)
+        for residual in (plan.foot_residual_front, plan.foot_residual_rear):
             assert np.all((residual >= RESIDUAL_LOW) & (residual <= RESIDUAL_HIGH))
 
 
@@ -119,8 +119,8 @@ def test_a_foot_in_mid_swing_clears_a_step_on_its_way(rise: float, progress: flo
     heights = np.where(HEIGHTMAP_X > 0.25, rise, 0.0) - base_height
     # where the rear feet stand they feel the ground exactly where the heightmap has it
     heights = heights + base_height + observation.foot[2, 2] - ROBOT.foot_radius
-    action = ScriptedPlanner(ROBOT).step(observation, heights)
-    sole = -base_height + action.foot_residual_front[2] - ROBOT.foot_radius  # the nominal swing is at -base_height
+    plan = ScriptedPlanner(ROBOT).step(observation, heights)
+    sole = -base_height + plan.foot_residual_front[2] - ROBOT.foot_radius  # the nominal swing is at -base_height
     assert sole >= heights[HEIGHTMAP_X < 0.4].max() + 0.02
 
 

@@ -21,7 +21,7 @@ from saltus.heightmap.model import HeightmapModel, Normalisation
 from saltus.heightmap.settings import MIN_TICKS, DeviceLoop, ModelConfig
 from saltus.heightmap.training import calibration
 from saltus.heightmap.training.train import load_checkpoint
-from saltus.policy.bounds import ACTIONS, action_from_values
+from saltus.policy.bounds import ACTIONS, plan_from_values
 from saltus.policy.env.settings import TrainConfig
 from saltus.policy.features import PROPRIOCEPTION_SIZE, features
 from saltus.policy.observation import observe
@@ -108,7 +108,7 @@ def test_an_imitator_that_is_told_what_to_plan_plans_as_the_policy_does(tmp_path
     hidden = np.zeros((1, network.hidden_size), np.float32)
     tick = network.tick(np.zeros((1, 2, 48, 16)), np.zeros(1), np.zeros(1, np.bool_), state, hidden)
     assert tick.height.shape == (1, len(HEIGHTMAP_X))
-    found, wanted = PassOn(network.bounds).step(observation, tick.height[0]), action_from_values(plan)
+    found, wanted = PassOn(network.bounds).step(observation, tick.height[0]), plan_from_values(plan)
     for name, value in vars(wanted).items():
         np.testing.assert_allclose(getattr(found, name), value, atol=1e-4, err_msg=name)
 

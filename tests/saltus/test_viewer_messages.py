@@ -10,12 +10,12 @@ from plain_reader import PlainReader, messages_of
 from recorded import MS, STEPS, TERRAIN, raw, run_messages, run_samples, write
 from samples import KINEMATICS, ROBOT
 
-from saltus.action import action_of
 from saltus.constants import FORCE_M_PER_N
 from saltus.controller.gait import GaitConfig
-from saltus.controller.signals import observe, plan_from_action
+from saltus.controller.signals import observe, reference_of
 from saltus.controller.swing import SwingConfig, SwingLegs
 from saltus.footholds import Footholds
+from saltus.plan import plan_of
 from saltus.recordings import ros_messages as ros
 from saltus.recordings import viewer
 from saltus.recordings.viewer import Frames, Viewer
@@ -183,7 +183,7 @@ def test_planned_feet_are_where_the_leg_controller_swings_them() -> None:
         body = observe(state, KINEMATICS)
         stance_s = np.asarray((1.0 - GaitConfig().swing_ratio) / plan.stepping_frequency_hz)
         path = swing.nominal_path(body, body.foot_yaw, np.ones(4), stance_s, np.asarray(state.base_height))
-        wanted = path + plan_from_action(action_of(plan), body.yaw).foot_residual
+        wanted = path + reference_of(plan_of(plan), body.yaw).foot_residual
         planned = footholds.planned(state, plan, None)
         np.testing.assert_allclose(planned[~contact], wanted[~contact], atol=1e-12)
         assert np.isnan(planned[contact]).all()

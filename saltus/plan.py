@@ -9,7 +9,7 @@ from saltus.wire.messages import MotionPlan, PlanStatus
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Action:
+class Plan:
     """The values of a motion plan, numpy or torch; meaning and frames as in `MotionPlan`."""
 
     stepping_frequency_hz: Array
@@ -40,9 +40,9 @@ def swing_lift(swing: Array, over: Array, down: Array, lift_until: Array, lower_
     return smooth_step(swing / lift_until) * (over + (down - over) * low)
 
 
-def action_of(message: MotionPlan) -> Action:
-    """The action of one robot that a message brings."""
-    return Action(
+def plan_of(message: MotionPlan) -> Plan:
+    """The plan of one robot that a message brings."""
+    return Plan(
         stepping_frequency_hz=np.asarray(message.stepping_frequency_hz, dtype=np.float64),
         velocity_x=np.asarray(message.velocity_x, dtype=np.float64),
         velocity_z=np.asarray(message.velocity_z, dtype=np.float64),
@@ -52,25 +52,23 @@ def action_of(message: MotionPlan) -> Action:
     )
 
 
-def plan_message(
-    action: Action, status: PlanStatus, *, time_ns: int = 0, step: int = 0, reason: str = ""
-) -> MotionPlan:
-    """The message that brings the action of one robot."""
+def plan_message(plan: Plan, status: PlanStatus, *, time_ns: int = 0, step: int = 0, reason: str = "") -> MotionPlan:
+    """The message that brings the plan of one robot."""
     return MotionPlan(
         time_ns=time_ns,
         step=step,
         status=status,
-        stepping_frequency_hz=float(action.stepping_frequency_hz),
-        velocity_x=float(action.velocity_x),
-        velocity_z=float(action.velocity_z),
-        pitch_rate=float(action.pitch_rate),
-        foot_residual_front=action.foot_residual_front,
-        foot_residual_rear=action.foot_residual_rear,
+        stepping_frequency_hz=float(plan.stepping_frequency_hz),
+        velocity_x=float(plan.velocity_x),
+        velocity_z=float(plan.velocity_z),
+        pitch_rate=float(plan.pitch_rate),
+        foot_residual_front=plan.foot_residual_front,
+        foot_residual_rear=plan.foot_residual_rear,
         reason=reason,
     )
 
 
-REST = Action(
+REST = Plan(
     stepping_frequency_hz=np.asarray(2.0),  # pace of the last steps of a landing
     velocity_x=np.zeros(()),
     velocity_z=np.zeros(()),
