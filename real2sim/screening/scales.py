@@ -20,6 +20,9 @@ sagging under the weight adds 0.3 to a joint's way. No unit that anyone uses lie
 NEAR = 0.15
 """Share by which a measured factor may differ from that of a unit; the nearest one counts. Noise of
 what a channel is compared with makes the factor of a quiet motion smaller by a tenth."""
+AS_NEAR = 0.02
+"""Share by which a gear may be farther from a factor than a unit, and is named as well: in slow
+motion angles follow their commands to within that."""
 ALIKE = 0.25
 """Share by which factors of joints may differ that have one cause: soft drives follow by 0.8, and
 the torque of a hip that hardly moves is noisy. The gears of hips and knees are 0.5 apart."""
@@ -51,13 +54,16 @@ def likely(signal: str, factor: float, gears: Sequence[float] = GEARS, near: flo
         return "a sign is flipped (-1)"
     if factor < 0.0:
         return f"a sign is flipped, and {likely(signal, -factor, gears, near)}"
-    gears = gears if SIGNALS[signal].table == "joints" else ()
-    if unit := unit_of(signal, factor, gears, near):
-        own = SIGNALS[signal]
-        return f'in {unit} ({1.0 / own.units[unit]:.4g})? Then say {own.key} = "{unit}" in [units] (meta.json: units)'
-    turns = [turn for gear in gears for turn in (gear, 1.0 / gear)]
+    turns = [turn for gear in gears for turn in (gear, 1.0 / gear)] if SIGNALS[signal].table == "joints" else []
     turn = min(turns, key=lambda each: _apart(factor, each), default=np.inf)
-    if _apart(factor, turn) < near:
+    at_gear = _apart(factor, turn)
+    if unit := unit_of(signal, factor, gears if turns else (), near):
+        own = SIGNALS[signal]
+        as_well = at_gear < _apart(factor, 1.0 / own.units[unit]) + AS_NEAR
+        gear = f", or on the motor's side of the gear ({turn:.4g})" if as_well else ""
+        cure = f'say {own.key} = "{unit}" in [units] (meta.json: units)'
+        return f"in {unit} ({1.0 / own.units[unit]:.4g}){gear}? Then {cure}"
+    if at_gear < near:
         return f"on the motor's side of the gear ({turn:.4g})? Log the joint's side"
     if unit := unit_of(signal, 1.0 / factor, (), near):
         return f"turned from {unit} into SI units twice ({SIGNALS[signal].units[unit]:.4g})?"
