@@ -17,6 +17,7 @@ from saltus.config import RunConfig, TerrainConfig, load
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import load_profile
 from saltus.errors import RecordingError
+from saltus.grid import LINE
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shards import MANIFEST, read_dataset, write_shard
@@ -113,7 +114,7 @@ def samples(folder: Path, robot: Robot) -> dict[str, Sample]:
     """Files that `make_samples` wrote into a folder, with their readers."""
 
     def planner(path: Path) -> object:
-        return make_planner("learned", robot, path)
+        return make_planner("learned", robot, LINE, path)
 
     def network(path: Path) -> object:
         return HeightmapNetwork(robot, path)

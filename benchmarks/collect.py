@@ -43,7 +43,9 @@ class Benchmark(Command):
     def measure(self) -> dict[str, Any]:
         marks: list[tuple[float, int]] = [(time.perf_counter(), 0)]
         work = partial(
-            closed_loop_episodes, ClosedLoop(robot="go1", robots=self.robots), shipped("models/heightmap.onnx")
+            closed_loop_episodes,
+            ClosedLoop(robot="go1", grid="line", robots=self.robots),
+            shipped("models/heightmap.onnx"),
         )
         keys = [(0, 0, batch) for batch in range(self.batches)]
 

@@ -28,6 +28,7 @@ from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import ConfigError, nearest_hint
 from saltus.flags import shown
 from saltus.folders import ask_for_room
+from saltus.grid import LINE
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.models import model_id, model_path
 from saltus.policy.evaluation.evaluate import BATCH, HEIGHTS, Evaluation, run_batch
@@ -120,7 +121,7 @@ class Benchmark(Command):
                 raise ConfigError(f"there is no row '{row}': {nearest_hint(row, ROWS)}")
         robot = load_robot(DEFAULT_ROBOT)
         for model in self.models:
-            make_planner("learned", robot, model)  # what is wrong with it is said at once
+            make_planner("learned", robot, LINE, model)  # what is wrong with it is said at once
         if self.heightmap == "predicted":
             HeightmapNetwork(load_camera(self.camera).mounted_on(robot), self.heightmap_model)
         if self.out is not None:
@@ -136,7 +137,7 @@ class Benchmark(Command):
                 missing = [seed for seed in seeds if (*self._key(model, row), seed) not in known]
                 tasks += [(model, row, missing[i : i + BATCH]) for i in range(0, len(missing), BATCH)]
         with tqdm(total=sum(len(some) for *_, some in tasks), unit="trial", disable=None) as bar:
-            results = in_order(partial(run, self._heights()), tasks, self.processes, bar.update)
+            results = in_order(partial(run, self._heights(), self.camera), tasks, self.processes, bar.update)
             for (model, row, _), trials in zip(tasks, results, strict=True):
                 known |= {(*self._key(model, row), seed): trial for seed, trial in trials.items()}
                 if self.out is not None:
@@ -162,15 +163,17 @@ class Benchmark(Command):
             return HEIGHTS[self.heightmap]
         from saltus.heightmap.data.predicted import PredictedHeightsFactory  # needs a renderer
 
-        return PredictedHeightsFactory(model=self.heightmap_model, camera=self.camera)
+        return PredictedHeightsFactory(model=self.heightmap_model)
 
 
-def run(heights: HeightsFactory, task: tuple[Path, str, Sequence[int]]) -> dict[int, dict[str, Any]]:
+def run(heights: HeightsFactory, camera: str, task: tuple[Path, str, Sequence[int]]) -> dict[int, dict[str, Any]]:
     """How trials of a model in a row went, by their seeds."""
     model, name, seeds = task
     row = ROWS[name]
     evaluation = Evaluation(
         robot="go1",
+        grid="line",
+        camera=camera,
         course=row.course,
         profile=load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)).having(*row.effects),
         friction=row.friction,

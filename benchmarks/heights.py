@@ -27,6 +27,7 @@ from saltus.depth_camera import load_camera
 from saltus.errors import ConfigError
 from saltus.flags import shown
 from saltus.folders import ask_for_room
+from saltus.grid import DEFAULT_GRID
 from saltus.heightmap.evaluation.held_out import HARD, NETWORK, HeldOutRun, HeldOutRuns
 from saltus.heightmap.evaluation.visibility import UNSEEN, VIEWS
 from saltus.heightmap.level_robot import LevelRobot
@@ -132,8 +133,8 @@ class Benchmark(Command):
         policy = self.other_policy if name == "other policy" else self.policy_model
         kinds = {"courses": HeldOutRuns, "other policy": HeldOutRuns, "readme": ReadmeRuns, "scenes": SceneRuns}
         runs = kinds[name](
-            robot=DEFAULT_ROBOT, runs=self.runs, seed=self.seed, policy=policy, terrains=tuple(FAMILIES),
-            baselines=(), statuses=name in ("readme", "scenes"),
+            robot=DEFAULT_ROBOT, grid=DEFAULT_GRID, runs=self.runs, seed=self.seed, policy=policy,
+            terrains=tuple(FAMILIES), baselines=(), statuses=name in ("readme", "scenes"),
         )  # fmt: skip
         # Policies drive the batches of even number.
         step = 2 if name in ("other policy", "readme") else 1

@@ -60,7 +60,7 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         robot = load_robot(DEFAULT_ROBOT)
-        planner = make_planner(self.planner, robot)
+        planner = make_planner(self.planner, robot, LINE)
         cases = [
             (self._course(seed), Trial.draw(seed), FIRST_STAND_S + fault_s)
             for seed in range(self.seed, self.seed + self.trials)

@@ -87,7 +87,7 @@ class Benchmark(Command):
             robot = Path(shutil.copytree(model, Path(folder) / model.name))
             (robot / SUPPLEMENT_FILE).write_text(supplement, encoding="utf-8")
             flat = TerrainConfig(terrain="flat")
-            evaluation = Evaluation(robot=str(robot), course=flat, trials=self.trials, seed=self.seed)
+            evaluation = Evaluation(robot=str(robot), grid="line", course=flat, trials=self.trials, seed=self.seed)
             result = collect(evaluate(evaluation))
         return {
             "bounds": f"{result.successes} of {self.trials}",

@@ -14,6 +14,7 @@ import numpy as np
 from benchmarks._command import Command, progress
 from benchmarks._measuring import Stopwatch
 from saltus.config import TerrainConfig
+from saltus.grid import LINE
 from saltus.policy.evaluation.evaluate import HEIGHTS, Evaluation, collect, evaluate
 from saltus.policy.observation import Observation, observe
 from saltus.policy.scripted import ScriptedPlanner
@@ -51,7 +52,7 @@ class Benchmark(Command):
         return {"first_seed": self.seed, "rows": rows, "plan": plan_times()}
 
     def _row(self, course: TerrainConfig, heights: str) -> dict[str, Any]:
-        evaluation = Evaluation(robot="go1", course=course, trials=self.trials, seed=self.seed)
+        evaluation = Evaluation(robot="go1", grid="line", course=course, trials=self.trials, seed=self.seed)
         result = collect(evaluate(evaluation, HEIGHTS[heights]))
         return {
             "success": result.successes,
@@ -81,7 +82,7 @@ def plan_times() -> dict[str, float]:
     """Times of one plan for a single robot."""
     robot = load_robot(DEFAULT_ROBOT)
     observation = bounding(robot, 0.28, (True, False), (0.3, 0.6))
-    planner, heights, watch = ScriptedPlanner(robot), np.full(30, -0.28), Stopwatch()
+    planner, heights, watch = ScriptedPlanner(robot, LINE), np.full(30, -0.28), Stopwatch()
     for _ in range(PLANS):
         watch(planner.step, observation, heights)
     return watch.percentiles()

@@ -123,7 +123,7 @@ class Benchmark(Command):
 
 def collect(data: Path, name: str) -> None:
     """Adds the rounds that are missing; those of both cameras show the same motion."""
-    loop = ClosedLoop(robot="go1", learned=LEARNED, camera=_CAMERAS[name])
+    loop = ClosedLoop(robot="go1", grid="line", learned=LEARNED, camera=_CAMERAS[name])
     model = resource("models/heightmap.onnx")
     for index in range(len(read_manifest(data)), ROUNDS):
         logging.info("collecting round %d, %s", index, name)
@@ -196,7 +196,7 @@ def measured(model: Path, runs: int, held_out: dict[str, list[Episode]]) -> dict
 
 def in_the_loop(model: Path, runs: int, camera: str) -> dict[str, Any]:
     """Errors in the held-out runs, with the network in the loop."""
-    config = HeldOutRuns(robot="go1", runs=runs, seed=EVAL_SEED, camera=camera, baselines=())
+    config = HeldOutRuns(robot="go1", grid="line", runs=runs, seed=EVAL_SEED, camera=camera, baselines=())
     found = scores([run for batch in config.batches for run in config.measure(model, batch)])
     table: dict[str, Any] = {key: round(1e3 * found[key], 2) for key in _LENGTHS}
     table |= {key: round(1e2 * found[key], 1) for key in _PERCENT}

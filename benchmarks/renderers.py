@@ -81,7 +81,7 @@ class Benchmark(Command):
         if read_manifest(self._data(renderer, use)):
             return
         batches = self.batches if use == "fitted" else max(1, round(HELD_OUT_SHARE * self.batches))
-        loop = ClosedLoop(robot="go1", learned=LEARNED, renderer=renderer)
+        loop = ClosedLoop(robot="go1", grid="line", learned=LEARNED, renderer=renderer)
         keys = [(seed, 0, batch) for batch in range(batches)]
         with closing(closed_loop_batches(loop, None, keys)) as made:
             episodes = (episode for batch in progress(made, f"{use}, {renderer}", batches) for episode in batch)

@@ -18,6 +18,7 @@ from benchmarks._measuring import percentiles
 from saltus.arrays import Floats
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus.controller.stance_batched import BatchedSolver
+from saltus.grid import LINE
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.training.learner import FIRST_ACTION
@@ -58,7 +59,7 @@ def problems(robots: int, steps: int) -> StanceQP:
     torch.manual_seed(0)
     robot = load_robot(DEFAULT_ROBOT)
     solver = Recorder(robot)
-    env = JumpEnv(BatchEngine(robot, robots, BOXES), EnvConfig(), seed=0, solver=solver)
+    env = JumpEnv(BatchEngine(robot, robots, BOXES), EnvConfig(), LINE, seed=0, solver=solver)
     output = env.config.bounds.normalised(torch.tensor([FIRST_ACTION]))
     for _ in range(steps):
         env.step(output + 0.4 * torch.randn(robots, output.shape[1]))

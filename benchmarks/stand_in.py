@@ -25,6 +25,7 @@ from paper.stand_in import stand_in
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.errors import SaltusError, nearest_hint
 from saltus.flags import Flag
+from saltus.grid import LINE
 from saltus.policy.planner import make_planner
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -51,7 +52,7 @@ class Benchmark(Command):
     def measure(self) -> dict[str, Any]:
         policies: dict[str, Path | None] = {str(path): path for path in self.policies} or {"shipped": None}
         for policy in policies.values():  # what is wrong with one is said before anything runs
-            make_planner("learned", load_robot(DEFAULT_ROBOT), policy)
+            make_planner("learned", load_robot(DEFAULT_ROBOT), LINE, policy)
         cases = profiles(self.left_out)
         terrain = make_terrain(STAIRS)
         settings = [

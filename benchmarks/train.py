@@ -15,6 +15,7 @@ import torch
 
 from benchmarks._command import Command
 from saltus.constants import POLICY_STEPS
+from saltus.grid import load_grid
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import TrainConfig, for_cpu, for_gpu
 from saltus.policy.training.learner import Learner
@@ -37,14 +38,14 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         device = device_of_this_process(self.device).device
-        config = for_cpu("go1") if device == "cpu" else for_gpu("go1")
+        config = for_cpu("go1", "line") if device == "cpu" else for_gpu("go1", "line")
         return measure(replace(config, robots=self.robots or config.robots), device, self.iterations)
 
 
 def measure(config: TrainConfig, device: str, iterations: int, repeats: int = _REPEATS) -> dict[str, Any]:
     """Trains for some iterations, then times the stages of a step one by one."""
     engine = make_engine(load_robot(DEFAULT_ROBOT), config.robots, config.env, device)
-    env = JumpEnv(engine, config.env, seed=0, device=device)
+    env = JumpEnv(engine, config.env, load_grid(config.grid), seed=0, device=device)
     learner = Learner(env, config.learning)
     collecting, learning = _iterations(learner, iterations, device)
     plan, control, sense, finish = env.stages

@@ -7,11 +7,10 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from saltus.config import check_between
+from saltus.config import UNNAMED, check_between
 from saltus.effects.profile import SHIPPED
 from saltus.errors import ConfigError
 from saltus.flags import Flag
-from saltus.robots.shipped import robot_named
 
 BackEnd = Literal["embree", "pyrender", "warp"]
 DeliveryName = Literal["training", "nominal", "at-once"]
@@ -109,6 +108,8 @@ class Loop:
 
     robot: str
     """Their kind: a robot that Saltus ships, or the path of an MJCF or of a folder with a robot.toml."""
+    grid: str
+    """Of the heights: a name, or path of a TOML file (`saltus.grid`)."""
     robots: int
     ticks: int = 600
     """Ticks of 10 ms, of every robot; one that falls or arrives starts again, which begins another
@@ -132,8 +133,8 @@ class Loop:
 
     @property
     def table(self) -> dict[str, Any]:
-        """Table for a manifest; of robots, terrains and renderers only others than older manifests mean."""
-        usual = {"robot": robot_named({}), "terrains": list(USUAL_TERRAINS), "renderer": USUAL_RENDERER, "plans": False}
+        """Table for a manifest: of robots, grids, terrains and renderers only others than older manifests mean."""
+        usual = {**UNNAMED, "terrains": list(USUAL_TERRAINS), "renderer": USUAL_RENDERER, "plans": False}
         table = asdict(self) | {"terrains": list(self.terrains)}
         return {name: value for name, value in table.items() if name not in usual or value != usual[name]}
 

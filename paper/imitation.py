@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from paper.training import IMITATOR_FORMAT, IMITATOR_INPUTS, IMITATOR_OUTPUTS
 from saltus.arrays import Floats, Reals, Singles
-from saltus.effects.profile import Profile
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
+from saltus.heightmap.data.predicted import PredictedHeights, seen_by
 from saltus.heightmap.service.sight import Tick
 from saltus.model_file import ModelFile
 from saltus.plan import Plan
@@ -27,9 +26,8 @@ from saltus.policy.observation import Observation, observe
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
+from saltus.setup import Setup
 from saltus.states import RobotStates
-from saltus.terrain.stack import TerrainStack
-from saltus.trial import Trial
 
 
 class ImitationNetwork:
@@ -78,12 +76,10 @@ class ImitatedPlansFactory:
     """Makes `ImitatedPlans` for a batch; can be sent to another process."""
 
     model: Path
-    camera: str
 
-    def __call__(self, terrains: TerrainStack, trials: Sequence[Trial], profile: Profile) -> ImitatedPlans:
+    def __call__(self, setups: Sequence[Setup]) -> ImitatedPlans:
         """A source of plans for one batch."""
-        predicted = PredictedHeightsFactory(camera=self.camera)
-        return ImitatedPlans(ImitationNetwork(self.model), *predicted.seen(terrains, trials, profile))
+        return ImitatedPlans(ImitationNetwork(self.model), *seen_by(setups))
 
 
 class PassOn:

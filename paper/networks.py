@@ -32,6 +32,7 @@ from paper.training import (
 from saltus.depth_camera import load_camera
 from saltus.errors import SaltusError
 from saltus.gpu import has_gpu
+from saltus.grid import DEFAULT_GRID
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import dataset_hash, read_manifest, read_records
 from saltus.heightmap.device_collection import collect
@@ -64,7 +65,9 @@ class NetworkEffort:
     """Gradient steps of a round, as in the original; the other networks take those of all rounds."""
     batch: int = 512
     """Windows in a gradient step."""
-    loop: DeviceLoop = field(default_factory=lambda: DeviceLoop(robot=DEFAULT_ROBOT, terrains=TERRAINS, plans=True))
+    loop: DeviceLoop = field(
+        default_factory=lambda: DeviceLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID, terrains=TERRAINS, plans=True)
+    )
     """Loop of a round."""
 
 

@@ -14,15 +14,17 @@ from numpy.typing import NDArray
 from paper.imitation import ImitatedPlansFactory, ImitationNetwork, PassOn
 from paper.training import CAMERA
 from saltus.arrays import Floats
+from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED, Profile, load_profile
+from saltus.grid import LINE
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
 from saltus.policy.evaluation.evaluate import BATCH
-from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, exact_heights
+from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, batch_of, exact_heights
 from saltus.policy.evaluation.trace import Failure, Trace, failure_of, traces_of
 from saltus.policy.planner import Planner, make_planner
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.terrain.stack import TerrainStack
+from saltus.setup import Setup
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial
 from saltus.workers import in_order
@@ -179,8 +181,8 @@ class _Seen:
     def __init__(self) -> None:
         self.source: PredictedHeights | None = None
 
-    def __call__(self, terrains: TerrainStack, trials: Sequence[Trial], profile: Profile) -> PredictedHeights:
-        self.source = PredictedHeightsFactory(camera=CAMERA)(terrains, trials, profile)
+    def __call__(self, setups: Sequence[Setup]) -> PredictedHeights:
+        self.source = PredictedHeightsFactory()(setups)
         return self.source
 
 
@@ -195,23 +197,25 @@ def _run(
     robot = load_robot(DEFAULT_ROBOT)
     planner: Planner
     if setting.imitator is None:
-        planner = make_planner("learned", robot, setting.policy)
-        seen: HeightsFactory = PredictedHeightsFactory(model=setting.predictor, camera=CAMERA)
+        planner = make_planner("learned", robot, LINE, setting.policy)
+        seen: HeightsFactory = PredictedHeightsFactory(model=setting.predictor)
     else:
         planner = PassOn(ImitationNetwork(setting.imitator).bounds)
-        seen = ImitatedPlansFactory(model=setting.imitator, camera=CAMERA)
+        seen = ImitatedPlansFactory(model=setting.imitator)
     driven = robot if setting.feedback else replace(robot, gains=replace(robot.gains, stance_kd=0.0))
     trials = [
         trial if start is None else replace(trial, position_x=start)
         for trial, start in ((Trial.draw(seed), start) for seed, start in numbered)
     ]
     profile = setting.profile if isinstance(setting.profile, Profile) else load_profile(setting.profile, robot)
+    camera = load_camera(CAMERA)
+    setup = Setup(
+        robot=camera.mounted_on(driven), grid=LINE, terrain=setting.terrain, profile=camera.delivered(profile),
+        camera=camera, trial=trials[0],
+    )  # fmt: skip
     rollout = Rollout(
-        driven,
-        [setting.terrain] * len(trials),
-        trials,
+        batch_of(setup, [setting.terrain] * len(trials), trials),
         planner,
-        profile=profile,
         heights=heights or (exact_heights if setting.true_heights else seen),
         time_limit_s=time_limit_s,
     )

@@ -15,6 +15,7 @@ from saltus.config import changed
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import SaltusError
 from saltus.gpu import has_gpu
+from saltus.grid import DEFAULT_GRID
 from saltus.policy.env.settings import TrainConfig, for_gpu
 from saltus.policy.training.command import Train
 from saltus.policy.training.files import CHECKPOINT
@@ -80,7 +81,7 @@ def find_ablation(name: str) -> Ablation:
 
 def config_of(name: str, seed: int, folder: Path) -> TrainConfig:
     """Returns what `saltus policy train` is given; writes a profile or a robot that it needs into a folder."""
-    ablation, config = find_ablation(name), replace(for_gpu(DEFAULT_ROBOT), seed=seed)
+    ablation, config = find_ablation(name), replace(for_gpu(DEFAULT_ROBOT, DEFAULT_GRID), seed=seed)
     changes = dict(ablation.changes)
     if ablation.without:
         changes["env"] = {**changes.get("env", {}), "profile": str(_profile(ablation, folder))}

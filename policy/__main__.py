@@ -87,8 +87,9 @@ class PlannerLoop:
 
 def body(context: ProcessContext) -> None:
     """Runs the process; see `saltus.runtime.process`."""
-    planner = make_planner(context.config.planner, context.setup.robot, context.config.policy_model)
-    warm_up(planner, context.setup.robot)
+    robot, grid = context.setup.robot, context.setup.grid
+    planner = make_planner(context.config.planner, robot, grid, context.config.policy_model)
+    warm_up(planner, robot, grid)
     loop = PlannerLoop(context, planner)
     context.ready()
     loop.run()

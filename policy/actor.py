@@ -7,16 +7,16 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Reals
 from saltus.errors import ConfigError, ModelError
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HeightGrid, stated_grid
 from saltus.model_file import ModelFile
 from saltus.plan import Plan
 from saltus.policy.bounds import ACTIONS, ActionBounds, plan_from_values
 from saltus.policy.features import (
-    LAYOUT,
     PROPRIOCEPTION_SIZE,
     RECALLED,
     check_past_steps,
     features,
+    layout,
     remembered,
     size_with,
     with_past,
@@ -40,14 +40,15 @@ class PolicyActor:
         ModelError: the file is unreadable or made for another robot, features or actions; the message names which.
     """
 
-    def __init__(self, robot: Robot, path: Path) -> None:
+    def __init__(self, robot: Robot, grid: HeightGrid, path: Path) -> None:
         file = ModelFile(path)
         self.model_id = file.model_id
         self._session = file.session
-        _check(robot, file)
+        _check(robot, grid, file)
+        self._size = size_with(grid, _past_steps(file))
         self.past_steps = _past_steps(file)
         """Which earlier calls the policy recalls, 1 is the last one; none where it was trained without a past."""
-        file.check({"features": [size_with(self.past_steps)]}, {"plan": [len(ACTIONS)]})
+        file.check({"features": [self._size]}, {"plan": [len(ACTIONS)]})
         self._bounds = ActionBounds(low=tuple(file.field("low")), high=tuple(file.field("high")))
         self._past = np.zeros((0, max(self.past_steps, default=0), RECALLED))
         self._latest = np.zeros((0, RECALLED))
@@ -68,14 +69,14 @@ class PolicyActor:
 
     def values(self, given: Reals) -> Floats:
         """Values of `ACTIONS`, shape (..., 10), for vectors of `saltus.policy.features.with_past`, (..., some)."""
-        flat = np.ascontiguousarray(given.reshape(-1, size_with(self.past_steps)), dtype=np.float32)
+        flat = np.ascontiguousarray(given.reshape(-1, self._size), dtype=np.float32)
         plan = np.asarray(self._session.run(["plan"], {"features": flat})[0], dtype=np.float64)
         return plan.reshape((*given.shape[:-1], len(ACTIONS)))
 
 
-def _check(robot: Robot, file: ModelFile) -> None:
+def _check(robot: Robot, grid: HeightGrid, file: ModelFile) -> None:
     """Refuses a policy that was made for other features, actions or limits than this program has."""
-    expected = {"format": FORMAT, "features": LAYOUT, "actions": list(ACTIONS)}
+    expected = {"format": FORMAT, "features": layout(grid), "actions": list(ACTIONS)}
     for name, value in expected.items():
         found = file.field(name)
         if found != value:
@@ -88,9 +89,8 @@ def _check(robot: Robot, file: ModelFile) -> None:
             f"{file.path}: it plans for the robot {made_for!r}, not for '{robot.name}': train a policy for this robot, "
             "or let rules plan (--planner scripted)"
         )
-    grid = _numbers(file, "grid_m", len(HEIGHTMAP_X))
-    if np.abs(grid - HEIGHTMAP_X).max() > _TOLERANCE:
-        raise ModelError(f"{file.path}: 'grid_m' is not the heightmap's grid of this program")
+    if not _stated_grid(file).equals(grid):
+        raise ModelError(f"{file.path}: 'grid_m' is not the grid of the heights that it would be given")
     swing = _numbers(file, "swing_foot_z_range_m", 2)
     if np.abs(swing - robot.swing_foot_z).max() > _TOLERANCE:
         raise ModelError(
@@ -99,6 +99,19 @@ def _check(robot: Robot, file: ModelFile) -> None:
         )
     low, high = (_numbers(file, name, len(ACTIONS)) for name in ("low", "high"))
     _check_bounds(file.path, low, high)
+
+
+def grid_of(path: Path) -> HeightGrid:
+    """The grid of the heights that a policy is given; `ModelError` where the file is none."""
+    return _stated_grid(ModelFile(path))
+
+
+def _stated_grid(file: ModelFile) -> HeightGrid:
+    try:
+        aside = {"grid_y_m": file.field("grid_y_m")} if "grid_y_m" in file.metadata else {}
+        return stated_grid({"grid_m": file.field("grid_m"), **aside})
+    except ConfigError as error:
+        raise ModelError(f"{file.path}: {error}") from error
 
 
 def _past_steps(file: ModelFile) -> tuple[int, ...]:

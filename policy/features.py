@@ -9,7 +9,7 @@ its proprioception said then, and the plan that it made.
 
 from saltus.arrays import Array, namespace
 from saltus.errors import ConfigError
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HeightGrid
 from saltus.policy.bounds import ACTIONS
 from saltus.policy.observation import Observation
 
@@ -22,20 +22,23 @@ LAYOUT: dict[str, int] = {
     "angular_velocity": 3,
     "base_height": 1,
     "foot": 12,
-    "heights": len(HEIGHTMAP_X),
 }
-"""Names of the parts of the vector, in order, and their lengths."""
+"""Names of the parts of the vector before its heights, in order, and their lengths."""
 
-SIZE = sum(LAYOUT.values())
-PROPRIOCEPTION_SIZE = SIZE - LAYOUT["heights"]
+PROPRIOCEPTION_SIZE = sum(LAYOUT.values())
 """Length of the vector without its heights, which come last: what the robot knows of itself."""
 RECALLED = PROPRIOCEPTION_SIZE + len(ACTIONS)
 """Length of what is recalled of one instant: the vector without its heights, and the plan as `ActionBounds` normalises
 it."""
 
 
+def layout(grid: HeightGrid) -> dict[str, int]:
+    """Names of all parts of the vector, in order, and their lengths."""
+    return {**LAYOUT, "heights": grid.size}
+
+
 def features(observation: Observation, heights: Array) -> Array:
-    """The vector that goes into the policy's network, shape (..., SIZE); heights are relative to the base [m]."""
+    """The vector that goes into the policy's network, shape (..., size); heights are relative to the base [m]."""
     xp = namespace(heights)
     one = xp.ones_like(observation.progress)
     parts = {
@@ -49,17 +52,17 @@ def features(observation: Observation, heights: Array) -> Array:
         "foot": observation.foot.reshape((*observation.pitch.shape, 12)),
         "heights": heights,
     }
-    return xp.concat([parts[name] for name in LAYOUT], axis=-1)
+    return xp.concat(list(parts.values()), axis=-1)
 
 
-def read(vector: Array) -> tuple[Observation, Array]:
+def read(vector: Array, grid: HeightGrid) -> tuple[Observation, Array]:
     """The observation and the heights that a vector was made of: the inverse of `features`."""
     parts, first = {}, 0
     for name, size in LAYOUT.items():
         part = vector[..., first : first + size]
         parts[name] = part[..., 0] if size == 1 else part
         first += size
-    heights, foot = parts.pop("heights"), parts.pop("foot")
+    heights, foot = vector[..., first : first + grid.size], parts.pop("foot")
     contact = parts.pop("contact") > 0.5
     return Observation(contact=contact, foot=foot.reshape((*foot.shape[:-1], 4, 3)), **parts), heights
 
@@ -75,13 +78,13 @@ def check_past_steps(past_steps: tuple[int, ...]) -> None:
         raise ConfigError(f"past_steps = {past_steps}: whole numbers from 1 to {MOST_PAST_STEPS}, ascending")
 
 
-def size_with(past_steps: tuple[int, ...]) -> int:
+def size_with(grid: HeightGrid, past_steps: tuple[int, ...] = ()) -> int:
     """Length of the vector of a policy that recalls the instants of so many steps ago."""
-    return SIZE + len(past_steps) * RECALLED
+    return PROPRIOCEPTION_SIZE + grid.size + len(past_steps) * RECALLED
 
 
 def with_past(vector: Array, past: Array, past_steps: tuple[int, ...]) -> Array:
-    """Returns what the network gets: the vector, shape (..., SIZE), and the instants that it recalls.
+    """Returns what the network gets: the vector, shape (..., size), and the instants that it recalls.
 
     Args:
         vector: Of now.
@@ -89,7 +92,7 @@ def with_past(vector: Array, past: Array, past_steps: tuple[int, ...]) -> Array:
         past_steps: How many steps ago the instants are, from 1.
 
     Returns:
-        Shape (..., size_with(past_steps)).
+        Shape (..., size_with(grid, past_steps)).
     """
     return namespace(vector).concat([vector, *(past[..., steps - 1, :] for steps in past_steps)], axis=-1)
 
@@ -100,7 +103,7 @@ def remembered(past: Array, latest: Array, vector: Array, fresh: Array) -> Array
     Args:
         past: What was remembered, the latest first, shape (..., steps, RECALLED).
         latest: Of the step before, shape (..., RECALLED).
-        vector: Of now, shape (..., SIZE).
+        vector: Of now, shape (..., size).
         fresh: Robots that begin, bool, shape (...).
     """
     xp = namespace(vector)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Reals
 from saltus.config import PlannerName
 from saltus.errors import ConfigError
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HeightGrid
 from saltus.models import model_path
 from saltus.plan import Plan
 from saltus.policy.observation import Observation, observe
@@ -26,30 +26,33 @@ class Planner(Protocol):
 
         Args:
             observation: Of the robots now.
-            heights: Relative to the base [m], shape (..., 30).
+            heights: Relative to the base [m], shape (..., points).
             fresh: Robots that begin: what came before is forgotten; shape (...), or one for all.
         """
         ...
 
 
-def make_planner(name: PlannerName, robot: Robot, model: str | Path | None = None) -> Planner:
-    """A planner by its name; the learned one from an ONNX file, by default the shipped policy.
+def make_planner(name: PlannerName, robot: Robot, grid: HeightGrid, model: str | Path | None = None) -> Planner:
+    """A planner by its name, of robots that are given heights on a grid.
+
+    The learned one comes from an ONNX file, by default the shipped policy.
 
     Raises:
-        ModelError: the policy is damaged, or made for another program or another robot.
+        ModelError: the policy is damaged, or made for another program, robot or grid.
+        ConfigError: rules cannot read such a grid.
     """
     if name == "learned":
         from saltus.policy.actor import PolicyActor  # here, so that rules need no ONNX Runtime
 
-        return PolicyActor(robot, model_path("policy", model))
+        return PolicyActor(robot, grid, model_path("policy", model))
     if model is not None:
         raise ConfigError(f"model = {model}: only the learned planner has one; add --planner learned")
     from saltus.policy.scripted import ScriptedPlanner
 
-    return ScriptedPlanner(robot)
+    return ScriptedPlanner(robot, grid)
 
 
-def warm_up(planner: Planner, robot: Robot) -> None:
+def warm_up(planner: Planner, robot: Robot, grid: HeightGrid) -> None:
     """Plans once for a robot that stands on level ground, as a first call takes longer than the others."""
     standing = observe(standing_state(robot), LegKinematics(robot))
-    planner.step(standing, np.full(len(HEIGHTMAP_X), -robot.stand_height))
+    planner.step(standing, np.full(grid.size, -robot.stand_height))

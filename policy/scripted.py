@@ -12,8 +12,9 @@ import numpy as np
 
 from saltus.arrays import Array, Constant, namespace, smooth_step
 from saltus.constants import GRAVITY
+from saltus.grid import HeightGrid
 from saltus.plan import Plan, swing_lift
-from saltus.policy.interpolation import height_at, highest_between, slope
+from saltus.policy.height_line import HeightLine
 from saltus.policy.observation import Observation
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
@@ -141,7 +142,8 @@ LIFT_MARGIN = 0.04  # terrain this far before and behind the way of a foot count
 class ScriptedPlanner:
     """Plans for any batch of robots, numpy or torch."""
 
-    def __init__(self, robot: Robot, parameters: ScriptedParameters | None = None) -> None:
+    def __init__(self, robot: Robot, grid: HeightGrid, parameters: ScriptedParameters | None = None) -> None:
+        self._line = HeightLine(grid)
         self.parameters = (parameters or ScriptedParameters()).of_robot(robot)
         size = Similarity.of_robot(robot)
         self._landing_limit = float(robot.landing_reach[0])
@@ -161,7 +163,7 @@ class ScriptedPlanner:
         ground = _filled(heights, observation.base_height)
         offset = self._offset(observation, ground)[..., None]
         heights, ground = heights + offset, ground + offset
-        incline = slope(ground, *self._slope_range)
+        incline = self._line.slope(ground, *self._slope_range)
         velocity_z, pitch_rate = self._body(observation, incline)
         same = 0.0 * observation.pitch  # spreads a number over the batch
         plan = Plan(
@@ -217,9 +219,9 @@ class ScriptedPlanner:
         xp = namespace(heights)
         standing = xp.astype(observation.contact, heights.dtype)
         count = xp.sum(standing, axis=-1)
-        seen = xp.sum(height_at(heights, observation.foot[..., 0]) * standing, axis=-1)
+        seen = xp.sum(self._line.height_at(heights, observation.foot[..., 0]) * standing, axis=-1)
         stood_on = xp.sum((observation.foot[..., 2] - self._foot_radius) * standing, axis=-1)
-        seen_anywhere = xp.mean(height_at(heights, observation.foot[..., 0]), axis=-1)
+        seen_anywhere = xp.mean(self._line.height_at(heights, observation.foot[..., 0]), axis=-1)
         offset = xp.where(
             count > 0.0, (stood_on - seen) / xp.clip(count, 1.0, None), -observation.base_height - seen_anywhere
         )
@@ -243,8 +245,10 @@ class ScriptedPlanner:
         landing = neutral + detour
         start, end = xp.minimum(foot_x, landing) - self._lift_margin, xp.maximum(foot_x, landing) + self._lift_margin
         nominal_z = -observation.base_height  # the controller's swing stays at the height of its ground
-        over = highest_between(ground, start, end) + self._foot_radius + p.clearance_m - nominal_z
-        down = height_at(ground, landing[..., None])[..., 0] + self._foot_radius - p.landing_depth_m - nominal_z
+        over = self._line.highest_between(ground, start, end) + self._foot_radius + p.clearance_m - nominal_z
+        down = (
+            self._line.height_at(ground, landing[..., None])[..., 0] + self._foot_radius - p.landing_depth_m - nominal_z
+        )
         lift = swing_lift(swing, over, down, p.lift_until, p.lower_from)
         residual = xp.stack([shift + detour, 0.0 * lift, lift], axis=-1)
         return xp.where(observation.contact[..., leg, None], 0.0 * residual, residual)
@@ -255,7 +259,7 @@ class ScriptedPlanner:
         xp = namespace(heights)
         candidates = self._candidates.like(heights)
         x = neutral[..., None] + candidates
-        seen = height_at(heights, xp.concat([x + aside for aside in ASIDE], axis=-1))
+        seen = self._line.height_at(heights, xp.concat([x + aside for aside in ASIDE], axis=-1))
         read = {aside: seen[..., k * x.shape[-1] : (k + 1) * x.shape[-1]] for k, aside in enumerate(ASIDE)}
         there = read[0.0]
         relief = 0.0 * there

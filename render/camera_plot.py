@@ -12,7 +12,7 @@ from saltus.arrays import Floats
 from saltus.depth import MODEL_CAMERA, RANGE_M, depth_in_millimetres, model_image
 from saltus.depth_camera import DepthCamera
 from saltus.errors import SaltusError
-from saltus.grid import LINE
+from saltus.grid import HeightGrid
 from saltus.render.camera import RobotCamera, camera_pose
 from saltus.render.preview import EXPOSURES, FRAME_S, INVALID_COLOUR, NOTHING_COLOUR, Depth, Scale, poses, views
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
@@ -49,14 +49,15 @@ class CameraCoverage:
     invalid: float
     """Share of the network's image that is invalid."""
     visible: NDArray[np.bool_]
-    """Which points of the heightmap are in the network's view and behind nothing, shape (30,)."""
+    """Which points of the heightmap are in the network's view and behind nothing, shape (points,)."""
 
 
-def draw_camera(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Path) -> CameraCoverage:
+def draw_camera(robot: Robot, grid: HeightGrid, terrain: Terrain, camera: DepthCamera, path: Path) -> CameraCoverage:
     """Draws a PNG of a camera on a robot that stands before a terrain's first edge.
 
     Args:
         robot: with its camera where this one sits.
+        grid: of the heights that are to be in view.
         terrain: to look at.
         camera: to draw.
         path: of the picture; its folder must exist.
@@ -69,19 +70,19 @@ def draw_camera(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Path)
     near, valid = model_image(depth_in_millimetres(depth), camera.image)
     network = np.where(valid > 0.0, RANGE_M * near, np.float32(0.0))
     full = np.ones(depth.shape, np.uint16)
-    view = RobotCamera.on(robot)
+    view, points = RobotCamera.on(robot), _points(grid, terrain, pose[0])
     coverage = CameraCoverage(
         position=robot.camera_position,
         pitch=robot.camera_pitch,
         covered=float((model_image(full, camera.image)[1] > 0.0).mean()),
         invalid=float((valid == 0.0).mean()),
-        visible=_visible(terrain, view, camera, pose),
+        visible=_visible(terrain, points, view, camera, pose),
     )
     scale = Scale.of([depth, network])
     panels = [
         _titled(_framed(scale, depth, camera), f"{camera.name}: {camera.image.width} x {camera.image.height}"),
         _titled(_enlarged(scale.coloured(network)), "network"),
-        _titled(_from_aside(robot, terrain, view, coverage, pose), "from the right-hand side"),
+        _titled(_from_aside(robot, terrain, view, coverage, points, pose), "from the right-hand side"),
     ]
     picture = np.hstack(panels)
     if not cv2.imwrite(str(path), np.vstack([picture, _legend(scale, picture.shape[1])])):
@@ -100,9 +101,10 @@ def _seen(robot: Robot, terrain: Terrain, camera: DepthCamera, pose: tuple[Float
     return np.asarray(camera.in_range(image.depth), np.float32)
 
 
-def _visible(terrain: Terrain, view: RobotCamera, camera: DepthCamera, pose: tuple[Floats, ...]) -> NDArray[np.bool_]:
+def _visible(
+    terrain: Terrain, points: Floats, view: RobotCamera, camera: DepthCamera, pose: tuple[Floats, ...]
+) -> NDArray[np.bool_]:
     """See `CameraCoverage.visible`; legs are not in the way here."""
-    points = _heightmap(terrain, pose)
     origin, rotation = camera_pose(view.mount, pose[0], pose[1])
     x, y, z = np.moveaxis((points - origin) @ rotation, -1, 0)
     inside = (z > 0.0) & (camera.in_range(z) > 0.0)
@@ -114,9 +116,9 @@ def _visible(terrain: Terrain, view: RobotCamera, camera: DepthCamera, pose: tup
     return inside & clear & (z < RANGE_M)
 
 
-def _heightmap(terrain: Terrain, pose: tuple[Floats, ...]) -> Floats:
-    """The points of the heightmap of a robot that looks along x, world frame [m], shape (30, 3)."""
-    x, y = LINE.points_in_world(pose[0][None], np.zeros(1))
+def _points(grid: HeightGrid, terrain: Terrain, position: Floats) -> Floats:
+    """The terrain at the grid of a robot that looks along x, world frame [m], shape (points, 3)."""
+    x, y = grid.points_in_world(position[None], np.zeros(1))
     return np.stack([x[0], y[0], terrain.height_at(x[0], y[0])], axis=-1)
 
 
@@ -177,7 +179,12 @@ def _legend(scale: Scale, width: int) -> NDArray[np.uint8]:
 
 
 def _from_aside(
-    robot: Robot, terrain: Terrain, view: RobotCamera, coverage: CameraCoverage, pose: tuple[Floats, ...]
+    robot: Robot,
+    terrain: Terrain,
+    view: RobotCamera,
+    coverage: CameraCoverage,
+    points: Floats,
+    pose: tuple[Floats, ...],
 ) -> NDArray[np.uint8]:
     """Trunk, ground, the network's view and the heightmap's points, from the right-hand side."""
     picture = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
@@ -202,7 +209,7 @@ def _from_aside(
         under = line[:, 2] < terrain.height_at(line[:, 0], line[:, 1])
         line = line[: int(under.argmax())] if under.any() else line
         cv2.polylines(picture, [px(line[:, [0, 2]])], isClosed=False, color=RAY, thickness=2, lineType=cv2.LINE_AA)
-    for place, seen in zip(px(_heightmap(terrain, pose)[:, [0, 2]]).tolist(), coverage.visible, strict=True):
+    for place, seen in zip(px(points[:, [0, 2]]).tolist(), coverage.visible, strict=True):
         cv2.circle(picture, place, 5, SEEN if seen else HIDDEN, -1, cv2.LINE_AA)
     cv2.circle(picture, px(origin[None, [0, 2]])[0].tolist(), 6, INK, -1, cv2.LINE_AA)
     words = (

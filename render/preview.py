@@ -15,7 +15,7 @@ from saltus.arrays import Floats, Reals
 from saltus.depth import RANGE_M, depth_in_millimetres, model_image
 from saltus.depth_camera import DepthCamera
 from saltus.errors import SaltusError
-from saltus.grid import LINE
+from saltus.grid import HeightGrid
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
@@ -47,6 +47,10 @@ class Picture(NamedTuple):
     source: str
     """A data URL."""
     is_narrow: bool = False
+
+
+_NO_HEIGHTS = HeightGrid(x=(0.0,))
+"""Of pictures without a heightmap."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,10 +228,10 @@ def cloud_figure(wide: StereoEmbree, camera: DepthCamera, robots: Poses, true: D
 def _robots(robot: Robot, terrain: Terrain, shown: Sequence[View], robots: Poses) -> tuple[list[Picture], str]:
     """The robot in each pose, seen from aside; or why there is no way to draw it."""
     position, quaternion, joints = robots
-    pose, none = np.concatenate([position, quaternion], axis=-1), np.full((len(shown), LINE.size), np.nan)
+    pose, none = np.concatenate([position, quaternion], axis=-1), np.full((len(shown), _NO_HEIGHTS.size), np.nan)
     time_s = np.arange(float(len(shown)))  # one a second, so that each is a picture of its own
     try:
-        frames = list(render_run(robot, terrain, time_s, pose, joints, LINE, none, size=ROBOT_SIZE, fps=1))
+        frames = list(render_run(robot, terrain, time_s, pose, joints, _NO_HEIGHTS, none, size=ROBOT_SIZE, fps=1))
     except SaltusError as error:
         return [], str(error)
     sources = [_source(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), ROBOT_QUALITY) for frame in frames]

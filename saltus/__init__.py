@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from saltus.depth import D435I as D435I
     from saltus.depth import Intrinsics as Intrinsics
     from saltus.errors import SaltusError as SaltusError
+    from saltus.grid import load_grid as load_grid
     from saltus.heightmap.service.service import HeightmapService as HeightmapService
     from saltus.policy.evaluation.rollout import RolloutStep as RolloutStep
     from saltus.policy.planner import Planner as Planner
@@ -52,6 +53,7 @@ _HOMES = {
     "saltus.real2sim.results": ("Judgement",),
     "saltus.real2sim.verdict": ("Verdict",),
     "saltus.recordings.recording": ("Recording", "read_recording"),
+    "saltus.grid": ("load_grid",),
     "saltus.robots.loading": ("load_robot",),
     "saltus.robots.robot": ("Robot",),
     "saltus.terrain.boxes": ("Box",),

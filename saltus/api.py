@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from saltus.arrays import Floats
 from saltus.errors import ConfigError
+from saltus.grid import HeightGrid
 from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
 
 if TYPE_CHECKING:
@@ -157,6 +158,7 @@ def roll_out(
     seed: int = 0,
     heights: Heights = "true",
     camera: str = "d435i",
+    grid: "HeightGrid | None" = None,
     on_step: "Callable[[RolloutStep], object] | None" = None,
 ) -> "list[Outcome]":
     """Lets a planner drive robots over a terrain, one trial for each seed, in one process.
@@ -171,6 +173,7 @@ def roll_out(
         heights: "true": with the shift of each trial; "true-exact": without; "predicted": what the shipped predictor
             makes of the images of `camera`.
         camera: Name or TOML file.
+        grid: Where the planner is given heights; by default that of the shipped policy.
         on_step: Called with every step of all robots, 100 times a second of theirs.
 
     Returns:
@@ -180,9 +183,14 @@ def roll_out(
         ConfigError: no trials, or a camera that is not known.
         ModelError: a policy of another robot.
     """
+    from saltus.depth_camera import load_camera
+    from saltus.effects.profile import SHIPPED, load_profile
+    from saltus.models import model_path
+    from saltus.policy.actor import grid_of
     from saltus.policy.evaluation.evaluate import HEIGHTS
-    from saltus.policy.evaluation.rollout import Rollout
+    from saltus.policy.evaluation.rollout import Rollout, batch_of
     from saltus.policy.planner import make_planner
+    from saltus.setup import Setup
     from saltus.trial import Trial
 
     if trials < 1:
@@ -191,12 +199,15 @@ def roll_out(
     if heights == "predicted":
         from saltus.heightmap.data.predicted import PredictedHeightsFactory
 
-        source = PredictedHeightsFactory(camera=camera)
+        source = PredictedHeightsFactory()
     else:
         source = HEIGHTS[heights]
-    drawn = [Trial.draw(seed + i) for i in range(trials)]
-    driver = planner or make_planner("learned", robot)
-    rollout = Rollout(robot, [terrain] * trials, drawn, driver, heights=source)
+    kind, grid = load_camera(camera), grid or grid_of(model_path("policy"))
+    robot, drawn = kind.mounted_on(robot), [Trial.draw(seed + i) for i in range(trials)]
+    profile = kind.delivered(load_profile(SHIPPED, robot))
+    setup = Setup(robot=robot, grid=grid, terrain=terrain, profile=profile, camera=kind, trial=drawn[0])
+    driver = planner or make_planner("learned", robot, grid)
+    rollout = Rollout(batch_of(setup, [terrain] * trials, drawn), driver, heights=source)
     for step in rollout.run():
         if on_step is not None:
             on_step(step)

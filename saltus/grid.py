@@ -1,8 +1,10 @@
 """The points at which heights are asked, sent and predicted."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +12,8 @@ from numpy.typing import NDArray
 from saltus.arrays import Array, Constant, namespace
 from saltus.config import Value, load
 from saltus.errors import ConfigError, nearest_hint
+
+_ROUNDING_M = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +44,11 @@ class HeightGrid(Value):
     def size(self) -> int:
         """Number of points."""
         return len(self.x) * len(self.y)
+
+    def equals(self, other: "HeightGrid") -> bool:
+        """Whether the points are the same, but for rounding of numbers that went through text."""
+        sides = ((self.x, other.x), (self.y, other.y))
+        return all(len(a) == len(b) and np.allclose(a, b, rtol=0.0, atol=_ROUNDING_M) for a, b in sides)
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
@@ -80,6 +89,25 @@ DEFAULT_GRID = "line"
 
 HEIGHTMAP_X = np.array(LINE.x)
 """Distance of each height of `LINE` ahead of the base [m]."""
+
+
+def grid_metadata(grid: HeightGrid) -> dict[str, list[float]]:
+    """How a file states its grid [m]; `stated_grid` reads it."""
+    aside = {} if grid.y == (0.0,) else {"grid_y_m": list(grid.y)}
+    return {"grid_m": list(grid.x), **aside}
+
+
+def stated_grid(metadata: Mapping[str, Any]) -> HeightGrid:
+    """The grid that a file states with `grid_metadata`.
+
+    Raises:
+        ConfigError: what it states is no grid.
+    """
+    try:
+        x, y = (tuple(map(float, numbers)) for numbers in (metadata["grid_m"], metadata.get("grid_y_m", [0.0])))
+    except (TypeError, ValueError):
+        raise ConfigError(f"'grid_m' is {metadata['grid_m']!r}: it must be numbers") from None
+    return HeightGrid(x=x, y=y)
 
 
 def load_grid(name_or_path: str) -> HeightGrid:

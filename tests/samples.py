@@ -1,5 +1,6 @@
 """Plausible messages of every kind, for tests of what carries them."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from saltus.effects.profile import IDEAL, Profile, load_profile
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.grid import LINE
 from saltus.named_setup import named_setup
+from saltus.policy.evaluation.rollout import batch_of
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
@@ -87,6 +89,14 @@ def setup_of(
         robot=robot, grid=LINE, terrain=terrain if isinstance(terrain, Terrain) else make_terrain(terrain),
         profile=profile or IDEAL, camera=load_camera("ideal"), trial=trial or Trial(),
     )  # fmt: skip
+
+
+def setups_of(
+    terrains: Sequence[Terrain], trials: Sequence[Trial], profile: Profile | None = None, robot: Robot = ROBOT
+) -> list[Setup]:
+    """A batch of robots, by default with the hardware that theirs has as shipped."""
+    profile = profile or load_profile("shipped", robot)
+    return batch_of(setup_of(terrains[0], trials[0], profile, robot), terrains, trials)
 
 
 def put_robot(folder: Path) -> Path:

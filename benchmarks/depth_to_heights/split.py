@@ -22,6 +22,7 @@ from saltus.effects.camera import drawn_around
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.effects.signals import DepthImage
 from saltus.errors import ConfigError
+from saltus.grid import LINE
 from saltus.heightmap.data.columns import NO_IMAGE_S
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
 from saltus.heightmap.data.predicted import late_images
@@ -31,7 +32,7 @@ from saltus.heightmap.evaluation.held_out import course
 from saltus.heightmap.evaluation.visibility import visibility
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.models import model_id, model_path
-from saltus.policy.evaluation.rollout import Rollout, RolloutStep, shifted_heights
+from saltus.policy.evaluation.rollout import Rollout, RolloutStep, batch_of, shifted_heights
 from saltus.policy.planner import make_planner
 from saltus.render.camera import Mount
 from saltus.render.process import random_stream
@@ -41,6 +42,7 @@ from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import DEFAULT_ROBOT
+from saltus.setup import Setup
 from saltus.states import RobotStates
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.stack import TerrainStack
@@ -157,8 +159,12 @@ def make_batch(batch: Sequence[RunPlan]) -> list[SplitRun]:
     robot = camera.mounted_on(load_robot(DEFAULT_ROBOT))
     trials = [Trial.draw(plan.seed) for plan in batch]
     terrains = [make_terrain(plan.terrain) for plan in batch]
-    planner = make_planner(batch[0].planner, robot)
-    rollout = Rollout(robot, terrains, trials, planner, heights=shifted_heights, time_limit_s=TIME_LIMIT_S)
+    planner = make_planner(batch[0].planner, robot, LINE)
+    setup = Setup(
+        robot=robot, grid=LINE, terrain=terrains[0], profile=camera.delivered(load_profile(SHIPPED, robot)),
+        camera=camera, trial=trials[0],
+    )  # fmt: skip
+    rollout = Rollout(batch_of(setup, terrains, trials), planner, heights=shifted_heights, time_limit_s=TIME_LIMIT_S)
     steps = []
     for step in rollout.run():
         steps.append(step)

@@ -12,9 +12,10 @@ from saltus.arrays import Floats, Reals
 from saltus.config import TerrainConfig
 from saltus.controller.compensation import compensation_of
 from saltus.depth import MODEL_CAMERA
-from saltus.depth_camera import DepthCamera, load_camera
+from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
-from saltus.effects.profile import SHIPPED, Profile, load_profile
+from saltus.effects.profile import SHIPPED, load_profile
+from saltus.grid import HeightGrid, load_grid
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.mounts import random_mount
@@ -28,7 +29,7 @@ from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.settings import ClosedLoop
 from saltus.plan import Plan
-from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep
+from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, batch_of, terrains_of
 from saltus.policy.observation import Observation
 from saltus.policy.planner import make_planner
 from saltus.policy.scripted import ScriptedPlanner
@@ -36,11 +37,11 @@ from saltus.render.camera import RobotCamera
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
-from saltus.robots.shipped import DEFAULT_ROBOT
+from saltus.setup import Setup
+from saltus.terrain import flat
 from saltus.terrain.batch import DITCH_M
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.law import PAPER
-from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
 from saltus.workers import tell
@@ -55,9 +56,12 @@ def closed_loop_episodes(
     `saltus.workers.tell`.
     """
     rng, camera = np.random.default_rng(key), load_camera(loop.camera)
-    robot = camera.mounted_on(load_robot(DEFAULT_ROBOT))
+    robot = camera.mounted_on(load_robot(loop.robot))
     hardware = camera.delivered(load_profile(profile, robot))
-    trajectories = list(_trajectories(loop, model, rng, robot, camera, hardware))
+    setup = Setup(
+        robot=robot, grid=load_grid(loop.grid), terrain=flat.make(), profile=hardware, camera=camera, trial=Trial()
+    )
+    trajectories = list(_trajectories(loop, model, rng, setup))
     claimed = RobotCamera.on(robot, MODEL_CAMERA if camera.ideal else SAMPLED)
     views = [replace(claimed, mount=random_mount(robot, rng)).moved(hardware.view_chain) for _ in trajectories]
     if camera.ideal:
@@ -67,14 +71,8 @@ def closed_loop_episodes(
     return [labelled(*seen, camera, hardware, rng) for seen in zip(trajectories, images, strict=True)]
 
 
-def _trajectories(
-    loop: ClosedLoop,
-    model: Path | None,
-    rng: np.random.Generator,
-    robot: Robot,
-    camera: DepthCamera,
-    profile: Profile,
-) -> Iterator[Trajectory]:
+def _trajectories(loop: ClosedLoop, model: Path | None, rng: np.random.Generator, setup: Setup) -> Iterator[Trajectory]:
+    robot = setup.robot
     kinds = loop.terrains
     some = [
         make_terrain(random_course(rng, loop.hardest, kinds[rng.integers(len(kinds))])) for _ in range(loop.courses)
@@ -83,13 +81,10 @@ def _trajectories(
     # Beyond the seeds of all evaluations and other rounds of data.
     first = int(rng.integers(2**32, 2**62))
     rollout = Rollout(
-        robot,
-        terrains,
-        [Trial.draw(first + i) for i in range(loop.robots)],
-        MixedPlanner(robot, rng, loop.robots, learned=loop.learned, variation=loop.variation),
-        profile=profile,
-        compensation=compensation_of(profile, robot),
-        heights=_heights(robot, model, camera, rng.uniform(0.0, TRAINING.loss)),
+        batch_of(setup, terrains, [Trial.draw(first + i) for i in range(loop.robots)]),
+        MixedPlanner(robot, setup.grid, rng, loop.robots, learned=loop.learned, variation=loop.variation),
+        compensation=compensation_of(setup.profile, robot),
+        heights=_heights(robot, model, rng.uniform(0.0, TRAINING.loss)),
         time_limit_s=np.inf,
     )
     steps = []
@@ -105,9 +100,11 @@ class MixedPlanner:
     `variation` is that of the rules' numbers, see `saltus.heightmap.data.planner_randomisation`.
     """
 
-    def __init__(self, robot: Robot, rng: np.random.Generator, count: int, *, learned: float, variation: float) -> None:
-        self._scripted = ScriptedPlanner(robot, varied(rng, variation, count))
-        self._learned = make_planner("learned", robot)
+    def __init__(
+        self, robot: Robot, grid: HeightGrid, rng: np.random.Generator, count: int, *, learned: float, variation: float
+    ) -> None:
+        self._scripted = ScriptedPlanner(robot, grid, varied(rng, variation, count))
+        self._learned = make_planner("learned", robot, grid)
         self._is_learned = rng.uniform(size=count) < learned
         self._speed = rng.uniform(*SPEED, count)
         self._frequency = rng.uniform(*RHYTHM, count)
@@ -127,20 +124,14 @@ class MixedPlanner:
         return np.where(mask, policy, rules)
 
 
-def _heights(robot: Robot, model: Path | None, camera: DepthCamera, loss: float) -> HeightsFactory | None:
-    return None if model is None else partial(_predicted, HeightmapNetwork(robot, model), camera, loss)
+def _heights(robot: Robot, model: Path | None, loss: float) -> HeightsFactory | None:
+    return None if model is None else partial(_predicted, HeightmapNetwork(robot, model), loss)
 
 
-def _predicted(
-    network: HeightmapNetwork,
-    camera: DepthCamera,
-    loss: float,
-    terrains: TerrainStack,
-    trials: Sequence[Trial],
-    profile: Profile,
-) -> PredictedHeights:
+def _predicted(network: HeightmapNetwork, loss: float, setups: Sequence[Setup]) -> PredictedHeights:
+    camera, profile, trials = setups[0].camera, setups[0].profile, [setup.trial for setup in setups]
     lossy = replace(profile, camera=drawn_around(profile.camera, loss=loss))
-    return PredictedHeights(network, IdealCameras(camera, network.robot, terrains, lossy), trials, lossy)
+    return PredictedHeights(network, IdealCameras(camera, network.robot, terrains_of(setups), lossy), trials, lossy)
 
 
 def random_course(rng: np.random.Generator, hardest: float, kind: str) -> TerrainConfig:

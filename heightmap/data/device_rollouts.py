@@ -17,7 +17,7 @@ from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import load_profile
 from saltus.errors import SaltusError
 from saltus.gpu import has_gpu
-from saltus.grid import LINE
+from saltus.grid import load_grid
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
 from saltus.heightmap.data.device_cameras import DeviceCameras, late_images
 from saltus.heightmap.data.device_recording import DeviceRecording, RecordedBatch
@@ -33,13 +33,12 @@ from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.randomisation import RandomisationConfig
 from saltus.policy.env.settings import TrainConfig
 from saltus.policy.evaluation.rollout import STAND_STEPS
-from saltus.policy.features import PROPRIOCEPTION_SIZE, SIZE, read
+from saltus.policy.features import PROPRIOCEPTION_SIZE, read
 from saltus.policy.scripted import ScriptedParameters, ScriptedPlanner
 from saltus.policy.training.export import DeployedPolicy
 from saltus.policy.training.train import make_engine
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
-from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.law import KINDS
 
@@ -71,9 +70,11 @@ class DeviceRollouts:
         config = replace(
             config, curriculum=_curriculum(loop), profile=self.profile, randomisation=_grown(config.randomisation)
         )
-        robot = load_robot(DEFAULT_ROBOT)
+        robot = load_robot(loop.robot)
+        self._grid = load_grid(loop.grid)
+        self._heights_at = slice(PROPRIOCEPTION_SIZE, PROPRIOCEPTION_SIZE + self._grid.size)
         engine = make_engine(robot, loop.robots, config, device)
-        self._env = JumpEnv(engine, config, seed=int(self._rng.integers(2**62)), device=device)
+        self._env = JumpEnv(engine, config, self._grid, seed=int(self._rng.integers(2**62)), device=device)
         self._qpos, self._legs = torch.as_tensor(engine.qpos), LegKinematics(robot)
         self._policy = DeployedPolicy(policy).to(self._device)
         self._model = None if predictor is None else predictor.to(self._device).eval()
@@ -109,12 +110,12 @@ class DeviceRollouts:
                 (late, sight), time_s = seen, tick * TICK_S
                 arrived = late.step(images.get(self.loop.cameras[0]), time_s, fresh)
                 heights = sight.step(arrived, late.in_hand, time_s, sensed, fresh)
-                shown[:, PROPRIOCEPTION_SIZE:SIZE] = heights
+                shown[:, self._heights_at] = heights
             plan = self._policy(shown)
             plan[:, 0] *= rhythm
             plan[:, 1] *= speed
             if self.loop.learned < 1.0:
-                plan = torch.where(by_rules, values_of(rules.step(*read(shown))), plan)
+                plan = torch.where(by_rules, values_of(rules.step(*read(shown, self._grid))), plan)
             env.standing.copy_(tick < stands_until)
             transition = env.step(env.config.bounds.normalised(plan))
             fresh = transition.done
@@ -128,16 +129,16 @@ class DeviceRollouts:
         return vector
 
     def true_heights(self) -> Tensor:
-        """The terrain relative to the base along its yaw [m], shape (n, 30)."""
+        """The terrain relative to the base along its yaw [m], shape (n, points)."""
         qpos = self._qpos.float()
         _, _, yaw = roll_pitch_yaw(rotation_matrix(qpos[:, 3:7]))
-        heights: Tensor = self._env.courses().height_at(*LINE.points_in_world(qpos, yaw))
+        heights: Tensor = self._env.courses().height_at(*self._grid.points_in_world(qpos, yaw))
         return heights - qpos[:, 2:3]
 
     def _add_plans(self, tick: int, shown: Tensor) -> None:
         """Adds the policy's plans where it sees the ground as it is, whatever the robots are shown."""
         exact = shown.clone()
-        exact[:, PROPRIOCEPTION_SIZE:SIZE] = self.true_heights()
+        exact[:, self._heights_at] = self.true_heights()
         plan = self._env.config.bounds.normalised(self._policy(exact))
         self._recording.add_plans(tick, shown[:, :PROPRIOCEPTION_SIZE], plan)
 
@@ -150,6 +151,7 @@ class DeviceRollouts:
         numbers = varied(self._rng, self.loop.variation, self.loop.robots)
         return ScriptedPlanner(
             self._env.robot,
+            self._grid,
             ScriptedParameters(
                 **{
                     f.name: torch.as_tensor(getattr(numbers, f.name), dtype=torch.float32, device=self._device)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Singles
 from saltus.depth import MODEL_CAMERA, depth_in_millimetres
-from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
 from saltus.effects.effect import map_arrays
 from saltus.effects.heightmap_shift import refuse_shift
@@ -26,8 +25,7 @@ from saltus.models import model_path
 from saltus.render.process import random_stream
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.legs import LegKinematics
-from saltus.robots.loading import load_robot
-from saltus.robots.shipped import DEFAULT_ROBOT
+from saltus.setup import Setup
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates
 from saltus.terrain.stack import TerrainStack
@@ -40,30 +38,26 @@ class PredictedHeightsFactory:
 
     model: Path | None = None
     """ONNX file; by default the shipped model."""
-    camera: str = "ideal"
-    """Name or TOML file; errors of stereo matching are made by the fast chain."""
 
-    def __call__(self, terrains: TerrainStack, trials: Sequence[Trial], profile: Profile) -> "PredictedHeights":
-        """A source of heights for one batch.
+    def __call__(self, setups: Sequence[Setup]) -> "PredictedHeights":
+        """A source of heights for one batch; errors of stereo matching are made by the fast chain.
 
         Raises:
-            ConfigError: there is no such camera, or the profile shifts true heights.
+            ConfigError: the profile shifts true heights.
             ModelError: the model cannot be used.
         """
-        robot = load_camera(self.camera).mounted_on(load_robot(DEFAULT_ROBOT))
-        network = HeightmapNetwork(robot, model_path("heightmap", self.model))
-        return PredictedHeights(network, *self.seen(terrains, trials, profile))
+        network = HeightmapNetwork(setups[0].robot, model_path("heightmap", self.model))
+        return PredictedHeights(network, *seen_by(setups))
 
-    def seen(
-        self, terrains: TerrainStack, trials: Sequence[Trial], profile: Profile
-    ) -> tuple[RobotCameras, Sequence[Trial], Profile]:
-        """The cameras of a batch, and the profile as they deliver."""
-        camera = load_camera(self.camera)
-        robot, profile = camera.mounted_on(load_robot(DEFAULT_ROBOT)), camera.delivered(profile)
-        if camera.ideal:
-            return IdealCameras(camera, robot, terrains, profile), trials, profile
-        rngs = [random_stream(trial.seed) for trial in trials]
-        return StereoCameras(camera, robot, terrains, profile, StereoConfig.of(camera), rngs), trials, profile
+
+def seen_by(setups: Sequence[Setup]) -> tuple[RobotCameras, Sequence[Trial], Profile]:
+    """The cameras of a batch, their trials and the profile of all."""
+    camera, robot, profile = setups[0].camera, setups[0].robot, setups[0].profile
+    terrains, trials = TerrainStack([setup.terrain for setup in setups]), [setup.trial for setup in setups]
+    if camera.ideal:
+        return IdealCameras(camera, robot, terrains, profile), trials, profile
+    rngs = [random_stream(trial.seed) for trial in trials]
+    return StereoCameras(camera, robot, terrains, profile, StereoConfig.of(camera), rngs), trials, profile
 
 
 class LeggedNetwork(Network, Protocol):

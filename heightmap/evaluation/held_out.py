@@ -20,8 +20,9 @@ from saltus.config import PlannerName, TerrainConfig, check_between
 from saltus.depth import MODEL_CAMERA, depth_frame, depth_in_millimetres
 from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
-from saltus.effects.profile import Profile
+from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import ConfigError, nearest_hint
+from saltus.grid import load_grid
 from saltus.heightmap.data.closed_loop import random_course
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
 from saltus.heightmap.data.predicted import PredictedHeights
@@ -34,17 +35,17 @@ from saltus.heightmap.evaluation.way import Way
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import Predictor, replay_predictor
 from saltus.heightmap.service.service import HeightmapService
-from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout, RolloutStep
+from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout, RolloutStep, batch_of, terrains_of
 from saltus.policy.planner import make_planner
 from saltus.render.camera import Mount
 from saltus.render.randomisation import drawn_cameras
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.loading import load_robot
+from saltus.setup import Setup
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates, state_message
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.law import PAPER
-from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode, Heightmap
@@ -71,6 +72,8 @@ class HeldOutRuns:
 
     robot: str
     """Their kind: a robot that Saltus ships, or a path."""
+    grid: str
+    """Of the heights: a name, or a path."""
     runs: int = 200
     seed: int = 0
     camera: str = "d435i"
@@ -119,13 +122,16 @@ class HeldOutRuns:
         levels, terrains = zip(*self.courses(rng, count), strict=True)
         planner: PlannerName = "learned" if number % 2 == 0 else "scripted"
         seeds = FIRST_SEED + ROBOTS * (10_000 * self.seed + number) + np.arange(count)
-        kind, ticks = load_camera(self.camera).mounted_on(load_robot(self.robot)), list[_Tick]()
-        network = HeightmapNetwork(kind, model)
+        camera, grid, ticks = load_camera(self.camera), load_grid(self.grid), list[_Tick]()
+        kind = camera.mounted_on(load_robot(self.robot))
+        network, trials = HeightmapNetwork(kind, model), [Trial.draw(int(seed)) for seed in seeds]
+        setup = Setup(
+            robot=kind, grid=grid, terrain=terrains[0], profile=camera.delivered(load_profile(SHIPPED, kind)),
+            camera=camera, trial=trials[0],
+        )  # fmt: skip
         rollout = Rollout(
-            kind,
-            list(terrains),
-            [Trial.draw(int(seed)) for seed in seeds],
-            make_planner(planner, kind, self.policy if planner == "learned" else None),
+            batch_of(setup, terrains, trials),
+            make_planner(planner, kind, grid, self.policy if planner == "learned" else None),
             heights=partial(self._source, network, rng, ticks),
             time_limit_s=self.time_limit_s,
         )
@@ -146,13 +152,11 @@ class HeldOutRuns:
         network: HeightmapNetwork,
         rng: np.random.Generator,
         ticks: list["_Tick"],
-        terrains: TerrainStack,
-        trials: Sequence[Trial],
-        profile: Profile,
+        setups: Sequence[Setup],
     ) -> "_RecordedSource":
-        camera = load_camera(self.camera)
-        known = camera.delivered(profile).camera
-        profile = dataclasses.replace(profile, camera=drawn_around(known, loss=rng.uniform(0.0, TRAINING.loss)))
+        camera, profile, terrains = setups[0].camera, setups[0].profile, terrains_of(setups)
+        lossy = drawn_around(profile.camera, loss=rng.uniform(0.0, TRAINING.loss))
+        profile, trials = dataclasses.replace(profile, camera=lossy), [setup.trial for setup in setups]
         cameras: RobotCameras
         if camera.ideal:
             cameras = IdealCameras(camera, network.robot, terrains, profile)

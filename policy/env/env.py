@@ -25,6 +25,7 @@ from saltus.effects.imu import ImuReading
 from saltus.effects.order import chosen_of
 from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
+from saltus.grid import HeightGrid
 from saltus.joint_command import JointCommand
 from saltus.policy.bounds import ACTIONS, plan_from_values
 from saltus.policy.env.compiled import Stage
@@ -49,7 +50,7 @@ class Transition:
     """Result of a step; nothing in it changes with the next step."""
 
     actor: Tensor
-    """Inputs of the policy, after resets. Shape (n, `saltus.policy.features.SIZE`)."""
+    """Inputs of the policy, after resets. Shape (n, `saltus.policy.features.size_with`)."""
     critic: Tensor
     """Inputs of the critic alone, shape (n, `Views.privileged_size`)."""
     reward: Tensor
@@ -61,12 +62,16 @@ class Transition:
 
 
 class JumpEnv:
-    """Robots that jump; tensors are on the engine's device, stance forces by default of the batched solver."""
+    """Robots that jump, given heights on a grid.
+
+    Tensors are on the engine's device, stance forces by default of the batched solver.
+    """
 
     def __init__(
         self,
         engine: Engine,
         config: EnvConfig,
+        grid: HeightGrid,
         *,
         seed: int,
         device: str = "cpu",
@@ -95,7 +100,7 @@ class JumpEnv:
         self.standing = torch.zeros(self.count, dtype=torch.bool, device=self.device)
         """Robots that stand, whatever their plan; they begin to step when they do so no more. May be written in place,
         shape (n,)."""
-        self.views = Views(self.robot, self.memory, config, self.states, self._qpos, self._qvel)
+        self.views = Views(self.robot, grid, self.memory, config, self.states, self._qpos, self._qvel)
         self._equip(profile)
         self.episodes = Episodes(self.memory, config, engine, self._estimator, self.views, profile)
         self.stages = [Stage(f, self.device) for f in (self._plan, self._control, self._sense, self._finish)]

@@ -11,7 +11,6 @@ from saltus.controller.estimator import Estimator
 from saltus.effects.body import BodyModel
 from saltus.effects.heightmap_shift import shift_of
 from saltus.effects.profile import Profile
-from saltus.grid import HEIGHTMAP_X
 from saltus.policy.env.curriculum import difficulty, next_level
 from saltus.policy.env.memory import Memory, store
 from saltus.policy.env.randomisation import BODY_DRAWS, SOFT_RUBBER, draw_bodies, draw_wide
@@ -56,7 +55,7 @@ class Episodes:
             start=(_START_DRAWS.count,),
             event=(_EVENT_DRAWS.count,),
             wide=(self._wide.draws,),
-            height_noise=(len(HEIGHTMAP_X),),
+            height_noise=(views.grid.size,),
         )
         self.draws = torch.zeros(count, self._columns.count, device=device)
         """Uniform numbers for the next `reset`, `disturb` and observation; the environment fills them."""

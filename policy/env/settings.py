@@ -121,6 +121,8 @@ class TrainConfig:
 
     robot: str
     """Name, or path of an MJCF or of a folder with a robot.toml."""
+    grid: str
+    """Of the heights that the policy is given: a name, or path of a TOML file (`saltus.grid`)."""
     robots: int = 4096
     """Robots of each process."""
     seed: int = 0
@@ -137,16 +139,17 @@ class TrainConfig:
             )
 
 
-def for_gpu(robot: str) -> TrainConfig:
+def for_gpu(robot: str, grid: str) -> TrainConfig:
     """Settings for one GPU: the paper's terrains."""
-    return TrainConfig(robot=robot, robots=16384)
+    return TrainConfig(robot=robot, grid=grid, robots=16384)
 
 
-def for_cpu(robot: str) -> TrainConfig:
+def for_cpu(robot: str, grid: str) -> TrainConfig:
     """Settings for two cores: to bound on flat ground within minutes, with networks a twelfth of the size."""
     flat = CurriculumConfig(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
     return TrainConfig(
         robot=robot,
+        grid=grid,
         robots=256,
         env=EnvConfig(curriculum=flat),
         learning=LearningConfig(hidden=(128, 128, 64), epochs=4),

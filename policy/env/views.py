@@ -5,11 +5,11 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from saltus.grid import LINE, HeightGrid
+from saltus.grid import HeightGrid
 from saltus.policy.env.memory import Memory, store
 from saltus.policy.env.randomisation import WIDE
 from saltus.policy.env.settings import EnvConfig
-from saltus.policy.features import PROPRIOCEPTION_SIZE, SIZE, features, remembered, size_with, with_past
+from saltus.policy.features import PROPRIOCEPTION_SIZE, features, remembered, size_with, with_past
 from saltus.policy.observation import observe
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -21,7 +21,6 @@ from saltus.terrain.table import OwnCourses
 
 FAR_X = (0.9, 1.1, 1.3, 1.6)
 """Heights that only the critic sees [m ahead]."""
-_WITH_FAR = HeightGrid(x=(*LINE.x, *FAR_X))
 _GOAL_M = 1.0  # way of one jump along the profile; original, but horizontal there
 
 
@@ -31,6 +30,7 @@ class Views:
     def __init__(
         self,
         robot: Robot,
+        grid: HeightGrid,
         memory: Memory,
         config: EnvConfig,
         states: Callable[[], Proprioception],
@@ -40,14 +40,16 @@ class Views:
         self._legs, self._stand_height = LegKinematics(robot), robot.stand_height
         self._memory, self._config, self._states, self._qpos, self._qvel = memory, config, states, qpos, qvel
         count, device = len(memory.kind), memory.phase.device
-        self.points = LINE.size
-        self.actor = torch.zeros(count, size_with(config.past_steps), device=device)
+        self.grid = grid
+        """Of the policy's heights."""
+        self._far = HeightGrid(x=FAR_X)
+        self.actor = torch.zeros(count, size_with(grid, config.past_steps), device=device)
         self._has_wide = config.randomisation.wide.share > 0.0
         self._descends, self.family = descends(memory.kind), memory.kind - len(KINDS)
         self.is_own = self.family >= 0
         """Which robots are on families of one's own, and below, on which; shape (n,)."""
         self.table = None if config.curriculum.table is None else config.curriculum.table.like(memory.phase)
-        self.critic = torch.zeros(count, SIZE + PRIVILEGED + config.randomisation.wide.draws, device=device)
+        self.critic = torch.zeros(count, size_with(grid) + PRIVILEGED + config.randomisation.wide.draws, device=device)
 
     def courses(self) -> Courses:
         """The terrain of every robot."""
@@ -95,13 +97,15 @@ class Views:
         _, _, yaw = roll_pitch_yaw(rotation)
         shift = memory.height_shift
         courses, position = self.courses(), qpos[:, :3]
-        places = LINE.points_in_world(position, yaw, ahead=shift[:, 0])
+        places = self.grid.points_in_world(position, yaw, ahead=shift[:, 0])
         shifted = courses.height_at(*places) - position[:, 2:] + shift[:, 1:]
         noise = self._config.randomisation.height_noise_m * (2.0 * draws - 1.0)
-        true = courses.height_at(*_WITH_FAR.points_in_world(position, yaw)) - position[:, 2:]
+        true, far = (
+            courses.height_at(*grid.points_in_world(position, yaw)) - position[:, 2:] for grid in (self.grid, self._far)
+        )
         self.actor.copy_(self._recalled(torch.nan_to_num(features(seen, shifted + noise)), fresh))
-        exact = features(seen, true[:, : self.points])
-        known = self._privileged(yaw, true)
+        exact = features(seen, true)
+        known = self._privileged(yaw, far)
         self.critic.copy_(torch.nan_to_num(torch.cat([exact, known], -1)))
 
     def _recalled(self, vector: Tensor, fresh: Tensor) -> Tensor:
@@ -113,7 +117,7 @@ class Views:
         store(self._memory, past=remembered(self._memory.past, latest, vector, fresh))
         return with_past(vector, self._memory.past, self._config.past_steps)
 
-    def _privileged(self, yaw: Tensor, heights: Tensor) -> Tensor:
+    def _privileged(self, yaw: Tensor, far: Tensor) -> Tensor:
         """Returns what the critic sees besides the policy's vector, each about of size 1. Shape (n, PRIVILEGED)."""
         memory, config = self._memory, self._config
         position, velocity = self._qpos[:, :3].float(), self._qvel[:, :3].float()
@@ -140,7 +144,7 @@ class Views:
             1e1 * memory.height_shift,
             memory.touched[:, :4].float(),
             config.bounds.normalised(memory.plan),
-            heights[:, self.points :],
+            far,
         ]
         if self._has_wide:
             parts.append(torch.stack([scale * getattr(memory, name) for name, scale in WIDE.items()], -1))

@@ -10,14 +10,24 @@ import numpy as np
 
 from saltus.config import TerrainConfig, check_between
 from saltus.controller.compensation import compensation_for
+from saltus.depth_camera import load_camera
 from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
-from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, exact_heights, shifted_heights
+from saltus.grid import HeightGrid, load_grid
+from saltus.policy.evaluation.rollout import (
+    HeightsFactory,
+    Rollout,
+    RolloutStep,
+    batch_of,
+    exact_heights,
+    shifted_heights,
+)
 from saltus.policy.evaluation.trace import Failure, Trace, failure_of, traces_of
 from saltus.policy.planner import Planner
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.setup import Setup
 from saltus.terrain.curriculum import is_drawn, make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial
@@ -34,6 +44,9 @@ MOST_FRICTION = 5.0
 MOST_PUSH_NS = 100.0
 """A robot of 12 kg would fly off at 8 m/s."""
 
+PlannerFactory = Callable[[Robot, HeightGrid], Planner]
+"""Makes the planner of robots of one kind that are given heights on a grid."""
+
 HEIGHTS: dict[str, HeightsFactory] = {"true": shifted_heights, "true-exact": exact_heights}
 """Sources of heights by name: true ones with each trial's shift, and without."""
 
@@ -44,6 +57,10 @@ class Evaluation:
 
     robot: str
     """Name, or path of an MJCF or of a folder with a robot.toml."""
+    grid: str
+    """Of the heights that the planner is given: a name, or path of a TOML file."""
+    camera: str = "ideal"
+    """Of robots that predict their heights: a name, or a TOML file."""
     course: TerrainConfig
     trials: int = 20
     seed: int = 0
@@ -74,6 +91,17 @@ class Evaluation:
     def hardware(self, robot: Robot) -> Profile:
         """The effects of the robots; the errors of `load_profile`."""
         return self.profile if isinstance(self.profile, Profile) else load_profile(self.profile, robot)
+
+    def setups(self, seeds: Sequence[int]) -> list[Setup]:
+        """A robot for each seed."""
+        camera, terrains = load_camera(self.camera), courses_of(self.course, seeds)
+        robot = camera.mounted_on(load_robot(self.robot))
+        trials = [self.trial(seed) for seed in seeds]
+        one = Setup(
+            robot=robot, grid=load_grid(self.grid), terrain=terrains[0], profile=self.hardware(robot), camera=camera,
+            trial=trials[0],
+        )  # fmt: skip
+        return batch_of(one, terrains, trials)
 
     def trial(self, seed: int) -> Trial:
         """The trial of a seed."""
@@ -141,13 +169,13 @@ class EvaluationResult:
 def evaluate(
     evaluation: Evaluation,
     heights: HeightsFactory = shifted_heights,
-    planner: Callable[[Robot], Planner] = ScriptedPlanner,
+    planner: PlannerFactory = ScriptedPlanner,
     processes: int | None = None,
     listener: Listener | None = None,
 ) -> Iterator[dict[int, TrialResult]]:
     """Runs the trials and yields batches of results by seed, in their order.
 
-    `heights` and `planner` make the source of heights and the planner of a robot; both must be picklable where
+    `heights` and `planner` make the source of heights and the planner of robots; both must be picklable where
     `processes` (one for each core by default) is not 1. The listener is told of progress, in trials.
     """
     run = partial(run_batch, evaluation, heights, planner)
@@ -163,16 +191,14 @@ def collect(batches: Iterable[dict[int, TrialResult]]) -> EvaluationResult:
 
 
 def run_batch(
-    evaluation: Evaluation, heights: HeightsFactory, planner: Callable[[Robot], Planner], seeds: Sequence[int]
+    evaluation: Evaluation, heights: HeightsFactory, planner: PlannerFactory, seeds: Sequence[int]
 ) -> dict[int, TrialResult]:
     """Runs the trials of some seeds in one batch."""
-    robot, terrains = load_robot(evaluation.robot), courses_of(evaluation.course, seeds)
+    setups = evaluation.setups(seeds)
+    robot, terrains = setups[0].robot, [setup.terrain for setup in setups]
     rollout = Rollout(
-        robot,
-        terrains,
-        [evaluation.trial(seed) for seed in seeds],
-        planner(robot),
-        profile=evaluation.hardware(robot),
+        setups,
+        planner(robot, setups[0].grid),
         compensation=compensation_for(evaluation.known, robot),
         heights=heights,
         time_limit_s=evaluation.time_limit_s,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.grid import LINE, HeightGrid
+from saltus.grid import HeightGrid
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates
@@ -17,7 +17,7 @@ class HeightSource(Protocol):
     """Terrain profiles for a batch of robots, asked for once a policy step, from step 0 on and without gaps."""
 
     def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
-        """Terrain relative to the base on `saltus.grid.LINE`.
+        """Terrain relative to the base on the grid of the robots' setups.
 
         Args:
             states: What the robots know.
@@ -25,7 +25,7 @@ class HeightSource(Protocol):
             fresh: Robots that were just put back to the start, bool, shape (n,): their hidden states are void.
 
         Returns:
-            [m], shape (n, 30).
+            [m], shape (n, points).
         """
         ...
 
@@ -35,17 +35,17 @@ class TrueHeights:
 
     Args:
         terrains: Terrain of each robot.
+        grid: Of the heights.
         shift_x: How far ahead of the right place the heights are read [m], shape (n,).
         shift_z: How much too high they come out [m], shape (n,).
-        grid: Of the heights.
     """
 
     def __init__(
         self,
         terrains: TerrainStack,
+        grid: HeightGrid,
         shift_x: Floats | float = 0.0,
         shift_z: Floats | float = 0.0,
-        grid: HeightGrid = LINE,
     ) -> None:
         count = len(terrains.terrains)
         self._terrains, self._grid = terrains, grid

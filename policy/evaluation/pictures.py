@@ -5,19 +5,17 @@ import numpy as np
 from markupsafe import Markup
 
 from saltus.errors import SaltusError
-from saltus.grid import LINE
 from saltus.policy.evaluation.trace import Trace
 from saltus.reports.page import data_url
-from saltus.robots.robot import Robot
+from saltus.setup import Setup
 from saltus.sim.video import render_run
-from saltus.terrain.terrain import Terrain
 
 MOMENTS = 6
 FIRST_S = 1.2  # the robot stands for 1 s
 SIZE = (320, 240)
 
 
-def picture_strip(robot: Robot, terrain: Terrain, trace: Trace) -> Markup:
+def picture_strip(setup: Setup, trace: Trace) -> Markup:
     """HTML with pictures at even times from the first jump to the end; a sentence where there is no way to draw."""
     last = len(trace.pose) - 1
     chosen = np.linspace(min(FIRST_S, trace.time_s[last]), trace.time_s[last], MOMENTS)
@@ -25,12 +23,12 @@ def picture_strip(robot: Robot, terrain: Terrain, trace: Trace) -> Markup:
     try:
         frames = list(
             render_run(
-                robot,
-                terrain,
+                setup.robot,
+                setup.terrain,
                 np.arange(float(MOMENTS)),  # one a second, so that each is a frame of its own
                 trace.pose[rows].astype(np.float64),
                 trace.joint_position[rows].astype(np.float64),
-                LINE,
+                setup.grid,
                 trace.heights[rows].astype(np.float64),
                 size=SIZE,
                 fps=1,

@@ -8,14 +8,13 @@ import numpy as np
 import plotly.graph_objects as go
 
 from saltus.config import to_toml
-from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, TrialResult, courses_of
+from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, TrialResult
 from saltus.policy.evaluation.pictures import picture_strip
 from saltus.provenance import commit
 from saltus.recordings.report import course_title
 from saltus.recordings.summary import shown
 from saltus.reports.figures import BLUE, GREEN, RED, contact_figure, ground_figure, laid_out
 from saltus.reports.page import render, write_page
-from saltus.robots.loading import load_robot
 from saltus.terrain.terrain import Terrain
 
 SHOWN = 20  # trials whose curves are drawn: more would hide each other
@@ -27,7 +26,8 @@ def write_evaluation_report(
 ) -> None:
     """Writes the report of an evaluation, whose result is printed as `table`; it opens without a network."""
     drawn = result.trials[:SHOWN]
-    terrains = courses_of(evaluation.course, result.seeds[:SHOWN])
+    setups = evaluation.setups(result.seeds[:SHOWN])
+    terrains = [setup.terrain for setup in setups]
     text = render(
         __file__,
         result=result,
@@ -36,7 +36,7 @@ def write_evaluation_report(
         course=course_title(terrains[0]),
         alike=f"of the first {len(drawn)} trials" if len(drawn) < len(result.trials) else "of all trials",
         placement=_placement(drawn, terrains),
-        strip=picture_strip(load_robot(evaluation.robot), terrains[0], drawn[0].trace),
+        strip=picture_strip(setups[0], drawn[0].trace),
         body_curves=_body(drawn),
         phase=_phase(drawn),
         gait=_gait(drawn[0]),

@@ -8,7 +8,7 @@ trial and its own terrain.
 import math
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +22,13 @@ from saltus.controller.law import LawState, LegController
 from saltus.controller.signals import Reference, reference_of
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.heightmap_shift import refuse_shift
-from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.plan import Plan
 from saltus.policy.evaluation.heights import HeightSource, TrueHeights
 from saltus.policy.evaluation.pushes import Pushes
 from saltus.policy.observation import observe
 from saltus.policy.planner import Planner
 from saltus.robots.legs import LegKinematics
-from saltus.robots.robot import Robot
+from saltus.setup import Setup
 from saltus.sim.batch import BatchPlant
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates, states_of
@@ -41,8 +40,8 @@ from saltus.wire.messages import ControllerMode
 STAND_STEPS = 100  # the controller stands for 1 s before it obeys its first plan
 
 
-HeightsFactory = Callable[[TerrainStack, Sequence[Trial], Profile], HeightSource]
-"""Makes a source of heights for a batch from the terrain and the trial of each robot, and the profile of all."""
+HeightsFactory = Callable[[Sequence[Setup]], HeightSource]
+"""Makes a source of heights for a batch of robots of one kind, see `Rollout`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +51,7 @@ class RolloutStep:
     states: RobotStates
     truth: PlantState
     heights: Floats
-    """Heights that the planner saw [m], shape (n, 30)."""
+    """Heights that the planner saw [m], shape (n, points)."""
     plan: Plan
     fresh: NDArray[np.bool_]
     """Robot starts from the beginning with this step, shape (n,)."""
@@ -64,11 +63,8 @@ class Rollout:
     """Runs a planner on many robots of one kind, one policy step at a time.
 
     Args:
-        robot: Which one, for all.
-        terrains: One for each trial.
-        trials: What differs from robot to robot.
+        setups: One for each robot; they differ in terrain and trial alone.
         planner: Plans for all of them.
-        profile: Hardware, by default as shipped; each trial draws around it.
         compensation: What the leg controller knows of the drives, by default nothing.
         heights: Makes the source of heights; by default the true ones with each trial's shift.
         time_limit_s: After which a trial has failed.
@@ -80,12 +76,9 @@ class Rollout:
 
     def __init__(
         self,
-        robot: Robot,
-        terrains: Sequence[Terrain],
-        trials: Sequence[Trial],
+        setups: Sequence[Setup],
         planner: Planner,
         *,
-        profile: Profile | None = None,
         compensation: Compensation | None = None,
         heights: HeightsFactory | None = None,
         time_limit_s: float = TIME_LIMIT_S,
@@ -94,8 +87,9 @@ class Rollout:
         push_ns: float = 0.0,
         threads: int = 1,
     ) -> None:
-        profile = profile or load_profile(SHIPPED, robot)
-        self.trials = tuple(trials)
+        robot, profile = setups[0].robot, setups[0].profile
+        self.trials = trials = tuple(setup.trial for setup in setups)
+        terrains = [setup.terrain for setup in setups]
         self.count = len(self.trials)
         self.planner = planner
         self._stand_steps = stand_steps
@@ -115,7 +109,7 @@ class Rollout:
             imu=profile.imu_chain,
             threads=threads,
         )
-        self._heights = (heights or shifted_heights)(self._plant.terrains, self.trials, profile)
+        self._heights = (heights or shifted_heights)(setups)
         self._law, self._legs = LegController(robot, compensation=compensation), LegKinematics(robot)
         self._estimator = Estimator(robot)
         self._monitors = [TrialMonitor(terrain, time_limit_s) for terrain in terrains]
@@ -206,14 +200,23 @@ class Rollout:
         return states_of(self._plant.sensed, self._estimate, self._gait, self._index)
 
 
-def shifted_heights(terrains: TerrainStack, trials: Sequence[Trial], profile: Profile) -> HeightSource:
+def batch_of(setup: Setup, terrains: Sequence[Terrain], trials: Sequence[Trial]) -> list[Setup]:
+    """A setup for each robot of a batch, which have a terrain and a trial of their own."""
+    return [replace(setup, terrain=each, trial=trial) for each, trial in zip(terrains, trials, strict=True)]
+
+
+def shifted_heights(setups: Sequence[Setup]) -> HeightSource:
     """True heights with the shift of each trial."""
-    x, z = np.array([trial.height_shift(profile) for trial in trials]).T
-    return TrueHeights(terrains, x, z)
+    x, z = np.array([setup.trial.height_shift(setup.profile) for setup in setups]).T
+    return TrueHeights(terrains_of(setups), setups[0].grid, x, z)
 
 
-def exact_heights(terrains: TerrainStack, trials: Sequence[Trial], profile: Profile) -> HeightSource:
+def exact_heights(setups: Sequence[Setup]) -> HeightSource:
     """True heights as they are; `ConfigError` for a profile that shifts them."""
-    del trials
-    refuse_shift(profile.heightmap, "a planner that is given them as they are")
-    return TrueHeights(terrains)
+    refuse_shift(setups[0].profile.heightmap, "a planner that is given them as they are")
+    return TrueHeights(terrains_of(setups), setups[0].grid)
+
+
+def terrains_of(setups: Sequence[Setup]) -> TerrainStack:
+    """The terrains of a batch."""
+    return TerrainStack([setup.terrain for setup in setups])

@@ -122,7 +122,7 @@ class Train:
         if self.resume is not None:
             return config_of(read_checkpoint(self.resume))
         usual = for_cpu if self.device == "cpu" or not has_gpu() else for_gpu
-        return usual(self.training.robot)
+        return usual(self.training.robot, self.training.grid)
 
     def _check_networks(self, start: TrainConfig) -> None:
         if self.resume is not None and self.training.learning.hidden != start.learning.hidden:

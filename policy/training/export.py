@@ -11,13 +11,13 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 
 from saltus.errors import ModelError, SaltusError
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HeightGrid, grid_metadata, load_grid
 from saltus.model_file import ModelFile
 from saltus.onnx_export import write_onnx
 from saltus.policy.actor import FORMAT, PolicyActor
 from saltus.policy.bounds import ACTIONS, ActionBounds
 from saltus.policy.env.settings import TrainConfig
-from saltus.policy.features import LAYOUT, size_with
+from saltus.policy.features import layout, size_with
 from saltus.policy.training.checkpoint import config_of, read_checkpoint
 from saltus.policy.training.learner import make_actor
 from saltus.robots.loading import load_robot
@@ -34,7 +34,9 @@ class DeployedPolicy(nn.Module):
         super().__init__()
         config = config_of(checkpoint)
         self.past_steps = config.env.past_steps
-        self.size = size_with(self.past_steps)
+        self.grid: HeightGrid = load_grid(config.grid)
+        """Of its heights."""
+        self.size = size_with(self.grid, self.past_steps)
         actor = _actor(config)
         try:
             actor.load_state_dict(checkpoint["actor_state_dict"])
@@ -97,7 +99,9 @@ def read_policy(path: Path) -> dict[str, Any]:
 
 
 def _actor(config: TrainConfig) -> MLPModel:
-    like = TensorDict({"policy": torch.zeros(1, size_with(config.env.past_steps))}, batch_size=[1])
+    like = TensorDict(
+        {"policy": torch.zeros(1, size_with(load_grid(config.grid), config.env.past_steps))}, batch_size=[1]
+    )
     return make_actor(like, config.learning, config.env.bounds)
 
 
@@ -106,8 +110,8 @@ def metadata(policy: DeployedPolicy, state: dict[str, Any]) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "robot": policy.robot.name,
-        "grid_m": HEIGHTMAP_X.tolist(),
-        "features": LAYOUT,
+        **grid_metadata(policy.grid),
+        "features": layout(policy.grid),
         "past_steps": list(policy.past_steps),
         "actions": list(ACTIONS),
         "low": list(policy.bounds.low),
@@ -128,4 +132,4 @@ def parity(policy: DeployedPolicy, path: Path, count: int = 1000) -> float:
     with torch.no_grad():
         expected = policy(torch.from_numpy(given)).numpy()
     span = np.array(policy.bounds.high) - np.array(policy.bounds.low)
-    return float(np.max(np.abs(PolicyActor(policy.robot, path).values(given) - expected) / span))
+    return float(np.max(np.abs(PolicyActor(policy.robot, policy.grid, path).values(given) - expected) / span))

@@ -78,15 +78,15 @@ def evaluate_checkpoint(checkpoint: Path, courses: Sequence[str], trials: int, p
         export(checkpoint, model)
         file = ModelFile(model)  # knows what was exported: a training may have replaced the checkpoint since
         iteration, steps = int(file.field("iteration")), int(file.field("steps"))
-        robot = config_of(read_checkpoint(checkpoint)).robot
-        run = partial(_results, robot, model, trials)
+        trained = config_of(read_checkpoint(checkpoint))
+        run = partial(_results, trained.robot, trained.grid, model, trials)
         results = list(in_order(run, courses, processes))
     for course, result in zip(courses, results, strict=True):
         yield _row(course, result, iteration, steps)
 
 
-def _results(robot: str, model: Path, trials: int, course: str) -> EvaluationResult:
-    evaluation = Evaluation(robot=robot, course=course_of(course), trials=trials, seed=FIRST_SEED)
+def _results(robot: str, grid: str, model: Path, trials: int, course: str) -> EvaluationResult:
+    evaluation = Evaluation(robot=robot, grid=grid, course=course_of(course), trials=trials, seed=FIRST_SEED)
     seeds = range(FIRST_SEED, FIRST_SEED + trials)
     return collect([run_batch(evaluation, shifted_heights, partial(make_planner, "learned", model=model), seeds)])
 

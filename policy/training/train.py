@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from saltus.effects.profile import load_profile
 from saltus.gpu import has_gpu
+from saltus.grid import load_grid
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig, TrainConfig
 from saltus.policy.training.learner import Learner
@@ -80,7 +81,7 @@ def train(
     start = time.monotonic()
     torch.manual_seed(config.seed + 1000 * rank.rank)
     engine = make_engine(load_robot(config.robot), config.robots, config.env, rank.device)
-    env = JumpEnv(engine, config.env, seed=config.seed + 1000 * rank.rank, device=rank.device)
+    env = JumpEnv(engine, config.env, load_grid(config.grid), seed=config.seed + 1000 * rank.rank, device=rank.device)
     learner = Learner(env, config.learning, (rank.rank, rank.world))
     before_s = float(learner.load(resume)["seconds"]) if resume else 0.0
     record: TrainingRecord | None = None

@@ -87,8 +87,8 @@ def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choi
             if (count := settings.choice_trials - before.trials) > 0:
                 seed = settings.seed + SEEDS_APART + before.trials
                 knows = folder.profile if DRIVES in pair else folder.known
-                robot = (settings.loop.robot, folder.profile, str(knows), settings.loop.camera)
-                batches = trials.run_trials(models, *robot, course, seed, count, ran)
+                robot = (settings.loop, folder.profile, str(knows))
+                batches = trials.run_trials(models, trials.trials_of(*robot, course, seed, count), ran)
                 more = sum(not trial.failure for batch in batches for trial in batch.values())
                 row[course] = Tally(successes=before.successes + more, trials=settings.choice_trials)
                 write_whole(folder.choice, json.dumps(asdict(choice)), synced=True)

@@ -10,6 +10,7 @@ from saltus.config import to_toml
 from saltus.depth_camera import load_camera
 from saltus.errors import ConfigError
 from saltus.files import whole_folder
+from saltus.grid import load_grid
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path
 from saltus.models import ModelKind
@@ -112,7 +113,7 @@ def take_training(folder: CycleFolder, settings: CycleSettings, given: Path) -> 
     if "heightmap" in models:
         HeightmapNetwork(robot, models["heightmap"])
     if "policy" in models:
-        make_planner("learned", robot, models["policy"])
+        make_planner("learned", robot, load_grid(settings.loop.grid), models["policy"])
     for kind, model in models.items():
         target = folder.root / kind
         shutil.rmtree(target, ignore_errors=True)

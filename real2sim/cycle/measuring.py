@@ -12,7 +12,7 @@ from saltus.policy.evaluation.trace import Failure
 from saltus.real2sim.cycle.choosing import known_after, taken_models
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
-from saltus.real2sim.cycle.trials import names_of, run_trials
+from saltus.real2sim.cycle.trials import names_of, run_trials, trials_of
 from saltus.real2sim.progress import Progress
 
 When = Literal["before", "after"]
@@ -60,8 +60,8 @@ def measure(folder: CycleFolder, settings: CycleSettings, when: When, course: st
     if missing <= 0:
         return known
     seed = settings.seed + len(known.failures)
-    robot = (settings.loop.robot, folder.hidden, known_of(folder, when), settings.loop.camera)
-    for batch in run_trials(models, *robot, course, seed, missing, ran):
+    robot = (settings.loop, folder.hidden, known_of(folder, when))
+    for batch in run_trials(models, trials_of(*robot, course, seed, missing), ran):
         known = replace(known, failures=known.failures | {str(seed): trial.failure for seed, trial in batch.items()})
         write_whole(_file(folder, when, course), json.dumps(asdict(known)), synced=True)
     return known

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from saltus.heightmap.data.shards import read_records
 from saltus.models import ModelKind
-from saltus.policy.evaluation.evaluate import collect, courses_of
+from saltus.policy.evaluation.evaluate import collect
 from saltus.policy.evaluation.pictures import picture_strip
 from saltus.provenance import commit
 from saltus.real2sim.cycle import figures
@@ -20,7 +20,7 @@ from saltus.real2sim.cycle.finding import gaps_of, not_applied
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.measuring import MOMENTS, NOT_MEASURED, Measured, When, known_of, measured, models_of
 from saltus.real2sim.cycle.settings import CycleSettings
-from saltus.real2sim.cycle.trials import COURSES, run_trials
+from saltus.real2sim.cycle.trials import COURSES, run_trials, trials_of
 from saltus.real2sim.cycle.truth import Row, rows_of
 from saltus.real2sim.reporting.figures import gap_figure
 from saltus.real2sim.reporting.words import by_reason
@@ -176,11 +176,11 @@ def _strip(
     kept = folder.measured / f"{when}-{course.partition(' ')[0]}-{seed}-{'-'.join(trials.models.values())}.html"
     if not kept.exists():
         models = models_of(folder, when)
-        robot = (settings.loop.robot, folder.hidden, known_of(folder, when), settings.loop.camera)
-        trial = collect(run_trials(models, *robot, course, seed, 1)).trials[0]
-        (terrain,) = courses_of(COURSES[course], [seed])
+        robot = (settings.loop, folder.hidden, known_of(folder, when))
+        evaluation = trials_of(*robot, course, seed, 1)
+        trial = collect(run_trials(models, evaluation)).trials[0]
         ended = trial.failure.replace("_", " ") or "success"
-        pictures = picture_strip(folder.robot, terrain, trial.trace)
+        pictures = picture_strip(evaluation.setups([seed])[0], trial.trace)
         head = Markup("<h3>{}, seed {}, {}: {}</h3>").format(course, seed, when, ended)
         kept.write_text(head + pictures, encoding="utf-8")
     return Markup(kept.read_text(encoding="utf-8"))  # noqa: S704 # written above

@@ -85,6 +85,7 @@ def device_collection(settings: CycleSettings, policy: Path, predictor: Path, pr
     """Returns what `saltus heightmap collect gpu` is told: these files, and the courses and the camera of the cycle."""
     loop = DeviceLoop(
         robot=settings.loop.robot,
+        grid=settings.loop.grid,
         ticks=settings.loop.ticks,
         learned=LEARNED,
         terrains=settings.loop.terrains,

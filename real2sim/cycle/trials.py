@@ -6,6 +6,7 @@ from pathlib import Path
 
 from saltus.config import TerrainConfig
 from saltus.heightmap.data.predicted import PredictedHeightsFactory
+from saltus.heightmap.settings import ClosedLoop
 from saltus.models import ModelKind, model_id, model_path
 from saltus.policy.evaluation.evaluate import Evaluation, TrialResult, evaluate
 from saltus.policy.planner import make_planner
@@ -24,23 +25,20 @@ def names_of(models: Mapping[ModelKind, Path | None]) -> dict[str, str]:
     return {str(kind): model_id(model_path(kind, model).read_bytes()) for kind, model in models.items()}
 
 
-def run_trials(
-    models: Mapping[ModelKind, Path | None],
-    robot: str,
-    profile: Path,
-    known: str,
-    camera: str,
-    course: str,
-    seed: int,
-    count: int,
-    listener: Listener | None = None,
-) -> Iterator[dict[int, TrialResult]]:
-    """Runs `count` trials of robots of a profile, the first with the seed; yields batches by seed.
+def trials_of(loop: ClosedLoop, profile: Path, known: str, course: str, seed: int, count: int) -> Evaluation:
+    """`count` trials of robots of a profile, the first with the seed.
 
     The leg controller makes up for what the profile `known` says of the drives.
     """
-    evaluation = Evaluation(
-        robot=robot, course=COURSES[course], trials=count, seed=seed, profile=str(profile), known=known
-    )
-    heights = PredictedHeightsFactory(model=models["heightmap"], camera=camera)
+    return Evaluation(
+        robot=loop.robot, grid=loop.grid, camera=loop.camera, course=COURSES[course], trials=count, seed=seed,
+        profile=str(profile), known=known,
+    )  # fmt: skip
+
+
+def run_trials(
+    models: Mapping[ModelKind, Path | None], evaluation: Evaluation, listener: Listener | None = None
+) -> Iterator[dict[int, TrialResult]]:
+    """Runs trials with networks, the shipped ones where none is named; yields batches by seed."""
+    heights = PredictedHeightsFactory(model=models["heightmap"])
     return evaluate(evaluation, heights, partial(make_planner, "learned", model=models["policy"]), listener=listener)

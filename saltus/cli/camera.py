@@ -11,7 +11,7 @@ import tyro
 from saltus.cli.output import print_figures, print_json, run_directory
 from saltus.cli.run_options import Course, CourseOptions, mounted_camera
 from saltus.flags import Flag, shown
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.robots.shipped import DEFAULT_ROBOT
 
 
@@ -43,10 +43,10 @@ class Camera:
         from saltus.terrain.curriculum import make_terrain
 
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
-        terrain = make_terrain(self.course)
+        terrain, grid = make_terrain(self.course), load_grid(DEFAULT_GRID)
         folder = run_directory("camera", self.out)
         (folder / "camera.toml").write_text(camera.to_toml(), encoding="utf-8")
-        coverage = draw_camera(robot, terrain, camera, folder / "camera.png")
+        coverage = draw_camera(robot, grid, terrain, camera, folder / "camera.png")
         image = camera.image
         sides = ((image.width, image.fx), (image.height, image.fy))
         table: dict[str, Any] = {
@@ -61,7 +61,7 @@ class Camera:
             "ideal": camera.ideal,
             "network_view_covered": coverage.covered,
             "network_image_invalid": coverage.invalid,
-            "points_in_view_m": HEIGHTMAP_X[coverage.visible].tolist(),
+            "points_in_view_m": grid.points[coverage.visible, 0].tolist(),
             "picture": str(folder / "camera.png"),
         }
         print_figures(table)
@@ -70,9 +70,8 @@ class Camera:
         if coverage.visible.any():
             return 0
         print(
-            f"saltus: this camera sees none of the {len(HEIGHTMAP_X)} points of the heightmap, "
-            f"from {HEIGHTMAP_X[0]:g} "
-            f"to {HEIGHTMAP_X[-1]:g} m ahead: does it look down, and wide enough? camera_pitch is "
+            f"saltus: this camera sees none of the {grid.size} points of the heightmap, from {grid.x[0]:g} "
+            f"to {grid.x[-1]:g} m ahead: does it look down, and wide enough? camera_pitch is "
             f"{coverage.pitch:.3g} rad, positive where it looks down; {table['picture']} shows its view",
             file=sys.stderr,
         )

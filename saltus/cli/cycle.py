@@ -10,6 +10,7 @@ from saltus.cli.heightmap_train import SettingsCommand, training_packages
 from saltus.cli.output import Bar, print_json
 from saltus.cli.run_options import mounted_camera
 from saltus.flags import Flag, shown
+from saltus.grid import DEFAULT_GRID
 from saltus.heightmap.settings import ClosedLoop
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.robots.loading import load_robot
@@ -33,7 +34,7 @@ class Cycle(SettingsCommand):
     out: Path = Path("runs/cycle")
     """Folder of the cycle, with report.html."""
     settings: Annotated[CycleSettings, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: CycleSettings(loop=ClosedLoop(robot=DEFAULT_ROBOT))
+        default_factory=lambda: CycleSettings(loop=ClosedLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID))
     )
     export_training: Annotated[Path | None, shown("PATH", "none, train here")] = None
     """Folder to write for a machine with a GPU: profile, checkpoints, settings and commands, which make the data there;

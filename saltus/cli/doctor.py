@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from saltus.cli.output import print_json
 from saltus.flags import Flag
+from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.provenance import commit, package_version
 
 if TYPE_CHECKING:
@@ -121,7 +122,7 @@ def _policy() -> str:
     from saltus.policy.actor import PolicyActor
     from saltus.resources import resource
 
-    return f"sha256 {PolicyActor(_robot(), resource('models/policy.onnx')).model_id}, loads"
+    return f"sha256 {PolicyActor(_robot(), load_grid(DEFAULT_GRID), resource('models/policy.onnx')).model_id}, loads"
 
 
 def _render(backend: str) -> str:
@@ -144,7 +145,7 @@ def _render(backend: str) -> str:
 def _mujoco_frame() -> str:
     from saltus.sim.video import test_frame
 
-    return "frame {1}x{0}".format(*test_frame(_robot()).shape)
+    return "frame {1}x{0}".format(*test_frame(_robot(), load_grid(DEFAULT_GRID)).shape)
 
 
 def _robot() -> "Robot":

@@ -16,6 +16,7 @@ from saltus.cli.run_options import mounted_camera
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.flags import AT_LEAST_ONE, Flag, Group, Subcommands, shown
+from saltus.grid import DEFAULT_GRID
 from saltus.heightmap.settings import ClosedLoop, DaggerConfig, DeviceCollection, DeviceLoop, ProcessorCollection
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -47,7 +48,7 @@ class OnProcessors(SettingsCommand):
     out: Path = DATASET
     """Folder of the dataset; it is made, or a shard is added to it."""
     settings: Annotated[ProcessorCollection, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: ProcessorCollection(loop=ClosedLoop(robot=DEFAULT_ROBOT))
+        default_factory=lambda: ProcessorCollection(loop=ClosedLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID))
     )
     processes: Processes = None
     """Number of processes that collect. The data do not depend on it."""
@@ -91,7 +92,7 @@ class OnDevice(SettingsCommand):
     out: Path = DATASET
     """Folder of the dataset; it is made, or a shard is added to it. A second camera's images go to OUT-ideal."""
     settings: Annotated[DeviceCollection, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: DeviceCollection(loop=DeviceLoop(robot=DEFAULT_ROBOT))
+        default_factory=lambda: DeviceCollection(loop=DeviceLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID))
     )
     commit: Annotated[str | None, shown("STR", "as git says")] = None
     """Which code collects, where this machine has no repository."""
@@ -185,7 +186,7 @@ class Dagger(SettingsCommand):
     base: Annotated[Path | None, shown("PATH", "none")] = None
     """Dataset to train on as well."""
     settings: Annotated[DaggerConfig, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: DaggerConfig(loop=ClosedLoop(robot=DEFAULT_ROBOT))
+        default_factory=lambda: DaggerConfig(loop=ClosedLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID))
     )
     processes: Processes = None
     """Number of processes that collect. The data do not depend on it."""

@@ -10,6 +10,7 @@ from saltus.cli.heightmap_train import QUIET_S
 from saltus.cli.output import print_json, table_lines
 from saltus.cli.run_options import mounted_camera
 from saltus.flags import Flag, shown
+from saltus.grid import DEFAULT_GRID
 from saltus.models import model_id, model_path
 from saltus.robots.shipped import DEFAULT_ROBOT
 
@@ -72,8 +73,8 @@ class Eval:
         from saltus.workers import in_order
 
         config = HeldOutRuns(
-            robot=DEFAULT_ROBOT, runs=self.runs, seed=self.seed, terrains=self.terrains, camera=self.camera,
-            policy=self.policy_model, baselines=self.baselines, time_limit_s=self.time_limit_s,
+            robot=DEFAULT_ROBOT, grid=DEFAULT_GRID, runs=self.runs, seed=self.seed, terrains=self.terrains,
+            camera=self.camera, policy=self.policy_model, baselines=self.baselines, time_limit_s=self.time_limit_s,
         )  # fmt: skip
         models = {"heightmap": model_path("heightmap", self.heightmap_model)}
         models["policy"] = model_path("policy", self.policy_model)

@@ -14,6 +14,7 @@ from saltus.config import PlannerName
 from saltus.errors import ConfigError, SaltusError
 from saltus.flags import Flag, Group, Subcommands, shown
 from saltus.folders import new_folder
+from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.models import model_id, model_path
 from saltus.policy.training.command import TRAINING
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -83,9 +84,11 @@ class Eval:
 
         planner = partial(make_planner, self.planner, model=self.policy_model)
         robot = load_robot(self.robot)
-        planner(robot)  # what is wrong with a model is said at once
+        planner(robot, load_grid(DEFAULT_GRID))  # what is wrong with a model is said at once
         evaluation = Evaluation(
             robot=self.robot,
+            grid=DEFAULT_GRID,
+            camera=self.camera,
             course=self.course,
             trials=self.trials,
             seed=self.seed,
@@ -123,7 +126,7 @@ class Eval:
 
             _, robot = mounted_camera(self.camera, load_robot(self.robot))
             HeightmapNetwork(robot, model_path("heightmap", self.heightmap_model))
-            return PredictedHeightsFactory(model=self.heightmap_model, camera=self.camera)
+            return PredictedHeightsFactory(model=self.heightmap_model)
         if self.heightmap_model is not None:
             raise ConfigError(
                 f"heightmap_model = {self.heightmap_model}: --heightmap {self.heightmap} has no use for it; "

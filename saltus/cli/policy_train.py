@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 
 from saltus.errors import SaltusError
+from saltus.grid import DEFAULT_GRID
 from saltus.policy.env.settings import TrainConfig, for_gpu
 from saltus.policy.training import command
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -19,7 +20,9 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 class Train(command.Train):  # noqa: D101 - that of the training below
     __doc__ = command.Train.__doc__
 
-    training: Annotated[TrainConfig, tyro.conf.arg(name="")] = field(default_factory=partial(for_gpu, DEFAULT_ROBOT))
+    training: Annotated[TrainConfig, tyro.conf.arg(name="")] = field(
+        default_factory=partial(for_gpu, DEFAULT_ROBOT, DEFAULT_GRID)
+    )
 
 
 def parse(arguments: Sequence[str] | None = None) -> command.Train:

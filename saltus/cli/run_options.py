@@ -8,7 +8,7 @@ import tyro
 
 from saltus.config import Pace, PlannerName, Renderer, RunConfig, TerrainConfig
 from saltus.flags import shown
-from saltus.grid import DEFAULT_GRID
+from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.curriculum import FAMILIES
 
@@ -102,7 +102,7 @@ class RunOptions:
         if heightmap is not None or is_other or camera.camera_position or camera.camera_pitch is not None:
             HeightmapNetwork(robot, model_path("heightmap", heightmap))
         if policy is not None or is_other:
-            make_planner(self.planner, robot, policy)
+            make_planner(self.planner, robot, load_grid(DEFAULT_GRID), policy)
         config = RunConfig(
             robot=self.robot, grid=DEFAULT_GRID, terrain=self.course, seed=self.seed, pace=self.pace,
             camera=self.camera, renderer=self.renderer, profile=self.profile, known=self.known, planner=self.planner,

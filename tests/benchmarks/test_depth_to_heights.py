@@ -318,13 +318,15 @@ def seeds_of(module: Any, begin: Callable[[], object], monkeypatch: pytest.Monke
 def test_no_training_and_no_other_evaluation_draws_these_trials(monkeypatch: pytest.MonkeyPatch) -> None:
     own = {plan.seed for plan in plans()}
     assert len(own) == RUNS
-    loop = ClosedLoop(robot="go1", robots=4, courses=1)
+    loop = ClosedLoop(robot="go1", grid="line", robots=4, courses=1)
     for key in ((0, 0, 0), (16000400, 0, 3), (splits.FIRST_SEED, 1, 0), (splits.FIRST_SEED, 0, 1), (2**53, 9, 9)):
         begin = partial(closed_loop.closed_loop_episodes, loop, None, key)
         assert min(seeds_of(closed_loop, begin, monkeypatch)) > max(own)
     for seed in (0, 7, held_out.LAST_SEED):
         for batch in ((0, held_out.ROBOTS), (10**6 // held_out.ROBOTS, held_out.ROBOTS)):
-            begin = partial(HeldOutRuns(robot="go1", runs=10**6, seed=seed).measure, model_path("heightmap"), batch)
+            begin = partial(
+                HeldOutRuns(robot="go1", grid="line", runs=10**6, seed=seed).measure, model_path("heightmap"), batch
+            )
             assert max(seeds_of(held_out, begin, monkeypatch)) < min(own)
 
 

@@ -15,6 +15,7 @@ from saltus.controller.braking import Braking, BrakingState
 from saltus.controller.law import LegController
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
+from saltus.grid import LINE
 from saltus.plan import REST, plan_message
 from saltus.policy.observation import observe
 from saltus.policy.scripted import ScriptedPlanner
@@ -23,7 +24,7 @@ from saltus.wire.messages import ControllerMode, PlanStatus
 
 BRAKING = Braking(ROBOT)
 LAW = LegController(ROBOT)
-PLANNER = ScriptedPlanner(ROBOT)
+PLANNER = ScriptedPlanner(ROBOT, LINE)
 CYCLE_S = 1.0 / float(PLANNER.parameters.stepping_frequency_hz)
 PHASES = np.arange(0.0, 1.0, 0.1)
 

@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from samples import setups_of
 
 from saltus.arrays import Array
 from saltus.controller.compensation import KNOWN, LEAST_GAIN, MOST_OF_KD, compensation_of
 from saltus.effects.offsets_and_factors import CoulombFriction, TorqueGain, ViscousFriction
-from saltus.effects.profile import IDEAL, SHIPPED, load_profile
+from saltus.effects.profile import IDEAL, SHIPPED, Profile, load_profile
 from saltus.errors import ConfigError
+from saltus.grid import LINE
 from saltus.joint_command import JointCommand
 from saltus.policy.evaluation.rollout import Rollout
 from saltus.policy.scripted import ScriptedPlanner
@@ -72,8 +74,10 @@ def test_a_weak_robot_that_is_known_moves_as_a_strong_one() -> None:
     """For the first steps, until small differences have grown: a joint that is known moves as an ideal one."""
     weak = IDEAL.having(TorqueGain(gain=0.65), ViscousFriction(coefficient=0.5))
 
-    def way(**hardware: object) -> np.ndarray:
-        rollout = Rollout(ROBOT, [flat.make()], [Trial()], ScriptedPlanner(ROBOT), stand_steps=5, **hardware)  # type: ignore[arg-type]
+    def way(profile: Profile, **known: object) -> np.ndarray:
+        rollout = Rollout(
+            setups_of([flat.make()], [Trial()], profile), ScriptedPlanner(ROBOT, LINE), stand_steps=5, **known
+        )  # type: ignore[arg-type]
         return np.array([rollout.step().truth.position_base_in_world[0] for _ in range(25)])
 
     strong, unknown = way(profile=IDEAL), way(profile=weak)

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 from heightmap_inputs import SHORT_STAND_STEPS
-from samples import EVERYTHING, PROFILE, ROBOT
+from samples import EVERYTHING, PROFILE, ROBOT, setups_of
 
 from saltus.cli.main import main
 from saltus.depth_camera import load_camera
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.offsets_and_factors import CameraPitch
+from saltus.grid import LINE
 from saltus.heightmap import collection as heightmap_collection
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.device_rollouts import DeviceRollouts
@@ -65,12 +66,15 @@ def test_a_seed_repeats_the_shard_and_a_profile_moves_the_camera(camera: str, tm
 def test_all_that_a_profile_says_of_robots_and_cameras_reaches_both_collections(tmp_path: Path) -> None:
     path, said = tmp_path / "everything.toml", {effect.name for effect in EVERYTHING.effects.values()}
     path.write_text(EVERYTHING.to_toml())
-    plant = Rollout(ROBOT, [flat.make()], [Trial()], ScriptedPlanner(ROBOT), profile=EVERYTHING)._plant
+    plant = Rollout(setups_of([flat.make()], [Trial()], EVERYTHING), ScriptedPlanner(ROBOT, LINE))._plant
     held = (*plant._chain.effects, *plant._body.effects, *plant._imu_chain.effects)
     assert {effect.name for effect in (*held, *EVERYTHING.camera)} == said
     episodes = collected(tmp_path / "cpu", "ideal", "--profile", str(path))
 
-    loop, policy = DeviceLoop(robot="go1", robots=2, ticks=MIN_TICKS, cameras=("ideal",)), read_checkpoint(POLICY)
+    loop, policy = (
+        DeviceLoop(robot="go1", grid="line", robots=2, ticks=MIN_TICKS, cameras=("ideal",)),
+        read_checkpoint(POLICY),
+    )
     device = DeviceRollouts(loop, policy, None, device="cpu", seed=0, profile=str(path))
     env, cameras = device._env, device._cameras
     held = (*env._drives.effects, *env._imu.effects, *env.episodes._body.effects, *cameras._view.effects)

@@ -15,7 +15,7 @@ from samples import KINEMATICS, ROBOT
 from saltus.cli.main import main
 from saltus.config import PlannerName
 from saltus.errors import ConfigError
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.heightmap.data.closed_loop import MixedPlanner, closed_loop_episodes
 from saltus.heightmap.data.shards import DatasetError, read_manifest
 from saltus.heightmap.service.features import PROPRIOCEPTION
@@ -29,7 +29,7 @@ from saltus.workers import in_order
 
 pytestmark = [pytest.mark.usefixtures("short_calibration", "short_stand"), pytest.mark.slow]
 TICKS = SHORT_STAND_STEPS + 12  # just beyond the stand: beliefs matter
-LOOP = ClosedLoop(robot="go1", robots=6, courses=2, ticks=TICKS, hardest=0.3)
+LOOP = ClosedLoop(robot="go1", grid="line", robots=6, courses=2, ticks=TICKS, hardest=0.3)
 CONFIG = DaggerConfig(rounds=2, batches=2, updates=2, batch=2, loop=LOOP)
 
 
@@ -115,7 +115,7 @@ def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_dat
 @pytest.mark.parametrize("field", ["batches", "updates", "seed", "profile", "loop", "start", "base"])
 def test_a_run_of_another_configuration_is_refused_by_name(whole: Path, field: str) -> None:
     changed: dict[str, dict[str, Any]] = {
-        "loop": {"loop": ClosedLoop(robot="go1", hardest=0.1)},
+        "loop": {"loop": ClosedLoop(robot="go1", grid="line", hardest=0.1)},
         "profile": {"profile": "ideal"},
         **{name: {name: 7} for name in ("batches", "updates", "seed")},
     }
@@ -176,7 +176,7 @@ def test_each_planner_leads_its_share(learned: float, name: PlannerName) -> None
     observation = observe(states, KINEMATICS)
     heights = -0.27 + 0.05 * rng.normal(size=(count, len(HEIGHTMAP_X)))
     mixed = MixedPlanner(ROBOT, rng, count, learned=learned, variation=0.0).step(observation, heights)
-    alone = make_planner(name, ROBOT).step(observation, heights)
+    alone = make_planner(name, ROBOT, LINE).step(observation, heights)
     np.testing.assert_allclose(mixed.pitch_rate, alone.pitch_rate)
     np.testing.assert_allclose(mixed.velocity_z, alone.velocity_z)
     assert len(np.unique(mixed.velocity_x / alone.velocity_x)) == count  # each at its own speed
@@ -187,7 +187,7 @@ def test_each_planner_leads_its_share(learned: float, name: PlannerName) -> None
 )
 def test_a_loop_that_cannot_be_is_refused(values: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(values))):
-        ClosedLoop(robot="go1", **values)  # type: ignore[arg-type]
+        ClosedLoop(robot="go1", grid="line", **values)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("processes", [1, 2])

@@ -15,6 +15,7 @@ from saltus.config import from_toml, to_toml
 from saltus.effects.camera import NOMINAL_LATENCY
 from saltus.effects.signals import DepthImage
 from saltus.errors import ConfigError
+from saltus.grid import LINE
 from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S, TRAINING, DeliveryModel
 from saltus.heightmap.data.device_cameras import late_images
 from saltus.heightmap.data.device_rollouts import DeviceRollouts
@@ -31,7 +32,7 @@ from saltus.policy.bounds import ACTIONS
 from saltus.policy.env.env import JumpEnv, Transition
 from saltus.policy.env.randomisation import WideConfig
 from saltus.policy.env.settings import TrainConfig
-from saltus.policy.features import SIZE
+from saltus.policy.features import size_with
 from saltus.policy.training.checkpoint import read_checkpoint
 
 pytestmark = pytest.mark.slow
@@ -97,10 +98,16 @@ def test_episodes_are_what_robots_meet_from_a_start_to_the_next(datasets: dict[s
 
 def test_plans_that_are_kept_are_the_policys_on_true_heights(monkeypatch: pytest.MonkeyPatch) -> None:
     """A policy whose plan is the heights farthest ahead, of robots that are shown heights with errors."""
-    loop = DeviceLoop(robot="go1", robots=3, ticks=MIN_TICKS, terrains=("stairs",), cameras=("ideal",), plans=True)
+    loop = DeviceLoop(
+        robot="go1", grid="line", robots=3, ticks=MIN_TICKS, terrains=("stairs",), cameras=("ideal",), plans=True
+    )
     rollouts = DeviceRollouts(loop, read_checkpoint(CHECKPOINTS / "policy.pt"), None, device="cpu", seed=0)
     bounds = rollouts._env.config.bounds
-    monkeypatch.setattr(rollouts, "_policy", lambda shown: bounds.denormalised(shown[:, SIZE - len(ACTIONS) : SIZE]))
+    monkeypatch.setattr(
+        rollouts,
+        "_policy",
+        lambda shown: bounds.denormalised(shown[:, size_with(LINE) - len(ACTIONS) : size_with(LINE)]),
+    )
     recorded = rollouts.batch()
     assert recorded.state is not None
     assert recorded.plan is not None
@@ -142,7 +149,7 @@ def test_robots_differ_as_at_the_end_of_their_policys_training() -> None:
     wide = WideConfig(share=1.0, growth_msteps=(100.0, 400.0))
     randomisation = replace(config.env.randomisation, wide=wide)
     policy["config"] = to_toml(replace(config, env=replace(config.env, randomisation=randomisation)))
-    loop = DeviceLoop(robot="go1", robots=16, ticks=MIN_TICKS, terrains=("flat",))
+    loop = DeviceLoop(robot="go1", grid="line", robots=16, ticks=MIN_TICKS, terrains=("flat",))
     memory = DeviceRollouts(loop, policy, None, device="cpu", seed=0)._env.memory
     for drawn, most in ((memory.joint_damping, wide.joint_damping), (memory.joint_friction, wide.joint_friction)):
         assert 0.3 * most < float(drawn.mean()) <= float(drawn.max()) <= most
@@ -217,7 +224,7 @@ def test_all_that_a_gpu_machine_needs_is_imported_without_what_it_lacks() -> Non
 )
 def test_loops_that_lead_nowhere_are_refused(changes: dict[str, float], told: str) -> None:
     with pytest.raises(ConfigError, match=told):
-        DeviceLoop(robot="go1", **changes)
+        DeviceLoop(robot="go1", grid="line", **changes)
 
 
 def test_a_missing_gpu_is_said_in_one_line(

@@ -45,7 +45,7 @@ def synthetic_run(height: np.ndarray, half_width: np.ndarray, true: np.ndarray, 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory, model_path: Path) -> list[HeldOutRun]:
-    config = HeldOutRuns(robot="go1", runs=COURSES, baselines=("geometric",), time_limit_s=1.4)
+    config = HeldOutRuns(robot="go1", grid="line", runs=COURSES, baselines=("geometric",), time_limit_s=1.4)
     assert config.batches == [(0, COURSES)]
     return config.measure(model_path, (0, COURSES))
 
@@ -172,7 +172,7 @@ def test_a_training_is_measured_on_robots_that_came_to_an_edge(
 
 def test_no_runs_are_refused() -> None:
     with pytest.raises(ConfigError, match="runs = 0"):
-        HeldOutRuns(robot="go1", runs=0)
+        HeldOutRuns(robot="go1", grid="line", runs=0)
 
 
 def test_seeds_are_no_others() -> None:

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from samples import PROFILE, ROBOT, put_run
+from samples import PROFILE, ROBOT, put_run, setups_of
 from test_camera_family import CASES, with_latency
 
 from saltus.config import RunConfig, TerrainConfig
 from saltus.effects.effect import Effect
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.profile import load_profile
+from saltus.grid import LINE
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
@@ -25,7 +26,6 @@ from saltus.render.process import CameraProcess
 from saltus.runtime.process import ProcessContext
 from saltus.states import state_message
 from saltus.terrain.curriculum import make_terrain
-from saltus.terrain.stack import TerrainStack
 from saltus.trial import Trial
 from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import ControllerMode, GroundTruth, RobotState
@@ -59,9 +59,9 @@ def ground_truth(step: RolloutStep, robot: int) -> GroundTruth:
 
 
 def rollout(model: Path, profile: str = "shipped", stand_steps: int = 60) -> Rollout:
-    planner, heights = make_planner("scripted", ROBOT), PredictedHeightsFactory(model=model)
+    planner, heights = make_planner("scripted", ROBOT, LINE), PredictedHeightsFactory(model=model)
     hardware = load_profile(profile, ROBOT)
-    return Rollout(ROBOT, TERRAINS, TRIALS, planner, profile=hardware, heights=heights, stand_steps=stand_steps)
+    return Rollout(setups_of(TERRAINS, TRIALS, hardware), planner, heights=heights, stand_steps=stand_steps)
 
 
 def deployed(profile: str, folder: Path) -> list[CameraProcess]:
@@ -100,7 +100,7 @@ def test_they_are_those_of_the_deployed_processes(
 
 def test_a_robot_that_starts_again_has_forgotten(model_path: Path) -> None:
     batch = rollout(model_path)
-    source: HeightSource = PredictedHeightsFactory(model=model_path)(TerrainStack(TERRAINS), TRIALS, PROFILE)
+    source: HeightSource = PredictedHeightsFactory(model=model_path)(setups_of(TERRAINS, TRIALS))
     assert isinstance(source, PredictedHeights)
     steps = [batch.step() for _ in range(40)]
     everyone, nobody = np.ones(3, dtype=np.bool_), np.zeros(3, dtype=np.bool_)
@@ -115,8 +115,8 @@ def test_a_robot_that_starts_again_has_forgotten(model_path: Path) -> None:
     ids=["ideal", "d435i"],
 )
 def test_a_trial_does_not_depend_on_who_else_is_in_the_batch(camera: str, course: dict[str, Any]) -> None:
-    evaluation = Evaluation(robot="go1", course=TerrainConfig(**course), time_limit_s=1.5)
-    run = partial(run_batch, evaluation, PredictedHeightsFactory(camera=camera), partial(make_planner, "learned"))
+    evaluation = Evaluation(robot="go1", grid="line", camera=camera, course=TerrainConfig(**course), time_limit_s=1.5)
+    run = partial(run_batch, evaluation, PredictedHeightsFactory(), partial(make_planner, "learned"))
     alone, together = run([4])[4], run([3, 4, 5])[4]
     assert alone.outcome == together.outcome
     for name, values in vars(alone.trace).items():

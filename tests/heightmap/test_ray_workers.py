@@ -25,7 +25,7 @@ from saltus.heightmap.settings import MIN_TICKS, ClosedLoop
 from saltus.resources import resource
 from saltus.workers import in_order
 
-LOOP = ClosedLoop(robot="go1", robots=2, courses=1, ticks=MIN_TICKS + 4, hardest=0.3)
+LOOP = ClosedLoop(robot="go1", grid="line", robots=2, courses=1, ticks=MIN_TICKS + 4, hardest=0.3)
 EPISODES = partial(closed_loop_episodes, LOOP)
 KEYS = [(3, 1, batch) for batch in range(4)]
 HOPELESS = (3, 1, 99)

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from samples import ROBOT
+from samples import ROBOT, setups_of
 from synthetic_motion import gliding_robots
 
 from saltus.config import TerrainConfig
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, RANGE_M
 from saltus.depth_camera import SHIPPED
 from saltus.effects.profile import Profile
+from saltus.grid import LINE
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.robot_cameras import IdealCameras, StereoCameras
@@ -72,7 +73,7 @@ def test_images_do_not_depend_on_the_renderer(motion: list[Trajectory]) -> None:
 
 def test_motion_does_not_depend_on_camera_and_renderer() -> None:
     seen_by = [("ideal", "embree"), ("d435i", "embree"), ("d435i", "pyrender")]
-    loop = ClosedLoop(robot="go1", robots=2, courses=2, ticks=STAND_STEPS)
+    loop = ClosedLoop(robot="go1", grid="line", robots=2, courses=2, ticks=STAND_STEPS)
     true, rays, drawn = (
         closed_loop_episodes(replace(loop, camera=camera, renderer=renderer), None, (5, 0, 0))
         for camera, renderer in seen_by
@@ -89,7 +90,9 @@ def test_a_stereo_camera_without_errors_takes_true_images() -> None:
     kinds = ("stairs", "gap")
     courses = [make_terrain(TerrainConfig(terrain=kind, difficulty=0.2)) for kind in kinds]
     terrains = [courses[0], courses[1], courses[0]]
-    rollout = Rollout(ROBOT, terrains, [Trial.draw(seed) for seed in range(3)], make_planner("scripted", ROBOT))
+    rollout = Rollout(
+        setups_of(terrains, [Trial.draw(seed) for seed in range(3)]), make_planner("scripted", ROBOT, LINE)
+    )
     stack = TerrainStack(terrains)
     ideal = IdealCameras(SHIPPED["ideal"], ROBOT, stack, Profile())
     stereo = StereoCameras(D435I, ROBOT, stack, Profile(), IDEAL_STEREO, np.random.default_rng(0).spawn(3))

@@ -14,6 +14,7 @@ from samples import ROBOT
 from saltus.cli.main import main
 from saltus.config import TerrainConfig
 from saltus.errors import ConfigError
+from saltus.grid import LINE
 from saltus.heightmap.data.device_rollouts import _curriculum
 from saltus.heightmap.data.shards import read_dataset
 from saltus.heightmap.settings import DeviceLoop
@@ -161,7 +162,7 @@ def terrain_of(table: CourseTable, course: int) -> Terrain:
 def test_robots_stand_on_their_own_courses_and_on_those_of_saltus() -> None:
     curriculum = CurriculumConfig(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0, own={"beams": 1.0})
     assert curriculum.share("beams") == 0.5
-    env = JumpEnv(BatchEngine(ROBOT, 8, curriculum.boxes, threads=1), EnvConfig(curriculum=curriculum), seed=0)
+    env = JumpEnv(BatchEngine(ROBOT, 8, curriculum.boxes, threads=1), EnvConfig(curriculum=curriculum), LINE, seed=0)
     x = torch.linspace(0.0, 6.0, 500).expand(8, -1)
     highest = env.courses().height_at(x, torch.zeros_like(x)).amax(-1)
     assert (highest[:4] == 0.0).all()
@@ -175,8 +176,8 @@ def test_robots_stand_on_their_own_courses_and_on_those_of_saltus() -> None:
 
 def test_rollouts_on_a_device_take_the_same_families() -> None:
     usual, own = (
-        _curriculum(DeviceLoop(robot="go1")),
-        _curriculum(DeviceLoop(robot="go1", terrains=("beams", "beams", "gap"))),
+        _curriculum(DeviceLoop(robot="go1", grid="line")),
+        _curriculum(DeviceLoop(robot="go1", grid="line", terrains=("beams", "beams", "gap"))),
     )
     assert usual.shares == dict.fromkeys(KINDS, 1.0) | {"stairs": 2.0, "stepping_stones": 2.0}
     assert {kind: share for kind, share in own.shares.items() if share} == {"gap": 1.0, "beams": 2.0}

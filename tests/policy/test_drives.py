@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from samples import EVERYTHING, PROFILE, ROBOT
+from samples import EVERYTHING, PROFILE, ROBOT, setups_of
 
 from saltus.cli.main import main
 from saltus.config import TerrainConfig
@@ -25,7 +25,7 @@ from saltus.effects.offsets_and_factors import ContactCompliance, PayloadMass, S
 from saltus.effects.profile import Profile
 from saltus.effects.registry import EFFECTS
 from saltus.errors import ConfigError
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.joint_command import JointCommand
 from saltus.policy.env.compiled import Stage
 from saltus.policy.env.env import JumpEnv, _reading
@@ -128,7 +128,7 @@ def env_of(profile: Profile, path: Any, engine: Any = None, randomisation: Rando
     path.write_text(profile.to_toml())
     config = EnvConfig(profile=str(path), randomisation=randomisation)
     engine = engine or BatchEngine(ROBOT, 2, BOXES, dimensions=config.contact_dimensions(profile), threads=1)
-    return JumpEnv(engine, config, seed=0)
+    return JumpEnv(engine, config, LINE, seed=0)
 
 
 def of_training(profile: Profile, path: Any) -> np.ndarray:
@@ -190,7 +190,7 @@ def test_what_holds_a_robot_shows_where_one_is_held_and_nowhere_else(effect: Any
 
 def test_true_heights_are_shifted_alike_in_rollouts_and_in_training(tmp_path: Any) -> None:
     profile, terrain = Profile(heightmap=(SHIFT,)), make_terrain(TerrainConfig(terrain="stairs"))
-    rollout = Rollout(ROBOT, [terrain], [Trial(position_x=1.2)], ScriptedPlanner(ROBOT), profile=profile)
+    rollout = Rollout(setups_of([terrain], [Trial(position_x=1.2)], profile), ScriptedPlanner(ROBOT, LINE))
     step = rollout.step()
     position = step.truth.position_base_in_world[0]
     seen = terrain.height_at(position[0] + HEIGHTMAP_X + SHIFT.x, 0.0) - position[2] + SHIFT.z

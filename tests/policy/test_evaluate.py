@@ -15,7 +15,7 @@ FLAT = TerrainConfig(terrain="flat")
 
 
 def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
-    evaluation = Evaluation(robot="go1", course=FLAT, trials=3, seed=7, time_limit_s=1.2)
+    evaluation = Evaluation(robot="go1", grid="line", course=FLAT, trials=3, seed=7, time_limit_s=1.2)
     together = collect(evaluate(evaluation, exact_heights, processes=1))
     assert together.seeds == (7, 8, 9)
     assert together.successes == 0
@@ -26,7 +26,9 @@ def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
     assert len(heard) > 3
     assert all(share >= 0.0 for share in heard)
     assert sum(heard) == pytest.approx(3.0)
-    alone = collect(evaluate(Evaluation(robot="go1", course=FLAT, trials=1, seed=8, time_limit_s=1.2), exact_heights))
+    alone = collect(
+        evaluate(Evaluation(robot="go1", grid="line", course=FLAT, trials=1, seed=8, time_limit_s=1.2), exact_heights)
+    )
     for name, value in asdict(alone.outcomes[0]).items():
         assert asdict(together.outcomes[1])[name] == pytest.approx(value, abs=1e-6)
 
@@ -34,7 +36,7 @@ def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
 @pytest.mark.parametrize("wrong", [{"trials": 0}, {"seed": -1}, {"plan_delay_s": -0.002}, {"plan_delay_s": 0.2}])
 def test_what_cannot_be_evaluated_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
-        Evaluation(robot="go1", course=FLAT, **wrong)
+        Evaluation(robot="go1", grid="line", course=FLAT, **wrong)
 
 
 def test_drawn_courses_differ_from_trial_to_trial_and_repeat_with_the_seed() -> None:

@@ -9,17 +9,18 @@ from samples import ROBOT
 from tensordict import TensorDict
 
 from saltus.errors import ModelError, SaltusError
+from saltus.grid import LINE
 from saltus.policy.actor import PolicyActor
 from saltus.policy.bounds import ACTIONS, ActionBounds
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import LearningConfig, TrainConfig
-from saltus.policy.features import SIZE
+from saltus.policy.features import size_with
 from saltus.policy.training.export import export
 from saltus.policy.training.learner import FIRST_ACTION, Learner, make_actor, rebase
 from saltus.policy.training.train import Rank, make_engine, train
 
 CONFIG = TrainConfig(
-    robot="go1", robots=16, learning=LearningConfig(hidden=(32, 16), horizon=4, epochs=1, minibatches=2)
+    robot="go1", grid="line", robots=16, learning=LearningConfig(hidden=(32, 16), horizon=4, epochs=1, minibatches=2)
 )
 
 
@@ -62,8 +63,8 @@ def test_a_file_that_is_no_checkpoint_is_refused(tmp_path):
 def test_the_exported_policy_equals_the_trained_one(checkpoint, tmp_path):
     path = tmp_path / "policy.onnx"
     assert export(checkpoint, path) < 1e-5
-    actor, bounds = PolicyActor(ROBOT, path), ActionBounds()
-    values = actor.values(np.random.default_rng(0).normal(0.0, 5.0, (2, 7, SIZE)))
+    actor, bounds = PolicyActor(ROBOT, LINE, path), ActionBounds()
+    values = actor.values(np.random.default_rng(0).normal(0.0, 5.0, (2, 7, size_with(LINE))))
     assert values.shape == (2, 7, len(ACTIONS))
     assert (values >= np.array(bounds.low) - 1e-5).all()
     assert (values <= np.array(bounds.high) + 1e-5).all()
@@ -71,8 +72,10 @@ def test_the_exported_policy_equals_the_trained_one(checkpoint, tmp_path):
 
 def test_an_untrained_policy_bounds_slowly():
     bounds = ActionBounds()
-    actor = make_actor(TensorDict({"policy": torch.zeros(1, SIZE)}, batch_size=[1]), CONFIG.learning, bounds)
-    plan = bounds.denormalised(actor(TensorDict({"policy": torch.randn(50, SIZE)}, batch_size=[50])).detach())
+    actor = make_actor(TensorDict({"policy": torch.zeros(1, size_with(LINE))}, batch_size=[1]), CONFIG.learning, bounds)
+    plan = bounds.denormalised(
+        actor(TensorDict({"policy": torch.randn(50, size_with(LINE))}, batch_size=[50])).detach()
+    )
     np.testing.assert_allclose(plan, np.tile(FIRST_ACTION, (50, 1)), atol=0.2)
 
 
@@ -80,7 +83,7 @@ def test_other_bounds_change_no_action(checkpoint):
     state = torch.load(checkpoint, weights_only=True)
     old = ActionBounds()
     new = ActionBounds(low=tuple(2.0 * v - 0.1 for v in old.low), high=tuple(1.5 * v + 0.2 for v in old.high))
-    given = TensorDict({"policy": torch.randn(20, SIZE)}, batch_size=[20])
+    given = TensorDict({"policy": torch.randn(20, size_with(LINE))}, batch_size=[20])
     actor = make_actor(given, CONFIG.learning, old)
     actor.load_state_dict(state["actor_state_dict"])
     half = torch.tensor(old.high) - torch.tensor(old.low), torch.tensor(new.high) - torch.tensor(new.low)
@@ -92,7 +95,7 @@ def test_other_bounds_change_no_action(checkpoint):
 
 def test_actions_vary_as_much_as_is_asked_at_least():
     learning = replace(CONFIG.learning, std_range=(0.6, 1.0))  # it begins with less
-    env = JumpEnv(make_engine(ROBOT, CONFIG.robots, CONFIG.env, "cpu", threads=1), CONFIG.env, seed=0)
+    env = JumpEnv(make_engine(ROBOT, CONFIG.robots, CONFIG.env, "cpu", threads=1), CONFIG.env, LINE, seed=0)
     learner = Learner(env, learning)
     assert learner.std == pytest.approx(0.6)
     actions = torch.stack([learner.act() for _ in range(200)])
@@ -106,11 +109,11 @@ def test_a_training_goes_on_with_other_bounds(checkpoint, tmp_path):
     train(config, tmp_path, minutes=1.0, rank=Rank(), resume=checkpoint, iterations=3)  # none is left to do
     path = tmp_path / "policy.onnx"
     assert export(tmp_path / "checkpoint.pt", path) < 1e-5
-    given = np.random.default_rng(0).normal(0.0, 0.3, (5, SIZE))
+    given = np.random.default_rng(0).normal(0.0, 0.3, (5, size_with(LINE)))
     first = tmp_path / "first.onnx"
     export(checkpoint, first)
     np.testing.assert_allclose(
-        PolicyActor(ROBOT, path).values(given), PolicyActor(ROBOT, first).values(given), atol=1e-4
+        PolicyActor(ROBOT, LINE, path).values(given), PolicyActor(ROBOT, LINE, first).values(given), atol=1e-4
     )
 
 
@@ -130,4 +133,4 @@ def test_a_policy_for_another_program_is_refused(checkpoint, tmp_path, name):
         onnx.helper.set_model_props(file, bad)
         onnx.save(file, changed)
         with pytest.raises(ModelError, match=name):
-            PolicyActor(ROBOT, changed)
+            PolicyActor(ROBOT, LINE, changed)

@@ -8,16 +8,17 @@ import numpy as np
 import onnx
 import pytest
 import torch
-from samples import ROBOT
+from samples import ROBOT, setups_of
 from torch import Tensor
 
 from saltus.config import TerrainConfig
 from saltus.errors import ConfigError, ModelError, SaltusError
+from saltus.grid import LINE
 from saltus.policy.actor import PolicyActor
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig, LearningConfig, TrainConfig
 from saltus.policy.evaluation.rollout import Rollout
-from saltus.policy.features import PROPRIOCEPTION_SIZE, RECALLED, SIZE, read, size_with
+from saltus.policy.features import PROPRIOCEPTION_SIZE, RECALLED, read, size_with
 from saltus.policy.observation import observe
 from saltus.policy.training.export import DeployedPolicy, export, read_policy
 from saltus.policy.training.train import Rank, train
@@ -32,6 +33,7 @@ STEPS = (1, 2, 5)
 N = 6
 CONFIG = TrainConfig(
     robot="go1",
+    grid="line",
     robots=16,
     env=EnvConfig(past_steps=STEPS),
     learning=LearningConfig(hidden=(32, 16), horizon=4, epochs=1, minibatches=2),
@@ -77,7 +79,7 @@ def test_a_policys_file_drives_on_a_device_as_its_checkpoint_does(policy: Path, 
 def trained(outputs: Callable[[int, Tensor], Tensor], steps: int) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
     """What a training showed its policy, who began, and the plans, as shares of their ranges."""
     engine = BatchEngine(ROBOT, N, BOXES, threads=1)
-    env = JumpEnv(engine, CONFIG.env, seed=0)
+    env = JumpEnv(engine, CONFIG.env, LINE, seed=0)
     shown, fresh, plans = [env.transition().actor], [torch.ones(N, dtype=torch.bool)], []
     for step in range(steps):
         transition = env.step(outputs(step, shown[-1]))
@@ -90,13 +92,13 @@ def trained(outputs: Callable[[int, Tensor], Tensor], steps: int) -> tuple[list[
 def test_each_instant_is_what_was_felt_and_planned_so_many_steps_ago() -> None:
     generator = torch.Generator().manual_seed(0)
     shown, fresh, plans = trained(lambda *_: torch.randn(N, 10, generator=generator), 60)
-    assert shown[0].shape == (N, size_with(STEPS))
+    assert shown[0].shape == (N, size_with(LINE, STEPS))
     again = 0
     for now, robot in np.ndindex(len(shown), N):
         begun = max(k for k in range(now + 1) if fresh[k][robot])
         again += begun > 0
         for place, steps in enumerate(STEPS):
-            found = shown[now][robot, SIZE + place * RECALLED :][:RECALLED]
+            found = shown[now][robot, size_with(LINE) + place * RECALLED :][:RECALLED]
             ago = max(now - steps, begun)
             plan = plans[ago][robot] if now - steps >= begun else torch.zeros(10)
             torch.testing.assert_close(found, torch.cat([shown[ago][robot, :PROPRIOCEPTION_SIZE], plan]))
@@ -104,16 +106,16 @@ def test_each_instant_is_what_was_felt_and_planned_so_many_steps_ago() -> None:
 
 
 def test_the_deployed_planner_recalls_what_the_training_does(policy: Path) -> None:
-    actor = PolicyActor(ROBOT, policy)
+    actor = PolicyActor(ROBOT, LINE, policy)
     outputs = CONFIG.env.bounds.normalised
     shown, fresh, plans = trained(
         lambda _, vector: outputs(torch.as_tensor(actor.values(vector.numpy()), dtype=torch.float32)), 40
     )
-    together, one = PolicyActor(ROBOT, policy), PolicyActor(ROBOT, policy)
+    together, one = PolicyActor(ROBOT, LINE, policy), PolicyActor(ROBOT, LINE, policy)
     for now, plan in enumerate(plans):
-        observation, heights = read(shown[now].double().numpy())
+        observation, heights = read(shown[now].double().numpy(), LINE)
         said = together.step(observation, heights, fresh[now].numpy())
-        alone = one.step(*read(shown[now][0].double().numpy()), bool(fresh[now][0]))
+        alone = one.step(*read(shown[now][0].double().numpy(), LINE), bool(fresh[now][0]))
         expected = CONFIG.env.bounds.denormalised(plan).numpy()
         np.testing.assert_allclose(said.velocity_x, expected[:, 1], atol=1e-4)
         np.testing.assert_allclose(said.foot_residual_rear, expected[:, 7:], atol=1e-4)
@@ -122,11 +124,11 @@ def test_the_deployed_planner_recalls_what_the_training_does(policy: Path) -> No
 
 def test_the_past_begins_when_the_robot_may_go(policy: Path) -> None:
     flat = [make_terrain(TerrainConfig(terrain="flat"))]
-    actor = PolicyActor(ROBOT, policy)
-    rollout = Rollout(ROBOT, flat, [Trial.draw(0)], actor, stand_steps=8)
+    actor = PolicyActor(ROBOT, LINE, policy)
+    rollout = Rollout(setups_of(flat, [Trial.draw(0)]), actor, stand_steps=8)
     for _ in range(9):
         step = rollout.step()
-    blank = PolicyActor(ROBOT, policy)
+    blank = PolicyActor(ROBOT, LINE, policy)
     first = blank.step(observe(step.states, LegKinematics(ROBOT)), step.heights)
     np.testing.assert_array_equal(first.velocity_x, step.plan.velocity_x)
 
@@ -143,4 +145,4 @@ def test_a_file_that_says_nonsense_of_its_past_is_refused(policy: Path, tmp_path
         next(entry for entry in model.metadata_props if entry.key == "past_steps").value = text
         onnx.save(model, tmp_path / "policy.onnx")
         with pytest.raises(ModelError, match="past_steps"):
-            PolicyActor(ROBOT, tmp_path / "policy.onnx")
+            PolicyActor(ROBOT, LINE, tmp_path / "policy.onnx")

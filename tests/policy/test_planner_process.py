@@ -8,7 +8,7 @@ import pytest
 from samples import ROBOT
 
 from saltus.arrays import Array
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.plan import Plan
 from saltus.policy.observation import Observation
 from saltus.policy.process import LOST_NS, STAND_NS, PlannerProcess
@@ -54,14 +54,14 @@ def run(
 
 def going() -> tuple[PlannerProcess, int]:
     """A planner that has just said GO, and its next step."""
-    process, steps = PlannerProcess(ROBOT, ScriptedPlanner(ROBOT)), STAND_NS // STEP_NS + 1
+    process, steps = PlannerProcess(ROBOT, ScriptedPlanner(ROBOT, LINE)), STAND_NS // STEP_NS + 1
     assert run([HeightmapStatus.OK] * steps, process)[-1].status == PlanStatus.GO
     return process, steps
 
 
 def test_stands_until_it_has_stood_and_sees() -> None:
     stand_steps = STAND_NS // STEP_NS
-    plans = run([HeightmapStatus.OK] * (stand_steps + 5), PlannerProcess(ROBOT, ScriptedPlanner(ROBOT)))
+    plans = run([HeightmapStatus.OK] * (stand_steps + 5), PlannerProcess(ROBOT, ScriptedPlanner(ROBOT, LINE)))
     assert [plan.status for plan in plans] == [PlanStatus.STAND] * stand_steps + [PlanStatus.GO] * 5
     assert all(plan.reason for plan in plans[:stand_steps])
     assert not any(plan.reason for plan in plans[stand_steps:])
@@ -69,7 +69,7 @@ def test_stands_until_it_has_stood_and_sees() -> None:
 
 @pytest.mark.parametrize("status", [None, *(s for s in HeightmapStatus if s != HeightmapStatus.OK)])
 def test_does_not_go_without_a_good_heightmap(status: HeightmapStatus | None) -> None:
-    process = PlannerProcess(ROBOT, ScriptedPlanner(ROBOT))
+    process = PlannerProcess(ROBOT, ScriptedPlanner(ROBOT, LINE))
     plans = run([status] * 200, process)
     assert {plan.status for plan in plans} == {PlanStatus.STAND}
     assert all(plan.reason for plan in plans)
@@ -151,7 +151,7 @@ class Recalling(ScriptedPlanner):
     """Says when it was told to forget."""
 
     def __init__(self) -> None:
-        super().__init__(ROBOT)
+        super().__init__(ROBOT, LINE)
         self.begun: list[bool] = []
 
     def step(self, observation: Observation, heights: Array, fresh: object = False) -> Plan:

@@ -53,7 +53,10 @@ def test_a_push_moves_a_robot_in_the_air_by_its_impulse() -> None:
 
 def test_friction_that_is_given_wins_over_what_trials_draw() -> None:
     course = TerrainConfig(terrain="flat")
-    drawn, given = Evaluation(robot="go1", course=course), Evaluation(robot="go1", course=course, friction=0.35)
+    drawn, given = (
+        Evaluation(robot="go1", grid="line", course=course),
+        Evaluation(robot="go1", grid="line", course=course, friction=0.35),
+    )
     assert [given.trial(seed).friction for seed in SEEDS] == [0.35] * len(SEEDS)
     assert len({drawn.trial(seed).friction for seed in SEEDS}) == len(SEEDS)
     assert [given.trial(seed).payload_kg for seed in SEEDS] == [drawn.trial(seed).payload_kg for seed in SEEDS]

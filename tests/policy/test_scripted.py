@@ -10,9 +10,9 @@ from samples import KINEMATICS, ROBOT
 
 from benchmarks.planner import bounding
 from saltus.arrays import Floats
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.plan import Plan
-from saltus.policy.interpolation import height_at, highest_between, slope
+from saltus.policy.height_line import HeightLine
 from saltus.policy.observation import Observation, observe
 from saltus.policy.scripted import (
     PITCH_RATE_LIMIT,
@@ -26,6 +26,7 @@ from saltus.policy.scripted import (
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.states import standing_state
 
+READ = HeightLine(LINE)
 COUNT = 64
 
 
@@ -65,7 +66,7 @@ def pick(observation: Observation, i: int) -> Observation:
 def test_a_batch_gets_what_each_robot_gets_alone() -> None:
     rng = np.random.default_rng(0)
     observation, heights = observations(rng), terrains(rng)
-    planner = ScriptedPlanner(ROBOT)
+    planner = ScriptedPlanner(ROBOT, LINE)
     together = arrays(planner.step(observation, heights))
     for i in range(COUNT):
         alone = arrays(planner.step(pick(observation, i), heights[i]))
@@ -78,10 +79,10 @@ def test_parameters_of_its_own_for_each_robot() -> None:
     observation, heights = observations(rng, 3), terrains(rng, 3)
     speeds, margins = np.array([0.5, 1.0, 1.5]), np.array([0.05, 0.1, 0.15])
     each = ScriptedParameters(velocity_x=speeds, edge_margin_m=margins)
-    together = arrays(ScriptedPlanner(ROBOT, each).step(observation, heights))
+    together = arrays(ScriptedPlanner(ROBOT, LINE, each).step(observation, heights))
     for i in range(3):
         own = ScriptedParameters(velocity_x=float(speeds[i]), edge_margin_m=float(margins[i]))
-        alone = arrays(ScriptedPlanner(ROBOT, own).step(pick(observation, i), heights[i]))
+        alone = arrays(ScriptedPlanner(ROBOT, LINE, own).step(pick(observation, i), heights[i]))
         for batch, single in zip(together, alone, strict=True):
             np.testing.assert_allclose(batch[i], single, atol=1e-12)
 
@@ -90,7 +91,7 @@ def test_the_same_again_and_nothing_is_changed() -> None:
     rng = np.random.default_rng(2)
     observation, heights = observations(rng), terrains(rng)
     before = heights.copy()
-    planner = ScriptedPlanner(ROBOT)
+    planner = ScriptedPlanner(ROBOT, LINE)
     first, second = planner.step(observation, heights), planner.step(observation, heights)
     for a, b in zip(arrays(first), arrays(second), strict=True):
         np.testing.assert_array_equal(a, b)
@@ -100,7 +101,7 @@ def test_the_same_again_and_nothing_is_changed() -> None:
 def test_plans_are_finite_and_within_their_bounds() -> None:
     rng = np.random.default_rng(3)
     for _ in range(20):
-        plan = ScriptedPlanner(ROBOT).step(observations(rng), terrains(rng))
+        plan = ScriptedPlanner(ROBOT, LINE).step(observations(rng), terrains(rng))
         assert all(np.isfinite(values).all() for values in arrays(plan))
         assert np.all((plan.stepping_frequency_hz >= 0.5) & (plan.stepping_frequency_hz <= 4.0))
         assert np.all(np.abs(plan.velocity_x) <= VELOCITY_X_LIMIT)
@@ -119,7 +120,7 @@ def test_a_foot_in_mid_swing_clears_a_step_on_its_way(rise: float, progress: flo
     heights = np.where(HEIGHTMAP_X > 0.25, rise, 0.0) - base_height
     # where the rear feet stand they feel the ground exactly where the heightmap has it
     heights = heights + base_height + observation.foot[2, 2] - ROBOT.foot_radius
-    plan = ScriptedPlanner(ROBOT).step(observation, heights)
+    plan = ScriptedPlanner(ROBOT, LINE).step(observation, heights)
     sole = -base_height + plan.foot_residual_front[2] - ROBOT.foot_radius  # the nominal swing is at -base_height
     assert sole >= heights[HEIGHTMAP_X < 0.4].max() + 0.02
 
@@ -127,13 +128,13 @@ def test_a_foot_in_mid_swing_clears_a_step_on_its_way(rise: float, progress: flo
 def test_a_foot_does_not_aim_into_a_trench() -> None:
     observation = bounding(ROBOT, 0.28, (False, True), (0.2, 0.5))
     flat = np.full(len(HEIGHTMAP_X), -0.28)
-    planner = ScriptedPlanner(ROBOT)
+    planner = ScriptedPlanner(ROBOT, LINE)
     level = planner.step(observation, flat).foot_residual_front[0]
     neutral = _landing_x(planner, observation)
     for ahead in (-0.08, 0.0, 0.08):
         trench = flat - 0.4 * (np.abs(HEIGHTMAP_X - neutral - ahead) < 0.06)
         landing = neutral + planner.step(observation, trench).foot_residual_front[0] - level
-        assert height_at(trench, np.array([landing]))[0] > -0.35
+        assert READ.height_at(trench, np.array([landing]))[0] > -0.35
 
 
 def _landing_x(planner: ScriptedPlanner, observation: Observation) -> float:
@@ -148,25 +149,25 @@ def test_reading_a_profile() -> None:
     rng = np.random.default_rng(4)
     heights = terrains(rng)
     for i in range(len(HEIGHTMAP_X)):
-        exact = height_at(heights, np.full((COUNT, 1), HEIGHTMAP_X[i]))[:, 0]
+        exact = READ.height_at(heights, np.full((COUNT, 1), HEIGHTMAP_X[i]))[:, 0]
         np.testing.assert_allclose(exact, heights[:, i], atol=1e-9)
     x = rng.uniform(-0.6, 1.0, (COUNT, 5))
     expected = np.stack([np.interp(x[i], HEIGHTMAP_X, heights[i]) for i in range(COUNT)])
-    np.testing.assert_allclose(height_at(heights, x), expected, atol=1e-9)
+    np.testing.assert_allclose(READ.height_at(heights, x), expected, atol=1e-9)
     start, end = x[:, 0], x[:, 1]
-    between = height_at(heights, np.linspace(start, end, 2000, axis=-1)).max(axis=-1)
-    highest = highest_between(heights, start, end)
+    between = READ.height_at(heights, np.linspace(start, end, 2000, axis=-1)).max(axis=-1)
+    highest = READ.highest_between(heights, start, end)
     assert np.all(highest >= between - 1e-9)
     assert np.all(highest <= between + 0.01)
     line = 0.3 * HEIGHTMAP_X + np.array([[-0.3], [0.1]])
-    np.testing.assert_allclose(slope(line, -0.2, 0.5), 0.3)
+    np.testing.assert_allclose(READ.slope(line, -0.2, 0.5), 0.3)
 
 
 def test_numpy_and_torch_plan_alike() -> None:
     rng = np.random.default_rng(5)
     observation, heights = observations(rng), terrains(rng)
     tensors = {f.name: torch.as_tensor(np.asarray(getattr(observation, f.name))) for f in fields(observation)}
-    planner = ScriptedPlanner(ROBOT)
+    planner = ScriptedPlanner(ROBOT, LINE)
     expected = arrays(planner.step(observation, heights))
     got = arrays(planner.step(Observation(**tensors), torch.as_tensor(heights)))
     for a, b in zip(expected, got, strict=True):
@@ -191,7 +192,7 @@ def test_a_larger_robot_bounds_alike_in_proportion() -> None:
         base_height=seen.base_height * length, foot=seen.foot * length,
     )  # fmt: skip
     level = np.repeat(-seen.base_height[:, None], len(HEIGHTMAP_X), axis=1)
-    small, large = ScriptedPlanner(ROBOT), ScriptedPlanner(larger)
+    small, large = ScriptedPlanner(ROBOT, LINE), ScriptedPlanner(larger, LINE)
     expected, got = small.step(seen, level), large.step(seen_larger, length * level)
     free = np.abs(expected.pitch_rate) < 5.99  # bounds of actions do not grow
     np.testing.assert_allclose(got.stepping_frequency_hz, expected.stepping_frequency_hz / time)

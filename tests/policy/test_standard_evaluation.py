@@ -9,6 +9,7 @@ import torch
 from samples import ROBOT
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from saltus.grid import LINE
 from saltus.policy.env.curriculum import CurriculumConfig
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig, LearningConfig, TrainConfig
@@ -23,6 +24,7 @@ from saltus.terrain.curriculum import FAMILIES
 FLAT = CurriculumConfig(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
 CONFIG = TrainConfig(
     robot="go1",
+    grid="line",
     robots=4,
     env=EnvConfig(curriculum=FLAT),
     learning=LearningConfig(hidden=(8,), horizon=2, epochs=1, minibatches=1),
@@ -34,7 +36,7 @@ ROW = Row(
 
 
 def make_record(folder: Path, said: list[str], evaluate_s: float) -> tuple[Learner, TrainingRecord]:
-    env = JumpEnv(make_engine(ROBOT, CONFIG.robots, CONFIG.env, "cpu", threads=1), CONFIG.env, seed=0)
+    env = JumpEnv(make_engine(ROBOT, CONFIG.robots, CONFIG.env, "cpu", threads=1), CONFIG.env, LINE, seed=0)
     learner = Learner(env, CONFIG.learning)
     record = TrainingRecord(
         folder, CONFIG, env, learner, commit="abc", start_s=0.0, evaluate_s=evaluate_s, say=said.append

@@ -23,7 +23,7 @@ from saltus.policy.training.checkpoint import NEEDED, read_checkpoint
 
 TINY = ("--device", "cpu", "--robots", "8", "--learning.hidden", "8", "--learning.horizon", "2")
 RESUMED = replace(
-    for_cpu("go1"), robots=40, seed=7, learning=LearningConfig(hidden=(16, 8), epochs=2, desired_kl=0.003)
+    for_cpu("go1", "line"), robots=40, seed=7, learning=LearningConfig(hidden=(16, 8), epochs=2, desired_kl=0.003)
 )
 
 
@@ -34,7 +34,7 @@ def leaves(config: Any, path: tuple[str, ...] = ()) -> list[tuple[tuple[str, ...
     return [leaf for f in fields(config) for leaf in leaves(getattr(config, f.name), (*path, f.name))]
 
 
-FAMILY = leaves(TrainConfig(robot="go1"))
+FAMILY = leaves(TrainConfig(robot="go1", grid="line"))
 
 
 def other(value: Any) -> Any:
@@ -80,7 +80,7 @@ def resumed(tmp_path: Path) -> Path:
 def begun(request: pytest.FixtureRequest, resumed: Path) -> tuple[TrainConfig, Train]:
     """What a training begins with, and its command."""
     goes_on = request.param == "goes on"
-    return (RESUMED if goes_on else for_cpu("go1")), Train(device="cpu", resume=resumed if goes_on else None)
+    return (RESUMED if goes_on else for_cpu("go1", "line")), Train(device="cpu", resume=resumed if goes_on else None)
 
 
 each_value = pytest.mark.parametrize("path", [path for path, _ in FAMILY], ids=".".join)

@@ -9,6 +9,7 @@ from saltus.controller.compensation import compensation_of
 from saltus.controller.estimator import Estimator
 from saltus.effects.offsets_and_factors import TorqueGain, ViscousFriction
 from saltus.effects.profile import IDEAL
+from saltus.grid import LINE
 from saltus.policy.env.curriculum import CurriculumConfig, difficulty, kinds_of_robots, next_level
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.episode import TALLY
@@ -16,7 +17,7 @@ from saltus.policy.env.randomisation import RandomisationConfig
 from saltus.policy.env.rewards import TERMS
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import PRIVILEGED
-from saltus.policy.features import LAYOUT, SIZE, features
+from saltus.policy.features import features, layout, size_with
 from saltus.policy.observation import observe
 from saltus.sim.batch_engine import BatchEngine
 from saltus.states import standing_state
@@ -27,7 +28,7 @@ N = 20
 
 
 def make_env(seed=0, config=None):
-    return JumpEnv(BatchEngine(ROBOT, N, BOXES, threads=1), config or EnvConfig(), seed=seed)
+    return JumpEnv(BatchEngine(ROBOT, N, BOXES, threads=1), config or EnvConfig(), LINE, seed=seed)
 
 
 def bound(env):
@@ -45,8 +46,8 @@ def driven():
 def test_observations_and_rewards_are_finite_and_of_their_sizes(driven):
     env, transitions = driven
     for transition in transitions:
-        assert transition.actor.shape == (N, SIZE)
-        assert transition.critic.shape == (N, SIZE + PRIVILEGED)
+        assert transition.actor.shape == (N, size_with(LINE))
+        assert transition.critic.shape == (N, size_with(LINE) + PRIVILEGED)
         for array in (transition.actor, transition.critic, transition.reward):
             assert torch.isfinite(array).all()
     assert env.memory.terms.shape == (N, len(TERMS))
@@ -86,7 +87,7 @@ def test_the_policy_is_shown_what_the_deployed_stack_shows_it():
         leg_contact=memory.contact.numpy(),
         leg_progress=memory.progress.numpy(),
     )
-    heights = transition.actor[:, -LAYOUT["heights"] :].numpy()
+    heights = transition.actor[:, -layout(LINE)["heights"] :].numpy()
     np.testing.assert_allclose(transition.actor, features(observe(states, KINEMATICS), heights), atol=2e-4)
     assert (np.abs(heights[:, :14] + qpos[:, 2:3]) < 1e-5).all()  # level ground until 0.6 m ahead of the start
 
@@ -161,7 +162,7 @@ def test_every_kind_of_terrain_gets_its_share():
 def test_ramps_are_trained_on_up_and_down():
     none = dict.fromkeys(("flat", "stairs", "stepping_stones", "step", "gap"), 0.0)
     curriculum = CurriculumConfig(**none, own={"ramp_up": 1.0, "ramp_down": 1.0})
-    env = JumpEnv(BatchEngine(ROBOT, N, curriculum.boxes, threads=1), EnvConfig(curriculum=curriculum), seed=0)
+    env = JumpEnv(BatchEngine(ROBOT, N, curriculum.boxes, threads=1), EnvConfig(curriculum=curriculum), LINE, seed=0)
     env.set_levels(torch.full((N,), 5.0))
     x = torch.linspace(0.0, 6.0, 100).expand(N, -1)
     heights = env.courses().height_at(x, torch.zeros_like(x))

@@ -9,12 +9,13 @@ import torch
 from samples import ROBOT
 
 from saltus.errors import ConfigError
+from saltus.grid import LINE
 from saltus.policy.env.curriculum import CurriculumConfig
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.randomisation import SOFT_RUBBER, RandomisationConfig, WideConfig
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import PRIVILEGED
-from saltus.policy.features import SIZE
+from saltus.policy.features import size_with
 from saltus.sim import scene
 from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.engine import Engine
@@ -34,7 +35,7 @@ def config(wide: WideConfig) -> EnvConfig:
 
 def env_of(wide: WideConfig, engine: Engine | None = None, seed: int = 0) -> JumpEnv:
     engine = engine or BatchEngine(ROBOT, N, BOXES, dimensions=wide.contact_dimensions, threads=1)
-    return JumpEnv(engine, config(wide), seed=seed)
+    return JumpEnv(engine, config(wide), LINE, seed=seed)
 
 
 def bound(env: JumpEnv) -> torch.Tensor:
@@ -119,14 +120,14 @@ def test_the_engine_gets_what_was_drawn(kind: type[Engine]) -> None:
     np.testing.assert_allclose(friction, env.memory.friction.numpy(), rtol=1e-6)
     for _ in range(5):
         transition = env.step(bound(env))
-    assert transition.critic.shape == (N, SIZE + PRIVILEGED + ALL.draws)
+    assert transition.critic.shape == (N, size_with(LINE) + PRIVILEGED + ALL.draws)
     assert all(torch.isfinite(a).all() for a in (transition.actor, transition.critic, transition.reward))
 
 
 def test_where_nothing_is_drawn_robots_move_as_with_the_usual_ranges() -> None:
     """Before the ranges have grown; the numbers of the usual draws are other ones, as there are more in a row."""
     env = env_of(WideConfig(share=1.0, growth_msteps=(1.0, 2.0)))
-    usual = JumpEnv(BatchEngine(ROBOT, N, BOXES, dimensions=6, threads=1), config(WideConfig()), seed=0)
+    usual = JumpEnv(BatchEngine(ROBOT, N, BOXES, dimensions=6, threads=1), config(WideConfig()), LINE, seed=0)
     usual.memory.time_s.zero_()
     for each in (env, usual):
         for f in fields(each.memory):

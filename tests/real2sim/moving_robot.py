@@ -15,6 +15,7 @@ from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import IDEAL, Profile
+from saltus.grid import LINE
 from saltus.named_setup import named_setup
 from saltus.policy.planner import make_planner
 from saltus.policy.process import PlannerProcess
@@ -52,7 +53,7 @@ def jumping_log(folder: Path, seconds: float = 4.5, profile: Profile = IDEAL) ->
 def _run(setup: Setup, steps: int) -> Iterator[tuple[str, Message]]:
     robot = MujocoRobot(setup)
     robot.reset()
-    loop, planner = ControlLoop(ROBOT), PlannerProcess(ROBOT, make_planner("scripted", ROBOT))
+    loop, planner = ControlLoop(ROBOT), PlannerProcess(ROBOT, make_planner("scripted", ROBOT, LINE))
     renderer = make_renderer("embree", setup.terrain, RobotCamera.on(ROBOT))
     camera = CameraProcess(
         load_camera("ideal"), PerfectExposure(renderer, MODEL_CAMERA), IDEAL.camera_chain, np.random.default_rng(0)

@@ -56,7 +56,9 @@ def _small(short_calibration: None) -> Any:
     def collect(settings: DeviceCollection, outputs: dict[str, Path], ticked: Any, _: Any) -> Any:
         (folder,) = outputs.values()
         assert settings.policy.exists()
-        loop = ClosedLoop(robot="go1", robots=12, courses=1, ticks=settings.loop.ticks, camera=settings.loop.cameras[0])
+        loop = ClosedLoop(
+            robot="go1", grid="line", robots=12, courses=1, ticks=settings.loop.ticks, camera=settings.loop.cameras[0]
+        )
         few = ProcessorCollection(batches=1, seed=settings.seed, profile=settings.profile, loop=loop)
         return collection.collect(few, folder, lambda _: None, listener=ticked)
 
@@ -181,7 +183,7 @@ def test_what_no_profile_can_have_is_said_and_the_rest_is_applied(tmp_path: Path
     (folder.found / "verdict.json").write_text('{"verdict": "named", "gap": null, "untestable": []}')
     folder.known.write_text(shipped.to_toml())
     folder.settings.write_text("")
-    write_cycle_report(folder, CycleSettings(loop=ClosedLoop(robot="go1")))
+    write_cycle_report(folder, CycleSettings(loop=ClosedLoop(robot="go1", grid="line")))
     assert html.escape(refused) in folder.report.read_text()
 
 
@@ -248,7 +250,9 @@ def test_the_policy_is_trained_where_more_than_the_camera_differs(name: str, tmp
     folder.profile.write_text((less if name in shipped.effects else shipped.having(EFFECTS[name]())).to_toml())
     beyond = part != "camera"
     assert training.differs_beyond_camera(folder) == beyond
-    elsewhere.export_training(folder, CycleSettings(loop=ClosedLoop(robot="go1"), policy_minutes=3.0), away)
+    elsewhere.export_training(
+        folder, CycleSettings(loop=ClosedLoop(robot="go1", grid="line"), policy_minutes=3.0), away
+    )
     script, driver = (away / "train.sh").read_text(), load(DeviceCollection, away / "collection.toml").policy
     assert driver == Path("policy/checkpoint.pt" if beyond else "policy.pt")
     assert ("saltus policy train" in script) == ("--minutes 3 " in script) == (away / "policy.toml").exists() == beyond

@@ -247,7 +247,7 @@ def test_what_is_not_made_says_so_in_a_line(row: Row, tmp_path: Path, capsys: py
 def test_an_ablation_differs_from_the_full_system_in_what_it_is_named_after(tmp_path: Path) -> None:
     configs = {name: config_of(name, 3, tmp_path) for name in ABLATIONS}
     full = asdict(configs[FULL])
-    assert configs[FULL] == replace(for_gpu("go1"), seed=3)
+    assert configs[FULL] == replace(for_gpu("go1", "line"), seed=3)
     found = {name: {d.name for d in differences(full, asdict(config))} for name, config in configs.items()}
     assert found == {
         FULL: set(),
@@ -267,7 +267,7 @@ def test_an_ablation_differs_from_the_full_system_in_what_it_is_named_after(tmp_
 
 
 def test_the_stand_in_lies_beyond_what_trainings_draw() -> None:
-    draws, shipped = for_gpu("go1").env.randomisation, load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)).effects
+    draws, shipped = for_gpu("go1", "line").env.randomisation, load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)).effects
     assert stand_in() == stand_in() != stand_in(STAND_IN_SEED + 1)
     for seed in (STAND_IN_SEED, *range(20)):
         effects = stand_in(seed).effects

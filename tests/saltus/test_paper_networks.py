@@ -33,7 +33,9 @@ from saltus.states import standing_state
 from saltus.terrain.curriculum import make_terrain
 
 TINY = NetworkEffort(
-    updates=1, batch=2, loop=DeviceLoop(robot="go1", robots=14, ticks=MIN_TICKS, terrains=("flat", "step"), plans=True)
+    updates=1,
+    batch=2,
+    loop=DeviceLoop(robot="go1", grid="line", robots=14, ticks=MIN_TICKS, terrains=("flat", "step"), plans=True),
 )
 
 
@@ -93,7 +95,7 @@ def test_robots_run_with_what_was_trained(trained: Path) -> None:
 
 def test_an_imitator_that_is_told_what_to_plan_plans_as_the_policy_does(tmp_path: Path) -> None:
     """A network whose answer is always one plan, through the file, the place of heights, and the planner."""
-    robot, config = load_robot(DEFAULT_ROBOT), TrainConfig(robot="go1")
+    robot, config = load_robot(DEFAULT_ROBOT), TrainConfig(robot="go1", grid="line")
     observation = observe(standing_state(robot), LegKinematics(robot))
     heights = np.full(len(HEIGHTMAP_X), -robot.stand_height)
     plan = config.env.bounds.denormalised(np.random.default_rng(0).uniform(-1.0, 1.0, len(ACTIONS)))

@@ -13,6 +13,7 @@ from strange_models import strange_models
 
 from saltus.arrays import Floats
 from saltus.errors import ModelError
+from saltus.grid import LINE
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import ModelFile
@@ -31,8 +32,8 @@ def _heights(path: Path) -> Floats:
 
 
 def _plans(path: Path) -> Floats:
-    actor = PolicyActor(ROBOT, path)
-    return actor.values(np.random.default_rng(0).normal(size=(3, size_with(actor.past_steps))))
+    actor = PolicyActor(ROBOT, LINE, path)
+    return actor.values(np.random.default_rng(0).normal(size=(3, size_with(LINE, actor.past_steps))))
 
 
 @pytest.mark.parametrize(("kind", "numbers"), [("heightmap", _heights), ("policy", _plans)])

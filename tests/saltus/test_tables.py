@@ -33,7 +33,10 @@ TABLES: dict[str, tuple[str, Callable[[str], Any]]] = {
     "terrain": (make_terrain(TerrainConfig(terrain="gap")).to_toml(), Terrain.from_toml),
     "grid": (HeightGrid(x=(-0.1, 0.1)).to_toml(), HeightGrid.from_toml),
     "robot": ((shipped_folder("go1") / SUPPLEMENT_FILE).read_text(), partial(from_toml, Supplement)),
-    "training of policies": (to_toml(for_gpu("go1")), lambda text: changed(for_gpu("go1"), read_toml(text))),
+    "training of policies": (
+        to_toml(for_gpu("go1", "line")),
+        lambda text: changed(for_gpu("go1", "line"), read_toml(text)),
+    ),
     "training of heights": (to_toml(HeightmapTrainConfig()), partial(from_toml, HeightmapTrainConfig)),
 }
 FREE = {"terrain": {"params"}}
