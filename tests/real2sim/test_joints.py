@@ -25,6 +25,7 @@ from saltus.joint_command import JointCommand
 from saltus.real2sim.problem.joints import motion as joint_motion
 from saltus.real2sim.problem.joints.candidates import LOOP_RATE
 from saltus.real2sim.problem.joints.drives import lost
+from saltus.real2sim.problem.joints.excitation import _step
 from saltus.real2sim.problem.joints.friction import rubbed
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.search.saturation_curve import _fitted, _Pieces
@@ -274,6 +275,18 @@ def test_the_step_of_an_encoder_is_read_from_its_angles() -> None:
     assert all(step == pytest.approx(0.006, rel=1e-3) for place in starts for _, step in place)
     assert "grid_calf" in coarse.signals
     assert "grid_calf" not in fine.signals
+
+
+@pytest.mark.parametrize("apart", [0.003, 0.006])
+@pytest.mark.parametrize(("share", "is_step"), [(0.25, False), (0.5, False), (1.0, True)])
+def test_equal_ways_between_rows_are_a_step_only_if_they_last(apart: float, share: float, is_step: bool) -> None:
+    """A joint at one speed is read at multiples of an angle, an encoder reads them at any speed."""
+    rng = np.random.default_rng(1)
+    angles = rng.uniform(-0.3, 0.3, 4000)
+    even = slice(0, round(share * len(angles)))
+    angles[even] = apart * np.round(angles[even] / apart)
+    found = _step(angles + rng.normal(scale=3e-4, size=len(angles)))
+    assert found == (pytest.approx(apart, rel=1e-3) if is_step else None)
 
 
 def test_what_a_log_cannot_show_is_said_with_numbers() -> None:

@@ -24,6 +24,9 @@ LEAST_SPREADS = 6.0
 """Spreads of a spectrum by which a step must stand out: of 20000 values noise reaches 4.3."""
 LEAST_SCORE = 0.1
 """Of a step: angles that are multiples of it up to noise of a third of it."""
+PARTS, TELLING = 4, 3
+"""A step shows in three of four parts of the moving rows: a joint at a constant speed that is read
+at equal times stays near multiples of an angle, too, as long as that motion lasts."""
 LEAST_MOVING = 0.3  # rad/s: a joint that is faster passes a step of 5 mrad in 8 rows
 LEAST_ROWS = 500  # that move: a second
 LINES = 8
@@ -135,4 +138,6 @@ def _step(angles: Floats) -> float | None:
     line = frequency[1] - frequency[0]
     near = np.linspace(frequency[best] - line, frequency[best] + line, REFINED)
     some = angles[:: max(1, len(angles) // LEAST_ROWS)]
-    return float(1.0 / near[np.argmax(np.cos(2.0 * np.pi * near[:, None] * some).sum(axis=1))])
+    step = float(1.0 / near[np.argmax(np.cos(2.0 * np.pi * near[:, None] * some).sum(axis=1))])
+    parts = [float(np.cos(2.0 * np.pi * part / step).mean()) for part in np.array_split(angles, PARTS)]
+    return step if sum(part > 0.5 * LEAST_SCORE for part in parts) >= TELLING else None
