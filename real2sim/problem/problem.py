@@ -91,7 +91,8 @@ class Candidate:
     closable_share: float = 1.0
     """Share of its gap that a correct model closes; below 1 where chance decides, as when a drive hunts."""
     least_closed: float = 0.0
-    """Smallest share of the gap that it closes where it alone is hidden; what it closes less of is none of it."""
+    """Smallest part of `closable_share` that it closes where it alone is hidden; what it closes less
+    of, and leaves a gap, is none of it."""
     coordinates: Coordinates | None = None
     """None where the unknowns that are not `stated` are the parameters of the same names, less their null values
     (shapes: as they are)."""

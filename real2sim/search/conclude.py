@@ -24,8 +24,10 @@ from saltus.real2sim.search.misfits import misfits_of, unseen_of
 from saltus.real2sim.search.quadratic import Quadratic
 from saltus.real2sim.search.reported import Groups, stated_model
 
-CERTAIN = 1.645
-"""Standard errors that half of a 90 % interval has."""
+LASTING, UNEVEN = 0.4, 3.0
+"""Noise that lasts longer than its level was read from shows in all segments, whatever they move:
+up to this part of the least power that counts as a gap, and in one segment up to so many times as
+much as in most."""
 WORSE = 1.5
 """Ratio of a signal's gap after to before from which a model does not explain the log, whatever it does for others: a
 dead zone of a drive looks like play in angles, but not in velocities. True effects leave no signal worse by a tenth."""
@@ -136,11 +138,11 @@ def _rule(
     if not chosen.fit.model:
         return _unnamed(problem, comparison, null)
     is_tested = bool(null.fit.residuals[:, tested.rows].any())
-    is_closed = is_tested and _closed(comparison, tested, null.fit.residuals, final) >= decide.explained_share(
-        comparison, chosen.fit.model
-    )
+    leaves_gap = tested.largest_rms(tested.structure(final)) >= least
+    share = decide.explained_share(comparison, chosen.fit.model, leaves_gap=leaves_gap)
+    is_closed = is_tested and _closed(comparison, tested, null.fit.residuals, final) >= share
     if len(chosen.fit.model) > 2:  # three effects imitate a fourth, but not to within noise
-        is_closed = is_closed and tested.largest_rms(tested.structure(final)) < least
+        is_closed = is_closed and not leaves_gap
     gaps = _gaps(problem, tested, null.fit.residuals, final)
     if not is_closed or any(gap.after > WORSE * max(gap.before, 1.0) for gap in gaps):
         return _unnamed(problem, comparison, null)
@@ -148,16 +150,25 @@ def _rule(
 
 
 def _unnamed(problem: Problem, comparison: ModelComparison, null: ScoredFit) -> ProblemRuling:
-    """The ruling where no effect can be named: there is a gap, or none."""
+    """The ruling where no effect can be named: there is a gap, or none.
+
+    What a signal shows in most segments alike may be noise that lasts, up to `LASTING`.
+    """
     least = decide.REMAINDER_RMS * problem.samples_per_residual**0.5
-    return "unexplained" if comparison.cells.largest_rms(null.structure) > least else "no_gap"
+    cells, structure = comparison.cells, null.structure
+    lasting = np.zeros_like(structure)
+    for signal in np.unique(cells.signal):
+        own = cells.signal == signal
+        lasting[:, own] = np.median(structure[:, own], axis=1, keepdims=True)
+    left = structure - np.minimum(UNEVEN * lasting, LASTING * least**2)
+    return "unexplained" if cells.largest_rms(left) > least else "no_gap"
 
 
 def _is_beyond_resolution(problem: Problem, groups: Groups) -> bool:
     """Whether an effect is larger anywhere than two correct simulations differ by: its interval holds no absence."""
     found = [group for several in groups.values() for group in several]
     resolutions = [problem.candidates[group.places[0].candidate].resolution for group in found]
-    beyond = [abs(float(g.value[0])) > CERTAIN * r for g, r in zip(found, resolutions, strict=True) if r > 0.0]
+    beyond = [abs(float(g.value[0])) > decide.CERTAIN * r for g, r in zip(found, resolutions, strict=True) if r > 0.0]
     return any(beyond) or not beyond
 
 

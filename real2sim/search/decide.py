@@ -26,22 +26,26 @@ effect."""
 TOGETHER = 2.0
 """Effects that are named together must be larger by this factor: pairs of weak effects imitate what no library
 holds."""
-BESIDE = 1.2
+BESIDE = 1.1
 """This factor is enough for one of them if the others reach `TOGETHER` and it closes `CLEAR_SHARE` of what the model
 without it leaves: weak effects that imitate something need each other."""
-CLEAR_SHARE = 0.75
+CLEAR_SHARE = 0.7
 REMAINDER_SHARE = 0.4
 """Smallest share that a further effect must close of what the model without it leaves. A false effect picks up a part
 of a misfit, a true one leaves noise."""
 FURTHER_SHARE = 0.01
 """Smallest share of the whole gap that a further effect must close: a tenth of the strength of the others. Correct
 simulations of the others differ by as much; see `WHOLE_SHARE`."""
-WHOLE_SHARE = 0.9
+WHOLE_SHARE = 0.85
 """A further effect that closes this share of what the model without it leaves, down to the disagreement of simulators,
 may close a smaller share of the whole gap."""
 CLOSED_SHARE = (0.75, 0.98, 0.99)
 """Smallest share of the gap that models of one, two and three effects must close: more effects imitate others more
 easily. A lag and a lower gain imitate a flexible gear, which no library holds, to 0.97."""
+CLOSED_WITHIN = (0.75, 0.96, 0.99)
+"""The same where no gap is left: what remains is no more than two correct simulations differ by."""
+CERTAIN = 1.645
+"""Standard errors that half of a 90 % interval has."""
 PROMISING_SHARE = 0.8
 """If a pair closes less, it lacks more than one effect, and larger models are not tried."""
 REMAINDER_RMS = 0.5
@@ -149,6 +153,10 @@ def _replaces(
         is_clear = further >= CLEAR_SHARE
         if further < REMAINDER_SHARE or (more < comparison.further_share and not _is_whole(comparison, rival, further)):
             return False
+        if more < _chance(comparison, held.fit.model) and not is_clear:
+            return False
+        if not all(_is_resolved(comparison, rival.fit, effect) for effect in rival.fit.model):
+            return False
     fits = {each.fit.model: each.fit for each in scored}
     sizes = sorted(largest_rms(comparison, fits, rival.fit, effect) / comparison.size for effect in rival.fit.model)
     if len(sizes) == 1:
@@ -161,6 +169,22 @@ def _is_whole(comparison: ModelComparison, rival: ScoredFit, further: float) -> 
     return further >= WHOLE_SHARE and not comparison.is_gap(rival.fit.residuals)
 
 
+def _chance(comparison: ModelComparison, model: Model) -> float:
+    """Share of the gap that a model may leave to chance, e.g. how a drive hunts between two steps."""
+    return 1.0 - min(c.closable_share for c in comparison.layout.candidates if c.effect in model)
+
+
+def _is_resolved(comparison: ModelComparison, fit: Fit, effect: str) -> bool:
+    """Whether an effect is larger at any place than two correct simulations differ by.
+
+    What is smaller may still fit, e.g. play of no width, as play is replayed in finer steps.
+    """
+    layout = comparison.layout
+    own = [i for i, c in enumerate(layout.candidates) if c.effect == effect]
+    sizes = [float(np.abs(fit.unknowns[:, layout.of_candidate(i)[0]]).max()) for i in own]
+    return any(size > CERTAIN * layout.candidates[i].resolution for i, size in zip(own, sizes, strict=True))
+
+
 def may_gain(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
     """Whether a model with one more effect could be chosen: the fit leaves enough, and not far too much."""
     before, after = comparison.cells.structure(null.residuals), comparison.cells.structure(fit.residuals)
@@ -171,11 +195,13 @@ def may_gain(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
     return is_left and (len(fit.model) < 2 or left <= 1.0 - PROMISING_SHARE)
 
 
-def explained_share(comparison: ModelComparison, model: Model) -> float:
-    """Share of the gap that a model must close to count as an explanation."""
+def explained_share(comparison: ModelComparison, model: Model, *, leaves_gap: bool = True) -> float:
+    """Share of the gap that a model must close to be an explanation; less where it leaves none."""
     candidates = [c for c in comparison.layout.candidates if c.effect in model]
-    share = CLOSED_SHARE[len(model) - 1] * min(c.closable_share for c in candidates)
-    return max(share, *(c.least_closed for c in candidates)) if len(model) == 1 else share
+    share = (CLOSED_SHARE if leaves_gap else CLOSED_WITHIN)[len(model) - 1]
+    if len(model) == 1 and leaves_gap:
+        share = max(share, *(c.least_closed for c in candidates))
+    return share * min(c.closable_share for c in candidates)
 
 
 def largest_rms(comparison: ModelComparison, fits: dict[Model, Fit], fit: Fit, effect: str) -> float:

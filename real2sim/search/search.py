@@ -62,7 +62,7 @@ class _Search:
         self._fits: dict[Model, Fit] = {}
         self._libraries: dict[Model, Floats] = {}
         self._choices: dict[str, dict[float, Floats]] = {}
-        """Of each effect with a choice: derivatives without any effect by all unknowns, at every value of it."""
+        """Of each effect with a choice, by its values: derivatives by all unknowns, without effects."""
         self._split: Split
         self._comparison: decide.ModelComparison
 
@@ -320,10 +320,10 @@ class _Search:
         return sorted(costs, key=costs.__getitem__)[:PROPOSED]
 
     def _starts(self, model: Model, nearest: Fit) -> list[Fit]:
-        """Starts of a fit, one for every value of a choice that the fit of fewer effects has not made.
+        """Starts of a fit, one for every value of a choice that the fit of fewer effects lacks.
 
-        No slope leads from one value of a choice to another, and the better one alone may be the worse one beside
-        another effect.
+        No slope leads from one value of a choice to another, and the better one alone may be the
+        worse one beside another effect.
         """
         starts = [self._start(model, nearest)]
         for effect in sorted((set(model) - set(nearest.model)) & self._choices.keys()):
@@ -335,7 +335,7 @@ class _Search:
         return starts
 
     def _chosen(self, start: Fit, effect: str, value: float, slopes: Floats) -> Fit:
-        """A start with this value of a choice; blocks that had another get the derivatives known there."""
+        """A start with this value of a choice; blocks with another get the derivatives there."""
         choices, own = self._layout.choices([effect]), self._layout.of_effects([effect])
         other = np.flatnonzero(np.any(start.unknowns[:, choices] != value, axis=1))
         unknowns, jacobian = start.unknowns.copy(), start.jacobian.copy()

@@ -78,7 +78,7 @@ class LinearProblem(Problem):
 
 
 class ChoiceProblem(LinearProblem):
-    """The effect e1 has a choice, `side`: at 1 its signature is that of e6, which is no effect of its own here."""
+    """The effect e1 has a choice, `side`: at 1 its signature is that of e6, which is no effect here."""
 
     def __init__(self, hidden: dict[tuple[str, str, str], float], *, alike: float) -> None:
         super().__init__(hidden, alike=alike, effects=7)

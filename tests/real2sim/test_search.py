@@ -7,6 +7,7 @@ from linear_problem import WHERES, ChoiceProblem, LinearProblem
 from one_joint import WHERES as JOINTS
 from one_joint import OneJoint
 
+from saltus.real2sim.search.narrowed import NarrowedProblem
 from saltus.real2sim.search.search import search
 
 BLOCKS = ("FR", "FL")
@@ -140,6 +141,40 @@ def test_an_effect_is_named_only_beyond_what_two_correct_simulators_differ_by(re
     problem.candidates = tuple(replace(each, resolution=resolution) for each in problem.candidates)
     findings = search(problem)
     assert (findings.verdict, bool(findings.effects)) == (verdict, verdict == "named")
+
+
+@pytest.mark.parametrize(("closable", "names"), [(1.0, {"e1", "e2"}), (0.9, {"e1"})])
+def test_no_further_effect_explains_a_part_of_what_may_be_chance(closable: float, names: set[str]) -> None:
+    problem = LinearProblem(sizes("e1", 12.0) | sizes("e2", 2.0) | sizes("e5", 2.0))
+    problem.candidates = tuple(replace(c, closable_share=closable) for c in problem.candidates)
+    findings = search(NarrowedProblem(problem, ["e5"]))
+    assert {effect.name for effect in findings.effects} == names
+
+
+@pytest.mark.parametrize(("least", "verdict"), [(0.0, "named"), (0.75, "named"), (0.95, "unexplained")])
+def test_an_effect_that_alone_closes_too_little_and_leaves_a_gap_is_not_named(least: float, verdict: str) -> None:
+    problem = LinearProblem(sizes("e1", 8.0) | sizes("e5", 3.5))
+    problem.candidates = tuple(replace(c, least_closed=least) for c in problem.candidates)
+    assert search(NarrowedProblem(problem, ["e5"])).verdict == verdict
+
+
+@pytest.mark.parametrize(("resolution", "names"), [(0.0, ("e1", "e2")), (0.5, ("e1", "e2")), (5.0, ("e1",))])
+def test_a_further_effect_is_larger_than_what_two_correct_simulators_differ_by(
+    resolution: float, names: tuple[str, ...]
+) -> None:
+    problem = LinearProblem(sizes("e1", 8.0) | sizes("e2", 2.5))
+    problem.candidates = tuple(replace(c, resolution=resolution) for c in problem.candidates)
+    findings = search(problem)
+    assert findings.residuals is not None
+    assert findings.residuals.effects == names
+
+
+@pytest.mark.parametrize("level", [1.0, 1.08])
+def test_noise_that_lasts_and_is_a_little_larger_than_its_estimate_is_no_gap(level: float) -> None:
+    for seed in range(5):
+        problem = LinearProblem({}, seed=seed, colour=0.6)
+        problem._measured = level * problem._measured
+        assert search(problem).verdict == "no_gap"
 
 
 @pytest.mark.parametrize("large", [3.0, 8.0])
