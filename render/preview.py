@@ -22,7 +22,8 @@ from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.reports.figures import BLUE, ground_figure, laid_out
-from saltus.reports.page import data_url, render, write_page
+from saltus.reports.page import render, write_page
+from saltus.reports.templates import data_url
 from saltus.robots.robot import Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.sim.video import render_run

@@ -12,7 +12,7 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.comparison import Comparison
 from saltus.heightmap.evaluation.edges import EdgeErrors
 from saltus.heightmap.evaluation.errors_by import Errors, Row
-from saltus.reports.figures import BLUE, GREEN, GREY, ORANGE, RED
+from saltus.reports.figures import BLUE, GREEN, GREY, ORANGE, RED, laid_out
 from saltus.wire.messages import DepthFrame
 
 COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9", "#F0E442")  # the rest of Okabe and Ito's palette
@@ -97,8 +97,7 @@ def calibration_figure(errors: Mapping[str, Errors]) -> go.Figure:
     figure.update_yaxes(title="observed [%]", col=1)
     figure.update_xaxes(title="half of the stated 90 % interval [cm]", col=2)
     figure.update_yaxes(title="90 % of errors are below [cm]", col=2)
-    figure.update_layout(height=380, margin={"l": 60, "r": 20, "t": 40, "b": 50}, legend=_LEGEND)
-    return figure
+    return laid_out(figure, 380, margin={"l": 60, "r": 20, "t": 40, "b": 50}, legend=_LEGEND)
 
 
 def moment_figure(
@@ -142,8 +141,7 @@ def moment_figure(
     )  # fmt: skip
     figure.update_xaxes(title="ahead of the base [cm]", col=2)
     figure.update_yaxes(title="height [cm]", col=2)
-    figure.update_layout(height=MOMENT_HEIGHT, margin={"l": 10, "r": 20, "t": 10, "b": 45})
-    return figure
+    return laid_out(figure, MOMENT_HEIGHT, margin={"l": 10, "r": 20, "t": 10, "b": 45})
 
 
 def _image(frame: DepthFrame) -> tuple[Reals, Reals, Reals]:
@@ -165,11 +163,5 @@ def _cm(values: Sequence[float]) -> list[float]:
 
 
 def _styled(figure: go.Figure, title: str, height: int) -> go.Figure:
-    figure.update_xaxes(title=title)
-    figure.update_yaxes(title="error [cm]", rangemode="tozero")
-    figure.update_layout(
-        height=height,
-        legend=_LEGEND,
-        barmode="group",
-    )
-    return figure
+    figure.update_yaxes(rangemode="tozero")
+    return laid_out(figure, height, x=title, y="error [cm]", legend=_LEGEND, barmode="group")

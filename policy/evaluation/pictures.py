@@ -6,7 +6,7 @@ from markupsafe import Markup
 
 from saltus.errors import SaltusError
 from saltus.policy.evaluation.trace import Trace
-from saltus.reports.page import data_url
+from saltus.reports.templates import data_url
 from saltus.setup import Setup
 from saltus.sim.video import render_run
 

@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 from saltus.policy.evaluation.evaluate import success_interval
 from saltus.real2sim.cycle.measuring import MOMENTS, Measured, When
 from saltus.real2sim.cycle.truth import Row
-from saltus.reports.figures import BLUE, GREEN, GREY, RED
+from saltus.reports.figures import BLUE, GREEN, GREY, RED, laid_out
 
 COLOURS: dict[When, str] = {"before": RED, "after": BLUE}
 
@@ -26,9 +26,8 @@ def success_figure(courses: Mapping[str, Mapping[When, Measured]]) -> go.Figure:
             text=[f"{hits} of {count}" for hits, count in counts], textposition="inside", insidetextanchor="start",
             error_y={"type": "data", "symmetric": False, "array": high - share, "arrayminus": share - low},
         )  # fmt: skip
-    figure.update_yaxes(title="trials that succeeded [%]", range=[0, 104])
-    figure.update_layout(barmode="group", height=380, legend={"orientation": "h", "y": 1.12})
-    return figure
+    figure.update_yaxes(range=[0, 104])
+    return laid_out(figure, 380, y="trials that succeeded [%]", legend_y=1.12, barmode="group")
 
 
 def truth_figure(rows: Sequence[Row]) -> go.Figure:
@@ -52,11 +51,11 @@ def truth_figure(rows: Sequence[Row]) -> go.Figure:
     )  # fmt: skip
     figure.add_vline(x=100.0, line={"color": GREEN, "width": 2})
     figure.add_vline(x=0.0, line={"color": GREY, "dash": "dot", "width": 1})
-    figure.update_xaxes(title="of the hidden change [%], with 90 % intervals; green: the truth")
     figure.update_yaxes(autorange="reversed", type="category", categoryorder="array", categoryarray=names)
-    figure.update_layout(height=130 + 34 * len(rows), margin={"l": 260, "r": 20, "t": 40, "b": 50})
-    figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom"})
-    return figure
+    return laid_out(
+        figure, 130 + 34 * len(rows), x="of the hidden change [%], with 90 % intervals; green: the truth",
+        margin={"l": 260, "r": 20, "t": 40, "b": 50}, legend={"orientation": "h", "y": 1.0, "yanchor": "bottom"},
+    )  # fmt: skip
 
 
 def _shares(row: Row) -> tuple[float, float, float] | None:

@@ -1,22 +1,19 @@
 """Pages with figures, made of templates, which open without a network.
 
-A template stands beside the module whose values it shows and extends `page.html`. It has `figure` and `table`
-at hand; text becomes HTML by itself. A page is small: plotly, which draws its figures, lies once in a folder,
-whatever pages it holds.
+A page's template extends `page.html` and has `figure` and `table` at hand. A page is small: plotly, which draws its
+figures, lies once in a folder, whatever pages it holds.
 """
 
-import base64
 from pathlib import Path
 
-import jinja2
 import numpy as np
 import plotly
 import plotly.graph_objects as go
 from markupsafe import Markup
-from numpy.typing import NDArray
 from plotly.offline import get_plotlyjs
 
 from saltus.files import write_whole
+from saltus.reports.templates import TEMPLATES, template_beside
 
 PLOTLY = f"plotly-{plotly.__version__}.min.js"
 """The file beside a page."""
@@ -34,27 +31,12 @@ def figure(drawn: go.Figure) -> Markup:
     return Markup(drawn.to_html(full_html=False, include_plotlyjs=False))  # noqa: S704 # plotly escapes it
 
 
-def data_url(kind: str, data: bytes | NDArray[np.uint8]) -> str:
-    """A picture as the source of an <img>: the bytes of a file of this kind, e.g. "jpeg"."""
-    return f"data:image/{kind};base64,{base64.b64encode(bytes(data)).decode()}"
-
-
-_TEMPLATES = jinja2.Environment(
-    loader=jinja2.FileSystemLoader(Path(__file__).parent, encoding="utf-8"),
-    autoescape=True,
-    undefined=jinja2.StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
-_TEMPLATES.filters["capital"] = lambda text: text[0].upper() + text[1:]  # the rest as it is
-_TEMPLATES.globals |= {"figure": figure, "data_url": data_url, "plotly": PLOTLY}
-_TEMPLATES.globals["table"] = _TEMPLATES.get_template("table.html").module.table  # type: ignore[attr-defined]
+TEMPLATES.globals |= {"figure": figure, "plotly": PLOTLY}
 
 
 def render(module_file: str, **shown: object) -> str:
     """The page of values, by the template beside a module: `module_file` is its `__file__`."""
-    template = Path(module_file).with_suffix(".html").read_text(encoding="utf-8")
-    return _TEMPLATES.from_string(template).render(shown)
+    return template_beside(module_file).render(shown)
 
 
 def write_page(path: Path, text: str) -> None:
