@@ -18,7 +18,7 @@ import tyro
 from numpy.typing import NDArray
 
 from benchmarks._pictures import Pictured, save, subplots
-from saltus.policy.training.evaluation_table import Row, read_rows
+from saltus.policy.training.evaluation_table import EvaluationRow, read_rows
 from saltus.policy.training.standard_evaluation import course_of
 
 Column = NDArray[np.float64]
@@ -51,7 +51,7 @@ def read_columns(path: Path) -> dict[str, Column]:
     return {name: np.array([float(line[name]) for line in lines]) for name in lines[0]}
 
 
-def draw(table: dict[str, Column], rows: Sequence[Row], kinds: Sequence[str], path: Path) -> None:
+def draw(table: dict[str, Column], rows: Sequence[EvaluationRow], kinds: Sequence[str], path: Path) -> None:
     """Draws the curves of some kinds of terrain over minutes."""
     across = min(_ACROSS, len(kinds))
     down = -(-len(kinds) // across)
@@ -69,7 +69,7 @@ def draw(table: dict[str, Column], rows: Sequence[Row], kinds: Sequence[str], pa
     save(figure, path)
 
 
-def _draw_kind(panel: Any, table: dict[str, Column], rows: Sequence[Row], kind: str) -> None:
+def _draw_kind(panel: Any, table: dict[str, Column], rows: Sequence[EvaluationRow], kind: str) -> None:
     minutes = table["seconds"] / 60.0
     panel.plot(minutes, table[f"{kind}/finished"], label="came to the end (share)")
     panel.plot(minutes, 0.1 * table[f"{kind}/level"], label="level (of the hardest)")

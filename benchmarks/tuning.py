@@ -37,7 +37,7 @@ class Benchmark(Command):
     messages: int = 1500
     """Small ones, at 200 Hz; ten times as many, at 5 kHz, where their work is measured."""
     repeats: int = 5
-    """Of each pause; of them the median counts."""
+    """Repeats of each pause; of them the median counts."""
 
     def measure(self) -> dict[str, Any]:
         ways = {"without": False, "with": True}
@@ -55,7 +55,7 @@ class Benchmark(Command):
 
 
 def _in_a_process(measure: Any, *arguments: Any) -> float:
-    """What a fresh process measures."""
+    """Returns what a fresh process measures."""
     with SPAWN.Pool(1) as pool:
         return float(pool.apply(measure, arguments))
 

@@ -34,7 +34,7 @@ def body(context: ProcessContext) -> None:
     robot = MujocoRobot(context.setup)
     robot.reset()
     try:
-        run = Run(context, robot)
+        run = ControllerRun(context, robot)
         if context.config.pace == "lockstep":
             run.lockstep()
         else:
@@ -43,7 +43,7 @@ def body(context: ProcessContext) -> None:
         robot.close()
 
 
-class Run:
+class ControllerRun:
     """One run of a simulated robot on the bus."""
 
     def __init__(self, context: ProcessContext, robot: MujocoRobot) -> None:

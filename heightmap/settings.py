@@ -109,7 +109,7 @@ class Loop:
     robot: str
     """Their kind: a robot that Saltus ships, or the path of an MJCF or of a folder with a robot.toml."""
     grid: str
-    """Of the heights: a name, or path of a TOML file (`saltus.grid`)."""
+    """Grid of the heights: a name, or path of a TOML file (`saltus.grid`)."""
     robots: int
     ticks: int = 600
     """Ticks of 10 ms, of every robot; one that falls or arrives starts again, which begins another

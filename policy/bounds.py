@@ -74,7 +74,7 @@ def plan_from_values(values: Array) -> Plan:
 
 
 def values_of(plan: Plan) -> Array:
-    """The values of a plan in the order of `ACTIONS`, shape (..., 10): the inverse of `action_from_values`."""
+    """The values of a plan in the order of `ACTIONS`, shape (..., 10): the inverse of `plan_from_values`."""
     xp = namespace(plan.velocity_x)
     scalars = (plan.stepping_frequency_hz, plan.velocity_x, plan.velocity_z, plan.pitch_rate)
     return xp.concat([xp.stack(scalars, axis=-1), plan.foot_residual_front, plan.foot_residual_rear], axis=-1)

@@ -48,7 +48,7 @@ BLOCKS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place(Value):
+class CameraPlace(Value):
     """Place of a camera on the trunk."""
 
     pitch: float
@@ -63,9 +63,9 @@ class Place(Value):
 class Calibration:
     """Place of the camera that took a recording."""
 
-    claimed: Place
-    found: Place
-    half_width_90: Place
+    claimed: CameraPlace
+    found: CameraPlace
+    half_width_90: CameraPlace
     """Half of the 90 % interval of each, from the scatter of the recording's parts; not what IMU and legs are off."""
     on_ground: float
     """Share of the points that lie on the ground."""
@@ -123,7 +123,7 @@ def fit_place(pairs: Sequence[tuple[DepthFrame, RobotState]], robot: Robot, came
     """
     chosen = [pairs[int(i)] for i in np.unique(np.linspace(0, len(pairs) - 1, MOST_FRAMES).round())]
     views = [_View.of(frame, state, robot) for frame, state in chosen]
-    claimed = Place(pitch=float(robot.camera_pitch), roll=0.0, height=float(robot.camera_position[2]))
+    claimed = CameraPlace(pitch=float(robot.camera_pitch), roll=0.0, height=float(robot.camera_position[2]))
     everything = _View.joined(views)
     found = _fit(everything, _begin(everything, claimed))
     depth, sigma = everything.expected(found)
@@ -187,18 +187,18 @@ class _View:
             position=views[0].position,
         )
 
-    def in_base(self, place: Place) -> Floats:
+    def in_base(self, place: CameraPlace) -> Floats:
         """Points in the base frame, shape (n, 3)."""
         c, s = np.cos(place.roll), np.sin(place.roll)
         rolled = self.points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         mount = Mount(position=np.array([*self.position[:2], place.height]), pitch=place.pitch)
         return rolled @ mount.rotation.T + mount.position
 
-    def over_ground(self, place: Place) -> Floats:
+    def over_ground(self, place: CameraPlace) -> Floats:
         """How high points lie over the ground [m], shape (n,)."""
         return np.einsum("ij,ij->i", self.up, self.in_base(place)) + self.base_height
 
-    def expected(self, place: Place) -> tuple[Floats, Floats]:
+    def expected(self, place: CameraPlace) -> tuple[Floats, Floats]:
         """Depth at which each ray meets the ground, infinite where it does not, and the noise of heights there [m].
 
         By these, not by what was measured, points are chosen and weighed: else noise would choose.
@@ -210,12 +210,12 @@ class _View:
         near = np.minimum(depth, RANGE_M[1])
         return depth, np.hypot(SIGMA_PX * near**2 / (self.focal_px * BASELINE_M) * np.abs(slope), FLOOR_M)
 
-    def profile(self, place: Place) -> Floats:
+    def profile(self, place: CameraPlace) -> Floats:
         """Points ahead and over the ground [m], shape (n, 2)."""
         return np.stack([self.in_base(place)[:, 0], self.over_ground(place)], axis=-1)
 
 
-def _begin(view: _View, claimed: Place) -> Place:
+def _begin(view: _View, claimed: CameraPlace) -> CameraPlace:
     """Place with the most points on the ground, of many about the claimed one."""
     few = replace(view, points=view.points[::20], up=view.up[::20], base_height=view.base_height[::20])
     places = [
@@ -225,7 +225,7 @@ def _begin(view: _View, claimed: Place) -> Place:
     return max(places, key=lambda place: int((np.abs(few.over_ground(place)) < 0.5 * GATES_M[0]).sum()))
 
 
-def _fit(view: _View, place: Place) -> Place:
+def _fit(view: _View, place: CameraPlace) -> CameraPlace:
     """Gauss and Newton with Huber's weights; points off the ground do not count."""
     for gate in GATES_M:
         error, (depth, sigma) = view.over_ground(place), view.expected(place)
@@ -248,13 +248,13 @@ def in_range(depth: Floats) -> NDArray[np.bool_]:
 STEP = 1e-6  # of pitch and roll [rad] and of height [m], for derivatives
 
 
-def _beside(place: Place) -> list[Place]:
+def _beside(place: CameraPlace) -> list[CameraPlace]:
     return [_place(_numbers(place) + STEP * row) for row in np.eye(3)]
 
 
-def _numbers(place: Place) -> Floats:
+def _numbers(place: CameraPlace) -> Floats:
     return np.array([place.pitch, place.roll, place.height])
 
 
-def _place(numbers: Floats) -> Place:
-    return Place(pitch=float(numbers[0]), roll=float(numbers[1]), height=float(numbers[2]))
+def _place(numbers: Floats) -> CameraPlace:
+    return CameraPlace(pitch=float(numbers[0]), roll=float(numbers[1]), height=float(numbers[2]))

@@ -15,7 +15,7 @@ CLAIMED, FOUND = "#d1495b", "#1f5fa8"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class PlaceRow:
     """A number of the camera's place, in units for people."""
 
     name: str
@@ -25,11 +25,11 @@ class Row:
     half_width_90: float
 
 
-def rows_of(found: Calibration) -> list[Row]:
+def rows_of(found: Calibration) -> list[PlaceRow]:
     """Pitch and roll [deg], height [mm]."""
     units, scales = {"pitch": "deg", "roll": "deg", "height": "mm"}, {"deg": 180.0 / np.pi, "mm": 1e3}
     return [
-        Row(
+        PlaceRow(
             name=name,
             unit=unit,
             claimed=scales[unit] * getattr(found.claimed, name),

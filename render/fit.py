@@ -13,7 +13,7 @@ from saltus.recordings.realsense import ENDINGS, read_realsense
 from saltus.recordings.recording import read_recording
 from saltus.render.stereo.camera import UNFILTERED, StereoConfig
 from saltus.render.stereo.depth_unit import DepthUnit
-from saltus.render.stereo.estimate import Estimate, measured, untestable
+from saltus.render.stereo.estimate import StereoEstimate, measured, untestable
 from saltus.render.stereo.fit_baseline import fit_baseline
 from saltus.render.stereo.fit_edges import EdgeCurves, edge_curves, flying_fraction, hole_fraction
 from saltus.render.stereo.fit_noise import (
@@ -38,28 +38,28 @@ ASSUMED = f"with the data sheet's baseline of {1e3 * BASELINE_M:g} mm, as the re
 class StereoParameters:
     """Parameters that can be fitted; units in the names."""
 
-    baseline_m: Estimate
-    sigma_px: Estimate
+    baseline_m: StereoEstimate
+    sigma_px: StereoEstimate
     """Sub-pixel noise."""
-    range_exponent: Estimate
+    range_exponent: StereoEstimate
     """Exponent of the growth of the noise with range: 2 if it is that of stereo. Not a parameter of
     the model: a check."""
-    correlation_px: Estimate
-    persistence_s: Estimate
-    step_px: Estimate
+    correlation_px: StereoEstimate
+    persistence_s: StereoEstimate
+    step_px: StereoEstimate
     """Step of the disparity."""
-    maximum_px: Estimate
+    maximum_px: StereoEstimate
     """Largest disparity of the search."""
-    margin_px: Estimate
+    margin_px: StereoEstimate
     """Margin of the search at the left of the image; below 0 the invalid band is wider than f B /
     z."""
-    hole_fraction: Estimate
+    hole_fraction: StereoEstimate
     """At edges."""
-    flying_fraction: Estimate
+    flying_fraction: StereoEstimate
     """At edges."""
-    reach_m: Estimate
+    reach_m: StereoEstimate
     """Where the signal gets too weak."""
-    depth_unit_m: Estimate
+    depth_unit_m: StereoEstimate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,7 +88,7 @@ class FitResult:
         """The camera as fitted; defaults where the recording shows nothing, and no post-filters."""
         found, base = self.parameters, UNFILTERED
 
-        def changed(effect: Any, **values: Estimate) -> Any:
+        def changed(effect: Any, **values: StereoEstimate) -> Any:
             return replace(effect, **{name: e.value for name, e in values.items() if e.value is not None})
 
         return replace(
@@ -184,12 +184,12 @@ def _parameters(scene: StaticScene, curves: NoiseCurves | str, edges: EdgeCurves
 class _OfNoise:
     """Parameters that need many frames; inverse depths in [1/m]."""
 
-    sigma_inverse: Estimate
-    step_inverse: Estimate
-    correlation_px: Estimate
-    persistence_s: Estimate
-    range_exponent: Estimate
-    flying_fraction: Estimate
+    sigma_inverse: StereoEstimate
+    step_inverse: StereoEstimate
+    correlation_px: StereoEstimate
+    persistence_s: StereoEstimate
+    range_exponent: StereoEstimate
+    flying_fraction: StereoEstimate
 
 
 def _of_noise(scene: StaticScene, curves: NoiseCurves | str) -> _OfNoise:
@@ -207,7 +207,7 @@ def _of_noise(scene: StaticScene, curves: NoiseCurves | str) -> _OfNoise:
     )
 
 
-def _scaled(estimate: Estimate, factor: float, baseline: Estimate) -> Estimate:
+def _scaled(estimate: StereoEstimate, factor: float, baseline: StereoEstimate) -> StereoEstimate:
     """Inverse depth [1/m] as disparity [px]; the error of the baseline comes in."""
     if estimate.value is None or estimate.error is None:
         return estimate
@@ -217,11 +217,11 @@ def _scaled(estimate: Estimate, factor: float, baseline: Estimate) -> Estimate:
     return measured(estimate.value * factor, estimate.value * factor * relative)
 
 
-def _noted(estimate: Estimate, note: str) -> Estimate:
+def _noted(estimate: StereoEstimate, note: str) -> StereoEstimate:
     return replace(estimate, note=note) if estimate.testable and note else estimate
 
 
-def _maximum(scene: StaticScene, baseline_m: float) -> Estimate:
+def _maximum(scene: StaticScene, baseline_m: float) -> StereoEstimate:
     largest = float(scene.median.max())
     return untestable(
         f"the nearest surface, at {1.0 / largest:.2f} m, has a disparity of {largest * scene.fx * baseline_m:.0f} px: "
@@ -229,7 +229,7 @@ def _maximum(scene: StaticScene, baseline_m: float) -> Estimate:
     )
 
 
-def _reach(scene: StaticScene) -> Estimate:
+def _reach(scene: StaticScene) -> StereoEstimate:
     known = scene.median[scene.median > 0.0]
     return untestable(
         f"the farthest surface is at {1.0 / float(known.min()):.1f} m: needs a matt wall, square on, from 5 m away on"

@@ -51,7 +51,7 @@ class Picture(NamedTuple):
 
 
 _NO_HEIGHTS = HeightGrid(x=(0.0,))
-"""Of pictures without a heightmap."""
+"""No heights of pictures without a heightmap."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ from saltus.render.stereo.optics import Optics
 
 @dataclass(frozen=True)
 class KorniaWindows:
-    """`saltus.render.stereo.windows.Windows` for images of three dimensions.
+    """`saltus.render.stereo.windows.Morphology` for images of three dimensions.
 
     Only extremes come from kornia: its moving averages (`box_blur`), which are convolutions on a CPU, take 8 to 49
     times as long there as sums over windows of 1, 2, 4, ... samples.

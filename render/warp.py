@@ -14,7 +14,7 @@ from saltus.render.capsules import capsules_in_camera
 from saltus.render.legs import LegShapes
 from saltus.render.renderer import Renderer, StereoRenderer, check_poses
 from saltus.render.stereo.optics import Optics
-from saltus.render.warp_kernels import Scene, cast_kernel, hide_kernel
+from saltus.render.warp_kernels import WarpScene, cast_kernel, hide_kernel
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
@@ -95,14 +95,14 @@ class WarpCaster:
             )
             return depth, hidden
 
-    def _cast(self, scene: Scene) -> warp.array:
+    def _cast(self, scene: WarpScene) -> warp.array:
         intrinsics = self.camera.intrinsics
         shape = (scene.origin.shape[0], intrinsics.height, intrinsics.width)
         depth = warp.empty(shape, dtype=float, device=self.device)
         warp.launch(cast_kernel, dim=shape, inputs=[scene], outputs=[depth], device=self.device)
         return depth
 
-    def _scene(self, base_position: Array, base_quaternion: Array, joint_position: Array) -> Scene:
+    def _scene(self, base_position: Array, base_quaternion: Array, joint_position: Array) -> WarpScene:
         """Returns what the kernels get."""
         if self._low.shape[0] not in (1, len(base_position)):
             raise SaltusError(f"boxes are given for {self._low.shape[0]} robots, poses for {len(base_position)}")
@@ -110,7 +110,7 @@ class WarpCaster:
         legs = self._legs.capsules(joint_position)
         position_in_base, camera_in_base = (constant.like(legs.start) for constant in self.camera.mount.in_base)
         seen = capsules_in_camera(legs, position_in_base, camera_in_base)
-        camera, scene = self.camera.intrinsics, Scene()
+        camera, scene = self.camera.intrinsics, WarpScene()
         scene.origin, scene.rotation = self._on_device(origin, warp.vec3f), self._on_device(rotation, warp.mat33f)
         scene.low, scene.high, scene.turn = self._low, self._high, self._turn
         scene.start, scene.end = self._on_device(seen.start, warp.vec3f), self._on_device(seen.end, warp.vec3f)

@@ -65,7 +65,7 @@ def capsule_entry(direction: wp.vec3f, start: wp.vec3f, end: wp.vec3f, radius: f
 
 
 @wp.struct
-class Scene:
+class WarpScene:
     """Cameras and what they see."""
 
     origin: wp.array[wp.vec3f]
@@ -86,7 +86,7 @@ class Scene:
 
 
 @wp.func
-def turned_entry(scene: Scene, row: int, i: int, origin: wp.vec3f, direction: wp.vec3f) -> wp.vec2f:
+def turned_entry(scene: WarpScene, row: int, i: int, origin: wp.vec3f, direction: wp.vec3f) -> wp.vec2f:
     """`box_entry` of a box that may be turned about its centre; `turn` is empty where all are level."""
     low, high = scene.low[row, i], scene.high[row, i]
     if scene.turn.shape[0] > 0:
@@ -97,7 +97,7 @@ def turned_entry(scene: Scene, row: int, i: int, origin: wp.vec3f, direction: wp
 
 
 @wp.func
-def boxes_entry(scene: Scene, row: int, origin: wp.vec3f, direction: wp.vec3f) -> float:
+def boxes_entry(scene: WarpScene, row: int, origin: wp.vec3f, direction: wp.vec3f) -> float:
     """Depth of the nearest surface of the union of boxes, from inside as from outside."""
     nearest = wp.float32(NOTHING)  # Warp keeps what a loop changes in variables, not in constants
     within = wp.float32(-1.0)
@@ -128,7 +128,7 @@ def pixel_direction(row: int, column: int, fx: float, fy: float, cx: float, cy: 
 
 
 @wp.func
-def nearest_along(scene: Scene, frame: int, origin: wp.vec3f, way: wp.vec3f) -> float:
+def nearest_along(scene: WarpScene, frame: int, origin: wp.vec3f, way: wp.vec3f) -> float:
     """Depth of what a ray meets first; its origin and direction are in the camera frame."""
     turn = scene.rotation[frame]
     row = wp.min(frame, scene.low.shape[0] - 1)
@@ -140,7 +140,7 @@ def nearest_along(scene: Scene, frame: int, origin: wp.vec3f, way: wp.vec3f) -> 
 
 
 @wp.kernel(enable_backward=False)
-def cast_kernel(scene: Scene, depth: wp.array3d[float]):
+def cast_kernel(scene: WarpScene, depth: wp.array3d[float]):
     """Depth of boxes and capsules."""
     frame, row, column = wp.tid()
     direction = pixel_direction(row, column, scene.fx, scene.fy, scene.cx, scene.cy)
@@ -149,7 +149,12 @@ def cast_kernel(scene: Scene, depth: wp.array3d[float]):
 
 @wp.kernel(enable_backward=False)
 def hide_kernel(
-    scene: Scene, depth: wp.array3d[float], baseline: float, farthest: float, along: float, hidden: wp.array3d[wp.bool]
+    scene: WarpScene,
+    depth: wp.array3d[float],
+    baseline: float,
+    farthest: float,
+    along: float,
+    hidden: wp.array3d[wp.bool],
 ):
     """True where something lies on the way from the right imager to the point that the left one sees."""
     frame, row, column = wp.tid()

@@ -69,7 +69,7 @@ class Constant:
         return found
 
 
-class Columns:
+class ColumnNames:
     """Names for columns of an array, e.g. of one that holds uniform random numbers: each has a shape, () or (k,)."""
 
     def __init__(self, **shapes: tuple[int, ...]) -> None:

@@ -10,7 +10,7 @@ Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
 Command = TypeVar("Command")
 Subcommands = Annotated[tyro.conf.OmitSubcommandPrefixes[Command], tyro.conf.arg(name="")]
-"""The commands of a `Group`, a union of classes that are each annotated with `tyro.conf.subcommand`."""
+"""The commands of a `CommandGroup`, a union of classes that are each annotated with `tyro.conf.subcommand`."""
 
 
 def shown(metavar: str, default: str) -> Any:
@@ -23,7 +23,7 @@ AT_LEAST_ONE = tyro.conf.arg(metavar="PATH [PATH ...]", help_behavior_hint="(at 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Group:
+class CommandGroup:
     """A command that consists of others."""
 
     command: Any

@@ -42,7 +42,7 @@ class Measurement(Protocol):
         """[rad/s], shape (..., 12)."""
 
 
-class Estimate(Protocol):
+class StateEstimate(Protocol):
     """Quantities that an estimator makes of measurements."""
 
     @property
@@ -74,7 +74,7 @@ class Schedule(Protocol):
         """Completed gait cycles, shape (...)."""
 
 
-class Proprioception(Measurement, Estimate, Protocol):
+class Proprioception(Measurement, StateEstimate, Protocol):
     """All that robots know of themselves; `saltus.wire.messages.RobotState` is it for one robot."""
 
     @property
@@ -124,7 +124,7 @@ class RobotStates(Sensed):
         return self.step * POLICY_DT
 
 
-def states_of(measurement: Measurement, estimate: Estimate, schedule: Schedule, step: int = 0) -> RobotStates:
+def states_of(measurement: Measurement, estimate: StateEstimate, schedule: Schedule, step: int = 0) -> RobotStates:
     """Puts together what sensors, estimator and gait know of the same robots at the same instant."""
     return RobotStates(
         quaternion_base_in_world=measurement.quaternion_base_in_world,

@@ -73,7 +73,7 @@ class HeldOutRuns:
     robot: str
     """Their kind: a robot that Saltus ships, or a path."""
     grid: str
-    """Of the heights: a name, or a path."""
+    """Grid of the heights: a name, or a path."""
     runs: int = 200
     seed: int = 0
     camera: str = "d435i"

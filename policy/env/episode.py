@@ -5,7 +5,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from saltus.arrays import Columns
+from saltus.arrays import ColumnNames
 from saltus.constants import POLICY_DT
 from saltus.controller.estimator import Estimator
 from saltus.effects.body import BodyModel
@@ -29,8 +29,8 @@ _TRUNK_POINTS = 9  # along the lower edge of the trunk, 4.7 cm apart
 TALLY = ("episodes", "finished", "tilted", "touched", "sunk", "astray", "way_m", "time_s")
 """Counts over the episodes of each kind of terrain."""
 
-_START_DRAWS = Columns(joints=(12,), x=(), yaw=(), y=(), heading=(), height_shift=(2,))
-_EVENT_DRAWS = Columns(level=(), difficulty=(), torque_time=(), torque=(), push_time=(), push_ahead=())
+_START_DRAWS = ColumnNames(joints=(12,), x=(), yaw=(), y=(), heading=(), height_shift=(2,))
+_EVENT_DRAWS = ColumnNames(level=(), difficulty=(), torque_time=(), torque=(), push_time=(), push_ahead=())
 
 
 class Episodes:
@@ -49,7 +49,7 @@ class Episodes:
         beside = torch.tensor((shift.x_range, shift.z_range), device=device)
         self._shift_range = beside + torch.tensor(config.randomisation.height_shift_m, device=device)
         self._wide = config.randomisation.wide
-        self._columns = Columns(
+        self._columns = ColumnNames(
             course=(DRAWS.count,),
             body=(BODY_DRAWS.count,),
             start=(_START_DRAWS.count,),

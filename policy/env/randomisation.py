@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from saltus.arrays import Array, Columns, namespace
+from saltus.arrays import Array, ColumnNames, namespace
 from saltus.config import check_between
 from saltus.effects.body import (
     LEAST_TURNING_M,
@@ -12,7 +12,7 @@ from saltus.effects.body import (
 )
 from saltus.errors import ConfigError
 
-BODY_DRAWS = Columns(
+BODY_DRAWS = ColumnNames(
     friction=(), payload_kg=(), motor_strength=(), com_shift=(3,), delay_s=(), push_aside=(), plan_delay_s=()
 )
 """Uniform random numbers of a robot: what `draw_bodies` takes, and the side of a push."""
@@ -24,7 +24,7 @@ WIDE = {
 }  # fmt: skip
 """Values that `WideConfig` draws, by their names in `saltus.policy.env.memory.Memory`, each from
 one uniform random number; and what makes it about 1 for the critic."""
-WIDE_DRAWS = Columns(**dict.fromkeys(WIDE, ()))
+WIDE_DRAWS = ColumnNames(**dict.fromkeys(WIDE, ()))
 SOFT_RUBBER = {
     "contact_time_constant": (NOMINAL_CONTACT_TIME_CONSTANT_S, 0.02),
     "touch_impedance": (NOMINAL_TOUCH_IMPEDANCE, 0.02),

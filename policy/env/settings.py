@@ -122,7 +122,8 @@ class TrainConfig:
     robot: str
     """Name, or path of an MJCF or of a folder with a robot.toml."""
     grid: str
-    """Of the heights that the policy is given: a name, or path of a TOML file (`saltus.grid`)."""
+    """Grid of the heights that the policy is given: a name, or path of a TOML file
+    (`saltus.grid`)."""
     robots: int = 4096
     """Robots of each process."""
     seed: int = 0

@@ -41,7 +41,7 @@ class Views:
         self._memory, self._config, self._states, self._qpos, self._qvel = memory, config, states, qpos, qvel
         count, device = len(memory.kind), memory.phase.device
         self.grid = grid
-        """Of the policy's heights."""
+        """Grid of the policy's heights."""
         self._far = HeightGrid(x=FAR_X)
         self.actor = torch.zeros(count, size_with(grid, config.past_steps), device=device)
         self._has_wide = config.randomisation.wide.share > 0.0

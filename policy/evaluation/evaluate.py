@@ -58,9 +58,9 @@ class Evaluation:
     robot: str
     """Name, or path of an MJCF or of a folder with a robot.toml."""
     grid: str
-    """Of the heights that the planner is given: a name, or path of a TOML file."""
+    """Grid of the heights that the planner is given: a name, or path of a TOML file."""
     camera: str = "ideal"
-    """Of robots that predict their heights: a name, or a TOML file."""
+    """Camera of robots that predict their heights: a name, or a TOML file."""
     course: TerrainConfig
     trials: int = 20
     seed: int = 0

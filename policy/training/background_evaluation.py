@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from saltus.policy.training.evaluation_table import Row, read_rows
+from saltus.policy.training.evaluation_table import EvaluationRow, read_rows
 
 NEEDED = ("daqp", "onnx", "onnxruntime")
 """Packages that the deployed stack and its export need besides those of training."""
@@ -54,7 +54,7 @@ class BackgroundEvaluation:
             command, env=environment, stdout=subprocess.DEVNULL, start_new_session=True
         )
 
-    def finished(self) -> list[Row]:
+    def finished(self) -> list[EvaluationRow]:
         """The rows of an evaluation that has ended since the last call; none where it failed."""
         if self._process is None or self._process.poll() is None:
             return []

@@ -10,7 +10,7 @@ from saltus.policy.tables import append_table, read_table
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class EvaluationRow:
     """How one checkpoint did on one course."""
 
     iteration: int
@@ -29,18 +29,18 @@ class Row:
     """Causes and how often, e.g. "edge_hit 3, slip 1"."""
 
 
-def append_rows(table: Path, rows: Sequence[Row]) -> None:
+def append_rows(table: Path, rows: Sequence[EvaluationRow]) -> None:
     """Adds rows to a CSV table, with a header where it begins."""
     append_table(table, [asdict(row) for row in rows])
 
 
-def read_rows(table: Path) -> list[Row]:
+def read_rows(table: Path) -> list[EvaluationRow]:
     """The rows of a table that `append_rows` wrote; none where there is no table."""
-    types: dict[str, Any] = {f.name: f.type for f in fields(Row)}
-    return [Row(**{name: types[name](text) for name, text in line.items()}) for line in read_table(table)]
+    types: dict[str, Any] = {f.name: f.type for f in fields(EvaluationRow)}
+    return [EvaluationRow(**{name: types[name](text) for name, text in line.items()}) for line in read_table(table)]
 
 
-def summary(rows: Sequence[Row]) -> str:
+def summary(rows: Sequence[EvaluationRow]) -> str:
     """One line for people: successes, way and time on each course."""
     parts = [
         f"{row.course} {100 * row.success_rate:.0f}% (way {100 * row.way_share:.0f}%"

@@ -35,7 +35,7 @@ class DeployedPolicy(nn.Module):
         config = config_of(checkpoint)
         self.past_steps = config.env.past_steps
         self.grid: HeightGrid = load_grid(config.grid)
-        """Of its heights."""
+        """Grid of its heights."""
         self.size = size_with(self.grid, self.past_steps)
         actor = _actor(config)
         try:

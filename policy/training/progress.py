@@ -18,7 +18,7 @@ _SHORT = {
 }  # fmt: skip
 
 
-class Progress:
+class TallyReader:
     """Reads the environment's tallies and starts them again; continues `progress.csv` and the curves of a folder."""
 
     def __init__(self, folder: Path, env: JumpEnv, learner: Learner) -> None:

@@ -22,7 +22,7 @@ from saltus.model_file import ModelFile
 from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, collect, run_batch
 from saltus.policy.evaluation.rollout import shifted_heights
 from saltus.policy.planner import make_planner
-from saltus.policy.training.evaluation_table import Row, append_rows, summary
+from saltus.policy.training.evaluation_table import EvaluationRow, append_rows, summary
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.law import PAPER
 from saltus.terrain.own import own_families
@@ -64,7 +64,9 @@ def course_of(name: str) -> TerrainConfig:
     return COURSES.get(name, TerrainConfig(terrain=name))
 
 
-def evaluate_checkpoint(checkpoint: Path, courses: Sequence[str], trials: int, processes: int) -> Iterator[Row]:
+def evaluate_checkpoint(
+    checkpoint: Path, courses: Sequence[str], trials: int, processes: int
+) -> Iterator[EvaluationRow]:
     """Exports a checkpoint and runs it on courses, one batch of robots each; rows come in the order of the courses.
 
     Raises:
@@ -91,10 +93,10 @@ def _results(robot: str, grid: str, model: Path, trials: int, course: str) -> Ev
     return collect([run_batch(evaluation, shifted_heights, partial(make_planner, "learned", model=model), seeds)])
 
 
-def _row(course: str, result: EvaluationResult, iteration: int, steps: int) -> Row:
+def _row(course: str, result: EvaluationResult, iteration: int, steps: int) -> EvaluationRow:
     finish = make_terrain(course_of(course)).finish_x
     way = [outcome.distance_m / finish for outcome in result.outcomes]
-    return Row(
+    return EvaluationRow(
         iteration=iteration,
         steps=steps,
         course=course,

@@ -14,10 +14,10 @@ from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import TrainConfig
 from saltus.policy.tables import carry_on
 from saltus.policy.training.background_evaluation import BackgroundEvaluation, missing_packages
-from saltus.policy.training.evaluation_table import Row, summary
+from saltus.policy.training.evaluation_table import EvaluationRow, summary
 from saltus.policy.training.files import CHECKPOINT, COMMIT, PROGRESS
 from saltus.policy.training.learner import Learner
-from saltus.policy.training.progress import Progress
+from saltus.policy.training.progress import TallyReader
 
 REPORT_S = 10.0
 SAVE_S = 120.0
@@ -54,7 +54,7 @@ class TrainingRecord:
         self._extra: Mapping[str, Any] = {"config": to_toml(config), "commit": commit}
         (folder / "config.toml").write_text(self._extra["config"], encoding="utf-8")
         (folder / COMMIT).write_text(commit + "\n", encoding="utf-8")
-        self._progress = Progress(folder, env, learner)
+        self._progress = TallyReader(folder, env, learner)
         self._reported = self._saved = time.monotonic()
         self.evaluation = self._evaluations(folder, config.env.curriculum, evaluate_s) if evaluate_s > 0.0 else None
         """Evaluation that runs beside the training; None where none does."""
@@ -94,7 +94,7 @@ class TrainingRecord:
         self._learner.save(self.checkpoint, {**self._extra, "seconds": now - self._start_s})
         self._saved = now
 
-    def _tell(self, rows: list[Row]) -> None:
+    def _tell(self, rows: list[EvaluationRow]) -> None:
         if not rows:
             return
         self.say(summary(rows))

@@ -15,7 +15,7 @@ from saltus.arrays import Floats
 from saltus.errors import RecordingError, nearest_hint
 from saltus.real2sim.screening.row_times import evenly, rate_scale, state_times
 from saltus.recordings.columns import names_in_archive, read_archive, read_parquet, read_text
-from saltus.recordings.description import Columns
+from saltus.recordings.description import TableColumns
 from saltus.recordings.run_claims import CONTROL_DT, GAINS
 from saltus.recordings.run_log import JOINT_SIGNALS, JointTable, RunLog, period_of
 from saltus.robots.robot import JOINTS
@@ -32,7 +32,7 @@ LOG = "{log}"
 
 
 def read_table(
-    path: Path, kind: str, columns: Columns, joint_names: dict[str, str], left_out: Iterable[str] = ()
+    path: Path, kind: str, columns: TableColumns, joint_names: dict[str, str], left_out: Iterable[str] = ()
 ) -> tuple[dict[str, RunLog], list[str]]:
     """The logs of a table by their names, and notes.
 
@@ -74,7 +74,7 @@ def read_table(
 
 
 def _read_one(
-    path: Path, kind: str, columns: Columns, joint_names: dict[str, str]
+    path: Path, kind: str, columns: TableColumns, joint_names: dict[str, str]
 ) -> tuple[dict[str, RunLog], list[str]]:
     joints = [joint_names.get(name, name) for name in columns.joints]
     time_s, signals, notes = _read(path, kind, columns)
@@ -82,7 +82,7 @@ def _read_one(
 
 
 def _logs(
-    path: Path, columns: Columns, joints: Sequence[str], time_s: Floats, signals: dict[str, Floats]
+    path: Path, columns: TableColumns, joints: Sequence[str], time_s: Floats, signals: dict[str, Floats]
 ) -> dict[str, RunLog]:
     if len(time_s) < 2:
         raise RecordingError(f"{path} has one row only")
@@ -121,7 +121,7 @@ def _logs(
     return logs
 
 
-def _with_joints(columns: Columns, joint_names: dict[str, str]) -> Columns:
+def _with_joints(columns: TableColumns, joint_names: dict[str, str]) -> TableColumns:
     """The columns with the table's names of all joints; refuses what [joint_names] has beside them."""
     own = {joint.removesuffix("_joint"): name for name, joint in joint_names.items()}
     joints = columns.joints or tuple(own.get(joint, joint) for joint in JOINTS)
@@ -132,7 +132,7 @@ def _with_joints(columns: Columns, joint_names: dict[str, str]) -> Columns:
     return replace(columns, joints=joints)
 
 
-def _read(path: Path, kind: str, columns: Columns) -> tuple[Floats, dict[str, Floats], list[str]]:
+def _read(path: Path, kind: str, columns: TableColumns) -> tuple[Floats, dict[str, Floats], list[str]]:
     """Times from the first row on [s], signals in SI units, shape (rows, joints) each, and notes."""
     if (columns.time is None) == (columns.rate_hz is None):
         raise RecordingError("[columns] needs either time, a column, or rate_hz, of rows that are evenly spaced")
@@ -156,7 +156,7 @@ def _read(path: Path, kind: str, columns: Columns) -> tuple[Floats, dict[str, Fl
     return np.arange(len(signals["q"])) * np.float64(1.0 / columns.rate_hz), signals, list(read.notes)
 
 
-def _names(columns: Columns, signal: str, kind: str) -> list[str]:
+def _names(columns: TableColumns, signal: str, kind: str) -> list[str]:
     """Names of a signal's columns, one for each joint; or one for all of them."""
     pattern = getattr(columns, signal)
     try:
@@ -170,7 +170,7 @@ def _names(columns: Columns, signal: str, kind: str) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _together(path: Path, values: dict[str, Floats], names: Sequence[str], columns: Columns) -> Floats:
+def _together(path: Path, values: dict[str, Floats], names: Sequence[str], columns: TableColumns) -> Floats:
     """A signal of all joints, shape (rows, joints), out of its columns."""
     count = len(columns.joints)
     whole = values[names[0]]

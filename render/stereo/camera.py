@@ -16,13 +16,13 @@ from saltus.render.stereo.baseline_occlusion import BaselineOcclusion
 from saltus.render.stereo.depth_unit import DepthUnit
 from saltus.render.stereo.disparity_noise import DisparityNoise
 from saltus.render.stereo.disparity_step import DisparityStep
-from saltus.render.stereo.edge_holes import EdgeHoles
+from saltus.render.stereo.edge_holes import StereoEdgeHoles
 from saltus.render.stereo.flying_pixels import FlyingPixels
 from saltus.render.stereo.image import depth_of, stereo_image
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo.search_range import SearchRange
 from saltus.render.stereo.weak_signal import WeakSignal
-from saltus.render.stereo.windows import ARRAY_WINDOWS, Windows
+from saltus.render.stereo.windows import ARRAY_WINDOWS, Morphology
 
 StereoState = tuple[Any, ...]
 """States of the effects, in the order of the camera."""
@@ -37,7 +37,7 @@ class StereoConfig:
     disparity_noise: DisparityNoise = field(default_factory=lambda: DisparityNoise(sigma=0.08))
     disparity_step: DisparityStep = field(default_factory=lambda: DisparityStep(step=1.0 / 32.0))
     search_range: SearchRange = field(default_factory=lambda: SearchRange(maximum=126.0, margin=0.0))
-    edge_holes: EdgeHoles = field(default_factory=lambda: EdgeHoles(fraction=0.1))
+    edge_holes: StereoEdgeHoles = field(default_factory=lambda: StereoEdgeHoles(fraction=0.1))
     weak_signal: WeakSignal = field(default_factory=lambda: WeakSignal(reach=10.0))
     flying_pixels: FlyingPixels = field(default_factory=lambda: FlyingPixels(fraction=0.2))
     depth_unit: DepthUnit = field(default_factory=lambda: DepthUnit(unit=0.001))
@@ -80,7 +80,7 @@ class StereoCamera:
     `optics` are those of the images that it is given; `windows` look around pixels.
     """
 
-    def __init__(self, config: StereoConfig, optics: Optics, windows: Windows = ARRAY_WINDOWS) -> None:
+    def __init__(self, config: StereoConfig, optics: Optics, windows: Morphology = ARRAY_WINDOWS) -> None:
         self.config = config
         self.optics = optics
         self._windows = windows

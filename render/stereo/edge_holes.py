@@ -15,7 +15,7 @@ from saltus.render.stereo.random_effect import RandomStereoEffect
 
 
 @dataclass(frozen=True, kw_only=True)
-class EdgeHoles(RandomStereoEffect):
+class StereoEdgeHoles(RandomStereoEffect):
     """A share `fraction` of the pixels within `reach` of a depth edge, on its far side, is invalid, in patches.
 
     The near side usually wins the match, so it keeps its pixels.

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
-class Estimate:
+class StereoEstimate:
     """A parameter as a recording shows it."""
 
     value: float | None = None
@@ -24,11 +24,11 @@ class Estimate:
         return self.value is not None
 
 
-def measured(value: float, error: float, note: str = "") -> Estimate:
+def measured(value: float, error: float, note: str = "") -> StereoEstimate:
     """A value with its standard error."""
-    return Estimate(value=float(value), error=float(error), note=note)
+    return StereoEstimate(value=float(value), error=float(error), note=note)
 
 
-def untestable(reason: str) -> Estimate:
+def untestable(reason: str) -> StereoEstimate:
     """No value, and why."""
-    return Estimate(note=reason)
+    return StereoEstimate(note=reason)

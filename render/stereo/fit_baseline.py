@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.render.stereo.estimate import Estimate, measured, untestable
+from saltus.render.stereo.estimate import StereoEstimate, measured, untestable
 from saltus.render.stereo.optics import BASELINE_M
 from saltus.render.stereo.static_scene import StaticScene
 
@@ -35,7 +35,7 @@ class Shadows:
         return Shadows(width=self.width[index], step=self.step[index], end=self.end[index])
 
 
-def fit_baseline(scene: StaticScene) -> tuple[Estimate, Estimate]:
+def fit_baseline(scene: StaticScene) -> tuple[StereoEstimate, StereoEstimate]:
     """Baseline [m], and the margin [px] of `SearchRange`.
 
     Shadows are f B (1 / z_near - 1 / z_far) wide. The band is f B / z wide less the margin, so it counts for the
@@ -58,7 +58,7 @@ def fit_baseline(scene: StaticScene) -> tuple[Estimate, Estimate]:
     return baseline, margin
 
 
-def _margin(bands: Shadows, fx: float, baseline: Estimate) -> Estimate:
+def _margin(bands: Shadows, fx: float, baseline: StereoEstimate) -> StereoEstimate:
     rest = fx * (baseline.value or 0.0) * bands.step - bands.width
     return measured(float(np.median(rest)), max(ROUNDING_PX, 1.25 * float(np.std(rest)) / len(rest) ** 0.5))
 
@@ -71,7 +71,7 @@ def _joined(one: Shadows, other: Shadows) -> Shadows:
     )
 
 
-def _slope(shadows: Shadows, fx: float) -> Estimate:
+def _slope(shadows: Shadows, fx: float) -> StereoEstimate:
     """Width over focal length times step, without outliers: shadows of something that is not in view."""
     value = float(np.median(shadows.width / shadows.step)) / fx
     for _ in range(3):

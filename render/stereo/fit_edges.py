@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.render.stereo.edge_holes import EdgeHoles
-from saltus.render.stereo.estimate import Estimate, measured, untestable
+from saltus.render.stereo.edge_holes import StereoEdgeHoles
+from saltus.render.stereo.estimate import StereoEstimate, measured, untestable
 from saltus.render.stereo.static_scene import StaticScene
 
 MIN_STEP_PX = 2.0  # of nominal disparity: an edge
@@ -49,19 +49,19 @@ def edge_curves(scene: StaticScene) -> EdgeCurves:
     )
 
 
-def hole_fraction(curves: EdgeCurves) -> Estimate:
-    """Share of pixels that is lost within the reach of `EdgeHoles`, on the side that has no shadow."""
+def hole_fraction(curves: EdgeCurves) -> StereoEstimate:
+    """Share of pixels that is lost within the reach of `StereoEdgeHoles`, on the side that has no shadow."""
     if curves.edges < MIN_EDGES:
         return untestable(f"{curves.edges} rows with a clean right edge of something near: {MIN_EDGES} are needed")
     inside = (curves.distance_px > 0) & (curves.distance_px <= REACH_PX)
     background = float(np.mean(curves.invalid[curves.distance_px > 2 * REACH_PX]))
     value = float(np.mean(curves.invalid[inside])) - background
     # pixels that are touched in part stand for fewer: see EdgeHoles
-    value *= REACH_PX / EdgeHoles().reach
+    value *= REACH_PX / StereoEdgeHoles().reach
     return measured(max(0.0, value), float(np.sqrt(max(value * (1.0 - value), 1e-4) / curves.edges)))
 
 
-def flying_fraction(scene: StaticScene, sigma_inverse: float) -> Estimate:
+def flying_fraction(scene: StaticScene, sigma_inverse: float) -> StereoEstimate:
     """Share of the pixels beside an edge that lie between both sides."""
     rows, columns = _right_edges(scene)
     if len(rows) < MIN_EDGES:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Reals
-from saltus.render.stereo.estimate import Estimate, measured, untestable
+from saltus.render.stereo.estimate import StereoEstimate, measured, untestable
 from saltus.render.stereo.static_scene import StaticScene
 
 MIN_FRAMES = 10  # for a variance over time
@@ -70,7 +70,7 @@ def noise_curves(scene: StaticScene) -> NoiseCurves | str:
     )
 
 
-def sigma_inverse(curves: NoiseCurves, scene: StaticScene, step_inverse: Estimate) -> Estimate:
+def sigma_inverse(curves: NoiseCurves, scene: StaticScene, step_inverse: StereoEstimate) -> StereoEstimate:
     """Sub-pixel noise as noise of the inverse depth [1/m], without the share of the disparity step."""
     variance = curves.variance_inverse - (step_inverse.value or 0.0) ** 2 / 12.0
     if variance <= 0.0:
@@ -84,7 +84,7 @@ def sigma_inverse(curves: NoiseCurves, scene: StaticScene, step_inverse: Estimat
     return measured(value, value * math.hypot(1.0 / math.sqrt(2.0 * independent), uneven))
 
 
-def persistence(curves: NoiseCurves, scene: StaticScene, step_inverse: Estimate) -> Estimate:
+def persistence(curves: NoiseCurves, scene: StaticScene, step_inverse: StereoEstimate) -> StereoEstimate:
     """Time in which the noise falls to 1/e [s]."""
     variance = curves.variance_inverse - (step_inverse.value or 0.0) ** 2 / 12.0
     kept = float(curves.correlation_in_time[1]) * (curves.variance_inverse + curves.unit_variance) / variance
@@ -96,7 +96,7 @@ def persistence(curves: NoiseCurves, scene: StaticScene, step_inverse: Estimate)
     return measured(value, value * error / (kept * abs(math.log(kept))))
 
 
-def correlation_px(curves: NoiseCurves, step_inverse: Estimate) -> Estimate:
+def correlation_px(curves: NoiseCurves, step_inverse: StereoEstimate) -> StereoEstimate:
     """Lag in the image at which the correlation has fallen to 1/e [px]."""
     total = curves.variance_inverse + curves.unit_variance
     signal = (curves.variance_inverse - (step_inverse.value or 0.0) ** 2 / 12.0) / total
@@ -168,7 +168,7 @@ def _against_range(values: Floats, correction: float) -> tuple[Floats, Floats]:
     return pairs[:, 0], pairs[:, 1]
 
 
-def range_exponent(curves: NoiseCurves) -> Estimate:
+def range_exponent(curves: NoiseCurves) -> StereoEstimate:
     """Exponent of the growth of the noise with range; 2 for stereo."""
     if len(curves.range_m) < 2 or curves.range_m[-1] < ONE_RANGE * curves.range_m[0]:
         return untestable("all surfaces are at one range")

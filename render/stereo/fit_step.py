@@ -3,7 +3,7 @@
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.render.stereo.estimate import Estimate, measured, untestable
+from saltus.render.stereo.estimate import StereoEstimate, measured, untestable
 from saltus.render.stereo.static_scene import StaticScene
 
 BINS = 1 << 18
@@ -18,7 +18,7 @@ CLEAR = 5.0  # peak over median in at least one cut: without a comb the stronges
 MIN_LINES = 4.0  # of the comb within the range of inverse depths
 
 
-def fit_step(scene: StaticScene, sigma_inverse: float) -> Estimate:
+def fit_step(scene: StaticScene, sigma_inverse: float) -> StereoEstimate:
     """Step of the inverse depth [1/m]: disparity step over f B; `sigma_inverse` is its noise [1/m]."""
     if not np.any(scene.surface):
         return untestable("no surface away from edges is valid throughout")

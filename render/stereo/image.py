@@ -7,7 +7,7 @@ import numpy as np
 
 from saltus.arrays import Floats, namespace
 from saltus.render.stereo.optics import Optics
-from saltus.render.stereo.windows import ARRAY_WINDOWS, Windows
+from saltus.render.stereo.windows import ARRAY_WINDOWS, Morphology
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,11 +26,13 @@ class StereoImage:
     time_s: Floats
     """Capture time in the run's clock [s], float64, shape (...)."""
     optics: Optics
-    windows: Windows = ARRAY_WINDOWS
+    windows: Morphology = ARRAY_WINDOWS
     """For looking around pixels."""
 
 
-def stereo_image(depth: Any, hidden: Any, time_s: Any, optics: Optics, windows: Windows = ARRAY_WINDOWS) -> StereoImage:
+def stereo_image(
+    depth: Any, hidden: Any, time_s: Any, optics: Optics, windows: Morphology = ARRAY_WINDOWS
+) -> StereoImage:
     """A perfect match of a rendered scene.
 
     Args:

@@ -7,7 +7,7 @@ from saltus.arrays import namespace
 from saltus.effects.fields import around
 
 
-class Windows(Protocol):
+class Morphology(Protocol):
     """Morphology of images; what lies beyond a border counts as the border does. A frozen value without fields."""
 
     def any_around(self, mask: Any, rows: int, columns: int) -> Any:
@@ -24,11 +24,11 @@ class ArrayWindows:
     """For any library of arrays: extremes of windows of 1, 2, 4, ... samples, so few operations."""
 
     def any_around(self, mask: Any, rows: int, columns: int) -> Any:
-        """See `Windows`."""
+        """See `Morphology`."""
         return around(mask, rows, columns, namespace(mask).logical_or)
 
     def range_around(self, values: Any) -> tuple[Any, Any]:
-        """See `Windows`."""
+        """See `Morphology`."""
         xp = namespace(values)
         return around(values, 1, 1, xp.minimum), around(values, 1, 1, xp.maximum)
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from saltus.cli.output import print_figures, print_json, run_directory
-from saltus.cli.run_options import Course, CourseOptions, mounted_camera
+from saltus.cli.run_options import CourseOptions, SizedCourse, mounted_camera
 from saltus.flags import Flag, shown
 from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -30,7 +30,7 @@ class Camera:
     """Name, ideal or d435i, or a TOML file."""
     robot: str = DEFAULT_ROBOT
     """Name, or path of an MJCF or of a folder with a robot.toml."""
-    course: CourseOptions = field(default_factory=Course)
+    course: CourseOptions = field(default_factory=SizedCourse)
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-camera")] = None
     """Folder for camera.png, and for camera.toml, which says all of it."""
     json: Flag = False

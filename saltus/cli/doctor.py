@@ -26,7 +26,7 @@ NEEDED_BYTES = 2_000_000_000  # a minute of recording, report and video with roo
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finding:
+class CheckResult:
     """The result of one check."""
 
     name: str
@@ -60,15 +60,15 @@ class Doctor:
         return 0 if all(finding.ok or finding.optional for finding in findings) else 1
 
 
-def _versions() -> list[Finding]:
+def _versions() -> list[CheckResult]:
     supported = (3, 11) <= sys.version_info[:2] <= (3, 12)
-    python = Finding(name="python", ok=supported, detail=platform.python_version(), cure="use Python 3.11 or 3.12")
-    findings = [Finding(name="saltus", ok=True, detail=commit()), python]
+    python = CheckResult(name="python", ok=supported, detail=platform.python_version(), cure="use Python 3.11 or 3.12")
+    findings = [CheckResult(name="saltus", ok=True, detail=commit()), python]
     for name, extra in _packages().items():
         found = package_version(name)
         missing = "optional, not installed" if extra else "not installed"
         findings.append(
-            Finding(
+            CheckResult(
                 name=name,
                 ok=found != "missing",
                 detail=missing if found == "missing" else found,
@@ -90,7 +90,7 @@ def _packages() -> dict[str, str]:
     return packages
 
 
-def _attempts() -> list[Finding]:
+def _attempts() -> list[CheckResult]:
     """Checks that try the thing itself."""
     checks: tuple[tuple[str, str, Callable[[], str]], ...] = (
         ("heightmap model", "reinstall saltus: a shipped file is missing or damaged", _model),
@@ -105,9 +105,9 @@ def _attempts() -> list[Finding]:
     findings = []
     for name, cure, attempt in checks:
         try:
-            findings.append(Finding(name=name, ok=True, detail=attempt()))
+            findings.append(CheckResult(name=name, ok=True, detail=attempt()))
         except Exception as error:  # whatever is wrong with an installation is a finding, not a crash
-            findings.append(Finding(name=name, ok=False, detail=f"{type(error).__name__}: {error}", cure=cure))
+            findings.append(CheckResult(name=name, ok=False, detail=f"{type(error).__name__}: {error}", cure=cure))
     return findings
 
 

@@ -19,7 +19,7 @@ from saltus.cli.heightmap_train import Export, Train
 from saltus.cli.serve import serve
 from saltus.config import RunConfig
 from saltus.errors import RecordingError, SaltusError
-from saltus.flags import Flag, Group, Subcommands, shown
+from saltus.flags import CommandGroup, Flag, Subcommands, shown
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.messages import DepthFrame, HeightmapStatus
@@ -138,7 +138,7 @@ class Give:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Heightmap(Group):
+class Heightmap(CommandGroup):
     """The heightmap: serve, check, give, collect, dagger, dataset, train, export, eval, report.
 
     A --model is an ONNX file, a --checkpoint the file of a training (.pt), from which `export` makes a model.

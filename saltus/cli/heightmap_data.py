@@ -15,7 +15,7 @@ from saltus.cli.output import print_json
 from saltus.cli.run_options import mounted_camera
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import SHIPPED, load_profile
-from saltus.flags import AT_LEAST_ONE, Flag, Group, Subcommands, shown
+from saltus.flags import AT_LEAST_ONE, CommandGroup, Flag, Subcommands, shown
 from saltus.grid import DEFAULT_GRID
 from saltus.heightmap.settings import ClosedLoop, DaggerConfig, DeviceCollection, DeviceLoop, ProcessorCollection
 from saltus.robots.loading import load_robot
@@ -125,7 +125,7 @@ class OnDevice(SettingsCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Collect(Group):
+class Collect(CommandGroup):
     """Adds a shard of labelled episodes to a dataset, made on processors or on a GPU.
 
     Ctrl-C keeps what was collected by then.
@@ -359,7 +359,7 @@ class Export:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dataset(Group):
+class Dataset(CommandGroup):
     """Datasets on disk: info, validate, merge, export."""
 
     command: Subcommands[Info | Validate | Merge | Export]

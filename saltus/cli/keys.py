@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import tyro
 
 from saltus.cli.output import print_json
-from saltus.flags import Flag, Group, Subcommands
+from saltus.flags import CommandGroup, Flag, Subcommands
 
 DAYS = 365
 KEYS = Path("keys")
@@ -121,7 +121,7 @@ Commands = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Keys(Group):
+class Keys(CommandGroup):
     """Certificates for those who join a run over a network."""
 
     command: Subcommands[Commands]

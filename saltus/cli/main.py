@@ -63,7 +63,7 @@ MUJOCO_GL = (
 """Values of this variable of the environment that MuJoCo knows (its mujoco/rendering/classic/gl_context.py)."""
 
 
-class Command(Protocol):
+class Runnable(Protocol):
     """A command as a command line names it."""
 
     def run(self) -> int:
@@ -141,7 +141,7 @@ def _ask_for_mujoco_gl() -> None:
     os.environ["MUJOCO_GL"] = "off"
 
 
-def command_of(arguments: Sequence[str]) -> Command:
+def command_of(arguments: Sequence[str]) -> Runnable:
     """The command to run; the words after the name of a benchmark are for that benchmark to read.
 
     Raises:
@@ -151,13 +151,15 @@ def command_of(arguments: Sequence[str]) -> Command:
     if name in COMMANDS:
         kind = _imported(name)
         if name == "bench" and words and not words[0].startswith("-"):
-            return cast(Command, kind(name=words[0], arguments=tuple(words[1:])))
+            return cast(Runnable, kind(name=words[0], arguments=tuple(words[1:])))
         if name == "paper":
-            return cast(Command, kind(arguments=tuple(words)).read())
+            return cast(Runnable, kind(arguments=tuple(words)).read())
         with suppress(SaltusError):  # which is told below, with what the other commands take
-            return cast(Command, parse(kind, words, prog=f"saltus {name}", description=None))
+            return cast(Runnable, parse(kind, words, prog=f"saltus {name}", description=None))
     union = _union(_described if name in ("-h", "--help") else _imported)
-    return cast(Command, parse(union, arguments, prog="saltus", description="A legged robot that sees where it steps."))
+    return cast(
+        Runnable, parse(union, arguments, prog="saltus", description="A legged robot that sees where it steps.")
+    )
 
 
 def _union(kinds: Callable[[str], type]) -> Any:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from saltus.cli.output import print_json, run_directory, table_lines
 from saltus.cli.policy_train import Train
-from saltus.cli.run_options import Course, CourseOptions, mounted_camera
+from saltus.cli.run_options import CourseOptions, SizedCourse, mounted_camera
 from saltus.cli.serve import ServeProcess
 from saltus.config import PlannerName
 from saltus.errors import ConfigError, SaltusError
-from saltus.flags import Flag, Group, Subcommands, shown
+from saltus.flags import CommandGroup, Flag, Subcommands, shown
 from saltus.folders import new_folder
 from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.models import model_id, model_path
@@ -37,7 +37,7 @@ class Eval:
 
     robot: str = DEFAULT_ROBOT
     """Name, or path of an MJCF or of a folder with a robot.toml."""
-    course: CourseOptions = field(default_factory=Course)
+    course: CourseOptions = field(default_factory=SizedCourse)
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: a network."""
     policy_model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None
@@ -175,7 +175,7 @@ class Serve(ServeProcess):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Policy(Group):
+class Policy(CommandGroup):
     """The motion planner: train, export, eval, serve."""
 
     command: Subcommands[Train | Export | Eval | Serve]

@@ -10,7 +10,7 @@ from saltus.cli.cycle import Cycle
 from saltus.cli.output import Bar, print_json, run_directory
 from saltus.config import load
 from saltus.errors import ConfigError, RecordingError
-from saltus.flags import AT_LEAST_ONE, Flag, Group, Subcommands, shown
+from saltus.flags import AT_LEAST_ONE, CommandGroup, Flag, Subcommands, shown
 from saltus.folders import ask_for_room, new_folder
 from saltus.recordings.description import Description, Topics
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -291,7 +291,7 @@ class Demo:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Real2sim(Group):
+class Real2sim(CommandGroup):
     """The effects that a simulator lacks: find them in logs, apply it, run experiments that show it, train with it."""
 
     command: Subcommands[Find | Import | Apply | Experiments | Demo | Cycle]

@@ -11,7 +11,7 @@ from typing import Annotated
 import tyro
 
 from saltus.cli.output import run_directory
-from saltus.flags import Group, Subcommands, shown
+from saltus.flags import CommandGroup, Subcommands, shown
 
 DRAIN_PERIOD_S = 0.02
 
@@ -90,7 +90,7 @@ class Repair:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record(Group):
+class Record(CommandGroup):
     """Recordings: run (of a stack that somebody else has started), repair."""
 
     command: Subcommands[Run | Repair]

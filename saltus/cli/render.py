@@ -7,9 +7,9 @@ from typing import Annotated
 import tyro
 
 from saltus.cli.output import print_json, run_directory
-from saltus.cli.run_options import Course, CourseOptions, mounted_camera
+from saltus.cli.run_options import CourseOptions, SizedCourse, mounted_camera
 from saltus.cli.serve import ServeProcess
-from saltus.flags import Flag, Group, Subcommands, shown
+from saltus.flags import CommandGroup, Flag, Subcommands, shown
 from saltus.robots.shipped import DEFAULT_ROBOT
 
 
@@ -22,7 +22,7 @@ class Preview:
       saltus render preview --camera examples/camera.toml
     """
 
-    course: CourseOptions = field(default_factory=Course)
+    course: CourseOptions = field(default_factory=SizedCourse)
     camera: str = "d435i"
     """d435i: with the errors of a stereo camera. ideal: true depth. Or a TOML file, see saltus camera show."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-render-preview")] = None
@@ -118,7 +118,7 @@ class Serve(ServeProcess):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Render(Group):
+class Render(CommandGroup):
     """The depth camera: preview, fit, calibrate, serve."""
 
     command: Subcommands[Preview | Fit | Calibrate | Serve]

@@ -8,7 +8,7 @@ import numpy as np
 import tyro
 
 from saltus.cli.output import print_json
-from saltus.flags import Flag, Group, Subcommands, shown
+from saltus.flags import CommandGroup, Flag, Subcommands, shown
 
 if TYPE_CHECKING:
     from saltus.robots.mjcf import Derivation
@@ -68,7 +68,7 @@ class List:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotCommand(Group):
+class RobotCommand(CommandGroup):
     """Robots as Saltus knows them: show, list."""
 
     command: Subcommands[Show | List]

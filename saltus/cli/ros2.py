@@ -70,7 +70,7 @@ class Ros2:
         """Runs until a router is gone or Ctrl-C."""
         from saltus.clock import RunClock
         from saltus.ros2.bridge import Receiver, Sender, run
-        from saltus.ros2.incoming import Intake
+        from saltus.ros2.incoming import RosIntake
         from saltus.ros2.outgoing import Exporter
         from saltus.ros2.wall_clock import WallClock
         from saltus.runtime.run_folder import endpoint_of, read_run
@@ -88,7 +88,7 @@ class Ros2:
             raise SaltusError(f"{self.run_dir} has a robot of its own: --take needs a folder of saltus router")
         wall = WallClock(config)
         unit_m = found.setup.camera.depth_unit_m if self.depth_unit_m is None else self.depth_unit_m
-        intake = Intake(
+        intake = RosIntake(
             robot, wall, self.joint_names, arrival=self.arrival_times, depth=self.depth, depth_unit_m=unit_m
         )
         exporter = Exporter(robot, wall, base=self.base_frame, whole=not self.take)

@@ -15,7 +15,7 @@ from saltus.terrain.curriculum import FAMILIES
 if TYPE_CHECKING:
     from saltus.depth_camera import DepthCamera
     from saltus.robots.robot import Robot
-    from saltus.wire.router import Network
+    from saltus.wire.router import NetworkAccess
 
 
 def _shown(size: str, otherwise: str = "") -> Any:
@@ -28,7 +28,7 @@ def _shown(size: str, otherwise: str = "") -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Course(TerrainConfig):
+class SizedCourse(TerrainConfig):
     """The terrain. A size that is given wins over the difficulty."""
 
     difficulty: Annotated[float | None, _shown("difficulty", "none; 0.5 of a family of your own")] = None
@@ -44,14 +44,14 @@ class Course(TerrainConfig):
     slope_deg: Annotated[float | None, _shown("slope_deg")] = None
 
 
-CourseOptions = tyro.conf.OmitArgPrefixes[Course]
+CourseOptions = tyro.conf.OmitArgPrefixes[SizedCourse]
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
     """Flags of a run of the whole stack, of `demo` and `up` alike."""
 
-    course: CourseOptions = field(default_factory=Course)
+    course: CourseOptions = field(default_factory=SizedCourse)
     robot: str = DEFAULT_ROBOT
     """A robot that Saltus ships, or the path of an MJCF or of a folder with a robot.toml."""
     seed: int = 0
@@ -121,7 +121,7 @@ class NetworkOptions:
     keys: Path = Path("keys")
     """Folder of saltus keys."""
 
-    def network(self, prefix: str) -> "Network | None":
+    def network(self, prefix: str) -> "NetworkAccess | None":
         """How others join; `ConfigError` where there is no authority, or the address is none."""
         if self.listen is None:
             return None

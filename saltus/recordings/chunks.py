@@ -17,11 +17,11 @@ from saltus.errors import RecordingError
 
 RECORD_MAX = 32 * 2**20  # bytes; a chunk is 256 KiB and one message at most 4 MiB longer
 _HEAD = struct.Struct("<BQ")  # of a record: kind and length
-_MESSAGE = struct.Struct("<BQHIQQ")  # of a message, its payload follows: kind, length, and the fields of `Row`
+_MESSAGE = struct.Struct("<BQHIQQ")  # of a message, its payload follows: kind, length, and the fields of `ChunkRow`
 _BEFORE_PAYLOAD = _MESSAGE.size - _HEAD.size  # bytes that the length counts
 
 
-class Row(NamedTuple):
+class ChunkRow(NamedTuple):
     """A message as a chunk has it."""
 
     channel: int
@@ -31,7 +31,7 @@ class Row(NamedTuple):
     payload: bytes
 
 
-def rows(chunk: Chunk, channels: Container[int]) -> Iterator[Row]:
+def rows(chunk: Chunk, channels: Container[int]) -> Iterator[ChunkRow]:
     """The messages of a sound chunk on some channels, in order.
 
     Others are stepped over: to make an object of each record, as mcap's reader does, takes ten times as long, and a
@@ -45,7 +45,7 @@ def rows(chunk: Chunk, channels: Container[int]) -> Iterator[Row]:
             if channel in channels:
                 begin = start + _MESSAGE.size
                 payload = data[begin : begin + length - _BEFORE_PAYLOAD]
-                yield Row(channel, sequence, log_time, publish_time, payload)
+                yield ChunkRow(channel, sequence, log_time, publish_time, payload)
         start += _HEAD.size + length
 
 

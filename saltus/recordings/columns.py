@@ -32,7 +32,7 @@ NUMBER = re.compile(r"\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?\s*|\s*[-+]?
 
 
 @dataclass(frozen=True, kw_only=True)
-class Columns:
+class FileColumns:
     """Columns of a file by their names, shape (rows,) each, or (rows, joints) of an archive."""
 
     values: dict[str, Floats]
@@ -50,7 +50,7 @@ class _Form:
     """Lines before the first row."""
 
 
-def read_text(path: Path, wanted: Sequence[str] | None = None) -> Columns:
+def read_text(path: Path, wanted: Sequence[str] | None = None) -> FileColumns:
     """Columns of a text (CSV), whatever its separator, decimal sign and encoding, also with comments before the names.
 
     Args:
@@ -70,10 +70,10 @@ def read_text(path: Path, wanted: Sequence[str] | None = None) -> Columns:
         raise RecordingError(f"cannot read {path}: {str(error).splitlines()[0]}") from error
     if not table.num_rows:
         raise RecordingError(f"{path} has no rows")
-    return Columns(values=values, notes=notes)
+    return FileColumns(values=values, notes=notes)
 
 
-def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> Columns:
+def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> FileColumns:
     """Columns of a Parquet file.
 
     Raises:
@@ -88,7 +88,7 @@ def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> Columns:
         raise RecordingError(f"cannot read {path}: {str(error).splitlines()[0]}") from error
     if not table.num_rows:
         raise RecordingError(f"{path} has no rows")
-    return Columns(values=values)
+    return FileColumns(values=values)
 
 
 def names_in_archive(path: Path) -> list[str]:
@@ -101,7 +101,7 @@ def names_in_archive(path: Path) -> list[str]:
         return list(archive.files)
 
 
-def read_archive(path: Path, wanted: Sequence[str] | None = None) -> Columns:
+def read_archive(path: Path, wanted: Sequence[str] | None = None) -> FileColumns:
     """Arrays of an npz, as numpy.savez writes it; by default all that hold numbers, one or many to a row.
 
     Raises:
@@ -125,7 +125,7 @@ def read_archive(path: Path, wanted: Sequence[str] | None = None) -> Columns:
         elif wanted is not None:
             found = f"is {array.dtype} of shape {array.shape}"
             raise RecordingError(f"{path}: '{name}' {found}; it must hold numbers, one or one for each joint to a row")
-    return Columns(values=values)
+    return FileColumns(values=values)
 
 
 def _opened(path: Path) -> Any:

@@ -28,7 +28,7 @@ class Topics:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Columns:
+class TableColumns:
     """Columns of a table. In that of a signal, {joint} stands for a joint's name, {number} for its place, from 0.
 
     In an npz, a name without them is that of an array of all joints, shape (rows, joints), and {log} stands for what
@@ -75,7 +75,7 @@ class Description:
     tau_est, kp, kd, imu, base, depth."""
     joint_names: dict[str, str] = field(default_factory=dict)
     """The recording's name of a joint, and that of the robot; empty for what is no joint of the robot's legs."""
-    columns: Columns | None = None
+    columns: TableColumns | None = None
     """Columns of a table."""
     units: Units = field(default_factory=Units)
     """Units of the signals that are not in SI units."""

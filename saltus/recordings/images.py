@@ -123,7 +123,7 @@ def _unpacked(image: Any) -> NDArray[Any]:
 
 
 @dataclass(frozen=True)
-class Intrinsics:
+class PixelIntrinsics:
     """A pin-hole camera [px]; the centre counts from the corner of the first pixel."""
 
     fx: float
@@ -132,7 +132,7 @@ class Intrinsics:
     cy: float
 
 
-def intrinsics(info: Any, width: int, height: int, *, rectified: bool) -> Intrinsics:
+def intrinsics(info: Any, width: int, height: int, *, rectified: bool) -> PixelIntrinsics:
     """The camera of images of a size, out of a `sensor_msgs/msg/CameraInfo` of ROS 1 or 2.
 
     Rectified images have the projection P, others the matrix K. Both are of the whole sensor;
@@ -157,10 +157,10 @@ def intrinsics(info: Any, width: int, height: int, *, rectified: bool) -> Intrin
     if (width, height) == (region[0] // bins[0], region[1] // bins[1]):
         if roi.width and roi.height:
             cx, cy = cx - roi.x_offset, cy - roi.y_offset
-        return Intrinsics(fx / bins[0], fy / bins[1], cx / bins[0], cy / bins[1])
+        return PixelIntrinsics(fx / bins[0], fy / bins[1], cx / bins[0], cy / bins[1])
     if (width, height) != (info.width, info.height):
         raise MessageError("camera_info", f"for {info.width}x{info.height}, the images are {width}x{height}")
-    return Intrinsics(fx, fy, cx, cy)
+    return PixelIntrinsics(fx, fy, cx, cy)
 
 
 def matrices_differ(info: Any) -> bool:

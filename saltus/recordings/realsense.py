@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 
 from saltus.errors import MessageError, RecordingError, shortened
 from saltus.recordings.bag_files import opened
-from saltus.recordings.images import Intrinsics, intrinsics, pixels_of
+from saltus.recordings.images import PixelIntrinsics, intrinsics, pixels_of
 from saltus.wire.codec import CENTRE_MAX_PX, DEPTH_UNIT_MAX_M, FOCAL_MAX_PX
 from saltus.wire.messages import DepthFrame
 
@@ -33,7 +33,7 @@ _UNPACKED_MAX = 2**28  # bytes: what the SDK's own reader accepts
 class _Camera:
     """A depth camera, as a recording says it once."""
 
-    lens: Intrinsics
+    lens: PixelIntrinsics
     width: int
     height: int
     unit_m: float
@@ -97,7 +97,7 @@ def _camera(reader: AnyReader, path: Path, stream: str) -> _Camera:
         if hasattr(info, "data"):
             told = dict(pair.split("=", 1) for pair in info.data.rstrip(";").split(";"))
             width, height = int(told["width"]), int(told["height"])
-            lens = Intrinsics(
+            lens = PixelIntrinsics(
                 *(float(told[key]) for key in ("fx", "fy")), *(0.5 + float(told[key]) for key in ("ppx", "ppy"))
             )
         else:

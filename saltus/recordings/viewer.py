@@ -110,7 +110,7 @@ class Viewer:
     def __init__(self, robot: Robot, terrain: Terrain) -> None:
         self._terrain = terrain
         self._looks = looks_of(robot)
-        self._frames = Frames(robot)
+        self._frames = RobotFrames(robot)
         self._legs = LegKinematics(robot)
         self._footholds = Footholds(robot)
         self._counts: Counter[str] = Counter()
@@ -261,7 +261,7 @@ class Viewer:
         )
 
 
-class Frames:
+class RobotFrames:
     """Where the frames of a robot are, as `geometry_msgs/msg/TransformStamped`; that of its trunk is named `base`."""
 
     def __init__(self, robot: Robot, base: str = BASE) -> None:

@@ -24,7 +24,7 @@ ANGLE_TOLERANCE = 1e-3  # of a keyframe beyond a joint's limit [rad]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Origin:
+class FieldOrigin:
     """Where a field of a robot comes from."""
 
     field: str
@@ -38,7 +38,7 @@ class Derivation:
     """A robot, and where its fields come from."""
 
     robot: Robot
-    origins: tuple[Origin, ...]
+    origins: tuple[FieldOrigin, ...]
 
 
 def derive(mjcf: Path, supplement: Path | None = None) -> Derivation:
@@ -60,7 +60,7 @@ class _Deriver:
         self._bodies = [body for leg in structure.legs for body in leg.body]
         self._joints = np.array([joint for leg in structure.legs for joint in leg.joint])
         self._signs = np.array([sign for leg in structure.legs for sign in leg.sign])
-        self._origins: list[Origin] = []
+        self._origins: list[FieldOrigin] = []
 
     def result(self) -> Derivation:
         """First what is read and given, then what follows from it."""
@@ -236,7 +236,7 @@ class _Deriver:
         return value if given is None else given
 
     def _note(self, name: str, kind: Kind, detail: str = "") -> None:
-        self._origins.append(Origin(field=name, kind=kind, detail=detail))
+        self._origins.append(FieldOrigin(field=name, kind=kind, detail=detail))
 
 
 def _motor_limit(model: mujoco.MjModel, motor: int) -> float:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from saltus.clock import RunClock
 from saltus.constants import POLICY_DT
 from saltus.recordings import ros_messages as ros
-from saltus.ros2.incoming import Intake, types_of
+from saltus.ros2.incoming import RosIntake, types_of
 from saltus.ros2.outgoing import TRANSFORMS, Exporter, Outgoing
 from saltus.wire.bus import Bus, Slot
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
@@ -63,7 +63,7 @@ class Receiver:
     """
 
     def __init__(
-        self, bus: Bus, node: RosNode, intake: Intake, topics: Mapping[str, str], clock: RunClock,
+        self, bus: Bus, node: RosNode, intake: RosIntake, topics: Mapping[str, str], clock: RunClock,
         tell: Callable[[str], None],
     ) -> None:  # fmt: skip
         self._intake = intake

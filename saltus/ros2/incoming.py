@@ -1,6 +1,6 @@
 """Messages of ROS from somebody's robot, made ours: what the heightmap service reads, and nothing to be obeyed.
 
-Bytes come from whoever reaches the ROS router. `Intake` counts what it cannot use and goes on; what it makes of the
+Bytes come from whoever reaches the ROS router. `RosIntake` counts what it cannot use and goes on; what it makes of the
 rest is checked once more by whoever reads it on the bus.
 """
 
@@ -44,7 +44,7 @@ def types_of(depth: str) -> dict[str, str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class NewestMessage:
     """The newest message of a kind."""
 
     message: Any
@@ -52,7 +52,7 @@ class Reading:
     """Its stamp in the run's clock."""
 
 
-class Intake:
+class RosIntake:
     """Makes depth frames and robot states of what comes from ROS.
 
     Args:
@@ -86,7 +86,7 @@ class Intake:
         self._arrival = arrival
         self._types, self._rectified = types_of(depth), is_rectified(depth)
         self._depth_unit_m = depth_unit_m
-        self._newest: dict[str, Reading] = {}
+        self._newest: dict[str, NewestMessage] = {}
         self._frames = self._steps = 0
 
     def take(self, kind: str, payload: bytes, now_ns: int) -> DepthFrame | None:
@@ -100,7 +100,7 @@ class Intake:
                 return self._image(message, time_ns)
             if kind == "joints":
                 self._order(message)
-            self._newest[kind] = Reading(message, time_ns)
+            self._newest[kind] = NewestMessage(message, time_ns)
         except MessageError as error:
             self.rejected[f"{kind}/{error.reason}"] += 1
         return None

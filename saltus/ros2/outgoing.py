@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.recordings import ros_messages as ros
 from saltus.recordings.ros_messages import BASE, BASE_YAW, ODOM
-from saltus.recordings.viewer import Frames
+from saltus.recordings.viewer import RobotFrames
 from saltus.robots.robot import JOINTS, Robot
 from saltus.ros2.wall_clock import WallClock
 from saltus.rotations import quaternion_inverse, quaternion_product
@@ -55,11 +55,11 @@ class Exporter:
     def __init__(self, robot: Robot, clock: WallClock, *, base: str = BASE, whole: bool = True) -> None:
         self.topics = {name: kind for name, (kind, _) in (HEIGHTS | (ROBOT if whole else {})).items()}
         """Type of each topic below the namespace."""
-        self._frames = Frames(robot, base)
+        self._frames = RobotFrames(robot, base)
         self._clock = clock
         self._base = base
         self._whole = whole
-        self._way = Way()
+        self._way = EstimatedWay()
 
     def of_heightmap(self, heightmap: Heightmap) -> Iterator[Outgoing]:
         """Heights in the frame `base_yaw`."""
@@ -101,7 +101,7 @@ def millimetres(frame: DepthFrame) -> NDArray[np.uint16]:
     return np.where(scaled > np.iinfo(np.uint16).max, 0, scaled).astype(np.uint16)
 
 
-class Way:
+class EstimatedWay:
     """The way that estimated velocities add up to: it drifts, as the frame odom may."""
 
     def __init__(self) -> None:

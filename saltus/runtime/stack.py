@@ -33,7 +33,7 @@ from saltus.tuning import kept_small, preferred
 from saltus.wire.bus import STREAM_CAPACITY, Latest, Publisher, RawSample, Stream, sender_of, unpack
 from saltus.wire.joining import write_client
 from saltus.wire.messages import OPERATOR, SUPERVISOR, Event, ProcessStatus
-from saltus.wire.router import Network, open_router
+from saltus.wire.router import NetworkAccess, open_router
 from saltus.wire.sharing import Sharer
 from saltus.wire.topics import TOPICS
 from saltus.wire.zenoh_bus import ZenohBus
@@ -71,7 +71,7 @@ class Stack:
         run_dir: Path,
         programs: tuple[Program, ...] = PROGRAMS,
         *,
-        network: Network | None = None,
+        network: NetworkAccess | None = None,
     ) -> None:
         self.config = replace(run_config, epoch_ns=run_config.epoch_ns or time.monotonic_ns())
         self.setup = named_setup(run_config)

@@ -21,7 +21,7 @@ STOP_RAD = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
+class MeasuredMotion:
     """States at n instants, and how velocities change from there on."""
 
     position: Floats
@@ -66,7 +66,7 @@ class MeasuredRobot:
         self._low, self._high = np.array([j.range if j.limited else (-np.inf, np.inf) for j in joints]).T
         self._data = mujoco.MjData(self._model)
 
-    def forces(self, motion: Motion, body: BodyModel) -> Floats:
+    def forces(self, motion: MeasuredMotion, body: BodyModel) -> Floats:
         """Forces of this motion: force [N] and moment [Nm] on the base, torques of joints, shape (n, 18)."""
         self._layout.write_bodies(lambda name: getattr(self._model, name), body, robots=())
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))

@@ -7,7 +7,7 @@ several trenches instead of one, several steps up.
 
 from dataclasses import dataclass
 
-from saltus.arrays import Array, Columns, namespace
+from saltus.arrays import Array, ColumnNames, namespace
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.curriculum import FAMILIES, Size
 from saltus.terrain.law import DESCENDING, KINDS, between, is_kind, shape
@@ -18,7 +18,7 @@ COLUMNS = 18
 """Start, up to 16 treads or stones, and ground behind them: what a robot passes in ten jumps."""
 BOXES = COLUMNS + 1
 """With the floor of the trenches."""
-DRAWS = Columns(start=(), length=(), differ=(), depth=(), unused=(4,), columns=(COLUMNS,))
+DRAWS = ColumnNames(start=(), length=(), differ=(), depth=(), unused=(4,), columns=(COLUMNS,))
 """Uniform random numbers that one course takes; the depth of a ditch tells irregular stairs if they lead down."""
 
 FIRST_EDGE_X = (0.6, 1.6)  # both within reach of the first jump and beyond what the robot sees at the start

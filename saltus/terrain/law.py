@@ -20,7 +20,7 @@ DESCENDING = ("stairs_down", "step_down", "pyramid", "irregular")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Shape:
+class CourseShape:
     """Columns of courses; column 0 is the ground at the start. Arrays with a leading dimension of courses."""
 
     length: Array
@@ -41,7 +41,7 @@ _FINE = 1024.0
 
 def shape(
     kind: Array, *, count: Array, rise: Array, length: Array, gap: tuple[Array, Array], depth: Array, draws: Array
-) -> Shape:
+) -> CourseShape:
     """The columns of each course.
 
     Args:
@@ -68,7 +68,7 @@ def shape(
     steps = xp.where(is_hurdles, wall, steps)
     shares = xp.where(index > 0.0, between((LEAST_RISE_SHARE, 1.0), of_rises), zero)
     top = rise[:, None] * xp.where(is_irregular, xp.cumulative_sum(shares, axis=-1), steps)
-    return Shape(
+    return CourseShape(
         length=xp.where(is_hurdles & (wall > 0.0), zero + HURDLE_M, along),
         gap=gap[0][:, None] + (gap[1] - gap[0])[:, None] * of_gaps,
         top=top,

@@ -9,7 +9,7 @@ from saltus.arrays import Floats
 from saltus.constants import FORCE_M_PER_N, LOADED_N
 from saltus.sim.shapes import RobotShapes, terrain_edges, terrain_tops, terrain_walls
 from saltus.watch.pictures import PREDICTED, TRUE, UNTRUSTED
-from saltus.watch.scene import Heights, Scene, World
+from saltus.watch.scene import HeightsInWorld, Scene, World
 from saltus.watch.server import Server
 from saltus.wire.messages import HeightmapStatus
 
@@ -102,7 +102,7 @@ class Drawing:
         for body, quaternion in zip(self._bodies[1:], self._shapes.turns(scene.joint_position)[1:], strict=True):
             body.wxyz = quaternion
 
-    def _draw_heights(self, heights: Heights | None) -> None:
+    def _draw_heights(self, heights: HeightsInWorld | None) -> None:
         self._predicted.visible = self._widths.visible = heights is not None
         self._true.visible = heights is not None and heights.true is not None
         if heights is None:

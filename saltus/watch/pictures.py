@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.depth import RANGE_M
-from saltus.watch.scene import Heights, Scene, World
+from saltus.watch.scene import HeightsInWorld, Scene, World
 from saltus.wire.messages import DepthFrame, HeightmapStatus
 
 Picture = NDArray[np.uint8]
@@ -36,7 +36,7 @@ def picture(frame: DepthFrame) -> NDArray[np.uint8]:
     return colours
 
 
-def curves(heights: Heights, scene: Scene) -> tuple[NDArray[np.float64], ...]:
+def curves(heights: HeightsInWorld, scene: Scene) -> tuple[NDArray[np.float64], ...]:
     """x, lower and upper end of the 90 % interval, prediction and truth (prediction, where nobody knows it) [m].
 
     Heights are relative to the base; each of shape (30,).

@@ -68,7 +68,7 @@ class TopicRow:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Heights:
+class HeightsInWorld:
     """A heightmap and the truth at its points."""
 
     predicted: Floats
@@ -105,7 +105,7 @@ class Scene:
     that stand."""
     mode: ControllerMode | None
     plan: PlanStatus | None
-    heights: Heights | None
+    heights: HeightsInWorld | None
     depth: DepthFrame | None
     topics: tuple[TopicRow, ...]
     events: tuple[Event, ...]
@@ -212,7 +212,7 @@ def _heading(pose: Floats) -> NDArray[np.float64]:
     return np.asarray(yaw_rotation(np.arctan2(rotation[1, 0], rotation[0, 0])))
 
 
-def _heights(heightmap: Heightmap, truths: dict[int, Arrival], pose: Floats | None) -> Heights | None:
+def _heights(heightmap: Heightmap, truths: dict[int, Arrival], pose: Floats | None) -> HeightsInWorld | None:
     """A heightmap is relative to where the base was when it was true."""
     row = truths.get(heightmap.time_ns)
     truth = None if row is None else _newest(GroundTruth, {"": row}, "")
@@ -224,7 +224,7 @@ def _heights(heightmap: Heightmap, truths: dict[int, Arrival], pose: Floats | No
         local = np.stack([np.asarray(heightmap.x), np.zeros(len(height)), np.asarray(height)], axis=-1)
         return base[:3] + local @ _heading(base).T
 
-    return Heights(
+    return HeightsInWorld(
         predicted=in_world(heightmap.height),
         half_width_90=np.asarray(heightmap.half_width_90),
         true=None if truth is None else in_world(truth.height),

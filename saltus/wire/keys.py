@@ -18,7 +18,7 @@ from saltus.errors import ConfigError, nearest_hint
 from saltus.files import whole_file
 from saltus.wire.joining import Certificate, write_client
 from saltus.wire.roles import ROLES, access_control
-from saltus.wire.router import Network
+from saltus.wire.router import NetworkAccess
 
 STATE = "keys.toml"
 AUTHORITY = "authority"
@@ -113,7 +113,7 @@ def load(folder: Path) -> Keys:
     return read_toml_file(Keys, folder / STATE)
 
 
-def network_of(folder: Path, listen: str, prefix: str) -> Network:
+def network_of(folder: Path, listen: str, prefix: str) -> NetworkAccess:
     """How a router lets in over a network whom the authority in `folder` knows.
 
     Args:
@@ -123,7 +123,7 @@ def network_of(folder: Path, listen: str, prefix: str) -> Network:
     """
     host_of(listen)
     keys = load(folder)
-    return Network(
+    return NetworkAccess(
         listen=f"tls/{listen}",
         certificate=_read(folder, ROUTER),
         access_control=access_control(keys.names, prefix),

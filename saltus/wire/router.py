@@ -24,7 +24,7 @@ os.environ.setdefault("ZENOH_RUNTIME", f"(rx: (worker_threads: {RECEIVING_THREAD
 
 
 @dataclass(frozen=True, kw_only=True)
-class Network:
+class NetworkAccess:
     """How a router lets others in than its owner on its own machine."""
 
     listen: str
@@ -35,7 +35,7 @@ class Network:
     """Rights of each certificate, as Zenoh's configuration says them."""
 
 
-def open_router(network: Network | None = None, speed: float = 1.0) -> tuple[str, contextlib.ExitStack]:
+def open_router(network: NetworkAccess | None = None, speed: float = 1.0) -> tuple[str, contextlib.ExitStack]:
     """Opens a Zenoh router at a socket in a new folder that nobody but its owner may enter, and on a network if asked.
 
     `speed` is that of the run's clock, see `lease_slowed`.

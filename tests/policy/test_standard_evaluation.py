@@ -14,7 +14,7 @@ from saltus.policy.env.curriculum import CurriculumConfig
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig, LearningConfig, TrainConfig
 from saltus.policy.training.background_evaluation import BackgroundEvaluation
-from saltus.policy.training.evaluation_table import Row, append_rows, read_rows, summary
+from saltus.policy.training.evaluation_table import EvaluationRow, append_rows, read_rows, summary
 from saltus.policy.training.learner import Learner
 from saltus.policy.training.standard_evaluation import COURSES, main
 from saltus.policy.training.train import make_engine
@@ -29,7 +29,7 @@ CONFIG = TrainConfig(
     env=EnvConfig(curriculum=FLAT),
     learning=LearningConfig(hidden=(8,), horizon=2, epochs=1, minibatches=1),
 )
-ROW = Row(
+ROW = EvaluationRow(
     iteration=7, steps=9, course="gap_0.40", trials=2, success_rate=0.5, way_share=0.75, mean_speed_mps=1.5,
     time_p50_s=math.inf, failures="edge_hit 1",
 )  # fmt: skip

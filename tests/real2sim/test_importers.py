@@ -21,7 +21,7 @@ from saltus.config import load
 from saltus.errors import RecordingError
 from saltus.real2sim.importers.importing import import_recording
 from saltus.real2sim.pipeline import find
-from saltus.recordings.description import Columns, Description, Topics
+from saltus.recordings.description import Description, TableColumns, Topics
 from saltus.recordings.run_log import JOINT_SIGNALS, RunLog, read_run_log, write_run_log
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -133,14 +133,14 @@ def test_without_commands_the_camera_is_compared_and_the_drives_are_not(tmp_path
     assert "camera_latency" not in verdict.untestable
 
 
-DEGREES = Columns(
+DEGREES = TableColumns(
     time="clock", time_unit="ms", angle="deg", joints=tuple(reversed(joints_log(seconds=0.1).meta["joints"])),
     q="{joint} angle", dq="{joint} rate", q_des="told {number}", tau_est="torque {number}",
     kp="stiffness", kd="damping",
 )  # fmt: skip
 
 
-def write_table(log: RunLog, path: Path, columns: Columns) -> Path:
+def write_table(log: RunLog, path: Path, columns: TableColumns) -> Path:
     """As `columns` says, beside a column of text."""
     order = [log.meta["joints"].index(name) for name in columns.joints]
     lines = {columns.time or "": 1e3 * log.joints.time_s}
@@ -167,7 +167,7 @@ def test_a_table_in_other_units_and_another_order_is_the_same_log(tmp_path: Path
     same(log, read_run_log(imported.logs[0]))
 
 
-def _of_example() -> tuple[RunLog, Description, Columns]:
+def _of_example() -> tuple[RunLog, Description, TableColumns]:
     """What examples/own_csv.toml describes: a log, the description, its columns with the table's names of joints."""
     log = joints_log(seconds=1.0)
     log = replace(log, joints=replace(log.joints, dq_des=None, tau_ff=None))

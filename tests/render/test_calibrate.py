@@ -12,7 +12,7 @@ from saltus.cli.main import main
 from saltus.depth import BASELINE_M, Intrinsics, depth_frame
 from saltus.depth_camera import SHIPPED, load_camera
 from saltus.errors import RecordingError
-from saltus.render.calibrate import FEWEST_FRAMES, SIGMA_PX, Calibration, Place, fit_place, standing_pairs
+from saltus.render.calibrate import FEWEST_FRAMES, SIGMA_PX, Calibration, CameraPlace, fit_place, standing_pairs
 from saltus.render.camera import Mount, ray_directions
 from saltus.robots.loading import load_robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
@@ -25,7 +25,12 @@ Pairs = list[tuple[DepthFrame, RobotState]]
 
 
 def standing(
-    place: Place, seed: int = 0, *, noise: float = SIGMA_PX, step_ahead_m: float | None = None, frames: int = FRAMES
+    place: CameraPlace,
+    seed: int = 0,
+    *,
+    noise: float = SIGMA_PX,
+    step_ahead_m: float | None = None,
+    frames: int = FRAMES,
 ) -> Pairs:
     """Images of level ground, of a robot that leans this way and that; a leg covers a corner of each."""
     rng, pairs = np.random.default_rng(seed), []
@@ -58,10 +63,10 @@ def standing(
     return pairs
 
 
-def places(count: int) -> list[Place]:
+def places(count: int) -> list[CameraPlace]:
     draws = np.random.default_rng(7).uniform(-1.0, 1.0, (count, 3)) * (np.deg2rad(5.0), np.deg2rad(2.0), 0.03)
     claimed = np.array([ROBOT.camera_pitch, 0.0, ROBOT.camera_position[2]])
-    return [Place(pitch=p, roll=r, height=z) for p, r, z in (claimed + draws).tolist()]
+    return [CameraPlace(pitch=p, roll=r, height=z) for p, r, z in (claimed + draws).tolist()]
 
 
 def fitted(pairs: Pairs) -> Calibration:
@@ -69,7 +74,7 @@ def fitted(pairs: Pairs) -> Calibration:
 
 
 @pytest.mark.parametrize("true", places(12))
-def test_the_place_is_found_wherever_it_is(true: Place) -> None:
+def test_the_place_is_found_wherever_it_is(true: CameraPlace) -> None:
     found = fitted(standing(true))
     assert abs(found.found.pitch - true.pitch) < np.deg2rad(0.05)
     assert abs(found.found.roll - true.roll) < np.deg2rad(0.2)

@@ -17,7 +17,7 @@ from saltus.render.camera import RobotCamera
 from saltus.render.holes import filled_along_rows, filled_from_around
 from saltus.render.stereo.background import Background
 from saltus.render.stereo.camera import StereoConfig
-from saltus.render.stereo.edge_holes import EdgeHoles
+from saltus.render.stereo.edge_holes import StereoEdgeHoles
 from saltus.render.stereo.flying_pixels import FlyingPixels
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo.windows import ArrayWindows
@@ -32,7 +32,7 @@ SAMPLES = [(3, 1), (5, 5)]
 EACH_ITS_OWN = replace(
     StereoConfig(),
     background=Background(distance=np.where(np.arange(COUNT) % 2 == 0, np.inf, 6.0)),
-    edge_holes=EdgeHoles(fraction=np.linspace(0.0, 0.5, COUNT)),
+    edge_holes=StereoEdgeHoles(fraction=np.linspace(0.0, 0.5, COUNT)),
     flying_pixels=FlyingPixels(fraction=np.linspace(0.0, 0.6, COUNT)),
 )
 

@@ -21,8 +21,8 @@ from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS
 from saltus.robots.shipped import shipped_robots
 from saltus.ros2.bridge import Receiver
-from saltus.ros2.incoming import HELD_S, TYPES, Intake, types_of
-from saltus.ros2.outgoing import HEIGHTS, Exporter, Way
+from saltus.ros2.incoming import HELD_S, TYPES, RosIntake, types_of
+from saltus.ros2.outgoing import HEIGHTS, EstimatedWay, Exporter
 from saltus.ros2.outgoing import ROBOT as OF_ROBOT
 from saltus.ros2.wall_clock import WallClock
 from saltus.rotations import rotation_matrix
@@ -66,7 +66,7 @@ def imu_of(state: Any, *, attitude: bool = True) -> Any:
     )  # fmt: skip
 
 
-def give(intake: Intake, state: Any, names: list[str], **imu: bool) -> None:
+def give(intake: RosIntake, state: Any, names: list[str], **imu: bool) -> None:
     messages = {
         "joints": ros.joint_state(state.time_ns, names, state),
         "imu": imu_of(state, **imu),
@@ -84,7 +84,7 @@ def test_a_state_that_goes_to_ros_and_back_is_the_same(name: str, attitude: bool
     for sign in (np.ones(12), np.where(rng.random(12) < 0.5, -1.0, 1.0)):
         theirs = replace(robot, joint_sign=sign)
         order = rng.permutation(12)
-        intake = Intake(theirs, LOCKSTEP)
+        intake = RosIntake(theirs, LOCKSTEP)
         for step in range(10):
             before: Any = dict(run_messages(step))["controller/state"]
             sent = replace(before, time_ns=NOW_NS + step * 10 * MS)
@@ -100,7 +100,7 @@ def test_a_state_that_goes_to_ros_and_back_is_the_same(name: str, attitude: bool
 
 
 def test_readings_that_are_old_are_not_used_and_said_to_be_missing() -> None:
-    intake, sent = Intake(ROBOT, LOCKSTEP), replace(dict(run_messages(0))["controller/state"], time_ns=NOW_NS)  # type: ignore[arg-type]
+    intake, sent = RosIntake(ROBOT, LOCKSTEP), replace(dict(run_messages(0))["controller/state"], time_ns=NOW_NS)  # type: ignore[arg-type]
     assert intake.missing(NOW_NS) == ["joints", "imu", "odometry"]
     give(intake, sent, list(JOINTS))
     late_ns = NOW_NS + round(1e9 * HELD_S)
@@ -115,7 +115,7 @@ def test_stamps_of_another_clock_are_refused_and_counted_unless_arrival_is_taken
     sent: Any = replace(dict(run_messages(0))["controller/state"], time_ns=2 * 10**18)  # type: ignore[arg-type]
     payload = ros.payload_of(imu_of(replace(sent, time_ns=10**9)))
     now_ns = 10**9 + round(1e9 * off_s) if off_s > 0 else round(1e9 * (1.0 + off_s))
-    refusing, taking = Intake(ROBOT, LOCKSTEP), Intake(ROBOT, LOCKSTEP, arrival=True)
+    refusing, taking = RosIntake(ROBOT, LOCKSTEP), RosIntake(ROBOT, LOCKSTEP, arrival=True)
     refusing.take("imu", payload, now_ns)
     taking.take("imu", payload, now_ns)
     assert (dict(refusing.rejected), refusing.missing(now_ns)) == ({"imu/clock": 1}, ["joints", "imu", "odometry"])
@@ -148,7 +148,7 @@ def test_what_is_refused_is_told_while_it_goes_on_and_not_again_and_again() -> N
         def subscribe(self, *_: object) -> None:
             pass
 
-    intake, told = Intake(ROBOT, LOCKSTEP), list[str]()
+    intake, told = RosIntake(ROBOT, LOCKSTEP), list[str]()
     node, topics = Silent(), dict.fromkeys(TYPES, "/it")
     receiver = Receiver(MemoryBus("robot/0"), node, intake, topics, None, told.append)  # type: ignore[arg-type]
     for now_s, refused in ((0.0, 0), (1.0, 3), (2.5, 4), (5.0, 0), (7.5, 1)):
@@ -170,7 +170,7 @@ def test_what_is_refused_is_told_while_it_goes_on_and_not_again_and_again() -> N
 @pytest.mark.parametrize(("kind", "encoding"), [(np.asarray, "16UC1"), (np.asarray, "mono16"), (metres, "32FC1")])
 def test_depth_images_of_both_kinds_are_the_same_millimetres(kind: Any, encoding: str, spare: int) -> None:
     frame, image, info = frame_messages()
-    intake = Intake(ROBOT, LOCKSTEP)
+    intake = RosIntake(ROBOT, LOCKSTEP)
     now_ns = frame.time_ns
     assert intake.take("depth", ros.payload_of(image), now_ns) is None
     assert dict(intake.rejected) == {"depth/no_camera_info": 1}
@@ -206,7 +206,7 @@ def big_endian(image: Any) -> Any:
 @pytest.mark.parametrize(("kind", "encoding"), [(np.asarray, "16UC1"), (np.asarray, "mono16"), (metres, "32FC1")])
 def test_images_of_big_endian_computers_are_the_same(kind: Any, encoding: str) -> None:
     frame, image, info = frame_messages()
-    intake = Intake(ROBOT, LOCKSTEP)
+    intake = RosIntake(ROBOT, LOCKSTEP)
     intake.take("camera_info", ros.payload_of(info), frame.time_ns)
     taken = intake.take("depth", ros.payload_of(big_endian(padded(image, kind, encoding, 0))), frame.time_ns)
     assert taken is not None
@@ -220,7 +220,7 @@ def test_compressed_images_are_the_same(form: str, tolerance_mm: int) -> None:
     depth = np.where((depth == 65535) | (depth < 100), 0, depth).astype(np.uint16)  # an inverse has no sign for it
     topic = "/camera/depth/image_rect_raw/compressedDepth"
     assert types_of(topic)["depth"] == "sensor_msgs/msg/CompressedImage"
-    intake = Intake(ROBOT, LOCKSTEP, depth=topic)
+    intake = RosIntake(ROBOT, LOCKSTEP, depth=topic)
     intake.take("camera_info", ros.payload_of(info), frame.time_ns)
     sent = ros.make("sensor_msgs/msg/CompressedImage", header=image.header, format=form, data=packed(depth, form))
     taken = intake.take("depth", ros.payload_of(sent), frame.time_ns)
@@ -238,7 +238,7 @@ def test_compressed_images_are_the_same(form: str, tolerance_mm: int) -> None:
 def test_rectified_images_have_the_projection_and_raw_ones_the_matrix(name: str, of_p: bool) -> None:
     frame, image, info = frame_messages()
     p = np.array([44.0, 0, 31, 0, 0, 45, 23, 0, 0, 0, 1, 0])
-    intake = Intake(ROBOT, LOCKSTEP, depth=f"/camera/depth/{name}")
+    intake = RosIntake(ROBOT, LOCKSTEP, depth=f"/camera/depth/{name}")
     intake.take("camera_info", ros.payload_of(replace(info, p=p)), frame.time_ns)
     taken = intake.take("depth", ros.payload_of(image), frame.time_ns)
     assert taken is not None
@@ -251,7 +251,7 @@ def test_binning_and_the_region_of_interest_count() -> None:
     region = replace(info.roi, x_offset=20, y_offset=10, width=2 * image.width, height=2 * image.height)
     large = replace(info, width=info.width + 200, height=info.height + 100, binning_x=2, binning_y=2, roi=region)
     large = replace(large, width=2 * large.width, height=2 * large.height)
-    intake = Intake(ROBOT, LOCKSTEP)
+    intake = RosIntake(ROBOT, LOCKSTEP)
     intake.take("camera_info", ros.payload_of(large), frame.time_ns)
     taken = intake.take("depth", ros.payload_of(image), frame.time_ns)
     assert taken is not None
@@ -261,14 +261,14 @@ def test_binning_and_the_region_of_interest_count() -> None:
 @pytest.mark.parametrize("unit_m", [1e-4, 2.5e-4])
 def test_a_stated_unit_of_depth_images_goes_along_and_keeps_its_steps(unit_m: float) -> None:
     frame, image, info = frame_messages()
-    intake = Intake(ROBOT, LOCKSTEP, depth_unit_m=unit_m)
+    intake = RosIntake(ROBOT, LOCKSTEP, depth_unit_m=unit_m)
     intake.take("camera_info", ros.payload_of(info), frame.time_ns)
     taken = intake.take("depth", ros.payload_of(image), frame.time_ns)
     assert taken is not None
     np.testing.assert_array_equal(taken.depth, frame.depth)
     assert taken.depth_unit_m == unit_m
     with pytest.raises(ConfigError, match="depth_unit_m = 10: 1e-06 to 1 m"):
-        Intake(ROBOT, LOCKSTEP, depth_unit_m=10.0)
+        RosIntake(ROBOT, LOCKSTEP, depth_unit_m=10.0)
 
 
 def test_images_of_32_bit_in_millimetres_are_refused_until_their_unit_is_stated() -> None:
@@ -276,7 +276,7 @@ def test_images_of_32_bit_in_millimetres_are_refused_until_their_unit_is_stated(
     frame, image, info = frame_messages()
     wrong = padded(image, lambda pixels: 1e3 * metres(pixels), "32FC1", 0)
     for unit_m in (None, 0.001):
-        intake = Intake(ROBOT, LOCKSTEP, depth_unit_m=unit_m)
+        intake = RosIntake(ROBOT, LOCKSTEP, depth_unit_m=unit_m)
         intake.take("camera_info", ros.payload_of(info), frame.time_ns)
         taken = intake.take("depth", ros.payload_of(wrong), frame.time_ns)
         assert (taken is None) == (unit_m is None)
@@ -299,7 +299,7 @@ def test_depth_for_ros_is_in_millimetres_and_0_where_there_is_none(unit_m: float
 
 def test_what_strangers_send_is_counted_and_never_raises() -> None:
     """Bytes that are cut, flipped, of another type, or say what cannot be."""
-    rng, intake = np.random.default_rng(8), Intake(ROBOT, LOCKSTEP)
+    rng, intake = np.random.default_rng(8), RosIntake(ROBOT, LOCKSTEP)
     state: Any = dict(run_messages(0))["controller/state"]
     _, image, info = frame_messages()
     good = {
@@ -322,7 +322,7 @@ def test_what_strangers_send_is_counted_and_never_raises() -> None:
         replace(image, encoding="rgb8"), replace(image, width=17),
         replace(image, step=1), replace(image, height=0, data=np.zeros(0, np.uint8)),
     ):  # fmt: skip
-        fresh = Intake(ROBOT, LOCKSTEP)
+        fresh = RosIntake(ROBOT, LOCKSTEP)
         fresh.take("camera_info", payloads["camera_info"], 0)
         assert fresh.take("depth", ros.payload_of(bad), 0) is None
         assert sum(fresh.rejected.values()) == 1
@@ -330,7 +330,7 @@ def test_what_strangers_send_is_counted_and_never_raises() -> None:
     fresh.take("joints", ros.payload_of(nameless), 0)
     assert fresh.rejected["joints/joint_names"] == 1
     with pytest.raises(ConfigError, match="2 names of joints"):
-        Intake(ROBOT, LOCKSTEP, ("a", "b"))
+        RosIntake(ROBOT, LOCKSTEP, ("a", "b"))
 
 
 def test_times_of_ros_and_of_a_run_at_any_speed_are_turned_into_each_other() -> None:
@@ -360,7 +360,7 @@ def test_frames_for_ros_say_the_attitude_and_only_the_yaw() -> None:
 
 
 def test_the_way_is_the_sum_of_velocities_and_a_gap_adds_nothing() -> None:
-    way, expected = Way(), np.array([0.0, 0.0, 0.27])
+    way, expected = EstimatedWay(), np.array([0.0, 0.0, 0.27])
     state: Any = dict(run_messages(0))["controller/state"]
     rng = np.random.default_rng(2)
     time_ns = 0

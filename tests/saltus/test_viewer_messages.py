@@ -18,7 +18,7 @@ from saltus.footholds import Footholds
 from saltus.plan import plan_of
 from saltus.recordings import ros_messages as ros
 from saltus.recordings import viewer
-from saltus.recordings.viewer import Frames, Viewer
+from saltus.recordings.viewer import RobotFrames, Viewer
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import shipped_robots
@@ -126,7 +126,7 @@ def test_frames_of_legs_are_where_the_model_has_them_and_feet_are_at_their_ends(
     for _ in range(20):
         joints = rng.uniform(-1.5, 1.5, 12)
         turned = looks.turns(joints)[1:]
-        links = Frames(robot).links(0, joints)
+        links = RobotFrames(robot).links(0, joints)
         assert [link.child_frame_id for link in links] == list(looks.parents)[1:]
         for link, quaternion in zip(links, turned, strict=True):
             r = link.transform.rotation

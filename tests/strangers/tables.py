@@ -13,12 +13,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from saltus.recordings.description import Columns, Description
+from saltus.recordings.description import Description, TableColumns
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import JOINTS
 from strangers.stranger import Stranger, same_joints, truth
 
-COLUMNS = Columns(time="t", q="q {joint}", dq="dq {joint}", q_des="told {joint}")
+COLUMNS = TableColumns(time="t", q="q {joint}", dq="dq {joint}", q_des="told {joint}")
 DESCRIPTION = Description(claims={"base": "fixed", "kp": 20.0, "kd": 0.5}, columns=COLUMNS)
 SIGNALS = {"q": "q", "dq": "dq", "q_des": "told"}
 
@@ -213,10 +213,10 @@ def _zip(name: str, *inside: str) -> Callable[[Path], Path]:
     return _raw(name, data.getvalue())
 
 
-ARRAYS = replace(DESCRIPTION, columns=Columns(time="time", q="q", dq="dq", q_des="q_des"))
-EVEN = replace(DESCRIPTION, columns=Columns(rate_hz=500.0, q="q", dq="dq", q_des="q_des"))
-SINGLE = replace(DESCRIPTION, columns=Columns(time="t", q="q {joint}", dq="dq {joint}", q_des="told {joint}"))
-SEVERAL = replace(DESCRIPTION, columns=Columns(rate_hz=500.0, q="{log}/q", dq="{log}/dq", q_des="{log}/q_des"))
+ARRAYS = replace(DESCRIPTION, columns=TableColumns(time="time", q="q", dq="dq", q_des="q_des"))
+EVEN = replace(DESCRIPTION, columns=TableColumns(rate_hz=500.0, q="q", dq="dq", q_des="q_des"))
+SINGLE = replace(DESCRIPTION, columns=TableColumns(time="t", q="q {joint}", dq="dq {joint}", q_des="told {joint}"))
+SEVERAL = replace(DESCRIPTION, columns=TableColumns(rate_hz=500.0, q="{log}/q", dq="{log}/dq", q_des="{log}/q_des"))
 LACKS = ("dq_des", "tau_ff", "tau_est")
 
 

@@ -25,7 +25,7 @@ from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
 from saltus.real2sim.problem.stream_noise import quiet_sigma
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import JOINTS, LEGS, LINKS
-from saltus.sim.measured_robot import MeasuredRobot, Motion
+from saltus.sim.measured_robot import MeasuredMotion, MeasuredRobot
 from saltus.terrain.boxes import Boxes
 
 BASE_SIGNALS = ("force_x", "force_y", "force_z", "moment_roll", "moment_pitch", "moment_yaw")
@@ -182,7 +182,9 @@ class JumpProblem(Problem):
         """Diagonal of the mass matrix of a robot that stands [kg], [kg m^2], shape (18,)."""
         stand = np.concatenate([[0.0, 0.0, self.model.stand_height, 1.0, 0.0, 0.0, 0.0], self.model.stand_pose])
         sped_up = np.concatenate([np.zeros((1, BASE + len(JOINTS))), np.eye(BASE + len(JOINTS))])
-        motion = Motion(position=np.tile(stand, (len(sped_up), 1)), velocity=0.0 * sped_up, acceleration=sped_up)
+        motion = MeasuredMotion(
+            position=np.tile(stand, (len(sped_up), 1)), velocity=0.0 * sped_up, acceleration=sped_up
+        )
         force = self._robot.forces(motion, claimed_body())
         return np.diag(force[1:] - force[0])
 

@@ -18,7 +18,7 @@ from saltus.real2sim.problem.log import gains_in_force
 from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import LEGS, LINKS
-from saltus.sim.measured_robot import MeasuredRobot, Motion, Touch
+from saltus.sim.measured_robot import MeasuredMotion, MeasuredRobot, Touch
 
 Values = TypeVar("Values", bound=NDArray[Any])
 
@@ -47,7 +47,7 @@ class Stretch:
         time_s: Shape (n,).
     """
 
-    motion: Motion
+    motion: MeasuredMotion
     touch: Touch
     commands: Floats
     elapsed: Floats
@@ -108,7 +108,9 @@ def stretch_of(log: RunLog, segment: Segment, robot: MeasuredRobot) -> Stretch |
     size = max(POLICY_STEPS, round(period_s / PHYSICS_DT))
     velocity = np.concatenate([now.states[:, VELOCITY], _turning(now), now.states[:, RATES]], axis=1)
     position = np.concatenate([now.states[:, POSE], now.states[:, JOINTS]], axis=1)
-    motion = Motion(position=position[:-1], velocity=velocity[:-1], acceleration=np.diff(velocity, axis=0) / PHYSICS_DT)
+    motion = MeasuredMotion(
+        position=position[:-1], velocity=velocity[:-1], acceleration=np.diff(velocity, axis=0) / PHYSICS_DT
+    )
     time_s = now.time_s[:-1]
     near = np.abs((time_s[:size, None] - base.time_s) / PHYSICS_DT).min(axis=1)
     return Stretch(
