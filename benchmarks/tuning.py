@@ -1,4 +1,4 @@
-"""What `saltus.tuning` is worth: age of messages that are dated, work for each, pauses of the collector.
+"""Worth of `saltus.tuning`: age of messages that are dated, work for each, pauses of the collector.
 
 The heap takes hours: `saltus bench soak`; the scheduler a busy program: `tests/saltus/test_priority.py`.
 

@@ -1,4 +1,4 @@
-"""What processes of a run change of Python, of the C library's heap and of the scheduler, and what it is worth.
+"""Changes that processes of a run make to Python, of the C library's heap and of the scheduler, and what it is worth.
 
 | what | without it | with it | measured by |
 |---|---|---|---|
