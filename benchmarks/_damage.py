@@ -23,7 +23,7 @@ from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shards import MANIFEST, read_dataset, write_shard
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.settings import TrainConfig
+from saltus.heightmap.settings import PredictorTraining
 from saltus.heightmap.training.train import HELD_OUT, settings_of, train
 from saltus.model_file import checksum_path
 from saltus.policy.planner import make_planner
@@ -71,7 +71,7 @@ def damage(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sample:
+class SoundFile:
     """A sound file, and what reads it."""
 
     path: Path
@@ -102,7 +102,9 @@ def make_samples(folder: Path, robot: Robot) -> None:
             shutil.copy(checksum_path(resource(f"models/{name}.onnx")), checksum_path(model))
     shutil.copy(resource("models/checkpoints/policy.pt"), folder)
     make_dataset(folder / "trained on", HELD_OUT)
-    train(folder / "trained on", folder / "heightmap.pt", TrainConfig(updates=1, batch=2, window=50, device="cpu"))
+    train(
+        folder / "trained on", folder / "heightmap.pt", PredictorTraining(updates=1, batch=2, window=50, device="cpu")
+    )
     (folder / "profile.toml").write_text(
         shipped_profiles()[robot.profile].read_text(encoding="utf-8"), encoding="utf-8"
     )
@@ -110,7 +112,7 @@ def make_samples(folder: Path, robot: Robot) -> None:
     (folder / "camera.toml").write_text(load_camera("d435i").to_toml(), encoding="utf-8")
 
 
-def samples(folder: Path, robot: Robot) -> dict[str, Sample]:
+def samples(folder: Path, robot: Robot) -> dict[str, SoundFile]:
     """Files that `make_samples` wrote into a folder, with their readers."""
 
     def planner(path: Path) -> object:
@@ -147,7 +149,7 @@ def samples(folder: Path, robot: Robot) -> dict[str, Sample]:
         "toml setup": (run / SETUP_FILE, lambda path: load(Setup, path)),
         "toml run": (run / RUN_FILE, lambda path: load(RunConfig, path)),
     }
-    return {kind: Sample(path=path, read=read) for kind, (path, read) in found.items()}
+    return {kind: SoundFile(path=path, read=read) for kind, (path, read) in found.items()}
 
 
 def report(path: Path) -> None:

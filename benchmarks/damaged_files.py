@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks._command import Command, progress, tell
-from benchmarks._damage import Sample, damage, make_samples, samples, shipped
+from benchmarks._damage import SoundFile, damage, make_samples, samples, shipped
 from benchmarks._measuring import resident_mb
 from saltus.errors import ConfigError, MessageError, SaltusError
 from saltus.recordings.recording import read_recording
@@ -168,7 +168,7 @@ def _read_all(kind: str, folder: Path, seed: tuple[int, int], first: int, last: 
         told.send((number, outcome, text, taken_s, growth_mb, peak_mb))
 
 
-def outcome_of(sample: Sample) -> tuple[str, str]:
+def outcome_of(sample: SoundFile) -> tuple[str, str]:
     """Outcome of reading a file: "read", "refused" with the reason, or "raised", which must not be."""
     try:
         sample.read(sample.path)

@@ -62,7 +62,7 @@ class Benchmark(Pictured):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Trace:
+class TickTrace:
     """One run; arrays of shape (ticks,)."""
 
     time_s: NDArray[np.float64]
@@ -92,7 +92,7 @@ def make_plan(phase: float, frequency_hz: float) -> Reference:
     return reference_of(plan, np.asarray(0.0))
 
 
-def run(kd: float, frequency_hz: float, seconds: float) -> Trace:
+def run(kd: float, frequency_hz: float, seconds: float) -> TickTrace:
     """Bounds with the given gain of the feedback; 0 is feed-forward alone."""
     model = load_robot(DEFAULT_ROBOT)
     profile = load_profile(SHIPPED, model)
@@ -122,10 +122,10 @@ def run(kd: float, frequency_hz: float, seconds: float) -> Trace:
         rows.append((tick * PHYSICS_DT, reference, diagnostics.body.angular_velocity[1], touching))
         robot.write(command)
     time_s, reference, pitch_rate, touching_rows = np.array(rows).T
-    return Trace(time_s=time_s, reference=reference, measured=pitch_rate, touching=touching_rows > 0.0)
+    return TickTrace(time_s=time_s, reference=reference, measured=pitch_rate, touching=touching_rows > 0.0)
 
 
-def draw(forward: Trace, both: Trace, out: Path) -> None:
+def draw(forward: TickTrace, both: TickTrace, out: Path) -> None:
     """Two panels, one for each controller; stretches without ground contact are shaded."""
     figure, axes = subplots(2, 1, figsize=(8.0, 5.0), sharex=True, sharey=True)
     for axis, trace, name in ((axes[0], forward, "Feed-forward only"), (axes[1], both, "Feed-forward and feedback")):

@@ -43,7 +43,7 @@ RUBBER = (ContactCompliance(time_constant=0.02), SoftFeet(torsion=0.02, rolling=
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class CourseRow:
     """One line of the table."""
 
     course: TerrainConfig
@@ -63,7 +63,7 @@ PAPER_COURSES = {
 """Those of the README."""
 
 
-def _rows() -> dict[str, Row]:
+def _rows() -> dict[str, CourseRow]:
     stairs = PAPER_COURSES["stairs 0.20"]
     others = {
         "stairs down 0.15": TerrainConfig(terrain="stairs_down", rise_m=0.15),
@@ -76,15 +76,15 @@ def _rows() -> dict[str, Row]:
         "ramp down 20 deg": TerrainConfig(terrain="ramp_down", slope_deg=20.0),
     }
     return {
-        **{name: Row(course=course) for name, course in PAPER_COURSES.items()},
-        "stairs 0.20, commands 15 ms late": Row(course=stairs, effects=(CommandDelay(delay=0.015),)),
-        "stairs 0.20, friction 0.35": Row(course=stairs, friction=0.35),
-        "stairs 0.20, soft feet": Row(course=stairs, effects=RUBBER),
-        "stairs 0.20, joints resist": Row(
+        **{name: CourseRow(course=course) for name, course in PAPER_COURSES.items()},
+        "stairs 0.20, commands 15 ms late": CourseRow(course=stairs, effects=(CommandDelay(delay=0.015),)),
+        "stairs 0.20, friction 0.35": CourseRow(course=stairs, friction=0.35),
+        "stairs 0.20, soft feet": CourseRow(course=stairs, effects=RUBBER),
+        "stairs 0.20, joints resist": CourseRow(
             course=stairs, effects=(ViscousFriction(coefficient=0.25), CoulombFriction(torque=0.3))
         ),
-        "stairs 0.20, push 15 Ns": Row(course=stairs, push_ns=15.0),
-        **{name: Row(course=course) for name, course in others.items()},
+        "stairs 0.20, push 15 Ns": CourseRow(course=stairs, push_ns=15.0),
+        **{name: CourseRow(course=course) for name, course in others.items()},
     }  # fmt: skip
 
 

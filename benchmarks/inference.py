@@ -18,7 +18,7 @@ from benchmarks._command import Command
 from benchmarks._measuring import Stopwatch, random_frames
 from saltus.depth import MODEL_CAMERA, Intrinsics, sampled_model_camera
 from saltus.heightmap.level_robot import LevelRobot
-from saltus.heightmap.service.fleet import Arrival, FleetService
+from saltus.heightmap.service.fleet import FleetService, RobotRequest
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
 from saltus.resources import resource
@@ -86,6 +86,6 @@ def fleet(
     for state, frame in zip(states, images, strict=True):
         taken = frame if state.step % 2 == 0 else None
         boot = None if taken is None else b"camera"
-        arrival = Arrival(state=state, robot_boot=b"robot", frame=taken, camera_boot=boot, now_ns=state.time_ns)
+        arrival = RobotRequest(state=state, robot_boot=b"robot", frame=taken, camera_boot=boot, now_ns=state.time_ns)
         watch(service.step, dict.fromkeys(names, arrival))
     return watch

@@ -87,7 +87,7 @@ class Benchmark(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Landing:
+class Rest:
     """How one robot came to rest."""
 
     stands: bool
@@ -100,7 +100,7 @@ class Landing:
     """From the fault to the end."""
 
 
-def land(kind: Robot, terrain: Terrain, trial: Trial, fault_s: float, planner: Planner, silent: bool) -> Landing:
+def land(kind: Robot, terrain: Terrain, trial: Trial, fault_s: float, planner: Planner, silent: bool) -> Rest:
     """Runs one robot; at `fault_s` its heightmaps end, or its plans if `silent`."""
     robot = MujocoRobot(
         Setup(
@@ -131,7 +131,7 @@ def land(kind: Robot, terrain: Terrain, trial: Trial, fault_s: float, planner: P
             stopped_s = (tick - fault_tick) * PHYSICS_DT
     state = robot.state
     x = float(state.position_base_in_world[0])
-    return Landing(
+    return Rest(
         stands=loop.mode == ControllerMode.STOPPED
         and bool(rotation_matrix(state.quaternion_base_in_world)[2, 2] > np.cos(np.deg2rad(30.0)))
         and float(state.position_base_in_world[2] - terrain.height_at(x, float(state.position_base_in_world[1]))) > 0.18
@@ -159,7 +159,7 @@ def true_heightmap(robot: MujocoRobot, trial: Trial, time_ns: int, step: int) ->
     )
 
 
-def summary(landings: Sequence[Landing]) -> dict[str, Any]:
+def summary(landings: Sequence[Rest]) -> dict[str, Any]:
     """How many came to a stand, after what time and way."""
     standing = [landing for landing in landings if landing.stands]
     return {

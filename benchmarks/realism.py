@@ -44,7 +44,7 @@ from saltus.heightmap.evaluation.scores import scores
 from saltus.heightmap.model import MAX_IMAGE_AGE_S, HeightmapModel
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.settings import ClosedLoop, DeliveryName, TrainConfig
+from saltus.heightmap.settings import ClosedLoop, DeliveryName, PredictorTraining
 from saltus.heightmap.training.export import Origin, export
 from saltus.heightmap.training.train import load_checkpoint, split, train
 from saltus.heightmap.training.validate import MIN_WARMUP, accuracy
@@ -157,7 +157,7 @@ def _same(left: Reals, right: Reals) -> bool:
 def trained(out: Path, name: str, updates: int) -> Path:
     """The checkpoint of one network, trained unless it is there."""
     images, checkpoint = NETWORKS[name], out / name / "heightmap.pt"
-    config = TrainConfig(
+    config = PredictorTraining(
         updates=updates, batch=16, noise=images.data == STEREO, delivery=images.delivery, forgets=0.0, seed=SEED,
         device="cpu",
     )  # fmt: skip

@@ -46,7 +46,7 @@ class Benchmark(Command):
 
     def _camera(self, index: int) -> dict[str, float | None]:
         rng = np.random.default_rng([self.seed, index])
-        hidden = Hidden.draw(rng)
+        hidden = HiddenCamera.draw(rng)
         found = errors(hidden, recording(hidden, self.frames, rng))
         off = ", ".join(f"{n} {'untestable' if e is None else f'{100 * e:+.1f} %'}" for n, e in found.items())
         true = f"{1e3 * hidden.baseline_m:.1f} mm, {hidden.sigma_px:.3f} px, 1/{1 / hidden.step_px:.0f} px"
@@ -55,7 +55,7 @@ class Benchmark(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hidden:
+class HiddenCamera:
     """Parameters that the fit must find, and the view that it has."""
 
     baseline_m: float
@@ -76,7 +76,7 @@ class Hidden:
     yaw: float
 
     @classmethod
-    def draw(cls, rng: np.random.Generator) -> "Hidden":
+    def draw(cls, rng: np.random.Generator) -> "HiddenCamera":
         """Any camera that stereo could be, before any scene with a step and a wall in view."""
         return cls(
             baseline_m=rng.uniform(0.040, 0.070),
@@ -111,7 +111,7 @@ class Hidden:
         return replace(UNFILTERED, disparity_noise=noise, disparity_step=step)
 
 
-def recording(hidden: Hidden, count: int, rng: np.random.Generator) -> list[DepthFrame]:
+def recording(hidden: HiddenCamera, count: int, rng: np.random.Generator) -> list[DepthFrame]:
     """Frames of a robot that stands, as the camera sends them."""
     optics = Optics.of(D435I, baseline_m=hidden.baseline_m)
     angles = (np.asarray(angle) for angle in (hidden.roll, hidden.pitch, hidden.yaw))
@@ -132,7 +132,7 @@ def frames_of(camera: StereoCamera, scene: tuple[Any, Any], count: int, rng: np.
     return frames
 
 
-def errors(hidden: Hidden, frames: list[DepthFrame]) -> dict[str, float | None]:
+def errors(hidden: HiddenCamera, frames: list[DepthFrame]) -> dict[str, float | None]:
     """Relative errors by parameter; None where the fit calls one untestable."""
     found = fit(frames).parameters
     result: dict[str, float | None] = {}

@@ -24,7 +24,7 @@ from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import read_dataset, read_manifest, write_shard
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.settings import BackEnd, ClosedLoop, ModelConfig, TrainConfig
+from saltus.heightmap.settings import BackEnd, ClosedLoop, ModelConfig, PredictorTraining
 from saltus.heightmap.training.train import train
 from saltus.heightmap.training.validate import accuracy
 from saltus.resources import resource
@@ -91,7 +91,7 @@ class Benchmark(Command):
         """Trains a network unless it is there; its errors with the images of each renderer."""
         folder = self.out / f"{trained_on}-{self.size}-{seed}"
         size = SIZES[self.size]
-        config = TrainConfig(
+        config = PredictorTraining(
             updates=self.updates, batch=self.batch, forgets=0.0, seed=seed, device=self.device, model=size
         )
         model = train(

@@ -18,7 +18,7 @@ from benchmarks._measuring import recorded_run
 from benchmarks._pictures import Pictured, save, subplots
 from saltus.arrays import Floats
 from saltus.config import RunConfig, TerrainConfig
-from saltus.heightmap.evaluation.comparison import Run, read_run
+from saltus.heightmap.evaluation.comparison import ComparedRun, read_run
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
 from saltus.resources import resource
@@ -130,7 +130,7 @@ FAULTS: dict[str, Fault] = {
 }
 
 
-def calls_of(run: Run) -> list[Call]:
+def calls_of(run: ComparedRun) -> list[Call]:
     """Returns what the service was called with."""
     calls, following = [], 0
     for state in run.states.values():
@@ -142,7 +142,7 @@ def calls_of(run: Run) -> list[Call]:
     return calls
 
 
-def answers(network: HeightmapNetwork, calls: Sequence[Call], run: Run) -> tuple[Floats, Floats]:
+def answers(network: HeightmapNetwork, calls: Sequence[Call], run: ComparedRun) -> tuple[Floats, Floats]:
     """Error [m] and status at each step; not a number where the service was not asked."""
     service = HeightmapService(network)
     error, status = np.full((2, max(run.states) + 1), np.nan)
@@ -206,7 +206,7 @@ def shipped_network() -> HeightmapNetwork:
     return HeightmapNetwork(load_robot(DEFAULT_ROBOT), resource("models/heightmap.onnx"))
 
 
-def measure(runs: Sequence[Run]) -> dict[str, Curves]:
+def measure(runs: Sequence[ComparedRun]) -> dict[str, Curves]:
     """All faults at all moments of all runs."""
     network = shipped_network()
     around = np.arange(-round(BEFORE_S / TICK_S), round(AFTER_S / TICK_S))
@@ -227,7 +227,7 @@ def measure(runs: Sequence[Run]) -> dict[str, Curves]:
     }
 
 
-def loss_ratios(runs: Sequence[Run]) -> dict[float, float]:
+def loss_ratios(runs: Sequence[ComparedRun]) -> dict[float, float]:
     """RMS error with a share of the images lost at random, over that with none, while the robot runs."""
     network, rng = (
         shipped_network(),
@@ -265,14 +265,14 @@ def draw(curves: dict[str, Curves], out: Path) -> None:
     save(figure, out)
 
 
-def record(seed: int) -> Run:
+def record(seed: int) -> ComparedRun:
     """A run of the stack."""
     return read_run(
         recorded_run(RunConfig(robot="go1", grid="line", terrain=STAIRS, camera="d435i", planner="learned", seed=seed))
     )
 
 
-def long_enough(run: Run) -> bool:
+def long_enough(run: ComparedRun) -> bool:
     """True where the robot was still running when the last of the longest faults was over."""
     needed_s = FIRST_S + MOMENTS * APART_S + 3.0 + AFTER_S
     return len(run.states) > needed_s / TICK_S and len(run.truths) > needed_s / TICK_S

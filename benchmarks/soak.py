@@ -105,7 +105,7 @@ class Benchmark(Command):
         """Rows of one run of the whole stack."""
         with tempfile.TemporaryDirectory() as folder, Stack(config, Path(folder)) as stack:
             names = [*PRODUCT, "controller"]
-            watch = Watch(config, {topic: stack.latest(topic).take for topic in PRODUCT.values()})
+            watch = UsageWatch(config, {topic: stack.latest(topic).take for topic in PRODUCT.values()})
             # the first comes while the robot jumps, as in `saltus bench faults`; after it the robot stands
             faults = Faults(watch.clock, rng, self.apart_s, first_s=float(rng.uniform(1.5, 3.5)))
             held: tuple[int, float] | None = None
@@ -134,7 +134,7 @@ class Benchmark(Command):
         with served(config, prefixes) as (endpoint, service), contextlib.ExitStack() as resources:
             scenes = Scenes()
             robots = [resources.enter_context(contextlib.closing(FleetRobot(endpoint, prefix))) for prefix in prefixes]
-            watch = Watch(config, {robot.prefix: robot.take for robot in robots})
+            watch = UsageWatch(config, {robot.prefix: robot.take for robot in robots})
             faults = Faults(watch.clock, rng, self.apart_s / self.robots, first_s=self.apart_s)
             ticker = Ticker(STEP_HZ, clock=watch.clock)
             while watch.clock.elapsed_s() < config.time_limit_s:
@@ -154,7 +154,7 @@ class Benchmark(Command):
             yield {"end": {"overruns": {"robots": ticker.overruns}}}
 
 
-class Watch:
+class UsageWatch:
     """Samples what processes use, and how old messages are when they come."""
 
     def __init__(self, config: RunConfig, takes: dict[str, Callable[[], Sample | None]]) -> None:

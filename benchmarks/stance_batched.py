@@ -58,7 +58,7 @@ def problems(robots: int, steps: int) -> StanceQP:
     """Returns what the controllers of exploring robots ask for."""
     torch.manual_seed(0)
     robot = load_robot(DEFAULT_ROBOT)
-    solver = Recorder(robot)
+    solver = ProblemRecorder(robot)
     env = JumpEnv(BatchEngine(robot, robots, BOXES), EnvConfig(), LINE, seed=0, solver=solver)
     output = env.config.bounds.normalised(torch.tensor([FIRST_ACTION]))
     for _ in range(steps):
@@ -66,7 +66,7 @@ def problems(robots: int, steps: int) -> StanceQP:
     return solver.every()
 
 
-class Recorder:
+class ProblemRecorder:
     """A batched solver that keeps every hundredth problem."""
 
     def __init__(self, robot: Robot) -> None:

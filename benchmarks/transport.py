@@ -144,7 +144,7 @@ class Scenes:
         return frame, replace(self._state, step=number, time_ns=time_ns)
 
 
-class Robot:
+class BusRobot:
     """A robot's place on the bus: sends images and states, receives heightmaps."""
 
     def __init__(self, endpoint: str, prefix: str, count: int, bell: Bell) -> None:
@@ -174,7 +174,7 @@ def run_robots(endpoint: str, prefixes: list[str], epoch_ns: int, count: int, ne
     """The process of the robots: tells the newest heightmap of the first, and at last all latencies [ms]."""
     os.environ.update(ENVIRONMENT)
     scenes, bell = Scenes(), Bell()
-    robots = [Robot(endpoint, prefix, count, bell) for prefix in prefixes]
+    robots = [BusRobot(endpoint, prefix, count, bell) for prefix in prefixes]
     ticker = Ticker(RATE_HZ)
     for number in range(count):
         ticker.wait()

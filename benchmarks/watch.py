@@ -80,7 +80,7 @@ class Benchmark(Command):
             speed=self.speed,
             camera="d435i",
         )
-        page_of_run = Page(run_dir, foxglove=self.foxglove) if watched else nullcontext()
+        page_of_run = WatchedPage(run_dir, foxglove=self.foxglove) if watched else nullcontext()
         with page_of_run as page, Stack(config, run_dir) as stack:
             if page is not None:
                 page.begin()
@@ -99,7 +99,7 @@ def _compared(ages: dict[bool, list[dict[str, tuple[float, float]]]], topic: str
     }  # fmt: skip
 
 
-class Page:
+class WatchedPage:
     """`saltus watch` and a reader that draws nothing, each in a process of its own."""
 
     def __init__(self, run_dir: Path, *, foxglove: bool) -> None:
@@ -121,7 +121,7 @@ class Page:
         self._reader.start()
         self._begun = (0.0, 0, 0.0)
 
-    def __enter__(self) -> "Page":
+    def __enter__(self) -> "WatchedPage":
         while self._waits_for_messages and self._count.value == 0:
             time.sleep(0.05)
         return self

@@ -39,7 +39,7 @@ class Normalisation(NamedTuple):
     height_std: Tensor
 
 
-class Estimate(NamedTuple):
+class HeightEstimate(NamedTuple):
     """Prediction of the network, per tick."""
 
     height: Tensor
@@ -91,7 +91,7 @@ class HeightmapModel(nn.Module):
 
     def ticks(
         self, encoded: Tensor, age: Tensor, new: Tensor, proprioception: Tensor, hidden: Tensor
-    ) -> tuple[Estimate, Tensor]:
+    ) -> tuple[HeightEstimate, Tensor]:
         """Runs a window of ticks at once.
 
         Args:
@@ -109,7 +109,7 @@ class HeightmapModel(nn.Module):
 
     def step(
         self, image: Tensor, age: Tensor, new: Tensor, proprioception: Tensor, hidden: Tensor
-    ) -> tuple[Estimate, Tensor]:
+    ) -> tuple[HeightEstimate, Tensor]:
         """One tick: the same law as `ticks`, written out for export; images have shape (batch, 2, 48, 16)."""
         inputs = self._inputs(self.encode(image), age, new, proprioception)
         weight_input, weight_hidden, bias_input, bias_hidden = self.gru.all_weights[0]
@@ -135,11 +135,11 @@ class HeightmapModel(nn.Module):
         # A sensor far outside of what was seen in training must not saturate the hidden state.
         return torch.cat((encoded, age[..., None], new[..., None], normal.clamp(-5.0, 5.0)), -1)
 
-    def _estimate(self, hidden: Tensor) -> Estimate:
+    def _estimate(self, hidden: Tensor) -> HeightEstimate:
         mean, log_std = self.head(hidden).split(self.points, -1)
         height = self.height_mean + self.height_std * mean
         least, most = math.log(MIN_STD_M), math.log(MAX_STD_M)
         log_std = (log_std + self.height_std.log()).clamp(least, most)
         width = (log_std - least) * ((WIDTHS - 1) / (most - least))
         near = functional.relu(1.0 - (width[..., None] - torch.arange(WIDTHS, device=width.device)).abs())
-        return Estimate(height, (log_std + near @ self.correction).clamp(least, most))
+        return HeightEstimate(height, (log_std + near @ self.correction).clamp(least, most))

@@ -56,7 +56,7 @@ class ModelConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainConfig:
+class PredictorTraining:
     """A training. The defaults fit two CPU cores for minutes; on a GPU raise `updates` and `batch`.
 
     Raises:

@@ -37,9 +37,9 @@ from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import dataset_hash, read_manifest, read_records
 from saltus.heightmap.device_collection import collect
 from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel
-from saltus.heightmap.settings import FURTHER_RATE, DeviceCollection, DeviceLoop, TrainConfig
+from saltus.heightmap.settings import FURTHER_RATE, DeviceCollection, DeviceLoop, PredictorTraining
 from saltus.heightmap.training.export import Origin, export
-from saltus.heightmap.training.train import Progress, train
+from saltus.heightmap.training.train import TrainingProgress, train
 from saltus.heightmap.training.validate import MIN_WARMUP
 from saltus.onnx_export import write_onnx
 from saltus.policy.bounds import ACTIONS
@@ -83,9 +83,9 @@ class _Work:
     commit: str | None
     effort: NetworkEffort
 
-    def settings(self, rounds: int) -> TrainConfig:
+    def settings(self, rounds: int) -> PredictorTraining:
         """Settings of a training with the updates of so many rounds."""
-        return TrainConfig(updates=rounds * self.effort.updates, batch=self.effort.batch, seed=self.seed)
+        return PredictorTraining(updates=rounds * self.effort.updates, batch=self.effort.batch, seed=self.seed)
 
 
 def train_network(
@@ -201,7 +201,7 @@ def _collect(work: "_Work", index: int, predictor: Path | None) -> None:
 
 def _trained(
     work: "_Work",
-    settings: TrainConfig,
+    settings: PredictorTraining,
     checkpoint: Path | None = None,
     start: Path | None = None,
     shown: Callable[[Episode], Episode] = lambda episode: episode,
@@ -210,7 +210,7 @@ def _trained(
     checkpoint = checkpoint or work.own / "network.pt"
     with tqdm(total=settings.updates, desc=checkpoint.stem, unit="update") as bar:
 
-        def tell(progress: Progress) -> None:
+        def tell(progress: TrainingProgress) -> None:
             bar.update(progress.update - bar.n)
             bar.set_postfix(loss=f"{progress.loss:.4f}", error=f"{progress.mae_m:.4f}")
             row = {

@@ -24,7 +24,7 @@ from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.progress import ComparisonProgress, Progress
 from saltus.real2sim.rebased_problem import RebasedProblem
 from saltus.real2sim.resolution import resolved
-from saltus.real2sim.results import Comparison, Examination, Judgement
+from saltus.real2sim.results import Examination, Judgement, SensorResult
 from saltus.real2sim.screening.align import align
 from saltus.real2sim.screening.screen import screen
 from saltus.real2sim.search.findings import FoundEffect
@@ -180,7 +180,7 @@ def _added(
         return _without(examination, sensor, f"no part of the {sensor.needs} is left to test by")
     log = logs[0] if len(logs) == 1 else in_sequence(logs, [str(number + 1) for number in range(len(logs))])
     return replace(
-        examination, comparisons=(*examination.comparisons, Comparison(problem=problem, findings=findings, log=log))
+        examination, comparisons=(*examination.comparisons, SensorResult(problem=problem, findings=findings, log=log))
     )
 
 

@@ -13,7 +13,7 @@ from saltus.recordings.run_log import RunLog
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Comparison:
+class SensorResult:
     """The problem of one sensor and what the search found in it."""
 
     problem: Problem
@@ -29,7 +29,7 @@ class Examination:
     log: RunLog
     faults: tuple[Fault, ...]
     offsets: tuple[ClockOffset, ...] = ()
-    comparisons: tuple[Comparison, ...] = ()
+    comparisons: tuple[SensorResult, ...] = ()
     """Comparisons of several logs stand with the first of them."""
     lacking: dict[str, str] = field(default_factory=dict)
     """Sensors of which the log poses no problem, and why."""

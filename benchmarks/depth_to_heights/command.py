@@ -16,7 +16,7 @@ from tqdm import tqdm
 from tyro.conf import Positional, subcommand
 
 from benchmarks.depth_to_heights.files import (
-    Split,
+    StoredSplit,
     read_predictions,
     read_split,
     read_truth,
@@ -134,7 +134,7 @@ class Score(_Part):
         return self.baselines
 
     def _predicted(
-        self, split: Split, names: tuple[str, ...], models: Mapping[str, Path]
+        self, split: StoredSplit, names: tuple[str, ...], models: Mapping[str, Path]
     ) -> list[tuple[str, list[Prediction]]]:
         """Predictions of baselines and models, run by run."""
         wanted = list(dict.fromkeys((*names, *models)))

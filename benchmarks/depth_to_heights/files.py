@@ -48,7 +48,7 @@ class BenchmarkError(SaltusError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Split:
+class StoredSplit:
     """A split on disk, as its description says."""
 
     folder: Path
@@ -74,7 +74,7 @@ def write_split(
     plans: Sequence[RunPlan],
     made: Iterable[Sequence[SplitRun]],
     done: Callable[[int], object] = lambda _: None,
-) -> Split:
+) -> StoredSplit:
     """Writes runs, whole or not at all; `done` is told how many there are so far.
 
     Raises:
@@ -92,7 +92,7 @@ def write_split(
                     truth.write_table(_truth_table(len(truths), run.truth))
                     truths.append(run.truth)
                 done(len(truths))
-        split = Split(
+        split = StoredSplit(
             folder=folder, version=VERSION, runs=len(truths), definition=definition(plans), truth=truth_digest(truths),
             inputs=_sha256(partial / INPUTS), commit=commit(),
         )  # fmt: skip
@@ -108,14 +108,14 @@ def refuse_folder(folder: Path) -> None:
     ask_for_room(folder.parent)
 
 
-def read_split(folder: Path) -> Split:
+def read_split(folder: Path) -> StoredSplit:
     """Reads the description of a split.
 
     Raises:
         BenchmarkError: there is none, it is of another version, or its inputs are not those that were written.
     """
     try:
-        split = Split(folder=folder, **json.loads((folder / SPLIT).read_text(encoding="utf-8")))
+        split = StoredSplit(folder=folder, **json.loads((folder / SPLIT).read_text(encoding="utf-8")))
         inputs = _sha256(folder / INPUTS)
     except (OSError, ValueError, TypeError) as error:
         raise BenchmarkError(f"{folder} holds no split: saltus bench depth_to_heights make --out {folder}") from error
@@ -126,7 +126,7 @@ def read_split(folder: Path) -> Split:
     return split
 
 
-def read_truth(split: Split) -> list[Truth]:
+def read_truth(split: StoredSplit) -> list[Truth]:
     """Reads what predictions are judged by, run by run.
 
     Raises:
@@ -150,7 +150,7 @@ def read_truth(split: Split) -> list[Truth]:
     return truths
 
 
-def read_inputs(split: Split, run: int) -> Inputs:
+def read_inputs(split: StoredSplit, run: int) -> Inputs:
     """Reads what predictors are given of one run."""
     table = pq.ParquetFile(split.folder / INPUTS).read_row_group(run)
     return Inputs(

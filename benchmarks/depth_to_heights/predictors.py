@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.depth_to_heights.files import Split, read_inputs
+from benchmarks.depth_to_heights.files import StoredSplit, read_inputs
 from benchmarks.depth_to_heights.split import CAMERA, Inputs
 from saltus.constants import POLICY_DT
 from saltus.depth import MODEL_CAMERA, depth_frame
@@ -53,7 +53,7 @@ the same, moved to the standing feet."""
 NETWORK = "network"
 
 
-def predict_run(split: Split, task: tuple[str, Path | None, int]) -> Prediction:
+def predict_run(split: StoredSplit, task: tuple[str, Path | None, int]) -> Prediction:
     """Prediction of a baseline, or of a model's service, in one run; the name and the run are of the task."""
     name, model, run = task
     robot = load_camera(CAMERA).mounted_on(load_robot(DEFAULT_ROBOT))

@@ -20,8 +20,8 @@ _SEED = 0  # of the resamples: two people get the same interval
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
-    """Scores of one predictor; figures are those of `saltus.heightmap.evaluation.scores.Score`, NaN for none."""
+class ScoreRow:
+    """Scores of one predictor; figures are those of `saltus.heightmap.evaluation.scores.HeightScore`, NaN for none."""
 
     predictor: str
     figures: dict[str, float]
@@ -36,13 +36,13 @@ class Row:
         return {**self.figures, "interval90": self.interval90, "by_terrain": self.by_terrain}
 
 
-def row(predictor: str, truths: Sequence[Truth], predictions: Sequence[Prediction]) -> Row:
+def row(predictor: str, truths: Sequence[Truth], predictions: Sequence[Prediction]) -> ScoreRow:
     """Scores one predictor; steps count from the first that is not standing."""
     judged = np.array([_judged(*pair) for pair in zip(truths, predictions, strict=True)])
     kinds = np.array([truth.terrain for truth in truths])
     groups = {str(kind): np.flatnonzero(kinds == kind) for kind in dict.fromkeys(kinds)}
     low, high = np.percentile(_resampled(judged, list(groups.values())), (5.0, 95.0), axis=0)
-    return Row(
+    return ScoreRow(
         predictor=predictor,
         figures=_named(mean_of(judged.sum(axis=0))),
         interval90={name: (float(a), float(b)) for name, a, b in zip(FIGURES, low, high, strict=True)},

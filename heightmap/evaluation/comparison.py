@@ -13,7 +13,7 @@ from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.errors import RecordingError
 from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.heightmap.evaluation.geometric import FOOT_GAIN, GeometricHeightmap
-from saltus.heightmap.evaluation.odometry import Odometry
+from saltus.heightmap.evaluation.odometry import VelocityOdometry
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import Predictor, replay_predictor
 from saltus.heightmap.service.service import HeightmapService
@@ -33,7 +33,7 @@ PHASES = (FRONT, FLIGHT, REAR, ALL)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Run:
+class ComparedRun:
     """The messages of a recording that tell about heights, by step."""
 
     name: str
@@ -103,7 +103,7 @@ class _Poses:
         return position, quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
 
 
-def read_run(recording: Recording) -> Run:
+def read_run(recording: Recording) -> ComparedRun:
     """Reads what a recording has, whole or not."""
     arrivals, frames = [], []
     for arrival_ns, _, frame in recording.messages("camera/depth"):
@@ -120,7 +120,7 @@ def read_run(recording: Recording) -> Run:
         *_missing("depth images", [frame.frame_id for frame in frames]),
     )
     path = recording.path
-    return Run(
+    return ComparedRun(
         name=path.parent.name if path.stem == "recording" else path.stem,
         robot=recording.robot,
         terrain=recording.terrain.kind if recording.config else "unknown",
@@ -146,7 +146,7 @@ def predictor_named(name: str, robot: Robot) -> Predictor:
     return HeightmapService(HeightmapNetwork(robot, Path(name)))
 
 
-def compare(run: Run, models: Sequence[str] = ()) -> list[Comparison]:
+def compare(run: ComparedRun, models: Sequence[str] = ()) -> list[Comparison]:
     """Compares the heightmaps of a recording, and those of models on its depth, with what is true or was seen later.
 
     Models are names for `predictor_named`. Only steps in which the robot runs count; all steps where it never does.
@@ -179,7 +179,7 @@ def compare(run: Run, models: Sequence[str] = ()) -> list[Comparison]:
     return result
 
 
-def _comparison(run: Run, name: str, maps: list[Heightmap], poses: _Poses, ok_share: float) -> Comparison:
+def _comparison(run: ComparedRun, name: str, maps: list[Heightmap], poses: _Poses, ok_share: float) -> Comparison:
     states = [run.states[heightmap.step] for heightmap in maps]
     time_ns = np.array([state.time_ns for state in states], np.int64)
     age_s = np.array([heightmap.depth_age_s for heightmap in maps])
@@ -246,14 +246,14 @@ def _missing(what: str, numbers: list[int]) -> list[str]:
     return [f"{count} of {count + len(set(numbers))} {what}"] if count else []
 
 
-def _poses(run: Run) -> _Poses:
+def _poses(run: ComparedRun) -> _Poses:
     if run.truths:
         truths = [run.truths[step] for step in sorted(run.truths)]
         time_ns = np.array([truth.time_ns for truth in truths], np.int64)
         position = np.array([truth.position_base_in_world for truth in truths], np.float64)
         quaternion = np.array([truth.quaternion_base_in_world for truth in truths], np.float64)
     else:
-        odometry, path = Odometry(memory_s=0.0), []
+        odometry, path = VelocityOdometry(memory_s=0.0), []
         for state in run.states.values():
             odometry.advance(state)
             path.append(odometry.pose)

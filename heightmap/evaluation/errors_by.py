@@ -20,7 +20,7 @@ VISIBLE, REMEMBERED = "visible", "remembered"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class ErrorRow:
     """Errors of one group of points [m]."""
 
     group: str
@@ -37,7 +37,7 @@ class Row:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Calibration:
+class IntervalFit:
     """True where stated intervals fit the errors, see `saltus.heightmap.service.quantiles`."""
 
     level: Floats
@@ -75,23 +75,23 @@ class Errors:
         self._age_ms = 1e3 * np.concatenate([c.age_s for c in comparisons])[step]
         self._terrain = np.concatenate([np.full(len(c.step), c.terrain, dtype=object) for c in comparisons])[step]
 
-    def overall(self) -> Row | None:
+    def overall(self) -> ErrorRow | None:
         """All points; None where the reference knows none."""
         return self._row("all", "", np.ones(len(self.error), np.bool_))
 
-    def by_distance(self) -> list[Row]:
+    def by_distance(self) -> list[ErrorRow]:
         """One row for each point of the grid, named by its distance ahead in metres."""
         return self._rows((f"{x:.3f}", "", self._x == i) for i, x in enumerate(HEIGHTMAP_X))
 
-    def by_terrain(self) -> list[Row]:
+    def by_terrain(self) -> list[ErrorRow]:
         """One row for each kind of terrain."""
         return self._rows((kind, "", self._terrain == kind) for kind in sorted(set(self._terrain)))
 
-    def by_view(self) -> list[Row]:
+    def by_view(self) -> list[ErrorRow]:
         """Points inside the field of view when the image was taken, and all others."""
         return self._rows(((VISIBLE, "", self._visible), (REMEMBERED, "", ~self._visible)))
 
-    def by_phase(self) -> list[Row]:
+    def by_phase(self) -> list[ErrorRow]:
         """Scheduled contact, each in five parts."""
         part = np.minimum((self._progress * PROGRESS_BINS).astype(np.int64), PROGRESS_BINS - 1)
         wide = 100 // PROGRESS_BINS
@@ -101,22 +101,22 @@ class Errors:
             for i in range(PROGRESS_BINS)
         )
 
-    def by_speed(self) -> list[Row]:
+    def by_speed(self) -> list[ErrorRow]:
         """Horizontal speed as estimated, in bins of 0.25 m/s."""
         return self._binned(self._speed, SPEED_BIN_MPS, "{:.2f}-{:.2f}")
 
-    def by_age(self) -> list[Row]:
+    def by_age(self) -> list[ErrorRow]:
         """Age of the image in use, in bins of 10 ms."""
         # Ages are whole ticks in lockstep: a hair more puts 60 ms into the bin that begins there.
         return self._binned(self._age_ms + 1e-6, AGE_BIN_MS, "{:.0f}-{:.0f}")
 
-    def calibration(self) -> Calibration:
+    def calibration(self) -> IntervalFit:
         """Coverage by level, and error against half of the stated 90 % interval."""
         width = self.half_width_90
         score = np.abs(self.error) / width
         limits = [half_width(level) for level in LEVELS]
         bins = [part for part in np.array_split(np.argsort(width, kind="stable"), WIDTH_BINS) if len(part)]
-        return Calibration(
+        return IntervalFit(
             level=np.array(LEVELS),
             coverage=np.array([np.mean(score <= limit) for limit in limits]),
             stated_m=np.array([np.sqrt(np.mean(width[part] ** 2)) for part in bins]),
@@ -124,19 +124,19 @@ class Errors:
             nll=float(np.mean(negative_log_likelihood(self.error, width))),
         )
 
-    def _binned(self, values: Floats, width: float, name: str) -> list[Row]:
+    def _binned(self, values: Floats, width: float, name: str) -> list[ErrorRow]:
         index = np.floor(values / width).astype(np.int64)
         return self._rows((name.format(width * i, width * (i + 1)), "", index == i) for i in np.unique(index))
 
-    def _rows(self, groups: Iterable[tuple[str, str, NDArray[np.bool_]]]) -> list[Row]:
+    def _rows(self, groups: Iterable[tuple[str, str, NDArray[np.bool_]]]) -> list[ErrorRow]:
         rows = (self._row(group, detail, mask) for group, detail, mask in groups)
         return [row for row in rows if row is not None]
 
-    def _row(self, group: str, detail: str, mask: NDArray[np.bool_]) -> Row | None:
+    def _row(self, group: str, detail: str, mask: NDArray[np.bool_]) -> ErrorRow | None:
         error = self.error[mask]
         if not len(error):
             return None
-        return Row(
+        return ErrorRow(
             group=group,
             detail=detail,
             count=len(error),

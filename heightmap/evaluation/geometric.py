@@ -18,7 +18,7 @@ from saltus import rotations
 from saltus.arrays import Floats
 from saltus.depth import NOTHING, RANGE_M, intrinsics_of
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.evaluation.odometry import Odometry, Pose
+from saltus.heightmap.evaluation.odometry import OdometryPose, VelocityOdometry
 from saltus.heightmap.service.quantiles import INTERVAL90, UNKNOWN_HALF_WIDTH_M
 from saltus.render.camera import Mount, camera_pose, ray_directions
 from saltus.robots.legs import LegKinematics
@@ -72,7 +72,7 @@ class GeometricHeightmap:
         self._foot_gain = foot_gain
         self._mount, self._legs, self._foot_radius = Mount.of(robot), LegKinematics(robot), robot.foot_radius
         self._memory_ns = round(1e9 * memory_s)
-        self._odometry = Odometry(memory_s)
+        self._odometry = VelocityOdometry(memory_s)
         self._points: deque[_Points] = deque(maxlen=images)
         self._newest: DepthFrame | None = None
         self._last: Heightmap | None = None
@@ -135,7 +135,7 @@ class GeometricHeightmap:
             return HeightmapStatus.INVALID
         return HeightmapStatus.DEGRADED if age_s > _DEPTH.degraded_age_s else HeightmapStatus.OK
 
-    def _fuse(self, pose: Pose) -> tuple[Floats, Floats]:
+    def _fuse(self, pose: OdometryPose) -> tuple[Floats, Floats]:
         """Heights relative to the base and half of their 90 % intervals, each of shape (30,)."""
         if not self._points:
             unknown = np.zeros(len(HEIGHTMAP_X))
@@ -148,7 +148,7 @@ class GeometricHeightmap:
         return _on_grid(ahead[order], offset[order, 2], variance[order])
 
 
-def _points_of(frame: DepthFrame, pose: Pose, mount: Mount) -> _Points:
+def _points_of(frame: DepthFrame, pose: OdometryPose, mount: Mount) -> _Points:
     """Deprojects a frame, leaves out walls, and averages over bins along the heading."""
     camera = intrinsics_of(frame)
     depth = frame.depth * frame.depth_unit_m

@@ -13,7 +13,7 @@ MAX_STEP_S = 0.25  # a longer silence tells nothing about the way: the original 
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pose:
+class OdometryPose:
     """Pose of the base in the odometry's world: where the first state was is x = y = z = 0."""
 
     time_ns: int
@@ -28,16 +28,16 @@ class Pose:
         return float(rotations.roll_pitch_yaw(rotations.rotation_matrix(self.quaternion))[2])
 
 
-class Odometry:
+class VelocityOdometry:
     """Adds up the velocity that the robot estimates (trapezoidal rule) and remembers poses for `memory_s`."""
 
     def __init__(self, memory_s: float) -> None:
         self._memory_ns = round(1e9 * memory_s)
-        self._poses: deque[Pose] = deque()
+        self._poses: deque[OdometryPose] = deque()
         self._velocity: Floats = np.zeros(3)
 
     @property
-    def pose(self) -> Pose:
+    def pose(self) -> OdometryPose:
         """The newest one."""
         return self._poses[-1]
 
@@ -54,13 +54,13 @@ class Odometry:
             else:
                 self._poses.clear()
         quaternion = np.asarray(state.quaternion_base_in_world, np.float64)
-        self._poses.append(Pose(time_ns=state.time_ns, position=position, quaternion=quaternion))
+        self._poses.append(OdometryPose(time_ns=state.time_ns, position=position, quaternion=quaternion))
         self._velocity = velocity
         while state.time_ns - self._poses[0].time_ns > self._memory_ns:
             self._poses.popleft()
         return continued
 
-    def pose_at(self, time_ns: int) -> Pose | None:
+    def pose_at(self, time_ns: int) -> OdometryPose | None:
         """The pose between two states; None before the first that is remembered, the newest after the last."""
         if not self._poses or time_ns < self._poses[0].time_ns:
             return None
@@ -72,11 +72,11 @@ class Odometry:
         return None
 
 
-def _between(before: Pose, after: Pose, time_ns: int) -> Pose:
+def _between(before: OdometryPose, after: OdometryPose, time_ns: int) -> OdometryPose:
     span = after.time_ns - before.time_ns
     share = min((time_ns - before.time_ns) / span, 1.0) if span > 0 else 0.0
     # Two states are 10 ms apart: the chord of two quaternions is as good as the arc.
     sign = 1.0 if float(before.quaternion @ after.quaternion) >= 0.0 else -1.0
     quaternion = (1.0 - share) * before.quaternion + share * sign * after.quaternion
     position = (1.0 - share) * before.position + share * after.position
-    return Pose(time_ns=time_ns, position=position, quaternion=quaternion / np.linalg.norm(quaternion))
+    return OdometryPose(time_ns=time_ns, position=position, quaternion=quaternion / np.linalg.norm(quaternion))

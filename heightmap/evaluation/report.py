@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 
 from saltus.errors import RecordingError
 from saltus.heightmap.evaluation import report_figures as figures
-from saltus.heightmap.evaluation.comparison import Comparison, Run, compare, read_run
+from saltus.heightmap.evaluation.comparison import ComparedRun, Comparison, compare, read_run
 from saltus.heightmap.evaluation.edges import EdgeErrors, edge_errors
 from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, Errors
 from saltus.recordings.recording import Recording
@@ -33,7 +33,7 @@ _SECTIONS = (
 class ErrorReport:
     """Errors that were measured on some recordings."""
 
-    runs: tuple[Run, ...]
+    runs: tuple[ComparedRun, ...]
     comparisons: tuple[Comparison, ...]
     """All predictors on all runs of which something can be compared."""
     failed: tuple[str, ...]
@@ -166,7 +166,7 @@ def write_report(report: ErrorReport, path: Path) -> None:
         raise RecordingError(f"cannot write the report '{path}' ({error.strerror}): name another folder") from error
 
 
-def _named_apart(runs: list[Run]) -> list[Run]:
+def _named_apart(runs: list[ComparedRun]) -> list[ComparedRun]:
     """Numbers runs of the same name."""
     names = [run.name for run in runs]
     return [

@@ -11,7 +11,7 @@ from saltus.depth import NOTHING
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.comparison import Comparison
 from saltus.heightmap.evaluation.edges import EdgeErrors
-from saltus.heightmap.evaluation.errors_by import Errors, Row
+from saltus.heightmap.evaluation.errors_by import ErrorRow, Errors
 from saltus.reports.figures import BLUE, GREEN, GREY, ORANGE, RED, laid_out
 from saltus.wire.messages import DepthFrame
 
@@ -39,7 +39,7 @@ def distance_figure(errors: Mapping[str, Errors]) -> go.Figure:
     return _styled(figure, "distance ahead of the base [cm]", height=400)
 
 
-def group_figure(errors: Mapping[str, Errors], rows_of: Callable[[Errors], list[Row]], title: str) -> go.Figure:
+def group_figure(errors: Mapping[str, Errors], rows_of: Callable[[Errors], list[ErrorRow]], title: str) -> go.Figure:
     """Mean error of groups as bars, one colour for each predictor."""
     figure = go.Figure()
     for (name, of), colour in zip(errors.items(), _colours(errors), strict=True):

@@ -16,7 +16,7 @@ from saltus.heightmap.service.quantiles import negative_log_likelihood
 
 
 @dataclass(frozen=True, kw_only=True)
-class Score:
+class HeightScore:
     """Errors of one predictor [m]; NaN where there is nothing to judge."""
 
     mae_m: float
@@ -40,15 +40,15 @@ class Score:
     points: int
 
 
-FIGURES = tuple(field.name for field in fields(Score) if field.name != "points")
-"""Those of a `Score` that are means."""
+FIGURES = tuple(field.name for field in fields(HeightScore) if field.name != "points")
+"""Those of a `HeightScore` that are means."""
 
 
-def score(runs: Sequence[HeldOutRun], predictor: str) -> Score:
+def score(runs: Sequence[HeldOutRun], predictor: str) -> HeightScore:
     """One predictor in some runs."""
     means = mean_of(np.sum([totals(run.true_height, run.view, run.predictions[predictor]) for run in runs], axis=0))
     points = sum(run.true_height.size for run in runs)
-    return Score(**dict(zip(FIGURES, means.tolist(), strict=True)), points=points)
+    return HeightScore(**dict(zip(FIGURES, means.tolist(), strict=True)), points=points)
 
 
 def totals(true_height: Floats, view: NDArray[np.int8], said: Prediction) -> Floats:

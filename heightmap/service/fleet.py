@@ -17,7 +17,7 @@ TAKEOVER_NS = 3_000_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Arrival:
+class RobotRequest:
     """Request of a robot."""
 
     state: RobotState
@@ -46,7 +46,7 @@ class _Robot:
         """Both."""
         return [self.service] if self.coming is None else [self.service, self.coming]
 
-    def accept(self, arrival: Arrival) -> None:
+    def accept(self, arrival: RobotRequest) -> None:
         """Empties hidden states where the robot was restarted; images of a camera that was are counted anew."""
         if arrival.robot_boot != self._robot_boot:
             self._robot_boot = arrival.robot_boot
@@ -105,9 +105,9 @@ class FleetService:
         for robot in self._robots.values():
             robot.coming, robot.coming_since_ns = HeightmapService(network, self._depth), None
 
-    def step(self, arrivals: Mapping[str, Arrival]) -> dict[str, Heightmap]:
+    def step(self, arrivals: Mapping[str, RobotRequest]) -> dict[str, Heightmap]:
         """Answers those robots that ask, by name, each as `HeightmapService.step` would."""
-        asked: list[tuple[HeightmapService, Arrival, Inputs]] = []
+        asked: list[tuple[HeightmapService, RobotRequest, Inputs]] = []
         for name, arrival in arrivals.items():
             self._robots[name].accept(arrival)
             for service in self._robots[name].services:
@@ -121,7 +121,7 @@ class FleetService:
                 service.finish(arrival.state, inputs, tick, arrival.now_ns)
         return {name: self._answer(self._robots[name], arrival) for name, arrival in arrivals.items()}
 
-    def _answer(self, robot: _Robot, arrival: Arrival) -> Heightmap:
+    def _answer(self, robot: _Robot, arrival: RobotRequest) -> Heightmap:
         if robot.take_over():
             self.swaps += 1
         elif robot.give_up(arrival.now_ns):

@@ -1,6 +1,6 @@
 """One robot on the bus, as the heightmap process sees it."""
 
-from saltus.heightmap.service.fleet import Arrival
+from saltus.heightmap.service.fleet import RobotRequest
 from saltus.runtime.process import ProcessContext
 from saltus.runtime.ticker import Freshness, freshness
 from saltus.wire.bus import Sample
@@ -36,7 +36,7 @@ class RobotLink:
         """Prefix of the robot's keys."""
         return self.context.bus.prefix
 
-    def take(self) -> Arrival | None:
+    def take(self) -> RobotRequest | None:
         """Returns what the robot asks now, if it does; never waits.
 
         In lockstep a state asks only when the frame that is due with it has come, or not at all if a newer one comes
@@ -66,7 +66,7 @@ class RobotLink:
             return None
         self._refused_ns, self._told = None, False
         frame, self._frame = self._frame, None
-        return Arrival(
+        return RobotRequest(
             state=state,
             robot_boot=boot,
             frame=None if frame is None else frame.message,

@@ -40,10 +40,10 @@ from saltus.heightmap.data.shards import (
     refuse_twice,
     write_shard,
 )
-from saltus.heightmap.settings import FURTHER_RATE, ClosedLoop, DaggerConfig, TrainConfig
+from saltus.heightmap.settings import FURTHER_RATE, ClosedLoop, DaggerConfig, PredictorTraining
 from saltus.heightmap.training.export import Origin, export
 from saltus.heightmap.training.release import release
-from saltus.heightmap.training.train import Progress, load_checkpoint, train
+from saltus.heightmap.training.train import TrainingProgress, load_checkpoint, train
 from saltus.heightmap.training.validate import MIN_WARMUP
 from saltus.robots.loading import load_robot
 
@@ -62,7 +62,7 @@ class Observer:
 
     collected: Callable[[int, int, int], None]
     """Gets the round, its batches that are done, and the labelled steps of 10 ms in them."""
-    trained: Callable[[int, Progress], None]
+    trained: Callable[[int, TrainingProgress], None]
     """Gets the round, too."""
 
 
@@ -202,7 +202,7 @@ def _watched(batches: Iterable[list[Episode]], index: int, observer: Observer) -
 
 def _train(folder: Path, index: int, before: Path | None, config: DaggerConfig, observer: Observer) -> None:
     """Trains on all rounds so far, begins with the last predictor, and exports and measures the next."""
-    further = TrainConfig(
+    further = PredictorTraining(
         updates=config.updates,
         batch=config.batch,
         seed=config.seed + index,

@@ -13,7 +13,7 @@ from saltus.arrays import Indices
 from saltus.depth import MILLIMETRE, RANGE_M, model_image
 from saltus.heightmap.data.delivery import DeliveryModel, deliver
 from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.model import IMAGE_SHAPE, Estimate, HeightmapModel, Normalisation
+from saltus.heightmap.model import IMAGE_SHAPE, HeightEstimate, HeightmapModel, Normalisation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,7 +190,7 @@ class _Slots:
         self.new = np.zeros((batch, longest), np.float32)
 
 
-def run_window(model: HeightmapModel, window: Window, hidden: Tensor) -> tuple[Estimate, Tensor]:
+def run_window(model: HeightmapModel, window: Window, hidden: Tensor) -> tuple[HeightEstimate, Tensor]:
     """Runs a window; robots that begin a new episode begin with an empty hidden state."""
     batch, images = window.image.shape[:2]
     encoded = model.encode(window.image.flatten(0, 1)).unflatten(0, (batch, images))

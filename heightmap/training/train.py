@@ -28,10 +28,10 @@ from saltus.heightmap.data.shards import (
     read_dataset,
     read_records,
 )
-from saltus.heightmap.model import WIDTHS, Estimate, HeightmapModel, Normalisation
+from saltus.heightmap.model import WIDTHS, HeightEstimate, HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
-from saltus.heightmap.settings import ModelConfig, TrainConfig
+from saltus.heightmap.settings import ModelConfig, PredictorTraining
 from saltus.heightmap.training.calibration import calibrate
 from saltus.heightmap.training.dataset import NO_NOISE, TRAINING_NOISE, EpisodeStore, ImageNoise, Window, run_window
 from saltus.heightmap.training.exported import read_exported
@@ -43,7 +43,7 @@ HELD_OUT = 10  # every tenth episode is for validation
 
 
 @dataclass(frozen=True, kw_only=True)
-class Progress:
+class TrainingProgress:
     """Where training is."""
 
     update: int
@@ -59,8 +59,8 @@ class Progress:
 def train(
     data: Path,
     checkpoint: Path,
-    config: TrainConfig,
-    progress: Callable[[Progress], None] | None = None,
+    config: PredictorTraining,
+    progress: Callable[[TrainingProgress], None] | None = None,
     start: Path | None = None,
     shown: Callable[[Episode], Episode] = lambda episode: episode,
 ) -> HeightmapModel:
@@ -114,7 +114,7 @@ def train(
             now, last = time.monotonic(), update == config.updates
             if progress is not None and (now - told > 1.0 or last):
                 told = now
-                state = Progress(
+                state = TrainingProgress(
                     update=update, updates=config.updates, loss=float(loss), mae_m=float(error), seconds=now - began,
                     calibrates=last,
                 )  # fmt: skip
@@ -148,7 +148,7 @@ def _updates(
     model: HeightmapModel,
     optimiser: torch.optim.Optimizer,
     store: EpisodeStore,
-    config: TrainConfig,
+    config: PredictorTraining,
     delivery: DeliveryModel,
     first: int,
 ) -> Iterator[tuple[Tensor, Tensor]]:
@@ -201,7 +201,7 @@ def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, dict[str, Any]]:
         raise ModelError(f"{checkpoint} is no checkpoint of the heightmap network, or damaged") from error
 
 
-def settings_of(checkpoint: Path) -> TrainConfig:
+def settings_of(checkpoint: Path) -> PredictorTraining:
     """The settings of the training that wrote a checkpoint.
 
     Raises:
@@ -209,12 +209,12 @@ def settings_of(checkpoint: Path) -> TrainConfig:
     """
     _, training = load_checkpoint(checkpoint)
     try:
-        return TrainConfig(**{**training["config"], "model": ModelConfig(**training["config"]["model"])})
+        return PredictorTraining(**{**training["config"], "model": ModelConfig(**training["config"]["model"])})
     except (TypeError, ConfigError) as error:
         raise ModelError(f"{checkpoint} is of a training by another version: name another folder with --out") from error
 
 
-def _loss(estimate: Estimate, window: Window) -> Tensor:
+def _loss(estimate: HeightEstimate, window: Window) -> Tensor:
     """The absolute error, and how far the stated interval is from holding the share of errors that it should.
 
     The first makes heights medians: where an edge may be here or there, a median is on one side of it and a mean is in
@@ -227,7 +227,7 @@ def _loss(estimate: Estimate, window: Window) -> Tensor:
     return _masked_mean((error / _USUAL_M + quantile).mean(-1), window.valid)
 
 
-def _noise(config: TrainConfig) -> ImageNoise:
+def _noise(config: PredictorTraining) -> ImageNoise:
     return TRAINING_NOISE if config.noise else NO_NOISE
 
 

@@ -19,7 +19,7 @@ CAMERA_ALONE = "as shipped: only the camera differs, and a policy sees no images
 NOTHING_FOUND = "nothing was found that could be added: models are trained for what was known"
 
 
-class Observer(Protocol):
+class CycleObserver(Protocol):
     """Is told how far a cycle is."""
 
     def say(self, line: str) -> None:
@@ -32,12 +32,12 @@ class Observer(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cycle:
+class CycleRun:
     """A cycle in its folder."""
 
     folder: CycleFolder
     settings: CycleSettings
-    observer: Observer
+    observer: CycleObserver
 
     def run(self, export: Path | None = None, take: Path | None = None) -> None:
         """Runs what is still missing and writes the report.

@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 
 from saltus.policy.evaluation.evaluate import success_interval
 from saltus.real2sim.cycle.measuring import MOMENTS, Measured, When
-from saltus.real2sim.cycle.truth import Row
+from saltus.real2sim.cycle.truth import TruthRow
 from saltus.reports.figures import BLUE, GREEN, GREY, RED, laid_out
 
 COLOURS: dict[When, str] = {"before": RED, "after": BLUE}
@@ -30,7 +30,7 @@ def success_figure(courses: Mapping[str, Mapping[When, Measured]]) -> go.Figure:
     return laid_out(figure, 380, y="trials that succeeded [%]", legend_y=1.12, barmode="group")
 
 
-def truth_figure(rows: Sequence[Row]) -> go.Figure:
+def truth_figure(rows: Sequence[TruthRow]) -> go.Figure:
     """Draws what was found of each hidden change, as a share of it: 0 is what was known, 100 % is the truth."""
     figure = go.Figure()
     shares = [_shares(row) for row in rows]
@@ -58,7 +58,7 @@ def truth_figure(rows: Sequence[Row]) -> go.Figure:
     )  # fmt: skip
 
 
-def _shares(row: Row) -> tuple[float, float, float] | None:
+def _shares(row: TruthRow) -> tuple[float, float, float] | None:
     """Lower end, value and upper end of what was found, in % of the change; None where nothing was found."""
     if row.found is None or row.ci90 is None or row.true is None or row.known is None:
         return None

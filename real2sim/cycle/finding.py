@@ -13,7 +13,7 @@ from saltus.errors import ConfigError, RecordingError
 from saltus.files import whole_folder
 from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
-from saltus.real2sim.experiments.footage import Camera
+from saltus.real2sim.experiments.footage import FootageCamera
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.patch import Patch, load_patch
@@ -76,7 +76,7 @@ def record(folder: CycleFolder, settings: CycleSettings, tell: Progress, name: s
     latency = next((float(e.latency) for e in known.camera if isinstance(e, CameraLatency)), 0.0)
     made = run(
         experiment_named(name), robot, folder.read(folder.hidden), seed=settings.seed,
-        camera=Camera.on(robot, latency), progress=partial(tell, f"log {name}"),
+        camera=FootageCamera.on(robot, latency), progress=partial(tell, f"log {name}"),
     )  # fmt: skip
     with whole_folder(log) as partial_folder:
         write_run_log(made, partial_folder, robot)

@@ -21,7 +21,7 @@ from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.measuring import MOMENTS, NOT_MEASURED, Measured, When, known_of, measured, models_of
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.trials import COURSES, run_trials, trials_of
-from saltus.real2sim.cycle.truth import Row, rows_of
+from saltus.real2sim.cycle.truth import TruthRow, rows_of
 from saltus.real2sim.reporting.figures import gap_figure
 from saltus.real2sim.reporting.words import by_reason
 from saltus.reports.page import render, write_page
@@ -115,7 +115,7 @@ def _verdict(found: Path) -> dict[str, Any] | None:
     return verdict
 
 
-def _headline(rows: list[Row], hidden: list[Row], courses: Courses) -> str:
+def _headline(rows: list[TruthRow], hidden: list[TruthRow], courses: Courses) -> str:
     found = sum(row.found is not None for row in hidden)
     said = [f"{found} of {len(hidden)} hidden parameters found" if hidden else f"{len(rows)} parameters found"]
     whole = [done for done in courses.values() if len(done) == len(MOMENTS)]
@@ -127,7 +127,7 @@ def _headline(rows: list[Row], hidden: list[Row], courses: Courses) -> str:
     return f"The cycle: {'; '.join(said)}"
 
 
-def _cells(row: Row) -> tuple[str, ...]:
+def _cells(row: TruthRow) -> tuple[str, ...]:
     """A row of the table of effects."""
     interval = "-" if row.ci90 is None else f"{_number(row.ci90[0])} to {_number(row.ci90[1])}"
     values = (_number(value) for value in (row.known, row.true, row.found))

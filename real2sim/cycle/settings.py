@@ -8,7 +8,7 @@ from saltus.config import check_between
 from saltus.effects.profile import SHIPPED
 from saltus.errors import ConfigError
 from saltus.flags import shown
-from saltus.heightmap.settings import FURTHER_RATE, MANY, ClosedLoop, TrainConfig
+from saltus.heightmap.settings import FURTHER_RATE, MANY, ClosedLoop, PredictorTraining
 
 EXPERIMENTS = ("joint_tour", "squat", "heave_and_pitch", "height_step")
 """Drives on a stand, body, and the camera's time and place: each kind of sensor has its experiment."""
@@ -47,7 +47,7 @@ class CycleSettings:
     """On each course, with the models before and after; more may be asked for later, and add to those there are."""
     loop: ClosedLoop
     """How training data are collected. Its camera takes the images of the measurement, too."""
-    predictor: TrainConfig = field(default_factory=lambda: TrainConfig(learning_rate=FURTHER_RATE))
+    predictor: PredictorTraining = field(default_factory=lambda: PredictorTraining(learning_rate=FURTHER_RATE))
     """The predictor's training, from the shipped checkpoint; on a GPU it bears 12,000 updates of 128 windows."""
 
     def __post_init__(self) -> None:

@@ -23,7 +23,7 @@ SAME = 1e-6  # relative: profiles are written with all their digits, and read ba
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class TruthRow:
     """A parameter that was hidden, that was found, or both; None where it does not apply."""
 
     effect: str
@@ -44,7 +44,7 @@ class Row:
         return f"{self.effect} {self.parameter}{'' if self.where in ('all', '') else f' ({self.where})'}"
 
 
-def rows_of(folder: CycleFolder) -> list[Row]:
+def rows_of(folder: CycleFolder) -> list[TruthRow]:
     """Everything that was hidden or found, the former first."""
     patch = load_patch(folder.found / "patch.toml")
     effects, focal_px = patch.effects, patch.range.focal_px
@@ -63,7 +63,7 @@ def rows_of(folder: CycleFolder) -> list[Row]:
             for profile in (known, hidden)
         )
         rows.append(
-            Row(
+            TruthRow(
                 effect=effect.name, parameter=name, unit=interval.unit, where=_where(effect), known=before,
                 true=true, found=interval.value, ci90=interval.ci90, remark="" if hidden is None else WRONG,
             )
@@ -71,14 +71,16 @@ def rows_of(folder: CycleFolder) -> list[Row]:
     return rows
 
 
-def _hidden(folder: CycleFolder, known: Profile, hidden: Profile, effects: tuple[FoundEffect, ...]) -> Iterator[Row]:
+def _hidden(
+    folder: CycleFolder, known: Profile, hidden: Profile, effects: tuple[FoundEffect, ...]
+) -> Iterator[TruthRow]:
     for name in {**hidden.effects, **known.effects}:
         for field in fields(EFFECTS[name]):
             if "null" not in field.metadata:
                 continue
             if field.metadata["null"] == ():  # a curve is no number: found are knee and plateau
                 if _effect(known, name) != _effect(hidden, name):
-                    yield Row(
+                    yield TruthRow(
                         effect=name, parameter=field.name, unit=field.metadata["unit"], where="", known=None,
                         true=float("nan"), found=None, ci90=None, remark=_why_not(folder, name),
                     )  # fmt: skip
@@ -89,7 +91,7 @@ def _hidden(folder: CycleFolder, known: Profile, hidden: Profile, effects: tuple
                 places = np.flatnonzero(differs & (true == value))
                 found = _finding(effects, name, field.name, places)
                 interval = None if found is None else found.params[field.name]
-                yield Row(
+                yield TruthRow(
                     effect=name, parameter=field.name, unit=field.metadata["unit"],
                     where=_names(places) if field.metadata["per_joint"] else "",
                     known=float(np.mean(before[places])), true=float(value),

@@ -40,7 +40,7 @@ def _pooled(claim: dict[str, Any]) -> Intrinsics:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Camera:
+class FootageCamera:
     """Claims about a camera."""
 
     rate_hz: float = 50.0
@@ -50,12 +50,12 @@ class Camera:
     mount: Mount
 
     @classmethod
-    def on(cls, robot: Robot, latency_s: float = 0.0) -> "Camera":
+    def on(cls, robot: Robot, latency_s: float = 0.0) -> "FootageCamera":
         """A camera where the robot has its own."""
         return cls(latency_s=latency_s, mount=Mount.of(robot))
 
     @classmethod
-    def of(cls, claim: dict[str, Any]) -> "Camera":
+    def of(cls, claim: dict[str, Any]) -> "FootageCamera":
         """The camera that a run log claims (`meta.camera`), with images that are quick to render."""
         return cls(
             rate_hz=float(claim["rate"]),
@@ -78,7 +78,7 @@ class Camera:
 
 def film(
     robot: Robot,
-    camera: Camera,
+    camera: FootageCamera,
     profile: Profile,
     terrain: Terrain,
     *,

@@ -101,11 +101,11 @@ def _table(robot: Robot, members: Sequence[str], rigs: Sequence[dict[str, Any]])
     of_camera = next(sensor.effects for sensor in SENSORS if sensor.name == "camera")
     if camera is None or not set(members) <= set(of_camera):
         return table
-    from saltus.real2sim.experiments.footage import Camera
+    from saltus.real2sim.experiments.footage import FootageCamera
     from saltus.real2sim.experiments.separations import measure
 
     seeing = [name for name, experiment in EXPERIMENTS.items() if experiment.camera]
-    return {name: _separations(measure(EXPERIMENTS[name], robot, Camera.of(camera))) for name in seeing}
+    return {name: _separations(measure(EXPERIMENTS[name], robot, FootageCamera.of(camera))) for name in seeing}
 
 
 @cache

@@ -14,7 +14,7 @@ from saltus.constants import PHYSICS_DT
 from saltus.effects.imu import ImuReading
 from saltus.effects.profile import Profile
 from saltus.joint_command import JointCommand
-from saltus.real2sim.experiments.footage import Camera, film
+from saltus.real2sim.experiments.footage import FootageCamera, film
 from saltus.real2sim.experiments.instruments import Instruments, SensorNoise
 from saltus.real2sim.experiments.menu import Experiment
 from saltus.real2sim.experiments.motions import Section
@@ -61,7 +61,7 @@ def run(
     *,
     seed: int = 0,
     noise: SensorNoise | None = None,
-    camera: Camera | None = None,
+    camera: FootageCamera | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> RunLog:
     """Runs an experiment on a simulated robot; returns what it logged.
@@ -84,7 +84,7 @@ def run(
     log = _log(tape, experiment, robot, sections, terrain, Instruments(noise or SensorNoise(), rng))
     if not experiment.camera:
         return log
-    camera = camera or Camera.on(robot)
+    camera = camera or FootageCamera.on(robot)
     log.meta["camera"] = camera.claim()
     return replace(log, depth=_depth(tape, robot, terrain, camera, profile, rng))
 
@@ -195,7 +195,7 @@ def _meta(tape: _Tape, experiment: Experiment, robot: Robot, terrain: Terrain) -
 
 
 def _depth(
-    tape: _Tape, robot: Robot, terrain: Terrain, camera: Camera, profile: Profile, rng: np.random.Generator
+    tape: _Tape, robot: Robot, terrain: Terrain, camera: FootageCamera, profile: Profile, rng: np.random.Generator
 ) -> DepthTable:
     """Images from the true poses at the camera's rate."""
     rows = tape.rows[:: round(1.0 / (camera.rate_hz * PHYSICS_DT))]

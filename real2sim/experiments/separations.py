@@ -15,7 +15,7 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.effects.profile import IDEAL
-from saltus.real2sim.experiments.footage import Camera
+from saltus.real2sim.experiments.footage import FootageCamera
 from saltus.real2sim.experiments.instruments import SensorNoise
 from saltus.real2sim.experiments.menu import EXPERIMENTS, SEPARATIONS, Experiment
 from saltus.real2sim.experiments.run import run
@@ -34,7 +34,7 @@ NOTHING = 1e-9
 """Share of a signature's norm below which it is rounding."""
 
 
-def measure(experiment: Experiment, robot: Robot, camera: Camera | None = None) -> dict[str, Any]:
+def measure(experiment: Experiment, robot: Robot, camera: FootageCamera | None = None) -> dict[str, Any]:
     """The experiment's entry in the table: sizes and norms of effects by name, and cosines in their order.
 
     With a camera, only what this camera shows is measured.

@@ -24,7 +24,7 @@ from saltus.real2sim.reporting.localise import Channel, Statement, localise
 from saltus.real2sim.reporting.regimes import channels_of
 from saltus.real2sim.reporting.steps import next_steps
 from saltus.real2sim.reporting.words import by_reason, places, sentence
-from saltus.real2sim.results import Comparison, Judgement
+from saltus.real2sim.results import Judgement, SensorResult
 from saltus.real2sim.search.findings import Findings, Residuals
 from saltus.real2sim.verdict import Verdict
 from saltus.reports.page import render
@@ -119,7 +119,7 @@ def _effects(verdict: Verdict, findings: Sequence[Findings]) -> list[tuple[str, 
     ]  # fmt: skip
 
 
-def _residuals(comparison: Comparison, residuals: Residuals) -> ShownResiduals:
+def _residuals(comparison: SensorResult, residuals: Residuals) -> ShownResiduals:
     """Residuals of a comparison before and after what was found."""
     problem, log = comparison.problem, comparison.log
     both = (residuals.before, residuals.after)

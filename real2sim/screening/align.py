@@ -75,7 +75,7 @@ def align(log: RunLog) -> tuple[ClockOffset, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
+class MotionSamples:
     """Samples of a motion."""
 
     name: str
@@ -91,7 +91,7 @@ class Motion:
         return np.column_stack([np.interp(time_s, self.time_s, column) for column in self.values.T])
 
 
-def fit_offset(stream: Motion, reference: Motion, *, is_relative: bool) -> ClockOffset | None:
+def fit_offset(stream: MotionSamples, reference: MotionSamples, *, is_relative: bool) -> ClockOffset | None:
     """Offset of a stream from a reference with the same motion; None if the motions differ.
 
     Each channel may have its own scale and mean. The interval comes from the disagreement of blocks of the log.
@@ -128,7 +128,7 @@ def fit_offset(stream: Motion, reference: Motion, *, is_relative: bool) -> Clock
     )
 
 
-def _smooth(motion: Motion) -> Motion:
+def _smooth(motion: MotionSamples) -> MotionSamples:
     """The same motion without fast noise.
 
     A line between noisy samples is less noisy than the samples, which would draw an offset to halfway between them.
@@ -144,7 +144,7 @@ def _explained(reference: Floats, values: Floats) -> float:
     return 1 - float(np.sum((values - scale * reference) ** 2) / max(np.sum(values**2), 1e-30))
 
 
-def _linearise(reference: Motion, time_s: Floats, values: Floats, offset: float) -> tuple[Floats, Floats]:
+def _linearise(reference: MotionSamples, time_s: Floats, values: Floats, offset: float) -> tuple[Floats, Floats]:
     """Residual at an offset and its derivative by the offset; shapes (n, channels)."""
     width = 2e-3  # s, of the finite difference: a row of a fast log
     early, now, late = (reference.at(time_s - offset + shift) for shift in (width, 0.0, -width))
@@ -197,8 +197,8 @@ def _torque_on_command(log: RunLog) -> ClockOffset | None:
         return None
     row_s = float(np.median(np.diff(joints.time_s)))
     received = joints.tau_est + kp * joints.q + kd * joints.dq
-    reference = Motion(name="command", time_s=joints.time_s, values=command[:, moved], held_s=row_s)
-    stream = Motion(name="tau_est", time_s=joints.time_s, values=received[:, moved])
+    reference = MotionSamples(name="command", time_s=joints.time_s, values=command[:, moved], held_s=row_s)
+    stream = MotionSamples(name="tau_est", time_s=joints.time_s, values=received[:, moved])
     return fit_offset(stream, reference, is_relative=False)
 
 
@@ -210,9 +210,9 @@ def _gyro_on_base(log: RunLog) -> ClockOffset | None:
     steps_s = np.diff(log.base.time_s)[:, None]
     turn = np.asarray((rotations[:-1].inv() * rotations[1:]).as_rotvec() / steps_s, np.float64)
     between = 0.5 * (log.base.time_s[1:] + log.base.time_s[:-1])
-    reference = Motion(name="base", time_s=between, values=turn)
+    reference = MotionSamples(name="base", time_s=between, values=turn)
     return fit_offset(
-        Motion(name="gyro", time_s=log.imu.time_s, values=log.imu.values[:, 4:7]), reference, is_relative=True
+        MotionSamples(name="gyro", time_s=log.imu.time_s, values=log.imu.values[:, 4:7]), reference, is_relative=True
     )
 
 
@@ -239,13 +239,13 @@ def _depth_on_base(log: RunLog, *, is_capture: bool) -> ClockOffset | None:
         valid = measured[:, pixel] > 0
         measured[:, pixel] = np.interp(times, times[valid], measured[valid, pixel])
     name = "images by capture stamps" if is_capture else "images by arrival"
-    stream = Motion(name=name, time_s=times, values=measured[:, steady])
-    reference = Motion(name="base", time_s=predicted.time_s, values=predicted.values[:, steady])
+    stream = MotionSamples(name=name, time_s=times, values=measured[:, steady])
+    reference = MotionSamples(name="base", time_s=predicted.time_s, values=predicted.values[:, steady])
     return fit_offset(stream, reference, is_relative=True)
 
 
-def _predicted(log: RunLog, base: Table, rows: Indices, columns: Indices) -> Motion:
+def _predicted(log: RunLog, base: Table, rows: Indices, columns: Indices) -> MotionSamples:
     """Predicted depth of chosen pixels at poses every `POSES_S`."""
     step = max(1, round(POSES_S / float(np.median(np.diff(base.time_s)))))
     depth = expected_depth(base.values[::step, :7], log.meta, rows, columns)
-    return Motion(name="base", time_s=base.time_s[::step], values=depth.reshape(len(depth), -1))
+    return MotionSamples(name="base", time_s=base.time_s[::step], values=depth.reshape(len(depth), -1))

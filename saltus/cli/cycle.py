@@ -53,7 +53,7 @@ class Cycle(SettingsCommand):
     def run(self) -> int:
         """Runs what is still missing, and writes the report."""
         with training_packages():
-            from saltus.real2sim.cycle.cycle import Cycle as Stages
+            from saltus.real2sim.cycle.cycle import CycleRun as Stages
             from saltus.real2sim.cycle.elsewhere import refuse
             from saltus.real2sim.cycle.folder import open_folder
             from saltus.real2sim.cycle.report import results

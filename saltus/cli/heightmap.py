@@ -138,7 +138,7 @@ class Give:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Heightmap(CommandGroup):
+class HeightmapCommand(CommandGroup):
     """The heightmap: serve, check, give, collect, dagger, dataset, train, export, eval, report.
 
     A --model is an ONNX file, a --checkpoint the file of a training (.pt), from which `export` makes a model.

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from saltus.heightmap.data.shards import Collection
     from saltus.heightmap.device_collection import DeviceSpeed
-    from saltus.heightmap.training.train import Progress
+    from saltus.heightmap.training.train import TrainingProgress
 
 DATASET = Path("runs/dataset")
 Processes = Annotated[int | None, shown("INT", "one for each core")]
@@ -240,7 +240,7 @@ class _Bars:
         """One more batch of a round."""
         self._at(index, "collect", batches).set_postfix(steps=ticks)
 
-    def trained(self, index: int, progress: "Progress") -> None:
+    def trained(self, index: int, progress: "TrainingProgress") -> None:
         """Some more updates."""
         bar = self._at(index, "train", progress.update)
         if progress.calibrates:

@@ -14,10 +14,10 @@ from saltus.config import load_changes
 from saltus.errors import SaltusError
 from saltus.flags import shown
 from saltus.folders import differences
-from saltus.heightmap.settings import FIRST_RATE, FURTHER_RATE, TrainConfig
+from saltus.heightmap.settings import FIRST_RATE, FURTHER_RATE, PredictorTraining
 
 if TYPE_CHECKING:
-    from saltus.heightmap.training.train import Progress
+    from saltus.heightmap.training.train import TrainingProgress
 
 FOLDER = Path("runs/heightmap")
 CHECKPOINT, MODEL = "heightmap.pt", "heightmap.onnx"
@@ -88,9 +88,9 @@ class Train(SettingsCommand):
     """Folder for heightmap.pt, written about once a minute and on Ctrl-C. One with another training is refused."""
     start: Annotated[Path | None, shown("PATH", "none: from nothing")] = None
     """Begin with the network of another checkpoint, at half the rate."""
-    settings: Annotated[TrainConfig, tyro.conf.arg(name="")] = field(default_factory=TrainConfig)
+    settings: Annotated[PredictorTraining, tyro.conf.arg(name="")] = field(default_factory=PredictorTraining)
 
-    def last(self) -> TrainConfig | None:
+    def last(self) -> PredictorTraining | None:
         """Those of the training that goes on."""
         if not (self.out / CHECKPOINT).exists():
             return None
@@ -99,9 +99,9 @@ class Train(SettingsCommand):
 
         return settings_of(self.out / CHECKPOINT)
 
-    def usual(self) -> TrainConfig:
+    def usual(self) -> PredictorTraining:
         """A lower rate for a network that already predicts."""
-        return TrainConfig(learning_rate=FURTHER_RATE if self.start else FIRST_RATE)
+        return PredictorTraining(learning_rate=FURTHER_RATE if self.start else FIRST_RATE)
 
     def run(self) -> int:
         """Trains, with a progress bar."""
@@ -113,7 +113,7 @@ class Train(SettingsCommand):
         checkpoint, announce = self.out / CHECKPOINT, cache(self.print_differences)
         with tqdm(total=self.settings.updates, unit="update", desc="train", delay=QUIET_S) as bar:
 
-            def show(progress: "Progress") -> None:
+            def show(progress: "TrainingProgress") -> None:
                 announce()
                 bar.update(progress.update - bar.n)
                 bar.set_postfix(loss=f"{progress.loss:.3f}", mae_cm=f"{100 * progress.mae_m:.2f}")

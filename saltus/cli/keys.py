@@ -121,7 +121,7 @@ Commands = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Keys(CommandGroup):
+class KeysCommand(CommandGroup):
     """Certificates for those who join a run over a network."""
 
     command: Subcommands[Commands]

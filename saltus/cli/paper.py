@@ -12,7 +12,7 @@ from saltus.flags import shown
 
 
 @dataclass(frozen=True, kw_only=True)
-class Paper:
+class PaperCommand:
     """Makes the paper's tables and figures again from the shipped models: lists them, makes one, or a page of all.
 
     They are part of a checkout, not of a wheel. There `saltus paper --help` says more.

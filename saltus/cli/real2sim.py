@@ -212,7 +212,7 @@ class Experiments:
 
     def _run(self, experiment: "Experiment") -> int:
         from saltus.effects.profile import load_profile
-        from saltus.real2sim.experiments.footage import Camera
+        from saltus.real2sim.experiments.footage import FootageCamera
         from saltus.real2sim.experiments.run import run
         from saltus.recordings.run_log import refuse_run_log, write_run_log
         from saltus.robots.loading import load_robot
@@ -224,7 +224,7 @@ class Experiments:
         directory = self.out or new_folder(experiment.name)
         refuse_run_log(directory)
         ask_for_room(directory)
-        log = run(experiment, robot, profile, seed=self.seed, camera=Camera.on(robot, self.camera_latency))
+        log = run(experiment, robot, profile, seed=self.seed, camera=FootageCamera.on(robot, self.camera_latency))
         write_run_log(log, directory, robot)
         seconds = float(log.joints.time_s[-1] - log.joints.time_s[0])
         if self.json:

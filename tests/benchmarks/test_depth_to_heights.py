@@ -31,7 +31,7 @@ from benchmarks.depth_to_heights.files import (
     write_split,
 )
 from benchmarks.depth_to_heights.predictors import BASELINES, predict
-from benchmarks.depth_to_heights.rows import Row, row
+from benchmarks.depth_to_heights.rows import ScoreRow, row
 from benchmarks.depth_to_heights.split import (
     OBSERVED,
     RUNS,
@@ -107,7 +107,7 @@ def said(shift_m: float = 0.0, half_width_m: float = 0.001) -> list[Prediction]:
     return [Prediction(height=height, half_width_90=np.full_like(height, half_width_m)) for height in heights]
 
 
-def scored(predictions: list[Prediction]) -> Row:
+def scored(predictions: list[Prediction]) -> ScoreRow:
     return row("mine", TRUTHS, predictions)
 
 

@@ -21,7 +21,7 @@ from saltus.heightmap.data.shards import DatasetError, read_manifest
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.settings import MIN_TICKS, ClosedLoop, DaggerConfig
 from saltus.heightmap.training.dagger import Observer, dagger
-from saltus.heightmap.training.train import Progress
+from saltus.heightmap.training.train import TrainingProgress
 from saltus.policy.observation import observe
 from saltus.policy.planner import make_planner
 from saltus.states import standing_state
@@ -44,7 +44,7 @@ def killed_at(when: str) -> Observer:
         if when == f"collect {index} {batches}":
             raise Killed
 
-    def trained(index: int, progress: Progress) -> None:
+    def trained(index: int, progress: TrainingProgress) -> None:
         if when == f"train {index}":
             raise Killed
 

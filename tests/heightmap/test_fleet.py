@@ -10,7 +10,7 @@ from heightmap_inputs import WARMUP, frame, on_time, states
 from samples import ROBOT as GO1
 from test_service import Faulty, bad_tick
 
-from saltus.heightmap.service.fleet import TAKEOVER_NS, Arrival, FleetService
+from saltus.heightmap.service.fleet import TAKEOVER_NS, FleetService, RobotRequest
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
 from saltus.heightmap.service.sight import LONGEST_GAP_S
@@ -46,9 +46,9 @@ def arrival(
     given: DepthFrame | None = None,
     robot_boot: bytes = ROBOT,
     camera_boot: bytes = CAMERA,
-) -> Arrival:
+) -> RobotRequest:
     taken = scene(robot, step) if given is None else given
-    return Arrival(
+    return RobotRequest(
         state=STATES[step] if state is None else state,
         robot_boot=robot_boot,
         frame=taken,

@@ -18,7 +18,7 @@ from saltus.errors import RecordingError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.comparison import RECORDED, Comparison, compare, in_view, read_run
 from saltus.heightmap.evaluation.edges import JUMP_M, edge_errors, jumps
-from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, Errors, Row
+from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, ErrorRow, Errors
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.evaluation.report import APART_S, WORST, WORST_M, measure, write_report
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -28,7 +28,7 @@ from saltus.render.camera import Mount, camera_pose, ray_directions
 from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus
 
 CELL = float(HEIGHTMAP_X[1] - HEIGHTMAP_X[0])
-TABLES: list[Callable[[Errors], list[Row]]] = [
+TABLES: list[Callable[[Errors], list[ErrorRow]]] = [
     Errors.by_distance, Errors.by_terrain, Errors.by_view, Errors.by_phase, Errors.by_speed, Errors.by_age,
 ]  # fmt: skip
 

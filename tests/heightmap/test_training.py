@@ -17,19 +17,19 @@ from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.shards import DatasetError, dataset_hash, read_manifest, write_shard
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.settings import ModelConfig, TrainConfig
+from saltus.heightmap.settings import ModelConfig, PredictorTraining
 from saltus.heightmap.training import release as heightmap_release
 from saltus.heightmap.training import train as heightmap_train
 from saltus.heightmap.training.dataset import EpisodeStore, ImageNoise, run_window
 from saltus.heightmap.training.release import Release, release
-from saltus.heightmap.training.train import Progress, load_checkpoint, train
+from saltus.heightmap.training.train import TrainingProgress, load_checkpoint, train
 from saltus.heightmap.training.validate import SETTLED_TICKS
 from saltus.resources import resource
 
 pytestmark = pytest.mark.usefixtures("short_calibration")
 SMALL = ModelConfig(channels=(2, 4, 4), hidden=32, head=(32,))
-CONFIG = TrainConfig(updates=30, batch=8, window=50, device="cpu", model=SMALL)
-ONE = TrainConfig(**{**vars(CONFIG), "updates": 1})
+CONFIG = PredictorTraining(updates=30, batch=8, window=50, device="cpu", model=SMALL)
+ONE = PredictorTraining(**{**vars(CONFIG), "updates": 1})
 
 
 @pytest.fixture(scope="module")
@@ -41,14 +41,14 @@ def begun(data: Path, tmp_path_factory: pytest.TempPathFactory, short_calibratio
 
 
 @pytest.fixture(scope="module")
-def told() -> list[Progress]:
+def told() -> list[TrainingProgress]:
     """What the whole training says of itself."""
     return []
 
 
 @pytest.fixture(scope="module")
 def trained(
-    data: Path, told: list[Progress], tmp_path_factory: pytest.TempPathFactory, short_calibration: None
+    data: Path, told: list[TrainingProgress], tmp_path_factory: pytest.TempPathFactory, short_calibration: None
 ) -> Path:
     """Checkpoint of a whole training, small as it is."""
     path = tmp_path_factory.mktemp("trained") / "a.pt"
@@ -64,7 +64,7 @@ def released(data: Path, begun: Path, tmp_path_factory: pytest.TempPathFactory) 
 
 
 def test_training_lowers_the_error_and_the_release_measures_it(
-    data: Path, released: tuple[Release, Path], trained: Path, told: list[Progress], tmp_path: Path
+    data: Path, released: tuple[Release, Path], trained: Path, told: list[TrainingProgress], tmp_path: Path
 ) -> None:
     assert told[-1].update == CONFIG.updates
     before, _ = released
@@ -145,7 +145,7 @@ def test_an_export_that_ends_early_leaves_the_model_that_was_there(
 
 
 def test_a_moment_of_further_training_from_the_shipped_network_is_exported(data: Path, tmp_path: Path) -> None:
-    config = TrainConfig(updates=3, batch=4, window=30, device="cpu")
+    config = PredictorTraining(updates=3, batch=4, window=30, device="cpu")
     train(data, tmp_path / "a.pt", config, start=resource("models/heightmap.onnx"))
     assert release(tmp_path / "a.pt", data, tmp_path / "a.onnx").parity < 1e-5
 
@@ -182,9 +182,9 @@ def test_a_file_of_another_network_is_refused(
 
 
 def test_an_interrupted_training_goes_on(data: Path, tmp_path: Path) -> None:
-    config = TrainConfig(**{**vars(CONFIG), "save_every_s": 0.0})
+    config = PredictorTraining(**{**vars(CONFIG), "save_every_s": 0.0})
 
-    def interrupt(progress: Progress) -> None:
+    def interrupt(progress: TrainingProgress) -> None:
         raise KeyboardInterrupt
 
     checkpoint = tmp_path / "c.pt"
@@ -203,7 +203,7 @@ def test_what_was_learned_before_an_interruption_is_kept(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
     checkpoint, calls = tmp_path / "c.pt", []
-    config = TrainConfig(**{**vars(CONFIG), "save_every_s": math.inf})
+    config = PredictorTraining(**{**vars(CONFIG), "save_every_s": math.inf})
     interrupted_at = {"run_window": 5, "calibrate": 1}[where]
     law = getattr(heightmap_train, where)
 
@@ -237,7 +237,7 @@ def test_an_interruption_while_it_is_kept_loses_nothing(
 
     monkeypatch.setattr(torch, "save", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        train(data, checkpoint, TrainConfig(**{**vars(CONFIG), "save_every_s": 0.0}))
+        train(data, checkpoint, PredictorTraining(**{**vars(CONFIG), "save_every_s": 0.0}))
     assert load_checkpoint(checkpoint)[1]["update"] == 1
 
 
@@ -251,7 +251,7 @@ def test_a_checkpoint_of_another_training_is_left_alone(data: Path, begun: Path,
         ("start", trained, {}),
     ):
         with pytest.raises(ModelError, match=f"another training .*{change}"):
-            train(data, path, TrainConfig(**{**vars(ONE), **values}), start=start)
+            train(data, path, PredictorTraining(**{**vars(ONE), **values}), start=start)
         assert path.read_bytes() == before
 
 
@@ -287,7 +287,7 @@ def test_what_is_no_checkpoint_is_refused_before_any_work(
 
 def test_a_checkpoint_that_cannot_be_written_is_said_before_any_work(data: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
-    told: list[Progress] = []
+    told: list[TrainingProgress] = []
     with pytest.raises(SaltusError, match="folder"):
         train(data, tmp_path / "file" / "a.pt", CONFIG, told.append)
     assert not told
@@ -298,7 +298,7 @@ def test_a_checkpoint_that_cannot_be_written_is_said_before_any_work(data: Path,
 )
 def test_a_training_that_cannot_be_is_refused_by_name(wrong: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
-        TrainConfig(**{**vars(CONFIG), **wrong})
+        PredictorTraining(**{**vars(CONFIG), **wrong})
 
 
 def test_a_training_forgets_as_often_as_it_is_told(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -313,7 +313,7 @@ def test_a_training_forgets_as_often_as_it_is_told(data: Path, tmp_path: Path, m
     monkeypatch.setattr(heightmap_train, "calibrate", lambda *_: None)
     assert saltus([*quick(data, tmp_path / "g"), "--forgets", "0.25"]) == 0
     assert saltus(quick(data, tmp_path / "h")) == 0
-    assert shares == [0.25, TrainConfig().forgets]
+    assert shares == [0.25, PredictorTraining().forgets]
 
 
 def test_a_window_that_starts_knows_nothing_of_what_was_before(store: EpisodeStore, model: HeightmapModel) -> None:
@@ -328,8 +328,8 @@ def test_a_window_that_starts_knows_nothing_of_what_was_before(store: EpisodeSto
 
 
 def test_a_further_round_begins_with_what_was_learned(data: Path, trained: Path, tmp_path: Path) -> None:
-    told: list[Progress] = []
-    further = TrainConfig(**{**vars(ONE), "learning_rate": 0.0, "seed": 5})
+    told: list[TrainingProgress] = []
+    further = PredictorTraining(**{**vars(ONE), "learning_rate": 0.0, "seed": 5})
     model = train(data, tmp_path / "e.pt", further, told.append, start=trained)
     before = load_checkpoint(trained)[0].state_dict()
     for name, weights in model.state_dict().items():

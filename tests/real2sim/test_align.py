@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rig_logs import Rig, body_log, joints_log
 
-from saltus.real2sim.screening.align import ClockOffset, Motion, align, fit_offset
+from saltus.real2sim.screening.align import ClockOffset, MotionSamples, align, fit_offset
 from saltus.recordings.run_log import RunLog
 
 
@@ -44,12 +44,12 @@ def test_late_and_drifting_clocks_are_found(body: RunLog, shift_s: float, drift:
 
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     time_s = np.arange(0.0, 20.0, 0.005)
-    reference = Motion(name="command", time_s=time_s, values=np.sin(2 * np.pi * 0.8 * time_s)[:, None])
+    reference = MotionSamples(name="command", time_s=time_s, values=np.sin(2 * np.pi * 0.8 * time_s)[:, None])
     held = 0
     for seed in range(60):
         rng = np.random.default_rng(seed)
         late = np.sin(2 * np.pi * 0.8 * (time_s - 0.013))[:, None] + rng.normal(0, 0.2, (len(time_s), 1))
-        found = fit_offset(Motion(name="q", time_s=time_s, values=late), reference, is_relative=True)
+        found = fit_offset(MotionSamples(name="q", time_s=time_s, values=late), reference, is_relative=True)
         assert found is not None
         held += found.ci90_s[0] < 0.013 < found.ci90_s[1]
     assert 46 <= held <= 59  # 54 of 60 expected; 3.5 sigma either way
@@ -58,7 +58,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 def test_streams_that_show_different_motions_or_none_have_no_offset() -> None:
     rng = np.random.default_rng(0)
     time_s = np.arange(0.0, 20.0, 0.01)
-    a, b = (Motion(name=n, time_s=time_s, values=rng.normal(size=(len(time_s), 1))) for n in "ab")
+    a, b = (MotionSamples(name=n, time_s=time_s, values=rng.normal(size=(len(time_s), 1))) for n in "ab")
     assert fit_offset(a, b, is_relative=True) is None
-    still = Motion(name="c", time_s=time_s, values=np.ones((len(time_s), 1)))
+    still = MotionSamples(name="c", time_s=time_s, values=np.ones((len(time_s), 1)))
     assert fit_offset(still, still, is_relative=True) is None

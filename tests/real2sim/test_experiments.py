@@ -14,7 +14,7 @@ from saltus.effects.profile import IDEAL, Profile
 from saltus.effects.registry import EFFECTS
 from saltus.errors import ConfigError
 from saltus.real2sim.experiments import motions
-from saltus.real2sim.experiments.footage import Camera
+from saltus.real2sim.experiments.footage import FootageCamera
 from saltus.real2sim.experiments.instruments import SensorNoise
 from saltus.real2sim.experiments.menu import EXPERIMENTS, experiment_named
 from saltus.real2sim.experiments.run import run
@@ -122,7 +122,9 @@ def test_the_same_seed_makes_the_same_log_and_another_seed_another() -> None:
 
 
 def test_the_camera_is_late_by_the_latency_of_its_profile_not_by_its_claim() -> None:
-    late = run(BRIEF["free"], ROBOT, Profile(camera=(CameraLatency(latency=0.04),)), camera=Camera.on(ROBOT, 0.01))
+    late = run(
+        BRIEF["free"], ROBOT, Profile(camera=(CameraLatency(latency=0.04),)), camera=FootageCamera.on(ROBOT, 0.01)
+    )
     assert late.depth is not None
     assert late.meta["camera"]["latency"] == 0.01
     np.testing.assert_allclose(late.depth.arrival_s, 0.02 * late.depth.frame_id + 0.04, atol=1e-9)

@@ -22,7 +22,7 @@ from saltus.real2sim.reporting.localise import Channel
 from saltus.real2sim.reporting.regimes import channels_of
 from saltus.real2sim.reporting.report import report_page
 from saltus.real2sim.reporting.words import sentence
-from saltus.real2sim.results import Comparison, Examination, Judgement
+from saltus.real2sim.results import Examination, Judgement, SensorResult
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.search.findings import Findings, Residuals
 from saltus.real2sim.search.search import search
@@ -62,7 +62,7 @@ def judged(case: str) -> Judgement:
         verdict = merge((), [fault.text for fault in faults])
     else:
         problem, findings = found(case)
-        compared = Comparison(problem=problem, findings=findings, log=rig_log())
+        compared = SensorResult(problem=problem, findings=findings, log=rig_log())
         examined = Examination(log=rig_log(), faults=(), untestable={}, comparisons=(compared,))
         verdict = replace(merge([findings]), next_experiment=NEXT if case == "set" else None)
     return judgement(verdict, examined)
@@ -176,7 +176,7 @@ def test_a_camera_s_residuals_are_shown_over_the_image(tmp_path: Path) -> None:
         before=left, after=left, unknowns=np.zeros((1, 0)), effects=(), is_test=np.ones(len(problem.signal), dtype=bool)
     )
     findings = Findings(problem="camera", verdict="no_gap", residuals=residuals)
-    compared = Comparison(problem=problem, findings=findings, log=log)
+    compared = SensorResult(problem=problem, findings=findings, log=log)
     examined = Examination(log=log, faults=(), untestable={}, comparisons=(compared,))
     assert "Mean residual over the image" in page(judgement(merge([findings]), examined), tmp_path)
 

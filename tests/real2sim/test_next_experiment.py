@@ -5,7 +5,7 @@ from itertools import combinations
 import pytest
 from samples import ROBOT
 
-from saltus.real2sim.experiments.footage import Camera
+from saltus.real2sim.experiments.footage import FootageCamera
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.next_experiment import next_experiment, separations
 from saltus.real2sim.experiments.separations import measure
@@ -39,18 +39,18 @@ def test_a_weak_drive_and_a_heavy_trunk_part_where_no_leg_carries_the_trunk() ->
 
 
 def test_a_camera_that_looks_down_is_not_sent_to_a_wall() -> None:
-    ahead = Camera.on(ROBOT).claim()
+    ahead = FootageCamera.on(ROBOT).claim()
     down = ahead | {"pitch": 1.2}
-    assert Camera.of(ahead).claim() == ahead
-    alike = [_alike(measure(EXPERIMENTS["wall_two_ranges"], ROBOT, Camera.of(claim))) for claim in (ahead, down)]
+    assert FootageCamera.of(ahead).claim() == ahead
+    alike = [_alike(measure(EXPERIMENTS["wall_two_ranges"], ROBOT, FootageCamera.of(claim))) for claim in (ahead, down)]
     assert alike[0] < 0.9
     assert alike[1] > 0.99
 
 
 def test_a_large_image_is_pooled_and_looks_the_same_way() -> None:
-    small = Camera.on(ROBOT).claim()
+    small = FootageCamera.on(ROBOT).claim()
     large = {n: 4 * v if n in ("fx", "fy", "cx", "cy", "width", "height") else v for n, v in small.items()}
-    assert Camera.of(large).claim() == small
+    assert FootageCamera.of(large).claim() == small
 
 
 def _alike(entry: dict) -> float:

@@ -15,7 +15,7 @@ from saltus.depth_camera import DepthCamera, load_camera
 from saltus.effects.profile import Profile
 from saltus.errors import SaltusError
 from saltus.grid import HeightGrid
-from saltus.heightmap.settings import TrainConfig as HeightmapTrainConfig
+from saltus.heightmap.settings import PredictorTraining as HeightmapTrainConfig
 from saltus.policy.env.settings import for_gpu
 from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder
 from saltus.robots.supplement import Supplement

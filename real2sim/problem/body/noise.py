@@ -106,7 +106,7 @@ def read_noise(log: RunLog) -> Noise:
     return Noise(sigma=np.maximum(found[:, 0], SMALLEST), correlation=found[:, 1])
 
 
-class Whitening:
+class BodyWhitening:
     """Turns errors into residuals of unit variance.
 
     Args:

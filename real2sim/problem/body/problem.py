@@ -18,11 +18,11 @@ from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.candidates import CALF, FRICTION_RANGE, Claims, candidates, on_top_of, rig_of
 from saltus.real2sim.problem.body.ground import finer, likeliest
-from saltus.real2sim.problem.body.noise import SIGNALS, Noise, StartNoise, Whitening, errors, read_noise
-from saltus.real2sim.problem.body.replay import Limit, Pull, Replay, Rig
+from saltus.real2sim.problem.body.noise import SIGNALS, BodyWhitening, Noise, StartNoise, errors, read_noise
+from saltus.real2sim.problem.body.replay import BodyReplay, Limit, Pull, Rig
 from saltus.real2sim.problem.body.starts import Starts
 from saltus.real2sim.problem.body.testable import untestable
-from saltus.real2sim.problem.body.windows import BLOCKS, Windows, cut_windows
+from saltus.real2sim.problem.body.windows import BLOCKS, BodyWindows, cut_windows
 from saltus.real2sim.problem.log import boxes_of, model_of, robot_of, segments_of, torque_limits
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
 from saltus.recordings.run_log import RunLog
@@ -183,7 +183,7 @@ class BodyProblem(Problem):
         some = slice(None, None, max(1, len(windows.start_s) // JUDGED_BY))
 
         @cache
-        def replayed(solver: Solver) -> Replay:
+        def replayed(solver: Solver) -> BodyReplay:
             return self._replayed(solver, windows.taken(some))
 
         def squares(solver: Solver, others: Floats) -> Floats:
@@ -197,7 +197,7 @@ class BodyProblem(Problem):
 
         return likeliest(squares)
 
-    def _whitening(self, noise: Noise, *, has_gyro: bool) -> Whitening:
+    def _whitening(self, noise: Noise, *, has_gyro: bool) -> BodyWhitening:
         """Moves the starts of the windows to where they are likeliest; what is then unknown of errors."""
         windows, rig = self._windows, self._rig()
         spread = StartNoise.of(noise, has_gyro=has_gyro)
@@ -215,7 +215,7 @@ class BodyProblem(Problem):
         measured = -np.einsum("wd,dwbs->wbs", starts.likeliest, slopes)
         unrepeated = np.mean(missed**2, axis=0) + self._from_small_changes() + self._from_time_steps()
         lasting = np.sum(noise.plain(slopes[~spread.is_free])[:, :, LATE:] ** 2, axis=0).mean(axis=(1, 2))
-        return Whitening(noise, slopes, measured, unrepeated, lasting, windows.segment)
+        return BodyWhitening(noise, slopes, measured, unrepeated, lasting, windows.segment)
 
     def _from_small_changes(self) -> Floats:
         """Mean square of what small changes of the robot change beyond first order, shape (w, BLOCKS, 33).
@@ -243,9 +243,9 @@ class BodyProblem(Problem):
         states = self._replay.states(claims, *spread.moved(windows.qpos, windows.qvel, by))
         return self._errors(states) - self._errors(self._replay.states(self._rig()))
 
-    def _replayed(self, solver: Solver, windows: Windows | None = None) -> Replay:
+    def _replayed(self, solver: Solver, windows: BodyWindows | None = None) -> BodyReplay:
         windows, position = windows or self._windows, self._claims.payload_position
-        return Replay(self._robot, windows, self._boxes, self._span_s, solver, position, self._held)
+        return BodyReplay(self._robot, windows, self._boxes, self._span_s, solver, position, self._held)
 
     def _errors(self, states: Floats) -> Floats:
         """Shape (n, w, BLOCKS, 33); a simulation that diverged is as far off as can be."""

@@ -20,7 +20,7 @@ from saltus.real2sim.problem.body.windows import (
     BLOCKS,
     HISTORY_STEPS,
     WINDOW_STEPS,
-    Windows,
+    BodyWindows,
 )
 from saltus.robots.robot import Robot
 from saltus.sim.free_robots import OWN_SOLVER, FreeRobots, Solver
@@ -63,7 +63,7 @@ class Rig:
     """Logarithm of how much more the ground gives way in all directions, shape (n,)."""
 
 
-class Replay:
+class BodyReplay:
     """Simulations of the windows of one log.
 
     Args:
@@ -79,7 +79,7 @@ class Replay:
     def __init__(
         self,
         robot: Robot,
-        windows: Windows,
+        windows: BodyWindows,
         boxes: Boxes,
         span_s: tuple[float, float],
         solver: Solver = OWN_SOLVER,
@@ -167,7 +167,9 @@ class Replay:
 class _Drives:
     """Torques of all simulations of a batch."""
 
-    def __init__(self, rig: Rig, windows: Windows, age: Floats, per_calf: Floats, held: Sequence[Limit | Pull]) -> None:
+    def __init__(
+        self, rig: Rig, windows: BodyWindows, age: Floats, per_calf: Floats, held: Sequence[Limit | Pull]
+    ) -> None:
         self._limits = [effect for effect in held if isinstance(effect, Limit)]
         self._pulls = [effect for effect in held if isinstance(effect, Pull)]
         self._told, self._kp, self._kd = windows.drive, windows.kp, windows.kd

@@ -36,7 +36,7 @@ POSE, JOINTS, VELOCITY, RATES = slice(0, 7), slice(7, 19), slice(19, 22), slice(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Windows:
+class BodyWindows:
     """Where simulations start and what was measured after that; w windows.
 
     Attributes:
@@ -60,7 +60,7 @@ class Windows:
     kp: Floats
     kd: Floats
 
-    def taken(self, part: slice) -> "Windows":
+    def taken(self, part: slice) -> "BodyWindows":
         """Some of the windows."""
         names = ("start_s", "segment", "qpos", "qvel", "drive", "measured")
         return replace(self, **{name: getattr(self, name)[part] for name in names})
@@ -83,7 +83,7 @@ class Track:
     """[rad/s], shape (n, 3)."""
 
 
-def cut_windows(log: RunLog, segments: Sequence[Segment]) -> Windows:
+def cut_windows(log: RunLog, segments: Sequence[Segment]) -> BodyWindows:
     """Cuts a log with a measured base."""
     kp, kd = gains(log.meta)
     drive = commanded(log)
@@ -102,7 +102,7 @@ def cut_windows(log: RunLog, segments: Sequence[Segment]) -> Windows:
         parts.append((now.time_s[k], segment, qpos, qvel, drive[np.maximum(row, 0)], blocks))
     columns = [np.array(column) for column in zip(*parts, strict=True)] if parts else _nothing()
     names = ("start_s", "segment", "qpos", "qvel", "drive", "measured")
-    return Windows(**dict(zip(names, columns, strict=True)), kp=kp, kd=kd)
+    return BodyWindows(**dict(zip(names, columns, strict=True)), kp=kp, kd=kd)
 
 
 def track(log: RunLog, segment: Segment) -> Track:

@@ -12,10 +12,10 @@ from saltus.real2sim.problem.camera.alignment import WHOLE, aligned, misfit
 from saltus.real2sim.problem.camera.candidates import CameraEffects
 from saltus.real2sim.problem.camera.frames import Frames, frames_of
 from saltus.real2sim.problem.camera.model import DepthModel
-from saltus.real2sim.problem.camera.noise import DepthNoise, fitted_noise, second_differences
+from saltus.real2sim.problem.camera.noise import NoiseLaw, fitted_noise, second_differences
 from saltus.real2sim.problem.camera.pixels import PixelGrid, clip_guess, is_broken
 from saltus.real2sim.problem.camera.pose import BaseMotion, ClaimedCamera, claimed_camera
-from saltus.real2sim.problem.camera.rays import Scene, claimed_scenes
+from saltus.real2sim.problem.camera.rays import VisibleScene, claimed_scenes
 from saltus.real2sim.problem.log import segments_of
 from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_log import RunLog
@@ -47,7 +47,7 @@ class CameraData:
     """From where and when edges are told: as claimed, or where a camera that is far off seems to be."""
     predicted: Floats
     """Predicted depth of that view [m], shape (kept, pixels)."""
-    noise: DepthNoise
+    noise: NoiseLaw
     difference: Floats
     """Second differences of measured less predicted depth along rows of the grid [m], NaN where edges or holes are,
     shape (kept, rows, columns - 2)."""
@@ -107,7 +107,7 @@ def owners(time_s: Floats, segments: Sequence[Segment]) -> Indices:
 
 
 def _choose(
-    frames: Frames, segments: Sequence[Segment], motion: BaseMotion, camera: ClaimedCamera, scene: Scene
+    frames: Frames, segments: Sequence[Segment], motion: BaseMotion, camera: ClaimedCamera, scene: VisibleScene
 ) -> tuple[Indices, Indices]:
     """Evenly spaced frames of those that lie in a segment and within the measured motion, and not in a box.
 
@@ -127,7 +127,7 @@ def _choose(
 
 
 def _likeliest(
-    scenes: tuple[Scene, ...],
+    scenes: tuple[VisibleScene, ...],
     camera: ClaimedCamera,
     motion: BaseMotion,
     frames: Frames,
@@ -172,7 +172,7 @@ def _edge_of_scene(
 
 
 def _edge_of_images(
-    images: NDArray[np.uint16], grid: PixelGrid, measured: Floats, noise: DepthNoise
+    images: NDArray[np.uint16], grid: PixelGrid, measured: Floats, noise: NoiseLaw
 ) -> NDArray[np.bool_]:
     """Pixels near an edge of the measured images, shape (kept, pixels)."""
     sigma = noise.sigma(measured)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.candidates import CameraEffects
 from saltus.real2sim.problem.camera.pose import BaseMotion, ClaimedCamera
-from saltus.real2sim.problem.camera.rays import Scene
+from saltus.real2sim.problem.camera.rays import VisibleScene
 from saltus.render.camera import Mount
 from saltus.rotations import skew
 
@@ -17,7 +17,7 @@ from saltus.rotations import skew
 class DepthModel:
     """Casts the rays of a claimed camera, moved by effects, from the measured pose of the base."""
 
-    scene: Scene
+    scene: VisibleScene
     camera: ClaimedCamera
     motion: BaseMotion
     stamp_s: Floats

@@ -18,7 +18,7 @@ SECOND_DIFFERENCE = 6.0  # 1 + 4 + 1: variance of x[-1] - 2 x[0] + x[1] over tha
 
 
 @dataclass(frozen=True, kw_only=True)
-class DepthNoise:
+class NoiseLaw:
     """Standard deviation sqrt((quadratic z^2)^2 + constant^2) of one pixel at depth z."""
 
     quadratic: float
@@ -37,7 +37,7 @@ def second_differences(values: Floats) -> Floats:
     return bend / np.sqrt(SECOND_DIFFERENCE)
 
 
-def fitted_noise(depth: Floats, difference: Floats) -> DepthNoise:
+def fitted_noise(depth: Floats, difference: Floats) -> NoiseLaw:
     """Fits the noise to second differences of measured less predicted depth [m], NaN where missing.
 
     `depth` is predicted, at the middle of each difference [m].
@@ -45,14 +45,14 @@ def fitted_noise(depth: Floats, difference: Floats) -> DepthNoise:
     known = np.isfinite(difference) & np.isfinite(depth)
     z, d = depth[known], difference[known]
     if z.size < FEWEST:
-        return DepthNoise(quadratic=1.3e-3, constant=LEAST_M)
+        return NoiseLaw(quadratic=1.3e-3, constant=LEAST_M)
     order = np.argsort(z)
     parts = np.array_split(order, min(BINS, max(1, z.size // FEWEST)))
     range_m = np.array([np.median(z[part]) for part in parts])
     variance = np.array([_variance(d[part], z[part])[0] for part in parts])
     design = np.stack([range_m**4, np.ones_like(range_m)], axis=1) / variance[:, None]
     (quadratic, constant), _ = nnls(design, 1.0 - LEAST_M**2 / variance)
-    return DepthNoise(quadratic=float(np.sqrt(quadratic)), constant=float(np.sqrt(constant + LEAST_M**2)))
+    return NoiseLaw(quadratic=float(np.sqrt(quadratic)), constant=float(np.sqrt(constant + LEAST_M**2)))
 
 
 def log_variance(difference: Floats, depth: Floats) -> tuple[float, float]:

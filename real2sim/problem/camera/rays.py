@@ -12,7 +12,7 @@ NEAREST_M = 1e-3  # what is nearer to the image plane is behind the lens
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Scene:
+class VisibleScene:
     """Things that can be seen, in the world frame."""
 
     box_low: Floats
@@ -56,18 +56,18 @@ def _slab(origin: Floats, inverse: Floats, low: Floats, high: Floats) -> tuple[F
     return first, last
 
 
-def claimed_scenes(terrain: Any) -> tuple[Scene, ...]:
+def claimed_scenes(terrain: Any) -> tuple[VisibleScene, ...]:
     """Readings of what `meta.json` says of the terrain, the likelier first.
 
     "flat" is the plane z = 0. A list of boxes may hold the ground as a box, or may leave it out; which it is shows in
     the images. `RecordingError` for anything else.
     """
     if terrain is None or terrain == "flat":
-        return (Scene(box_low=np.empty((0, 3)), box_high=np.empty((0, 3)), has_ground=True),)
+        return (VisibleScene(box_low=np.empty((0, 3)), box_high=np.empty((0, 3)), has_ground=True),)
     try:
         centre = np.array([box["center"] for box in terrain], dtype=np.float64).reshape(-1, 3)
         size = np.array([box["size"] for box in terrain], dtype=np.float64).reshape(-1, 3)
     except (TypeError, KeyError, ValueError) as error:
         raise RecordingError(f"meta.json: terrain must be 'flat' or a list of boxes: {error!r}") from error
     low, high = centre - 0.5 * size, centre + 0.5 * size
-    return tuple(Scene(box_low=low, box_high=high, has_ground=ground) for ground in (True, False))
+    return tuple(VisibleScene(box_low=low, box_high=high, has_ground=ground) for ground in (True, False))
