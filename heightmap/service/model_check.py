@@ -6,7 +6,6 @@ The robot is the one that is served. Prints the model's id; a model that cannot 
 exit code 2.
 """
 
-import os
 import resource
 import sys
 from pathlib import Path
@@ -19,6 +18,7 @@ from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
 from saltus.robots.robot import Robot
+from saltus.tuning import stand_back
 from saltus.wire.messages import DepthFrame, HeightmapStatus
 from saltus.wire.topics import CAMERA_LATENCY_S, CAMERA_PERIOD_S
 
@@ -26,7 +26,6 @@ WARM_TICKS = 200
 """After the warm-up: two seconds, in which a hidden state that grows and a frozen output are noticed."""
 MEMORY_BYTES = 8 << 30  # of addresses, most of which ONNX Runtime never touches
 CPU_S = 20
-NICENESS = 10  # the robots go first
 
 
 def checked_model(robot: Robot, path: Path) -> HeightmapNetwork:
@@ -56,7 +55,7 @@ def _frame(index: int, rng: np.random.Generator) -> DepthFrame:
 
 def main() -> int:
     """Tries the model of the command line."""
-    os.nice(NICENESS)
+    stand_back()
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
     try:

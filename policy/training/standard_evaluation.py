@@ -9,7 +9,6 @@ runs this beside a training.
 """
 
 import argparse
-import os
 import tempfile
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -26,6 +25,7 @@ from saltus.policy.training.evaluation_table import EvaluationRow, append_rows, 
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.law import PAPER
 from saltus.terrain.own import own_families
+from saltus.tuning import stand_back
 from saltus.workers import in_order
 
 FIRST_SEED = 20_000
@@ -33,7 +33,6 @@ FIRST_SEED = 20_000
 TRIALS = 8
 """Trials of each course: a share is then known to within 0.18 (one sigma); curves show what single
 points do not."""
-NICENESS = 10
 
 COURSES: dict[str, TerrainConfig] = {
     "flat": TerrainConfig(terrain="flat"),
@@ -126,5 +125,5 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    os.nice(NICENESS)  # whatever trains beside this goes first
+    stand_back()
     main()

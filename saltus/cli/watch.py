@@ -2,7 +2,6 @@
 
 import contextlib
 import importlib.util
-import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -15,12 +14,12 @@ import tyro
 
 from saltus.errors import SaltusError
 from saltus.flags import Flag, shown
+from saltus.tuning import stand_back
 
 PORT = 8080
 FOXGLOVE_PORT = 8765  # of its apps
 VISER = "pip install 'saltus[watch]'"
 FOXGLOVE = "pip install 'saltus[foxglove]'"
-NICENESS = 10  # the stack comes first
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +61,7 @@ class Watch:
         sources = [Source(path, robot) for path in self.runs for robot in self.robots or ("",)]
         with ThreadPoolExecutor(1) as starters:
             starters.submit(int).result()  # so its thread is there, with the priority that runs are to have
-            os.nice(NICENESS)
+            stand_back()
             server = Server(PORT if self.port is None else self.port)
             watcher = Watcher(Page(server), sources, starters)
             print(f"watch at {server.address} until Ctrl-C", flush=True)
@@ -83,7 +82,7 @@ class Watch:
         from saltus.watch.source import Source
 
         source = Source(self.runs[0], *self.robots)
-        os.nice(NICENESS)
+        stand_back()
         studio = Studio(source, FOXGLOVE_PORT if self.port is None else self.port)
         tell_of_no_run(self.runs)
         print(f"open the connection {studio.address} in Foxglove, and import the layout {LAYOUT}")
