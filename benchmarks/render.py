@@ -23,6 +23,7 @@ from benchmarks._measuring import own_processes, processor_s, random_frames, res
 from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, model_image, sampled_model_camera
+from saltus.effects.effect import map_arrays
 from saltus.render.backends import make_renderer, make_stereo, present
 from saltus.render.camera import RobotCamera
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
@@ -155,15 +156,16 @@ def warp_exposure(case: Case) -> Callable[[], object]:
     import torch
     import warp
 
-    from saltus.render.stereo_torch import TorchStereo
+    from saltus.render.stereo_torch import KorniaWindows
     from saltus.render.warp import WarpRenderer
 
     view = case.camera if case.noise == "none" else sampled_model_camera(ROWS, COLUMNS)
     caster = WarpRenderer(TERRAIN, RobotCamera.on(ROBOT, view, legs=case.legs)).caster
     robots = [torch.as_tensor(array, dtype=torch.float32, device=caster.device) for array in poses(case.batch)]
     optics = Optics.of(view)
-    cameras = TorchStereo(StereoConfig(), optics, caster.device)
-    state = cameras.init(case.batch, np.random.default_rng(0)) if case.noise != "none" else ()
+    cameras = StereoCamera(StereoConfig(), optics, KorniaWindows())
+    drawn = cameras.init((case.batch,), np.random.default_rng(0)) if case.noise != "none" else ()
+    state = map_arrays(lambda array: torch.as_tensor(array, device=caster.device), drawn)
     instants = instants_s()
 
     def expose() -> object:
@@ -173,7 +175,8 @@ def warp_exposure(case: Case) -> Callable[[], object]:
         else:
             times = torch.full((case.batch,), next(instants), dtype=torch.float64, device=caster.device)
             depth, hidden = map(warp.to_torch, caster.cast_pair(*robots, baseline_m=optics.baseline_m))
-            images, state = cameras.step_pooled(depth, hidden, times, state, ROWS, COLUMNS)
+            image, state = cameras.step(depth, hidden, times, state)
+            images = pooled(image.depth, ROWS, COLUMNS)
         warp.synchronize_device(caster.device)
         return images
 

@@ -16,7 +16,8 @@ from paper.training import IMITATOR_FORMAT, IMITATOR_INPUTS, IMITATOR_OUTPUTS
 from saltus.arrays import Floats, Reals, Singles
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.data.predicted import PredictedHeights, seen_by
+from saltus.heightmap.data.predicted import PredictedHeights
+from saltus.heightmap.data.robot_cameras import robot_cameras
 from saltus.heightmap.service.sight import Tick
 from saltus.model_file import ModelFile
 from saltus.plan import Plan
@@ -79,7 +80,8 @@ class ImitatedPlansFactory:
 
     def __call__(self, setups: Sequence[Setup]) -> ImitatedPlans:
         """A source of plans for one batch."""
-        return ImitatedPlans(ImitationNetwork(self.model), *seen_by(setups))
+        network = ImitationNetwork(self.model)
+        return ImitatedPlans(network, robot_cameras(setups), setups[0].profile)
 
 
 class PassOn:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from paper.imitation import ImitatedPlansFactory, ImitationNetwork, PassOn
 from paper.training import CAMERA
 from saltus.arrays import Floats
+from saltus.depth import MILLIMETRE, NOTHING
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.grid import LINE
@@ -165,8 +166,10 @@ def watched(setting: Setting, effort: Effort) -> tuple[Ran, PredictedHeights, li
     images: list[tuple[float, Floats]] = []
 
     def look(step: RolloutStep) -> RolloutStep:
-        if seen.source is not None and seen.source.depth is not None:
-            images.append((float(step.states.time_s), np.array(seen.source.depth[0], np.float64)))
+        given = None if seen.source is None else seen.source.cameras.given
+        if given is not None:
+            depth = np.where(given.depth[0] == NOTHING, np.inf, MILLIMETRE * given.depth[0])
+            images.append((float(step.states.time_s), depth))
         return step
 
     (run,) = _run(effort.time_limit_s, (setting, [(effort.first_seed, None)]), seen, look)

@@ -11,7 +11,7 @@ from saltus.config import TerrainConfig
 from saltus.depth_camera import SHIPPED
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.mounts import random_mount
-from saltus.heightmap.data.rollouts import Trajectory, labelled, true_images
+from saltus.heightmap.data.rollouts import Trajectory, filmed
 from saltus.heightmap.service.features import proprioception
 from saltus.render.camera import RobotCamera
 from saltus.terrain.curriculum import make_terrain
@@ -35,7 +35,7 @@ def gliding_episodes(
     rng = np.random.default_rng(seed)
     for trajectory in gliding_robots(rng, count, ticks=ticks, terrains=terrains):
         view, camera = replace(RobotCamera.on(ROBOT), mount=random_mount(ROBOT, rng)), SHIPPED["ideal"]
-        yield labelled(trajectory, true_images(trajectory, view, camera), camera, PROFILE, rng)
+        yield from filmed([trajectory], [view], camera, PROFILE, rng)
 
 
 def _trajectory(rng: np.random.Generator, ticks: int, kind: str) -> Trajectory:

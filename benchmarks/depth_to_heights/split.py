@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Singles
 from saltus.config import PlannerName, TerrainConfig
-from saltus.depth import depth_in_millimetres
-from saltus.depth_camera import DepthCamera, load_camera
+from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.effects.signals import DepthImage
@@ -25,8 +24,7 @@ from saltus.errors import ConfigError
 from saltus.grid import LINE
 from saltus.heightmap.data.columns import NO_IMAGE_S
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
-from saltus.heightmap.data.predicted import late_images
-from saltus.heightmap.data.robot_cameras import StereoCameras
+from saltus.heightmap.data.robot_cameras import robot_cameras
 from saltus.heightmap.data.rollouts import true_heights
 from saltus.heightmap.evaluation.held_out import course
 from saltus.heightmap.evaluation.visibility import visibility
@@ -35,7 +33,6 @@ from saltus.models import model_id, model_path
 from saltus.policy.evaluation.rollout import Rollout, RolloutStep, batch_of, shifted_heights
 from saltus.policy.planner import make_planner
 from saltus.render.camera import Mount
-from saltus.render.process import random_stream
 from saltus.render.randomisation import STRENGTH, of_strength
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.legs import LegKinematics
@@ -45,7 +42,6 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.setup import Setup
 from saltus.states import RobotStates
 from saltus.terrain.curriculum import FAMILIES, make_terrain
-from saltus.terrain.stack import TerrainStack
 from saltus.trial import Trial
 from saltus.workers import tell
 
@@ -164,12 +160,13 @@ def make_batch(batch: Sequence[RunPlan]) -> list[SplitRun]:
         robot=robot, grid=LINE, terrain=terrains[0], profile=camera.delivered(load_profile(SHIPPED, robot)),
         camera=camera, trial=trials[0],
     )  # fmt: skip
-    rollout = Rollout(batch_of(setup, terrains, trials), planner, heights=shifted_heights, time_limit_s=TIME_LIMIT_S)
+    setups = batch_of(setup, terrains, trials)
+    rollout = Rollout(setups, planner, heights=shifted_heights, time_limit_s=TIME_LIMIT_S)
     steps = []
     for step in rollout.run():
         steps.append(step)
         tell(1)
-    images = _images(robot, camera, batch, steps)
+    images = _images(setups, batch, steps)
     tell(WORK - 2 * len(steps))
     made = []
     for number, terrain in enumerate(terrains):
@@ -209,32 +206,21 @@ def _batch(number: int) -> list[RunPlan]:
     return made
 
 
-def _images(
-    robot: Robot, camera: DepthCamera, batch: Sequence[RunPlan], steps: Sequence[RolloutStep]
-) -> list[DepthImage]:
+def _images(setups: Sequence[Setup], batch: Sequence[RunPlan], steps: Sequence[RolloutStep]) -> list[DepthImage]:
     """The image that each robot has in hand at each step: depth [mm], shape (robots, 48, 16), and when it was taken.
 
     As in runs of Saltus a robot's camera draws from the seed of its trial.
     """
-    trials = [Trial.draw(plan.seed) for plan in batch]
-    profile = camera.delivered(load_profile(SHIPPED, robot))
-    profile = replace(profile, camera=drawn_around(profile.camera, loss=np.array([plan.loss for plan in batch])))
-    errors = of_strength(np.array([plan.strength for plan in batch]), StereoConfig.of(camera))
-    terrains = TerrainStack([make_terrain(plan.terrain) for plan in batch])
-    cameras = StereoCameras(camera, robot, terrains, profile, errors, [random_stream(plan.seed) for plan in batch])
-    late = late_images(profile, trials)
+    camera, profile = setups[0].camera, setups[0].profile
+    losses, strengths = np.array([(plan.loss, plan.strength) for plan in batch]).T
+    profile = replace(profile, camera=drawn_around(profile.camera, loss=losses))
+    errors = of_strength(strengths, StereoConfig.of(camera))
+    cameras = robot_cameras([replace(setup, profile=profile) for setup in setups], errors)
     found = []
-    depth = depth_in_millimetres(np.zeros_like(late.in_hand.depth))
     for step in steps:
-        time_s, exposed = step.states.time_s, None
-        if camera.exposes(step.states.step):
-            taken = cameras.expose(step.truth, time_s)
-            exposed = DepthImage(depth=taken, time_s=np.full(len(batch), time_s))
-        arrived = late.step(exposed, time_s, step.fresh)
-        depth = depth.copy()
-        depth[arrived] = depth_in_millimetres(late.in_hand.depth[arrived])
+        cameras.step(step.truth, step.states.step, step.fresh)
         tell(1)
-        found.append(DepthImage(depth=depth, time_s=late.in_hand.time_s.copy()))
+        found.append(cameras.images.in_hand)
     return found
 
 

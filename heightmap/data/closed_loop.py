@@ -21,19 +21,19 @@ from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, varied
 from saltus.heightmap.data.predicted import PredictedHeights
-from saltus.heightmap.data.robot_cameras import IdealCameras
-from saltus.heightmap.data.rollouts import Trajectory, labelled, true_images
+from saltus.heightmap.data.robot_cameras import robot_cameras
+from saltus.heightmap.data.rollouts import Trajectory, filmed
 from saltus.heightmap.data.runs import runs
-from saltus.heightmap.data.stereo_images import SAMPLED, stereo_images
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.settings import ClosedLoop
 from saltus.plan import Plan
-from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, batch_of, terrains_of
+from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, batch_of
 from saltus.policy.observation import Observation
 from saltus.policy.planner import make_planner
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.render.camera import RobotCamera
+from saltus.render.eyes import SAMPLED
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
@@ -64,11 +64,7 @@ def closed_loop_episodes(
     trajectories = list(_trajectories(loop, model, rng, setup))
     claimed = RobotCamera.on(robot, MODEL_CAMERA if camera.ideal else SAMPLED)
     views = [replace(claimed, mount=random_mount(robot, rng)).moved(hardware.view_chain) for _ in trajectories]
-    if camera.ideal:
-        images = [true_images(*seen, camera, loop.renderer) for seen in zip(trajectories, views, strict=True)]
-    else:
-        images = stereo_images(trajectories, views, camera, rng, loop.renderer)
-    return [labelled(*seen, camera, hardware, rng) for seen in zip(trajectories, images, strict=True)]
+    return filmed(trajectories, views, camera, hardware, rng, loop.renderer)
 
 
 def _trajectories(loop: ClosedLoop, model: Path | None, rng: np.random.Generator, setup: Setup) -> Iterator[Trajectory]:
@@ -129,9 +125,12 @@ def _heights(robot: Robot, model: Path | None, loss: float) -> HeightsFactory | 
 
 
 def _predicted(network: HeightmapNetwork, loss: float, setups: Sequence[Setup]) -> PredictedHeights:
-    camera, profile, trials = setups[0].camera, setups[0].profile, [setup.trial for setup in setups]
+    profile = setups[0].profile
     lossy = replace(profile, camera=drawn_around(profile.camera, loss=loss))
-    return PredictedHeights(network, IdealCameras(camera, network.robot, terrains_of(setups), lossy), trials, lossy)
+    # what a robot steps worse for the errors of matching is not worth their time
+    ideal = replace(setups[0].camera, ideal=True)
+    cameras = robot_cameras([replace(each, camera=ideal, profile=lossy) for each in setups])
+    return PredictedHeights(network, cameras, lossy)
 
 
 def random_course(rng: np.random.Generator, hardest: float, kind: str) -> TerrainConfig:

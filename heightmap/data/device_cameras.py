@@ -1,13 +1,13 @@
 """The cameras of thousands of robots on one device: from poses to images without leaving it."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from saltus.depth import MODEL_CAMERA, depth_in_millimetres, sampled_model_camera
+from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.effect import map_arrays
@@ -15,20 +15,18 @@ from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.effects.signals import DepthImage
 from saltus.errors import ConfigError
-from saltus.heightmap.data.delivery import TICK_S, DeliveryModel
+from saltus.heightmap.data.delivery import DeliveryModel
 from saltus.heightmap.data.late_images import LateImages
 from saltus.heightmap.data.mounts import random_mount
 from saltus.render.camera import Mount, RobotCamera
+from saltus.render.eyes import SAMPLED, Eyes
 from saltus.render.randomisation import drawn_cameras
-from saltus.render.stereo.camera import StereoConfig
-from saltus.render.stereo.model_view import COLUMNS, ROWS
+from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.optics import Optics
-from saltus.render.stereo_torch import TorchStereo
+from saltus.render.stereo_torch import KorniaWindows
 from saltus.render.warp import WarpCaster, as_tensor
 from saltus.robots.robot import Robot
 from saltus.terrain.batch import Courses
-
-_SAMPLED = sampled_model_camera(ROWS, COLUMNS)
 
 
 class DeviceCameras:
@@ -54,11 +52,10 @@ class DeviceCameras:
         self._robot, self._count = first.mounted_on(robot), len(courses.finish_x)
         if any(other.rate_hz != first.rate_hz or other.mounted_on(robot) != self._robot for other in others):
             raise ConfigError(f"cameras = {', '.join(cameras)}: rates or places differ; collect for each by itself")
-        self._device, self._cameras, self._view = device, cameras, profile.view_chain
+        self._device, self._kinds, self._view = device, cameras, profile.view_chain
         self._chain = to_images(profile, MODEL_CAMERA.fx).camera_chain.taken
-        self._fresh = torch.ones(self._count, dtype=torch.bool, device=device)
-        self._optics = {name: Optics.behind(_SAMPLED, camera) for name, camera in cameras.items()}
-        views = {name: MODEL_CAMERA if camera.ideal else _SAMPLED for name, camera in cameras.items()}
+        self._optics = {name: Optics.behind(SAMPLED, camera) for name, camera in cameras.items()}
+        views = {name: MODEL_CAMERA if camera.ideal else SAMPLED for name, camera in cameras.items()}
         self._casters = {
             name: WarpCaster(courses.boxes(), RobotCamera.on(self._robot, view).moved(self._view), device=device)
             for name, view in views.items()
@@ -72,17 +69,26 @@ class DeviceCameras:
         )
         for caster in self._casters.values():
             caster.set_mount(claimed.moved(self._view).mount)
-        self._stereo = {
-            name: TorchStereo(
-                drawn_cameras(self._count, rng, StereoConfig.of(camera)), self._optics[name], self._device
+        stereo = {
+            name: StereoCamera(
+                drawn_cameras(self._count, rng, StereoConfig.of(kind)), self._optics[name], KorniaWindows()
             )
-            for name, camera in self._cameras.items()
-            if not camera.ideal
+            for name, kind in self._kinds.items()
+            if not kind.ideal
         }
-        self._state = {name: stereo.init(self._count, rng) for name, stereo in self._stereo.items()}
-        keys = self._chain.init((self._count,), rng)
-        on_device = map_arrays(lambda array: torch.as_tensor(array, device=self._device), keys)
-        self._given = dict.fromkeys(self._cameras, on_device)
+        states = {name: self._tensors(each.init((self._count,), rng)) for name, each in stereo.items()}
+        memory = self._tensors(self._chain.init((self._count,), rng))
+        self._eyes = {
+            name: Eyes(
+                kind,
+                _Views(self._casters[name], self._optics[name].baseline_m),
+                self._chain,
+                memory,
+                stereo.get(name),
+                states.get(name, ()),
+            )
+            for name, kind in self._kinds.items()
+        }
 
     @property
     def mounts(self) -> Mount:
@@ -99,28 +105,33 @@ class DeviceCameras:
             fresh: Robots that start anew, bool, shape (n,).
 
         Returns:
-            The newest images that were given out [mm], 0 where invalid, `saltus.depth.NOTHING` where nothing is in
-            range, int32, shape (n, 48, 16).
+            The newest images that were given out [mm], int32, shape (n, 48, 16).
         """
-        self._fresh |= fresh
-        if not next(iter(self._cameras.values())).exposes(tick):
-            return {}
-        boxes = courses.boxes()
-        now_s = torch.full((self._count,), tick * TICK_S, dtype=torch.float64, device=self._device)
-        robots = qpos[:, :3], qpos[:, 3:7], qpos[:, 7:]
-        images: dict[str, DepthImage] = {}
-        for name, caster in self._casters.items():
-            caster.set_boxes(boxes)
-            if (stereo := self._stereo.get(name)) is None:
-                depth = as_tensor(caster.cast(*robots))
-            else:
-                true, hidden = map(as_tensor, caster.cast_pair(*robots, baseline_m=self._optics[name].baseline_m))
-                depth, self._state[name] = stereo.step_pooled(true, hidden, now_s, self._state[name], ROWS, COLUMNS)
-            exposed = DepthImage(depth=self._cameras[name].for_model(depth), time_s=now_s)
-            given, self._given[name] = self._chain.step(exposed, tick * TICK_S, self._given[name], self._fresh)
-            images[name] = replace(given, depth=depth_in_millimetres(given.depth))
-        self._fresh = torch.zeros_like(fresh)
-        return images
+        given = {name: eyes.expose((courses, qpos), tick, fresh) for name, eyes in self._eyes.items()}
+        return {name: image for name, image in given.items() if image is not None}
+
+    def _tensors(self, state: Any) -> Any:
+        return map_arrays(lambda array: torch.as_tensor(array, device=self._device), state)
+
+
+class _Views:
+    """See `saltus.render.eyes.Views`; robots are where courses and `qpos` say."""
+
+    def __init__(self, caster: WarpCaster, baseline_m: float) -> None:
+        self._caster, self._baseline_m = caster, baseline_m
+
+    def depth(self, truth: tuple[Courses, Tensor]) -> Tensor:
+        depth: Tensor = as_tensor(self._caster.cast(*self._poses(*truth)))
+        return depth
+
+    def pair(self, truth: tuple[Courses, Tensor]) -> tuple[Tensor, Tensor]:
+        poses = self._poses(*truth)
+        depth, hidden = self._caster.cast_pair(*poses, baseline_m=self._baseline_m)
+        return as_tensor(depth), as_tensor(hidden)
+
+    def _poses(self, courses: Courses, qpos: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        self._caster.set_boxes(courses.boxes())
+        return qpos[:, :3], qpos[:, 3:7], qpos[:, 7:]
 
 
 def late_images(

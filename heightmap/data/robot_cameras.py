@@ -1,105 +1,110 @@
-"""The cameras of many robots at once in roll-outs: true depth, or with the errors of stereo matching."""
+"""The cameras of robots in roll-outs on processors, as each trial draws them."""
 
 from collections.abc import Sequence
-from typing import Protocol
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats, Indices, Singles
+from saltus.constants import POLICY_DT
 from saltus.depth import MODEL_CAMERA
-from saltus.depth_camera import DepthCamera
-from saltus.effects.effect import map_arrays
-from saltus.effects.profile import Profile
-from saltus.heightmap.data.stereo_images import SAMPLED
+from saltus.effects.camera import drawn_around
+from saltus.effects.effect import stacked
+from saltus.effects.image_pixels import to_images
+from saltus.effects.signals import DepthImage
+from saltus.heightmap.data.late_images import LateImages
 from saltus.render.camera import RobotCamera
-from saltus.render.embree import EmbreeRenderer
-from saltus.render.stereo.camera import StereoCamera, StereoConfig, StereoState
-from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
+from saltus.render.eyes import SAMPLED, Eyes
+from saltus.render.process import random_stream
+from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
-from saltus.robots.robot import Robot
+from saltus.setup import Setup
 from saltus.sim.state import PlantState
-from saltus.terrain.stack import TerrainStack
+from saltus.terrain.terrain import Terrain
 
 
-class RobotCameras(Protocol):
-    """Takes an image of every robot."""
+class RobotCameras:
+    """The cameras of a batch, and the links that carry their images."""
 
-    camera: DepthCamera
-    """Which one they have."""
+    def __init__(self, eyes: Eyes, images: LateImages) -> None:
+        self.eyes, self.images = eyes, images
+        self.given: DepthImage | None = None
+        """The images given out at this step [mm], shape (n, 48, 16); None where it was not the time."""
 
-    def expose(self, truth: PlantState, time_s: float) -> NDArray[np.float32]:
-        """Depth [m] that each robot's camera takes now, 0 where invalid, shape (n, 48, 16)."""
-        ...
+    def step(self, truth: PlantState, step: int, fresh: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Takes images where it is the time; whose image in hand has just come, shape (n,).
 
-
-class IdealCameras:
-    """True depth of robots on their terrains; the profile moves cameras from where `robot` has them."""
-
-    def __init__(self, camera: DepthCamera, robot: Robot, terrains: TerrainStack, profile: Profile) -> None:
-        self.camera, view = camera, RobotCamera.on(robot).moved(profile.view_chain)
-        self._count = len(terrains.terrains)
-        self._views = [
-            (EmbreeRenderer(terrains.terrains[group[0]], view, threads=1), group)
-            for group in _robots_by_terrain(terrains)
-        ]
-
-    def expose(self, truth: PlantState, time_s: float) -> NDArray[np.float32]:
-        """See `RobotCameras`."""
-        del time_s  # true depth has no history
-        depth = np.empty((self._count, MODEL_CAMERA.height, MODEL_CAMERA.width), np.float32)
-        for view, robots in self._views:
-            depth[robots] = view.render_batch(
-                truth.position_base_in_world[robots], truth.quaternion_base_in_world[robots],
-                truth.joint_position[robots],
-            )  # fmt: skip
-        seen: NDArray[np.float32] = self.camera.for_model(depth)
-        return seen
+        `fresh` are robots that start anew, bool, shape (n,).
+        """
+        self.given = self.eyes.expose(truth, step, fresh)
+        return np.asarray(self.images.step(self.given, step * POLICY_DT, fresh))
 
 
-class StereoCameras:
-    """Stereo cameras by the fast chain: three rays, one under the other, for the pixels that one of the model averages.
+def robot_cameras(
+    setups: Sequence[Setup],
+    errors: StereoConfig | None = None,
+    rngs: Sequence[np.random.Generator] | None = None,
+) -> RobotCameras:
+    """Cameras with the random numbers of the camera process of each trial.
 
-    The profile moves cameras from where `robot` has them; `config`, the errors, may have one value a robot.
-    Each robot's noise comes from a generator of its own, so that it does not depend on who else is in the batch.
+    Args:
+        setups: Each robot's; camera and profile are those of the first.
+        errors: Of stereo matching, which may have one value a robot; those of the camera, if None.
+        rngs: Each robot's, for these errors: so they do not depend on who else is in the batch.
     """
+    camera, robot, profile = setups[0].camera, setups[0].robot, setups[0].profile
+    trials = [setup.trial for setup in setups]
+    drawn = drawn_around(
+        profile.camera,
+        latency_s=np.array([trial.camera_delay_s for trial in trials]),
+        jitter_s=np.array([trial.camera_jitter_s for trial in trials]),
+    )
+    chain = to_images(replace(profile, camera=drawn), MODEL_CAMERA.fx).camera_chain
+    memory = stacked([chain.init((), random_stream(trial.seed)) for trial in trials])
+    claimed = MODEL_CAMERA if camera.ideal else SAMPLED
+    view, optics = RobotCamera.on(robot, claimed).moved(profile.view_chain), Optics.behind(claimed, camera)
+    stereo, state = None, ()
+    if not camera.ideal:
+        stereo = StereoCamera(errors or StereoConfig.of(camera), optics)
+        streams = rngs or [random_stream(trial.seed) for trial in trials]
+        state = stacked([stereo.init((), rng) for rng in streams])
+    taken = chain.taken
+    given, carried = memory[: len(taken.effects)], memory[len(taken.effects) :]
+    views = _Views([setup.terrain for setup in setups], optics, view)
+    eyes = Eyes(camera, views, taken, given, stereo, state)
+    blank = np.zeros((len(trials), MODEL_CAMERA.height, MODEL_CAMERA.width), np.uint16)
+    nothing = DepthImage(depth=blank, time_s=np.zeros(len(trials)))
+    return RobotCameras(eyes, LateImages(chain.carried, carried, nothing))
 
-    def __init__(
-        self,
-        camera: DepthCamera,
-        robot: Robot,
-        terrains: TerrainStack,
-        profile: Profile,
-        config: StereoConfig,
-        rngs: Sequence[np.random.Generator],
-    ) -> None:
-        self.camera, view = camera, RobotCamera.on(robot, SAMPLED).moved(profile.view_chain)
-        count, optics = len(terrains.terrains), Optics.behind(SAMPLED, camera)
-        self._views = [
-            (StereoEmbree(terrains.terrains[group[0]], optics, view), group) for group in _robots_by_terrain(terrains)
+
+class _Views:
+    """See `saltus.render.eyes.Views`: images of robots on the same terrain are rendered together."""
+
+    def __init__(self, terrains: Sequence[Terrain], optics: Optics, view: RobotCamera) -> None:
+        robots: dict[int, list[int]] = {}
+        for i, terrain in enumerate(terrains):
+            robots.setdefault(id(terrain), []).append(i)
+        self._shape = (len(terrains), view.intrinsics.height, view.intrinsics.width)
+        self._groups = [
+            (StereoEmbree(terrains[group[0]], optics, view), np.asarray(group)) for group in robots.values()
         ]
-        self._depth = np.empty((count, SAMPLED.height, SAMPLED.width), np.float32)
-        self._hidden = np.empty(self._depth.shape, np.bool_)
-        self._stereo = StereoCamera(config, optics)
-        states = [self._stereo.init((), rng) for rng in rngs]
-        self._state: StereoState = map_arrays(lambda *keys: np.stack(keys), *states)
 
-    def expose(self, truth: PlantState, time_s: float) -> NDArray[np.float32]:
-        """See `RobotCameras`."""
-        for view, robots in self._views:
-            self._depth[robots], self._hidden[robots] = view.render_pair_batch(
-                truth.position_base_in_world[robots], truth.quaternion_base_in_world[robots],
-                truth.joint_position[robots],
-            )  # fmt: skip
-        times = np.full(len(self._depth), time_s)
-        image, self._state = self._stereo.step(self._depth, self._hidden, times, self._state)
-        depth: NDArray[np.float32] = self.camera.for_model(pooled(image.depth, ROWS, COLUMNS))
+    def depth(self, truth: PlantState) -> Singles:
+        depth = np.empty(self._shape, np.float32)
+        for view, robots in self._groups:
+            depth[robots] = view.render_batch(*_poses(truth, robots))
         return depth
 
+    def pair(self, truth: PlantState) -> tuple[Singles, NDArray[np.bool_]]:
+        depth, hidden = np.empty(self._shape, np.float32), np.empty(self._shape, np.bool_)
+        for view, robots in self._groups:
+            depth[robots], hidden[robots] = view.render_pair_batch(*_poses(truth, robots))
+        return depth, hidden
 
-def _robots_by_terrain(terrains: TerrainStack) -> list[NDArray[np.int64]]:
-    """Robots on the same terrain, for each distinct one: their images are taken together."""
-    robots: dict[int, list[int]] = {}
-    for i, terrain in enumerate(terrains.terrains):
-        robots.setdefault(id(terrain), []).append(i)
-    return [np.asarray(group) for group in robots.values()]
+
+def _poses(truth: PlantState, robots: Indices) -> tuple[Floats, Floats, Floats]:
+    """Positions, quaternions and joint angles of some robots."""
+    pose = truth.position_base_in_world, truth.quaternion_base_in_world, truth.joint_position
+    return pose[0][robots], pose[1][robots], pose[2][robots]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.config import PlannerName, TerrainConfig, check_between
-from saltus.depth import MODEL_CAMERA, depth_frame, depth_in_millimetres
+from saltus.depth import MODEL_CAMERA, depth_frame
 from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
 from saltus.effects.profile import SHIPPED, load_profile
@@ -26,7 +26,7 @@ from saltus.grid import load_grid
 from saltus.heightmap.data.closed_loop import random_course
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
 from saltus.heightmap.data.predicted import PredictedHeights
-from saltus.heightmap.data.robot_cameras import IdealCameras, RobotCameras, StereoCameras
+from saltus.heightmap.data.robot_cameras import robot_cameras
 from saltus.heightmap.data.rollouts import true_heights
 from saltus.heightmap.evaluation.comparison import BASELINES
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
@@ -35,7 +35,7 @@ from saltus.heightmap.evaluation.way import Way
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import Predictor, replay_predictor
 from saltus.heightmap.service.service import HeightmapService
-from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout, RolloutStep, batch_of, terrains_of
+from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout, RolloutStep, batch_of
 from saltus.policy.planner import make_planner
 from saltus.render.camera import Mount
 from saltus.render.randomisation import drawn_cameras
@@ -154,16 +154,16 @@ class HeldOutRuns:
         ticks: list["_Tick"],
         setups: Sequence[Setup],
     ) -> "_RecordedSource":
-        camera, profile, terrains = setups[0].camera, setups[0].profile, terrains_of(setups)
+        camera, profile = setups[0].camera, setups[0].profile
         lossy = drawn_around(profile.camera, loss=rng.uniform(0.0, TRAINING.loss))
-        profile, trials = dataclasses.replace(profile, camera=lossy), [setup.trial for setup in setups]
-        cameras: RobotCameras
-        if camera.ideal:
-            cameras = IdealCameras(camera, network.robot, terrains, profile)
-        else:
-            errors = drawn_cameras(len(trials), rng, StereoConfig.of(camera))
-            cameras = StereoCameras(camera, network.robot, terrains, profile, errors, rng.spawn(len(trials)))
-        return _RecordedSource(PredictedHeights(network, cameras, trials, profile), ticks)
+        profile = dataclasses.replace(profile, camera=lossy)
+        errors, rngs = None, None
+        if not camera.ideal:
+            errors = drawn_cameras(len(setups), rng, StereoConfig.of(camera))
+            rngs = rng.spawn(len(setups))
+        seen = [dataclasses.replace(setup, profile=profile) for setup in setups]
+        cameras = robot_cameras(seen, errors, rngs)
+        return _RecordedSource(PredictedHeights(network, cameras, profile), ticks)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -214,13 +214,13 @@ class _RecordedSource:
         """See `saltus.policy.evaluation.heights.HeightSource`."""
         source = self._source
         height = source.heights(states, truth, fresh)
-        depth = None if source.depth is None else depth_in_millimetres(source.depth)
+        given = source.cameras.given
         self._ticks.append(
             _Tick(
                 height=height,
                 half_width_90=source.half_width_90.copy(),
                 captured_s=source.captured_s.copy(),
-                depth=depth,
+                depth=None if given is None else given.depth,
             )
         )
         return height

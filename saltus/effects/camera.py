@@ -62,6 +62,11 @@ class CameraChain(SignalChain):
         return CameraChain(tuple(effect for effect in self.effects if not isinstance(effect, CameraLatency)))
 
     @property
+    def carried(self) -> "CameraChain":
+        """The effects on an image that a camera has given out, on its way."""
+        return CameraChain(tuple(effect for effect in self.effects if isinstance(effect, CameraLatency)))
+
+    @property
     def latency(self) -> CameraLatency:
         """How long it travels then."""
         return next((effect for effect in self.effects if isinstance(effect, CameraLatency)), CameraLatency())

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, ClassVar, Generic, Literal, Self, TypeAlias, TypeVar
@@ -217,6 +217,11 @@ def map_arrays(function: Callable[..., Any], value: Any, *others: Any) -> Any:
     names = [f.name for f in fields(value)]
     changes = {n: map_arrays(function, getattr(value, n), *(getattr(other, n) for other in others)) for n in names}
     return dataclasses.replace(value, **changes)
+
+
+def stacked(states: Sequence[Any]) -> Any:
+    """The states of single robots as that of a batch, in numpy."""
+    return map_arrays(lambda *arrays: np.stack(arrays), *states)
 
 
 def _check(label: str, value: Any, metadata: Any) -> None:

@@ -20,7 +20,7 @@ from saltus.effects.profile import Profile
 from saltus.heightmap.data import device_cameras
 from saltus.heightmap.data.delivery import TICK_S, DeliveryModel, deliver
 from saltus.heightmap.data.device_cameras import DeviceCameras, late_images
-from saltus.heightmap.data.rollouts import Trajectory, labelled, true_images
+from saltus.heightmap.data.rollouts import Trajectory, filmed
 from saltus.render.camera import Mount, RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.exposure import PerfectExposure
@@ -96,8 +96,7 @@ def truth_of(motion: Trajectory, k: int) -> GroundTruth:
 def of_dataset(profile: Profile, motion: Trajectory) -> Hand:
     """An episode as processors collect it, as a training delivers it."""
     view = RobotCamera.on(ROBOT).moved(profile.view_chain)
-    exposed = true_images(motion, view, IDEAL_CAMERA)
-    episode = labelled(motion, exposed, IDEAL_CAMERA, profile, np.random.default_rng(7))
+    (episode,) = filmed([motion], [view], IDEAL_CAMERA, profile, np.random.default_rng(7))
     frame = deliver([episode], DeliveryModel(), np.random.default_rng(0)).frame[0]
     taken = np.where(frame >= 0, episode.frame_tick[np.maximum(frame, 0)], NEVER)
     return Hand(taken=taken, depth=dict(zip(episode.frame_tick.tolist(), episode.depth, strict=True)))

@@ -24,8 +24,9 @@ from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.disparity_noise import DisparityNoise
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
 from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.windows import ARRAY_WINDOWS
 from saltus.render.stereo_embree import StereoEmbree
-from saltus.render.stereo_torch import TorchStereo
+from saltus.render.stereo_torch import KorniaWindows
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 
@@ -149,15 +150,15 @@ def test_torch_gives_the_images_of_numpy() -> None:
     camera = sampled_model_camera(ROWS, COLUMNS)
     optics = Optics.of(camera)
     depth, hidden = StereoEmbree(ground, optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(*robots)
-    by_numpy, by_torch = StereoCamera(StereoConfig(), optics), TorchStereo(StereoConfig(), optics)
+    by_numpy, by_torch = (StereoCamera(StereoConfig(), optics, w) for w in (ARRAY_WINDOWS, KorniaWindows()))
     state: Any = by_numpy.init((count,), np.random.default_rng(1))
     memory: Any = map_arrays(torch.from_numpy, state)
     for k in range(3):
         time_s = np.full(count, 0.02 * k)
         image, state = by_numpy.step(depth, hidden, time_s, state)
         tensors = (torch.from_numpy(array) for array in (depth, hidden, time_s))
-        found, memory = by_torch.step_pooled(*tensors, memory, ROWS, COLUMNS)
-    images = pooled(image.depth, ROWS, COLUMNS)
+        on_torch, memory = by_torch.step(*tensors, memory)
+    images, found = (pooled(each.depth, ROWS, COLUMNS) for each in (image, on_torch))
     assert images.shape == (count, MODEL_CAMERA.height, MODEL_CAMERA.width)
     assert 0.5 < np.mean(images > 0.0) <= 1.0
     assert np.mean(~np.isclose(found.numpy(), images, atol=2e-3)) < 2e-3

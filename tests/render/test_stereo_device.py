@@ -16,13 +16,13 @@ from saltus.effects.effect import map_arrays
 from saltus.render.camera import RobotCamera
 from saltus.render.holes import filled_along_rows, filled_from_around
 from saltus.render.stereo.background import Background
-from saltus.render.stereo.camera import StereoConfig
+from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.edge_holes import StereoEdgeHoles
 from saltus.render.stereo.flying_pixels import FlyingPixels
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo.windows import ArrayWindows
 from saltus.render.stereo_embree import StereoEmbree
-from saltus.render.stereo_torch import KorniaWindows, TorchStereo
+from saltus.render.stereo_torch import KorniaWindows
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 
@@ -69,14 +69,15 @@ def images(
     config: StereoConfig, optics: Optics, depth: Any, hidden: Any, device: str = "cpu", watch: Any = None
 ) -> list[torch.Tensor]:
     """What the cameras report, one exposure after the other; the third comes twice. Steps are taken under `watch`."""
-    stereo = TorchStereo(config, optics, device)
-    state = stereo.init(COUNT, np.random.default_rng(5))
+    stereo = StereoCamera(config, optics, KorniaWindows())
+    drawn = stereo.init((COUNT,), np.random.default_rng(5))
+    state = map_arrays(lambda array: torch.as_tensor(array, device=device), drawn)
     shown = []
     for k in (0, 1, 2, 2, 3):
         time_s = torch.full((COUNT,), 0.02 * k, dtype=torch.float64, device=device)
         with watch or nullcontext():
             image, state = stereo.step(depth, hidden, time_s, state)
-        shown.append(image)
+        shown.append(image.depth)
     return shown
 
 
