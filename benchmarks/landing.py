@@ -113,7 +113,7 @@ def land(kind: Robot, terrain: Terrain, trial: Trial, fault_s: float, planner: P
         )
     )
     robot.reset()
-    loop, process = ControlLoop(kind), PlannerProcess(kind, planner)
+    loop, process = ControlLoop(kind), PlannerProcess(kind, LINE, planner)
     plan: MotionPlan | None = None
     stopped_s, start_x = float("inf"), 0.0
     fault_tick = round(fault_s / PHYSICS_DT)

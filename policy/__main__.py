@@ -20,7 +20,7 @@ class PlannerLoop:
         self._context = context
         self._lockstep = context.config.pace == "lockstep"
         self._planner = planner
-        self._process = PlannerProcess(context.setup.robot, planner)
+        self._process = PlannerProcess(context.setup.robot, context.setup.grid, planner)
         self._robot: bytes | None = None
         self._states = context.bus.latest("controller/state")
         self._heightmaps = context.bus.latest("heightmap/heightmap")
@@ -42,7 +42,7 @@ class PlannerLoop:
         state: RobotState = sample.message
         if sample.envelope.boot_id != self._robot:  # another robot, or a restarted one
             self._robot = sample.envelope.boot_id
-            self._process = PlannerProcess(self._context.setup.robot, self._planner)
+            self._process = PlannerProcess(self._context.setup.robot, self._context.setup.grid, self._planner)
             self._newest_step = -1
         if self._lockstep:
             self._context.clock.set(state.time_ns)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saltus.grid import HeightGrid
 from saltus.plan import REST, plan_message
 from saltus.policy.observation import observe
 from saltus.policy.planner import Planner
@@ -17,6 +18,8 @@ STAND_NS = 500_000_000
 LOST_NS = round(1e9 * TOPICS["heightmap/heightmap"].invalid_age_s) - 10_000_000
 """Without a heightmap for this long the planner is blind. One policy step less than the greatest age of a heightmap:
 the planner looks every 10 ms, and must report it within 110 ms of the last arrival."""
+ROUNDING_M = 1e-6
+"""Of points that went through text."""
 _TRUSTED = (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
 
 
@@ -36,7 +39,8 @@ class PlannerProcess:
     the robot has not moved yet, as on a computer that is still busy with starting.
     """
 
-    def __init__(self, robot: Robot, planner: Planner) -> None:
+    def __init__(self, robot: Robot, grid: HeightGrid, planner: Planner) -> None:
+        self._x, self._y, self._told_of_grid = np.array(grid.x), np.array(grid.y), False
         self._legs, self._planner = LegKinematics(robot), planner
         self._status = PlanStatus.STAND
         self._reason = "the robot has not stood long enough"
@@ -52,7 +56,7 @@ class PlannerProcess:
 
         A heightmap is given once, when it has arrived since the last call; `now_ns` is in the run's clock.
         """
-        if heightmap is not None:
+        if heightmap is not None and self._fits(heightmap):
             self._heightmap, self._arrival_ns = heightmap, now_ns
         if self._plan is not None and self._plan.step == state.step:
             return self._plan
@@ -64,6 +68,15 @@ class PlannerProcess:
             self._consider_stopping(state, now_ns)
         self._plan = self._planned(state)
         return self._plan
+
+    def _fits(self, heightmap: Heightmap) -> bool:
+        """Whether a heightmap stands on the grid of the planner; says once where one does not."""
+        sides = ((heightmap.x, self._x), (heightmap.y, self._y))
+        fits = all(len(a) == len(b) and float(np.abs(a - b).max()) <= ROUNDING_M for a, b in sides)
+        if not fits and not self._told_of_grid:
+            self._told_of_grid = True
+            self.notices.append(Notice(code="heightmap_grid", detail="it is not that of the run"))
+        return fits
 
     def _consider_going(self, state: RobotState) -> None:
         stood_ns = state.time_ns - (self._first_ns or 0)

@@ -5,7 +5,7 @@ Source: paper ("Gait Generation and Swing Leg Control"); numbers: original.
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, Floats, namespace
+from saltus.arrays import Array, Constant, Floats, Reals, namespace
 from saltus.robots.robot import SIDE, Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix, skew, yaw_rotation
 from saltus.wire.messages import ControllerMode, Heightmap, MotionPlan, RobotState
@@ -71,5 +71,11 @@ class Footholds:
         residual[:, 1] *= SIDE  # y of a plan is outward
         target = middle + step + residual
         if heightmap is not None:  # the target itself is as high as the swing goes
-            target[:, 2] = np.interp(target[:, 0], heightmap.x, heightmap.height)
+            target[:, 2] = np.interp(target[:, 0], heightmap.x, _along_the_axis(heightmap))
         return np.asarray(np.where(np.asarray(state.leg_contact)[:, None], np.nan, target))
+
+
+def _along_the_axis(heightmap: Heightmap) -> Reals:
+    """Heights of the column nearest to the axis ahead [m], shape (rows,)."""
+    column = int(np.argmin(np.abs(heightmap.y)))
+    return np.asarray(heightmap.height).reshape(len(heightmap.x), len(heightmap.y))[:, column]

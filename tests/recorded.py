@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from saltus.config import Pace, RunConfig, TerrainConfig
+from saltus.grid import LINE
 from saltus.named_setup import named_setup
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
@@ -59,7 +60,12 @@ def run_messages(step: int) -> Iterator[tuple[str, Message]]:
     yield (
         "plant/truth",
         messages.GroundTruth(
-            **now, **pose, position_base_in_world=rng.normal(size=3), foot_force=rng.random(4), height=rng.random(30)
+            **now,
+            **pose,
+            position_base_in_world=rng.normal(size=3),
+            foot_force=rng.random(4),
+            x=np.array(LINE.x),
+            height=rng.random(30),
         ),
     )
     if step % 2 == 0:

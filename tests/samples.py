@@ -121,6 +121,7 @@ def level_truth(step: int, x: float, z: float, time_ns: int | None = None) -> Gr
         angular_velocity_base=np.zeros(3),
         joint_position=ROBOT.stand_pose,
         foot_force=np.zeros(4),
+        x=np.array(LINE.x),
         height=np.zeros(30),
     )
 
@@ -148,7 +149,17 @@ def message_of(kind: type[Message], seed: int = 0) -> Any:
             received={"plant/truth": 50, "camera/depth": 0},
             silence_us={"plant/truth": 12_345, "camera/depth": 500_000},
         )
-    return kind(time_ns=time_ns, **{field.name: value_of(field, rng) for field in schemas.FIELDS[kind]})
+    values = {field.name: value_of(field, rng) for field in schemas.FIELDS[kind]}
+    return kind(time_ns=time_ns, **(values | _heights(kind, rng)))
+
+
+def _heights(kind: type[Message], rng: np.random.Generator) -> dict[str, Any]:
+    """Heights on a grid, by their fields; nothing for messages without heights."""
+    names = [field.name for field in schemas.FIELDS[kind] if field.shape == (schemas.ANY,)]
+    if not names:
+        return {}
+    x, y = (np.cumsum(rng.uniform(0.01, 0.1, rng.integers(1, most))) - 1.0 for most in (40, 12))
+    return {name: rng.uniform(0.0, 1.0, x.size * y.size) for name in names} | {"x": x, "y": y}
 
 
 def value_of(field: schemas.Field, rng: np.random.Generator) -> Any:

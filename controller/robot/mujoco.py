@@ -15,6 +15,7 @@ class MujocoRobot(RobotBackend):
 
     def __init__(self, setup: Setup) -> None:
         self.terrain, self._grid = setup.terrain, setup.grid
+        self._x, self._y = np.array(setup.grid.x), np.array(setup.grid.y)
         self._trial, profile = setup.trial, setup.hardware
         self._plant = Plant(
             setup.robot,
@@ -72,5 +73,7 @@ class MujocoRobot(RobotBackend):
             angular_velocity_base=state.angular_velocity_base,
             joint_position=state.joint_position,
             foot_force=state.foot_force,
+            x=self._x,
+            y=self._y,
             height=self.terrain.height_at(*self._grid.points_in_world(position, yaw)) - position[2],
         )

@@ -16,7 +16,7 @@ from saltus.errors import RecordingError
 from saltus.flags import Flag, shown
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.wire.messages import DepthFrame, GroundTruth, Heightmap, HeightmapStatus, RobotState
+from saltus.wire.messages import DepthFrame, GroundTruth, Heightmap, HeightmapStatus, RobotState, points_of
 
 if TYPE_CHECKING:
     from saltus.recordings.recording import Recording
@@ -137,7 +137,7 @@ def _frames(recording: "Recording") -> Iterator[DepthFrame]:
 
 def _print_profile(heightmap: Heightmap) -> None:
     print("ahead [m]   height [m]   90 % of errors are below [m]")
-    for x, height, half in zip(heightmap.x, heightmap.height, heightmap.half_width_90, strict=True):
+    for (x, _), height, half in zip(points_of(heightmap), heightmap.height, heightmap.half_width_90, strict=True):
         print(f"{x:9.3f}   {height:10.3f}   {half:10.3f}")
 
 

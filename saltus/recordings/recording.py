@@ -72,6 +72,7 @@ class Recording:
     _channels: dict[int, Channel] = field(default_factory=dict, repr=False)
     _chunks: list[Chunk] = field(default_factory=list, repr=False)
     _unpacked: dict[int, list[Arrival]] = field(default_factory=dict, repr=False)
+    _former: dict[int, bool] = field(default_factory=dict, repr=False)
 
     @property
     def known_config(self) -> RunConfig:
@@ -186,7 +187,12 @@ class Recording:
             known = {channel: _sender(self._channels[channel]) for channel in self._channels}
             wanted = {channel: sender for channel, sender in known.items() if topic_of(sender[0]) is not None}
             self._unpacked[number] = [
-                Arrival(row.log_time, key, Envelope(row.sequence, row.publish_time, boot_id), row.payload)
+                Arrival(
+                    row.log_time,
+                    key,
+                    Envelope(row.sequence, row.publish_time, boot_id),
+                    self._payload(row.channel, key, row.payload),
+                )
                 for row in rows(chunk, wanted)
                 for key, boot_id in [wanted[row.channel]]
             ]
@@ -201,12 +207,27 @@ class Recording:
             written, known = (
                 _fields(text) for text in (schema.data.decode(errors="replace"), codec.definition_of(schema.name))
             )
-            if written != known:
+            if written != known and not self._is_former(channel):
                 other = next((line for line in written if line not in known), "fewer fields")
                 raise RecordingError(
                     f"{self.path}: {topic} was written by another version of saltus ('{other}' is not in its messages "
                     "today): read it with that version, or record the run anew"
                 )
+
+    def _is_former(self, channel: Channel) -> bool:
+        """Whether its messages are of before they carried their grid."""
+        schema, row = self._schemas.get(channel.schema_id), topic_of(channel.topic[1:])
+        if schema is None or row is None:
+            return False
+        former = codec.former_definition_of(row.message)
+        return former is not None and _fields(schema.data.decode(errors="replace")) == _fields(former)
+
+    def _payload(self, number: int, key: str, payload: bytes) -> bytes:
+        """The payload of a message of a channel as messages are today."""
+        if number not in self._former:
+            self._former[number] = self._is_former(self._channels[number])
+        row = topic_of(key)
+        return codec.with_grid(row.message, payload) if self._former[number] and row is not None else payload
 
     def _channels_of(self, topic: str) -> dict[int, Channel]:
         found = {}
@@ -221,7 +242,12 @@ class Recording:
         for chunk in self._chunks:
             for row in rows(chunk, wanted):
                 key, boot_id = wanted[row.channel]
-                yield row.log_time, Envelope(row.sequence, row.publish_time, boot_id), row.payload, key
+                yield (
+                    row.log_time,
+                    Envelope(row.sequence, row.publish_time, boot_id),
+                    self._payload(row.channel, key, row.payload),
+                    key,
+                )
 
 
 @dataclass(frozen=True, kw_only=True)

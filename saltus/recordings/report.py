@@ -28,7 +28,16 @@ from saltus.reports.page import render, write_page
 from saltus.robots.robot import LEGS
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import ControllerMode, Event, GroundTruth, Heightmap, HeightmapStatus, MotionPlan, RobotState
+from saltus.wire.messages import (
+    ControllerMode,
+    Event,
+    GroundTruth,
+    Heightmap,
+    HeightmapStatus,
+    MotionPlan,
+    RobotState,
+    points_of,
+)
 
 PROFILE_EVERY = 10  # steps between the profiles that are drawn: more would hide each other
 MOST_POINTS = 2000  # of a curve; a page is 1100 pixels wide
@@ -152,7 +161,8 @@ def _predicted_points(data: RunData, status: HeightmapStatus) -> tuple[Floats, F
         if heightmap is not None and heightmap.status == status:
             x, _, z = truth.position_base_in_world
             _, _, yaw = roll_pitch_yaw(rotation_matrix(truth.quaternion_base_in_world))
-            points.append(np.stack([x + np.cos(yaw) * heightmap.x, z + heightmap.height]))
+            along = points_of(heightmap) @ [np.cos(yaw), -np.sin(yaw)]
+            points.append(np.stack([x + along, z + heightmap.height]))
     x, z = np.concatenate(points, axis=1)
     return x, z
 

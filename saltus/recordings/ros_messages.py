@@ -15,7 +15,7 @@ from saltus.errors import MessageError
 from saltus.rotations import rotation_matrix
 from saltus.wire import codec
 from saltus.wire.codec import header
-from saltus.wire.messages import Heightmap, HeightmapStatus, RobotState
+from saltus.wire.messages import Heightmap, HeightmapStatus, RobotState, points_of
 from saltus.wire.schemas import TYPE_NAME
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -171,7 +171,7 @@ def odometry(time_ns: int, base: str, position: Floats, state: RobotState) -> An
 
 
 def usable_heights(heightmap: Heightmap) -> Reals:
-    """The heights [m], NaN for all where the heightmap itself says that they are not to be used; shape (30,)."""
+    """The heights [m], NaN for all where the heightmap itself says that they are not to be used; shape (points,)."""
     height = np.asarray(heightmap.height)
     return height if heightmap.status in USABLE else np.full_like(height, np.nan)
 
@@ -191,18 +191,18 @@ def points(time_ns: int, frame: str, **columns: ArrayLike) -> Any:
 
 def height_points(heightmap: Heightmap) -> Any:
     """Predicted heights as points in the yaw frame, each with half of its 90 % interval."""
-    x = np.asarray(heightmap.x)
+    x, y = points_of(heightmap).T
     return points(
-        heightmap.time_ns, BASE_YAW, x=x, y=np.zeros_like(x), z=usable_heights(heightmap),
+        heightmap.time_ns, BASE_YAW, x=x, y=y, z=usable_heights(heightmap),
         half_width_90=heightmap.half_width_90,
     )  # fmt: skip
 
 
 def grid_map(heightmap: Heightmap) -> Any:
-    """Predicted heights as a `grid_map_msgs/msg/GridMap` in the yaw frame, relative to the base: elevation, variance.
+    """Predicted heights on a line as a `grid_map_msgs/msg/GridMap` in the yaw frame: elevation, variance.
 
-    Cells go backwards from the one farthest ahead, as the package has it. Heights between points that are not evenly
-    spaced are interpolated.
+    Heights are relative to the base. Cells go backwards from the one farthest ahead, as the package has it.
+    Heights between points that are not evenly spaced are interpolated.
     """
     x = np.linspace(heightmap.x[-1], heightmap.x[0], len(heightmap.x))
     resolution = float(x[0] - x[-1]) / (len(x) - 1)

@@ -29,7 +29,7 @@ from saltus.sim.shapes import looks_of
 from saltus.terrain.terrain import Terrain
 from saltus.wire.bus import topic_of
 from saltus.wire.codec import LOG_INFO, depth_on_the_wire, header, stamp
-from saltus.wire.messages import DepthFrame, Event, GroundTruth, Heightmap, Message, MotionPlan, RobotState
+from saltus.wire.messages import DepthFrame, Event, GroundTruth, Heightmap, Message, MotionPlan, RobotState, points_of
 from saltus.wire.schemas import EVENT_TYPE
 
 EVERY = 5  # one in five, 20 a second, is enough for the eye
@@ -167,14 +167,19 @@ class Viewer:
     def _of_heightmap(self, heightmap: Heightmap, *, drawn: bool) -> Iterator[ViewerMessage]:
         self._heightmap = heightmap
         truth = next((truth for truth in reversed(self._truths) if truth.time_ns == heightmap.time_ns), None)
-        self._errors = None if truth is None else np.abs(np.asarray(heightmap.height) - truth.height)
+        self._errors = (
+            None
+            if truth is None or len(truth.height) != len(heightmap.height)
+            else np.abs(heightmap.height - truth.height)
+        )
         if not drawn:
             return
         yield _message("/viewer/heightmap", ros.height_points(heightmap))
-        yield _message("/viewer/grid_map", ros.grid_map(heightmap))
+        if len(heightmap.y) == 1 and len(heightmap.x) > 1:
+            yield _message("/viewer/grid_map", ros.grid_map(heightmap))
         if truth is not None:
-            x = np.asarray(heightmap.x)
-            places = ros.points(heightmap.time_ns, BASE_YAW, x=x, y=np.zeros_like(x), z=truth.height)
+            x, y = points_of(truth).T
+            places = ros.points(heightmap.time_ns, BASE_YAW, x=x, y=y, z=truth.height)
             yield _message("/viewer/true_heights", places)
 
     def _transforms(self, body: GroundTruth | RobotState, position: Any) -> ViewerMessage:

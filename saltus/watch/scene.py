@@ -31,6 +31,7 @@ from saltus.wire.messages import (
     MotionPlan,
     PlanStatus,
     RobotState,
+    points_of,
 )
 from saltus.wire.topics import CAMERA_LATENCY_S, TOPICS, depth_topic
 
@@ -72,13 +73,13 @@ class HeightsInWorld:
     """A heightmap and the truth at its points."""
 
     predicted: Floats
-    """World frame [m], shape (30, 3)."""
+    """World frame [m], shape (points, 3)."""
     half_width_90: Reals
-    """90 % of the errors are smaller [m], shape (30,)."""
+    """90 % of the errors are smaller [m], shape (points,)."""
     true: Floats | None
-    """World frame [m], shape (30, 3); None where nobody knows."""
+    """World frame [m], shape (points, 3); None where nobody knows."""
     x: Floats
-    """Distance ahead of the base [m], shape (30,)."""
+    """Distance ahead of the base [m], shape (points,)."""
     status: HeightmapStatus
     depth_age_s: float
 
@@ -220,15 +221,15 @@ def _heights(heightmap: Heightmap, truths: dict[int, Arrival], pose: Floats | No
     if base is None:
         return None
 
-    def in_world(height: Reals) -> Floats:
-        local = np.stack([np.asarray(heightmap.x), np.zeros(len(height)), np.asarray(height)], axis=-1)
+    def in_world(heights: Heightmap | GroundTruth) -> Floats:
+        local = np.concatenate([points_of(heights), np.asarray(heights.height)[:, None]], axis=-1)
         return base[:3] + local @ _heading(base).T
 
     return HeightsInWorld(
-        predicted=in_world(heightmap.height),
+        predicted=in_world(heightmap),
         half_width_90=np.asarray(heightmap.half_width_90),
-        true=None if truth is None else in_world(truth.height),
-        x=np.asarray(heightmap.x),
+        true=None if truth is None else in_world(truth),
+        x=points_of(heightmap)[:, 0],
         status=HeightmapStatus(heightmap.status),
         depth_age_s=heightmap.depth_age_s,
     )

@@ -39,6 +39,9 @@ _NANO = 10**9
 STORE = get_typestore(Stores.EMPTY)
 for _name, _definition in {**schemas.STANDARD, **schemas.DEFINITIONS}.items():
     STORE.register(get_types_from_msg(_definition, _name))
+_FORMER = {kind: f"{TYPE_NAME[kind]}OnALine" for kind in schemas.FORMER}
+for _kind, _name in _FORMER.items():
+    STORE.register(get_types_from_msg(schemas.FORMER[_kind], _name))
 _HEADER: Any = STORE.types["std_msgs/msg/Header"]
 _TIME: Any = STORE.types["builtin_interfaces/msg/Time"]
 _IMAGE: Any = STORE.types["sensor_msgs/msg/Image"]
@@ -122,6 +125,28 @@ def decode(kind: type[M], data: bytes) -> M:
         raise MessageError("malformed", f"{kind.__name__}: {error}") from error
 
 
+def former_definition_of(kind: type[Message]) -> str | None:
+    """The `ros2msg` schema text of a message in recordings of before it carried its grid; None where it has none."""
+    return definition_of(_FORMER[kind]) if kind in _FORMER else None
+
+
+def with_grid(kind: type[Message], data: bytes) -> bytes:
+    """The bytes of today for those of a message of before it carried its grid.
+
+    Raises:
+        MessageError: they are none.
+    """
+    grid = {"x": np.array(schemas.FORMER_GRID.x), "y": np.array(schemas.FORMER_GRID.y)}
+    try:
+        former, table = _parse(_FORMER[kind], data), _TABLES[kind]
+        values = [getattr(former, f.name) if hasattr(former, f.name) else grid[f.name] for f in table.fields]
+        return bytes(STORE.serialize_cdr(table.wire_type(former.header, *values), TYPE_NAME[kind]))
+    except MessageError:
+        raise
+    except Exception as error:  # the parser's errors on hostile bytes are of many types
+        raise MessageError("malformed", f"{kind.__name__}: {error}") from error
+
+
 def stamp(time_ns: int) -> Any:
     """A `builtin_interfaces/msg/Time`."""
     return _TIME(*divmod(time_ns, _NANO))
@@ -172,13 +197,16 @@ class _TableCodec:
         self.values_of = attrgetter(*(f.name for f in self.fields))
         self.writers = [_writer(f) for f in self.fields]
         self.arrays = [f for f in self.fields if f.wire == "float64" and f.shape is not None]
-        self.fixed = all(f.shape is not None and -1 not in f.shape for f in self.arrays)
-        sizes = [f.shape[0] if f.shape is not None and self.fixed else 1 for f in self.arrays]
-        self.low = np.repeat([f.low for f in self.arrays], sizes)
-        self.high = np.repeat([f.high for f in self.arrays], sizes)
+        self.array_places = [i for i, f in enumerate(self.fields) if f in self.arrays]
+        self.has_grid = any(f.name == "y" for f in self.arrays)
+        self.in_rows = any(f.shape is not None and len(f.shape) > 1 for f in self.arrays)
+        sizes = [f.shape[0] for f in self.arrays if f.shape is not None]
+        self.low, self.high = self._bounds(() if self.has_grid or self.in_rows else tuple(sizes))
 
     def encode(self, message: Any) -> Any:
         values = [write(value) for write, value in zip(self.writers, self.values_of(message), strict=True)]
+        if self.has_grid:
+            self._check_points([values[i] for i in self.array_places])
         return self.wire_type(header(message.time_ns, self.frame), *values)
 
     def decode(self, wire: Any) -> Any:
@@ -188,22 +216,44 @@ class _TableCodec:
         self._check_arrays(values)
         return self.kind(**values)
 
+    @lru_cache(maxsize=64)  # noqa: B019 - codecs live as long as the program
+    def _bounds(self, sizes: tuple[int, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Bounds of all arrays of these lengths one after the other; one of each where there are none."""
+        low, high = (np.array([getattr(f, end) for f in self.arrays], np.float64) for end in ("low", "high"))
+        return (np.repeat(low, sizes), np.repeat(high, sizes)) if sizes else (low, high)
+
+    def _check_points(self, arrays: list[Any]) -> None:
+        """Refuses heights that do not stand on the grid of their message; arrays as in `self.arrays`."""
+        sizes = {f.name: array.size for f, array in zip(self.arrays, arrays, strict=True) if f.shape == (schemas.ANY,)}
+        rows, columns = sizes.pop("x"), sizes.pop("y")
+        points = rows * columns
+        if not 1 <= points <= schemas.POINTS_MAX:
+            raise MessageError("shape", f"a grid of {rows} times {columns} points, at most {schemas.POINTS_MAX}")
+        for name, size in sizes.items():
+            if size != points:
+                raise MessageError("shape", f"{name} has {size} values on {points} points")
+
     def _check_arrays(self, values: dict[str, Any]) -> None:
         """All arrays at once; one by one only to name the culprit."""
         arrays = [values[f.name] for f in self.arrays]
         if not arrays:
             return
         low, high = self.low, self.high
-        if self.fixed:
-            flat = np.concatenate(arrays)
-        else:
+        if self.in_rows:
             _check_rows(arrays)
             flat, low, high = np.stack([array.ravel() for array in arrays]), low[:, None], high[:, None]
+        else:
+            if self.has_grid:
+                self._check_points(arrays)
+                low, high = self._bounds(tuple(map(len, arrays)))
+            flat = np.concatenate(arrays)
         inside = flat >= low
         inside &= flat <= high
         if np.count_nonzero(inside) < inside.size:
             for field, array in zip(self.arrays, arrays, strict=True):
                 _check_values(field, array)
+        if self.has_grid and any((values[name][1:] <= values[name][:-1]).any() for name in ("x", "y")):
+            raise MessageError("range", "x and y of a grid must ascend")
         quaternion = values.get("quaternion_base_in_world")
         if quaternion is not None:
             _bounded("|quaternion_base_in_world|^2", float(quaternion.dot(quaternion)), 1 - NORM_TOLERANCE, 1.02)
@@ -229,7 +279,7 @@ def _from_wire(field: Field, value: Any) -> Any:
     if field.shape is not None:
         if field.wire == "bool" and max(value.tobytes()) > 1:
             raise MessageError("range", f"{field.name} is neither true nor false")
-        if -1 not in field.shape:
+        if -1 not in field.shape or len(field.shape) == 1:
             return value
         if value.size % field.shape[1]:
             raise MessageError("shape", f"{field.name} has {value.size} values, not rows of {field.shape[1]}")

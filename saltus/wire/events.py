@@ -22,6 +22,7 @@ CODES: dict[str, tuple[str, str]] = {
     "model_accepted": ("heightmap", "a model that was given at run time is sound, and warms up"),
     "model_swapped": ("heightmap", "that model answers from now on"),
     "model_refused": ("heightmap", "that model is not used"),
+    "heightmap_grid": ("policy", "heights come on another grid than that of the run: they are not used"),
     "heightmap_lost": ("policy", "no heights came, or old ones: it stops the robot"),
     "plan_lost": ("controller", "the newest plan is too old"),
     "plan_back": ("controller", "plans come in time again"),

@@ -119,18 +119,32 @@ class RobotState:
     """Lockstep: the newest `DepthFrame.frame_id` that is due at this step; -1 where none is, or in real time."""
 
 
+def _on_the_axis() -> Floats:
+    return np.zeros(1)
+
+
+def points_of(heights: "Heightmap | GroundTruth") -> Floats:
+    """Place of each point of a message with heights, x and y in the yaw frame of the base [m], shape (points, 2)."""
+    return np.stack(np.meshgrid(heights.x, heights.y, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Heightmap:
-    """The sagittal terrain profile at the time of the robot state with the same step."""
+    """The terrain on a grid (`saltus.grid.HeightGrid`) at the time of the robot state with the same step.
+
+    Points stand row after row, each from its first y on; points = rows times columns.
+    """
 
     time_ns: int
     step: int
     x: Floats
-    """Distance ahead of the base along its yaw [m], shape (30,)."""
+    """Rows: distance ahead of the base along its yaw, ascending [m], shape (rows,)."""
+    y: Floats = field(default_factory=_on_the_axis)
+    """Columns: distance to the left of that axis, ascending [m], shape (columns,)."""
     height: Reals
-    """Terrain height relative to the base [m], shape (30,)."""
+    """Terrain height relative to the base [m], shape (points,)."""
     half_width_90: Reals
-    """Half of the 90 % interval of `height` [m]: 90 % of the errors are smaller, shape (30,)."""
+    """Half of the 90 % interval of `height` [m]: 90 % of the errors are smaller, shape (points,)."""
     status: HeightmapStatus
     depth_age_s: float
     """Age of the image that was used; infinite where there is none yet."""
@@ -194,8 +208,12 @@ class GroundTruth:
     joint_position: Floats
     foot_force: Floats
     """Vertical ground reaction [N], shape (4,)."""
+    x: Floats
+    """Rows of the grid of `height` [m], as those of a `Heightmap`, shape (rows,)."""
+    y: Floats = field(default_factory=_on_the_axis)
+    """Columns of that grid [m], shape (columns,)."""
     height: Floats
-    """True terrain profile relative to the base at the heightmap's x, shape (30,)."""
+    """True terrain height relative to the base [m], shape (points,)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -5,10 +5,12 @@ for a simulated crash and narrow enough that nothing beyond them can be meant.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Literal
 
+from saltus.config import UNNAMED
+from saltus.grid import load_grid
 from saltus.wire import messages
 from saltus.wire.messages import Message
 
@@ -18,7 +20,9 @@ INDEX_MAX = 2**53  # the largest integer that viewers, which count in doubles, s
 TEXT_MAX = 2048  # bytes of one string; an event is one line
 JOINTS = 12
 LEGS = 4
-HEIGHTS = 30
+ANY = -1
+"""As the size of a vector: as many as there are."""
+POINTS_MAX = 4096  # of a grid of heights: 64 x 64
 JOINT_ROWS_MAX = 50  # 100 ms of 500 Hz rows: what a stalled loop may hand over at once
 
 DEPTH_TYPE = "saltus_msgs/msg/DepthFrame"
@@ -33,7 +37,7 @@ class Field:
     name: str
     wire: Wire
     shape: tuple[int, ...] | None = None
-    """None for a scalar; (-1, n) for any number of rows of n."""
+    """None for a scalar; (-1,) for any number of values; (-1, n) for any number of rows of n."""
     low: float = -math.inf
     high: float = math.inf
     enum: type[IntEnum] | None = None
@@ -61,6 +65,10 @@ def _index(name: str, low: int = 0) -> Field:
 
 def _rows(name: str, bound: float) -> Field:
     return Field(name, "float64", (-1, JOINTS), -bound, bound)
+
+
+def _former(field: Field) -> str:
+    return replace(field, shape=(FORMER_GRID.size,)).definition if field.shape == (ANY,) else field.definition
 
 
 ROUNDING = 1e-6
@@ -99,9 +107,10 @@ FIELDS: dict[type[Message], tuple[Field, ...]] = {
     ),
     messages.Heightmap: (
         _index("step"),
-        _vector("x", HEIGHTS, HEIGHT),
-        _vector("height", HEIGHTS, HEIGHT),
-        _vector("half_width_90", HEIGHTS, HEIGHT, low=0.0),
+        _vector("x", ANY, HEIGHT),
+        _vector("y", ANY, HEIGHT),
+        _vector("height", ANY, HEIGHT),
+        _vector("half_width_90", ANY, HEIGHT, low=0.0),
         Field("status", "uint8", enum=messages.HeightmapStatus),
         _scalar("depth_age_s", -1.0, math.inf),
         _index("frame_id", low=-1),
@@ -138,7 +147,9 @@ FIELDS: dict[type[Message], tuple[Field, ...]] = {
         _vector("angular_velocity_base", 3, ANGULAR_VELOCITY),
         _vector("joint_position", JOINTS, ANGLE),
         _vector("foot_force", LEGS, FORCE),
-        _vector("height", HEIGHTS, POSITION),
+        _vector("x", ANY, HEIGHT),
+        _vector("y", ANY, HEIGHT),
+        _vector("height", ANY, POSITION),
     ),
     messages.Done: (_index("step"), Field("process", "string"), _index("frame_id", low=-1)),
 }
@@ -234,3 +245,11 @@ DEFINITIONS: dict[str, str] = {
     },
 }
 """ROS 2 message definitions of the types that are our own."""
+
+_ADDED: dict[type[Message], tuple[str, ...]] = {messages.Heightmap: ("y",), messages.GroundTruth: ("x", "y")}
+FORMER_GRID = load_grid(UNNAMED["grid"])
+FORMER: dict[type[Message], str] = {
+    kind: "\n".join(["std_msgs/Header header", *(_former(f) for f in FIELDS[kind] if f.name not in added)]) + "\n"
+    for kind, added in _ADDED.items()
+}
+"""Definitions in recordings of before messages carried their grid: all heights stood on `FORMER_GRID`."""

@@ -10,7 +10,7 @@ from samples import ROBOT
 from saltus import rotations
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import MODEL_CAMERA, Intrinsics, depth_frame, depth_in_millimetres
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.named_setup import named_setup
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
@@ -126,5 +126,5 @@ def _truth(
     return GroundTruth(
         time_ns=10 * MS * step, step=step, position_base_in_world=position, quaternion_base_in_world=quaternion,
         velocity_base_in_world=velocity, angular_velocity_base=np.zeros(3), joint_position=joints,
-        foot_force=np.zeros(4), height=height,
+        foot_force=np.zeros(4), x=np.array(LINE.x), height=height,
     )  # fmt: skip

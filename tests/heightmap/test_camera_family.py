@@ -17,6 +17,7 @@ from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.effect import Effect
 from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
+from saltus.grid import LINE
 from saltus.heightmap.data import device_cameras
 from saltus.heightmap.data.delivery import TICK_S, DeliveryModel, deliver
 from saltus.heightmap.data.device_cameras import DeviceCameras, late_images
@@ -89,6 +90,7 @@ def truth_of(motion: Trajectory, k: int) -> GroundTruth:
         angular_velocity_base=np.zeros(3),
         joint_position=motion.joint_position[k],
         foot_force=np.zeros(4),
+        x=np.array(LINE.x),
         height=np.zeros(30),
     )
 

@@ -54,6 +54,7 @@ def ground_truth(step: RolloutStep, robot: int) -> GroundTruth:
         angular_velocity_base=step.truth.angular_velocity_base[robot],
         joint_position=step.truth.joint_position[robot],
         foot_force=step.truth.foot_force[robot],
+        x=np.array(LINE.x),
         height=np.zeros(30),
     )
 

@@ -54,14 +54,14 @@ def run(
 
 def going() -> tuple[PlannerProcess, int]:
     """A planner that has just said GO, and its next step."""
-    process, steps = PlannerProcess(ROBOT, ScriptedPlanner(ROBOT, LINE)), STAND_NS // STEP_NS + 1
+    process, steps = PlannerProcess(ROBOT, LINE, ScriptedPlanner(ROBOT, LINE)), STAND_NS // STEP_NS + 1
     assert run([HeightmapStatus.OK] * steps, process)[-1].status == PlanStatus.GO
     return process, steps
 
 
 def test_stands_until_it_has_stood_and_sees() -> None:
     stand_steps = STAND_NS // STEP_NS
-    plans = run([HeightmapStatus.OK] * (stand_steps + 5), PlannerProcess(ROBOT, ScriptedPlanner(ROBOT, LINE)))
+    plans = run([HeightmapStatus.OK] * (stand_steps + 5), PlannerProcess(ROBOT, LINE, ScriptedPlanner(ROBOT, LINE)))
     assert [plan.status for plan in plans] == [PlanStatus.STAND] * stand_steps + [PlanStatus.GO] * 5
     assert all(plan.reason for plan in plans[:stand_steps])
     assert not any(plan.reason for plan in plans[stand_steps:])
@@ -69,7 +69,7 @@ def test_stands_until_it_has_stood_and_sees() -> None:
 
 @pytest.mark.parametrize("status", [None, *(s for s in HeightmapStatus if s != HeightmapStatus.OK)])
 def test_does_not_go_without_a_good_heightmap(status: HeightmapStatus | None) -> None:
-    process = PlannerProcess(ROBOT, ScriptedPlanner(ROBOT, LINE))
+    process = PlannerProcess(ROBOT, LINE, ScriptedPlanner(ROBOT, LINE))
     plans = run([status] * 200, process)
     assert {plan.status for plan in plans} == {PlanStatus.STAND}
     assert all(plan.reason for plan in plans)
@@ -161,7 +161,7 @@ class Recalling(ScriptedPlanner):
 
 def test_the_planner_forgets_whenever_the_robot_begins_to_go() -> None:
     planner, steps = Recalling(), STAND_NS // STEP_NS + 1
-    process = PlannerProcess(ROBOT, planner)
+    process = PlannerProcess(ROBOT, LINE, planner)
     run([HeightmapStatus.OK] * steps, process, mode=ControllerMode.STAND)
     run([HeightmapStatus.INVALID] + 3 * [HeightmapStatus.OK], process, first=steps, mode=ControllerMode.STAND)
     run([HeightmapStatus.OK] * 3, process, first=steps + 4)

@@ -53,7 +53,7 @@ def jumping_log(folder: Path, seconds: float = 4.5, profile: Profile = IDEAL) ->
 def _run(setup: Setup, steps: int) -> Iterator[tuple[str, Message]]:
     robot = MujocoRobot(setup)
     robot.reset()
-    loop, planner = ControlLoop(ROBOT), PlannerProcess(ROBOT, make_planner("scripted", ROBOT, LINE))
+    loop, planner = ControlLoop(ROBOT), PlannerProcess(ROBOT, LINE, make_planner("scripted", ROBOT, LINE))
     renderer = make_renderer("embree", setup.terrain, RobotCamera.on(ROBOT))
     camera = CameraProcess(
         load_camera("ideal"), PerfectExposure(renderer, MODEL_CAMERA), IDEAL.camera_chain, np.random.default_rng(0)

@@ -11,6 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 from samples import message_of
 
 from saltus.errors import MessageError
+from saltus.grid import LINE
 from saltus.wire import codec, messages, schemas
 from saltus.wire.codec import Envelope, decode, encode
 from saltus.wire.messages import Message
@@ -195,3 +196,33 @@ def test_envelope_round_trip(sequence: int, capture_ns: int, boot_id: bytes) -> 
 def test_other_attachments_are_refused(data: bytes) -> None:
     with pytest.raises(MessageError, match="envelope"):
         Envelope.from_bytes(data)
+
+
+@pytest.mark.parametrize("kind", schemas.FORMER)
+@pytest.mark.parametrize("seed", range(3))
+def test_messages_of_before_they_carried_their_grid_have_that_of_then(kind: type[Message], seed: int) -> None:
+    former = codec.STORE.types[codec._FORMER[kind]]
+    message = message_of(kind, seed)
+    heights = {f.name: np.resize(getattr(message, f.name), LINE.size) for f in schemas.FIELDS[kind] if f.shape == (-1,)}
+    message = dataclasses.replace(message, **(heights | {"x": np.array(LINE.x), "y": np.array(LINE.y)}))
+    table = codec._TABLES[kind]
+    wire = table.encode(message)
+    data = codec.STORE.serialize_cdr(
+        former(**{f.name: getattr(wire, f.name) for f in dataclasses.fields(former) if f.init}), codec._FORMER[kind]
+    )
+    assert codec.with_grid(kind, bytes(data)) == encode(message)
+
+
+@pytest.mark.parametrize("kind", schemas.FORMER)
+def test_heights_that_stand_on_no_grid_are_refused(kind: type[Message]) -> None:
+    message = dataclasses.replace(message_of(kind), x=np.array([0.0, 0.1]), y=np.array([0.0]))
+    heights = {f.name: np.zeros(2) for f in schemas.FIELDS[kind] if f.shape == (-1,)} | {"x": message.x, "y": message.y}
+    assert len(decode(kind, encode(dataclasses.replace(message, **heights))).height) == 2
+    for wrong in (
+        {"height": np.zeros(3)},
+        {"x": np.array([0.1, 0.1])},
+        {"x": np.zeros(0), "height": np.zeros(0)},
+        {"y": np.linspace(-1.0, 1.0, schemas.POINTS_MAX), "height": np.zeros(2 * schemas.POINTS_MAX)},
+    ):
+        with pytest.raises(MessageError, match=r"shape|range"):
+            decode(kind, encode(dataclasses.replace(message, **(heights | wrong))))

@@ -90,7 +90,7 @@ def test_fields_of_another_version_are_refused_by_name(tmp_path: Path, monkeypat
     older = write(tmp_path / "older.mcap", list(run_samples(3)))
     monkeypatch.undo()
     assert len(list(older.messages("controller/state"))) == 3
-    with pytest.raises(RecordingError, match=r"older.mcap: heightmap/heightmap .*'float64\[30\] std'"):
+    with pytest.raises(RecordingError, match=r"older.mcap: heightmap/heightmap .*'float64\[\] std'"):
         list(older.messages("heightmap/heightmap"))
 
 
