@@ -33,7 +33,7 @@ USUAL_TERRAINS = ("flat", "stairs", "stairs", "stepping_stones", "stepping_stone
 TERRAINS = (*USUAL_TERRAINS, "stairs_down", "step_down", "pyramid", "irregular", "hurdles", "ditch")
 """Stairs and stones twice: there the heights matter most, and there they were worst."""
 _SHARE = (0.0, 1.0)
-_SHIPPED, _NONE = "(default: that of this checkout)", "(default: none, true heights)"
+_NONE = "(default: none, true heights)"
 
 
 @dataclass(frozen=True, kw_only=True)

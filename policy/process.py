@@ -19,7 +19,7 @@ LOST_NS = round(1e9 * TOPICS["heightmap/heightmap"].invalid_age_s) - 10_000_000
 """Without a heightmap for this long the planner is blind. One policy step less than the greatest age of a heightmap:
 the planner looks every 10 ms, and must report it within 110 ms of the last arrival."""
 ROUNDING_M = 1e-6
-"""Of points that went through text."""
+"""Rounding of points that went through text."""
 _TRUSTED = (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
 
 
@@ -70,7 +70,7 @@ class PlannerProcess:
         return self._plan
 
     def _fits(self, heightmap: Heightmap) -> bool:
-        """Whether a heightmap stands on the grid of the planner; says once where one does not."""
+        """True where a heightmap stands on the grid of the planner; says once where one does not."""
         sides = ((heightmap.x, self._x), (heightmap.y, self._y))
         fits = all(len(a) == len(b) and float(np.abs(a - b).max()) <= ROUNDING_M for a, b in sides)
         if not fits and not self._told_of_grid:

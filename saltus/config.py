@@ -144,13 +144,6 @@ class Value:
         return hashlib.sha256(self.to_toml().encode()).hexdigest()[:16]
 
 
-def check_at_least(config: Any, **smallest: float) -> None:
-    """Raises `ConfigError` for the first field below the number that is given for it, and for one that is no number."""
-    for name, low in smallest.items():
-        if not getattr(config, name) >= low:
-            raise ConfigError(f"{name} = {getattr(config, name)}: it must be at least {low}")
-
-
 def check_between(config: Any, **ranges: tuple[float, float]) -> None:
     """Raises `ConfigError` for the first field with a number outside of its range (ends included), or with none.
 

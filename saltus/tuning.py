@@ -35,7 +35,8 @@ PRIORITY = -10
 FIRST = {"controller": -15}
 """The 500 Hz loop comes before the others, and behind what the system keeps for itself."""
 NICENESS = 10
-"""Of what is not part of a run or a training: a tenth of the share of a program of ordinary priority (sched(7))."""
+"""Niceness of what is not part of a run or a training: a tenth of the share of a program of
+ordinary priority (sched(7))."""
 AUTOGROUP = Path("/proc/self/autogroup")
 """Where a session's priority is set (sched(7))."""
 SLICE_NS = 100_000

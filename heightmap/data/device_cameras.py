@@ -18,7 +18,7 @@ from saltus.errors import ConfigError
 from saltus.heightmap.data.delivery import DeliveryModel
 from saltus.heightmap.data.late_images import LateImages
 from saltus.heightmap.data.mounts import random_mount
-from saltus.render.camera import Mount, RobotCamera
+from saltus.render.camera import RobotCamera
 from saltus.render.eyes import SAMPLED, Eyes
 from saltus.render.randomisation import drawn_cameras
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
@@ -89,11 +89,6 @@ class DeviceCameras:
             )
             for name, kind in self._kinds.items()
         }
-
-    @property
-    def mounts(self) -> Mount:
-        """Where the cameras sit."""
-        return next(iter(self._casters.values())).camera.mount
 
     def expose(self, courses: Courses, qpos: Tensor, tick: int, fresh: Tensor) -> dict[str, DepthImage]:
         """Takes an image of each kind where it is the time.

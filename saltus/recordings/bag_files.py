@@ -12,7 +12,6 @@ from rosbags.typesys import Stores, get_typestore
 from saltus.errors import RecordingError
 
 UNPACKED_MAX = 2**26  # bytes of chunks of ROS 1 that are kept: dozens, of about a megabyte each
-STORAGE = (".mcap", ".db3")
 ROS1, MCAP, SQLITE = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 BEGINS = {".bag": ROS1, ".mcap": MCAP, ".db3": SQLITE}
 KINDS = {".bag": "bag of ROS 1", ".mcap": "MCAP", ".db3": "database of rosbag2"}

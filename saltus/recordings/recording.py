@@ -215,7 +215,7 @@ class Recording:
                 )
 
     def _is_former(self, channel: Channel) -> bool:
-        """Whether its messages are of before they carried their grid."""
+        """True where its messages are of before they carried their grid."""
         schema, row = self._schemas.get(channel.schema_id), topic_of(channel.topic[1:])
         if schema is None or row is None:
             return False
