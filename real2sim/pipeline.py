@@ -18,7 +18,6 @@ from saltus.files import whole_file
 from saltus.folders import ask_for_room
 from saltus.real2sim.experiments.next_experiment import next_experiment
 from saltus.real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of, supported
-from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.log import in_sequence, load_rigs, model_of, quadruped_of, shifts_s
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.progress import ComparisonProgress, Progress
@@ -29,7 +28,6 @@ from saltus.real2sim.screening.align import align
 from saltus.real2sim.screening.screen import screen
 from saltus.real2sim.search.findings import FoundEffect
 from saltus.real2sim.search.narrowed import NarrowedProblem
-from saltus.real2sim.search.saturation_curve import with_curves
 from saltus.real2sim.search.search import search
 from saltus.real2sim.sensors import SENSORS, Sensor
 from saltus.real2sim.stacked_problem import StackedProblem, stackable
@@ -171,9 +169,7 @@ def _added(
 ) -> Examination:
     """The examination with the findings of one more problem; without them where nothing was left to test them by."""
     try:
-        findings = search(problem, progress=progress, seed=seed)
-        if isinstance(problem, JointProblem):
-            findings = with_curves(problem, findings)
+        findings = problem.finished(search(problem, progress=progress, seed=seed))
     except Exception as error:  # as above
         return _failed(examination, sensor, error)
     if not findings.gaps:

@@ -1,7 +1,6 @@
 """A problem whose simulator starts with the effects of a profile: only what is still missing is searched for."""
 
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,16 +8,8 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.effects.effect import Effect
 from saltus.effects.profile import PARTS, Profile
-from saltus.effects.torque_saturation import TorqueSaturation
-from saltus.effects.torque_speed_limit import TorqueSpeedLimit
-from saltus.errors import ConfigError
-from saltus.real2sim.problem.body.problem import BodyProblem
-from saltus.real2sim.problem.body.replay import Limit, Pull
-from saltus.real2sim.problem.joints.problem import JointProblem
-from saltus.real2sim.problem.jumps.problem import JumpProblem
-from saltus.real2sim.problem.log import quadruped_of
 from saltus.real2sim.problem.problem import Candidate, Problem, WrappedProblem
-from saltus.robots.robot import JOINTS, Robot
+from saltus.robots.robot import JOINTS
 
 NOT_HELD = "the profile's values lie beyond what replays can hold: this search went on without them"
 FITS = 0.02
@@ -30,17 +21,8 @@ class RebasedProblem(WrappedProblem):
 
     def __init__(self, inner: Problem, profile: Profile) -> None:
         self._bare, self._profile = inner, profile
-        saturation = next((e for e in profile.actuator if isinstance(e, TorqueSaturation)), None)
-        # No candidate can represent a measured curve.
-        if saturation is not None and isinstance(inner, JointProblem | JumpProblem):
-            inner = _saturated(inner, saturation)
-            profile = replace(profile, actuator=tuple(e for e in profile.actuator if e is not saturation))
-        if isinstance(inner, JointProblem) and any(isinstance(e, TorqueSpeedLimit) for e in profile.actuator):
-            inner = inner.with_held_limit()
-        if isinstance(inner, BodyProblem):
-            held = [e for e in profile.actuator if isinstance(e, Limit | Pull)]
-            inner = inner.holding([e.fitted(_owner(e, inner.model)) for e in held])
-            profile = replace(profile, actuator=tuple(e for e in profile.actuator if not isinstance(e, Limit | Pull)))
+        inner, told = inner.holding(profile.actuator)
+        profile = replace(profile, actuator=told)
         super().__init__(inner)
         found = [_offset(inner, candidate, profile) for candidate in inner.candidates]
         lost = {c.effect for c, offset in zip(inner.candidates, found, strict=True) if np.isnan(offset).any()}
@@ -60,8 +42,8 @@ class RebasedProblem(WrappedProblem):
     def leaner(self) -> dict[str, Problem]:
         """See `Problem`."""
         # what a profile says as the log claims it anyway, or as no replay can hold, is not there to be taken out
-        assumed = {TorqueSaturation.name} if isinstance(self._bare, JointProblem | BodyProblem | JumpProblem) else set()
-        there = {candidate.effect for candidate in self.candidates if candidate.base or candidate.effect in assumed}
+        held = self._bare.held
+        there = {candidate.effect for candidate in self.candidates if candidate.base or candidate.effect in held}
         parts = {part: getattr(self._profile, part) for part in PARTS.values()}
         return {
             gone.name: RebasedProblem(
@@ -71,28 +53,6 @@ class RebasedProblem(WrappedProblem):
             for gone in effects
             if gone.name in there
         }
-
-
-def _owner(effect: Limit | Pull, model: Robot | Path) -> Robot:
-    """The robot to whose drives an effect refers.
-
-    `ConfigError` for a curve where the log names an MJCF, which does not say to which motors it refers.
-    """
-    if isinstance(effect, TorqueSaturation) and effect.curve and not isinstance(model, Robot):
-        raise ConfigError(f"a saturation given as a curve is one of a robot with a name; the log has {model}")
-    return quadruped_of(model)
-
-
-def _saturated(problem: JointProblem | JumpProblem, saturation: TorqueSaturation) -> JointProblem | JumpProblem:
-    """The problem of a simulator with this saturation."""
-    starts, falls = saturation.fitted(_owner(saturation, problem.model)).corners
-    names = [[block[place] for place in problem.places[0] if place != "trunk"] for block in problem.places]
-    columns = np.array([[JOINTS.index(name) if name in JOINTS else 0 for name in block] for block in names])
-    corners, slopes = (
-        np.asarray(np.broadcast_to(each, falls.shape)[:, columns].transpose(1, 2, 0), dtype=np.float64)
-        for each in (starts, falls)
-    )
-    return problem.with_saturation(corners, slopes)
 
 
 def _moved(candidate: Candidate, offset: Floats) -> Candidate:

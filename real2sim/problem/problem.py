@@ -8,12 +8,16 @@ variance. The search (`saltus.real2sim.search.search`) knows nothing of robots, 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from saltus.arrays import Floats, Indices
+from saltus.effects.effect import Effect
 from saltus.effects.registry import EFFECTS
+
+if TYPE_CHECKING:
+    from saltus.real2sim.search.findings import Findings
 
 LARGEST_RESIDUAL = 100.0
 """Residuals are clipped to +- this value: a diverged simulation says no more than one that is far off."""
@@ -205,6 +209,9 @@ class Problem(ABC):
     simulator_disagreement: float = 1.0
     """By how much two correct simulations of one effect differ, relative to simulations of drives and contacts."""
 
+    held: tuple[str, ...] = ()
+    """Effects that its simulator can have as a profile says them, beside fitted ones."""
+
     collinear: float = 0.95
     """Cosine from which two effects form a set although one of them explains more (schema of run logs)."""
 
@@ -227,6 +234,18 @@ class Problem(ABC):
     def leaner(self) -> "dict[str, Problem]":
         """By each effect of a profile that the simulator starts with, the problem without it; the unknowns stay."""
         return {}
+
+    def holding(self, effects: Sequence[Effect[Any]]) -> "tuple[Problem, tuple[Effect[Any], ...]]":
+        """The problem on a simulator with what no unknown can represent of a profile, and the rest of its effects.
+
+        Raises:
+            ConfigError: an effect that the drives of the log's robot cannot have.
+        """
+        return self, tuple(effects)
+
+    def finished(self, findings: "Findings") -> "Findings":
+        """What was found of this problem, with what the log tells of it beyond the unknowns."""
+        return findings
 
     @property
     def names(self) -> tuple[str, ...]:

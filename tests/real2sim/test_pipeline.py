@@ -107,7 +107,7 @@ def test_a_speed_limit_in_a_profile_is_there_altogether(held: RunLog) -> None:
         if candidate.effect == "torque_speed_limit":
             unknowns[..., at : at + 3] = (1.0, 0.2, 0.8)  # weight, corner, and from there to the no-load speed
         at += len(candidate.unknowns)
-    np.testing.assert_allclose(with_limit, inner.with_held_limit().residuals(unknowns), atol=1e-3)
+    np.testing.assert_allclose(with_limit, inner.holding(robot.actuator)[0].residuals(unknowns), atol=1e-3)
     assert np.mean(with_limit**2) > 1.2 * np.mean(inner.residuals(0.0 * unknowns) ** 2)
 
 

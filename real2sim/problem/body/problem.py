@@ -10,10 +10,12 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from saltus.arrays import Floats
+from saltus.effects.effect import Effect
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.candidates import CALF, FRICTION_RANGE, Claims, candidates, on_top_of, rig_of
@@ -23,6 +25,7 @@ from saltus.real2sim.problem.body.replay import BodyReplay, Limit, Pull, Rig
 from saltus.real2sim.problem.body.starts import Starts
 from saltus.real2sim.problem.body.testable import untestable
 from saltus.real2sim.problem.body.windows import BLOCKS, BodyWindows, cut_windows
+from saltus.real2sim.problem.joints.torque_curve import fitted_to
 from saltus.real2sim.problem.log import boxes_of, model_of, robot_of, segments_of, torque_limits
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
 from saltus.recordings.run_log import RunLog
@@ -90,6 +93,7 @@ class BodyProblem(Problem):
     simulator_disagreement = 0.3
     """Share by which simulators may disagree; differences of right ways to compute contacts are in
     the noise already."""
+    held = (TorqueSaturation.name,)
 
     def __init__(self, log: RunLog) -> None:
         if log.base is None or log.meta.get("base") != "free" or len(log.meta["joints"]) != 12:
@@ -110,17 +114,21 @@ class BodyProblem(Problem):
         self._replay = self._replayed(self._ground)
         self._prepare(noise, has_gyro=log.imu is not None)
 
-    def holding(self, held: Sequence[Limit | Pull]) -> "BodyProblem":
-        """The problem on a simulator whose drives have these effects; a fitted saturation adds to theirs."""
+    def holding(self, effects: Sequence[Effect[Any]]) -> tuple[Problem, tuple[Effect[Any], ...]]:
+        """See `Problem`: limits and pulls of the drives; a fitted saturation adds to theirs."""
         problem = copy(self)
-        problem._held = tuple(held)
+        problem._held = tuple(
+            fitted_to(effect, self.model) if isinstance(effect, TorqueSaturation) else effect.fitted(self._robot)
+            for effect in effects
+            if isinstance(effect, Limit | Pull)
+        )
         problem._replay = problem._replayed(problem._ground)
-        for saturation in (effect for effect in held if isinstance(effect, TorqueSaturation)):
+        for saturation in (effect for effect in problem._held if isinstance(effect, TorqueSaturation)):
             problem.candidates = tuple(
                 on_top_of(saturation, candidate, self._calf_limit) if candidate.effect == saturation.name else candidate
                 for candidate in self.candidates
             )
-        return problem
+        return problem, tuple(effect for effect in effects if not isinstance(effect, Limit | Pull))
 
     def residuals(self, unknowns: Floats) -> Floats:
         """Whitened residuals, shape (n, 1, m)."""

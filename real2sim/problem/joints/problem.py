@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import Floats, Indices
+from saltus.effects.effect import Effect
+from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.joints.candidates import JointCandidates, beside
 from saltus.real2sim.problem.joints.drives import Drives, Hinges, lost
@@ -18,8 +21,11 @@ from saltus.real2sim.problem.joints.grid import Grid
 from saltus.real2sim.problem.joints.motion import motions_of, twice_as_fine, uniform_rows, windows_of
 from saltus.real2sim.problem.joints.noise import Whitening, quieter, repeated, smooth_left_out, whitening
 from saltus.real2sim.problem.joints.replay import SimulatedMeans, replay
+from saltus.real2sim.problem.joints.saturation_curve import with_curves
+from saltus.real2sim.problem.joints.torque_curve import corners_of
 from saltus.real2sim.problem.log import gains, model_of, segments_of, torque_limits
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
+from saltus.real2sim.search.findings import Findings
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import LINKS, Robot
 from saltus.sim.held_robot import HeldRobot
@@ -54,6 +60,7 @@ class JointProblem(Problem):
     name = "joints"
     _assumed: Hinges = ()
     _holds_limit = False
+    held = (TorqueSaturation.name,)
 
     def __init__(self, log: RunLog) -> None:
         meta = log.meta
@@ -117,11 +124,17 @@ class JointProblem(Problem):
         problem.candidates = problem._with_saturations()
         return problem
 
-    def with_held_limit(self) -> "JointProblem":
-        """The problem on a simulator with a speed limit, which the plant applies once a step."""
+    def holding(self, effects: Sequence[Effect[Any]]) -> tuple[Problem, tuple[Effect[Any], ...]]:
+        """See `Problem`: no unknown can represent a measured curve; the plant limits speeds once a step."""
         problem = copy(self)
-        problem._holds_limit = True
-        return problem
+        for saturation in (effect for effect in effects if isinstance(effect, TorqueSaturation)):
+            problem = problem.with_saturation(*corners_of(saturation, self.model, self.places))
+        problem._holds_limit = any(isinstance(effect, TorqueSpeedLimit) for effect in effects)
+        return problem, tuple(effect for effect in effects if not isinstance(effect, TorqueSaturation))
+
+    def finished(self, findings: Findings) -> Findings:
+        """See `Problem`: a saturation is stated as a curve."""
+        return with_curves(self, findings)
 
     def columns_of(self, effect: str, place: str) -> slice:
         """Where the unknowns of an effect at a place of a leg stand."""

@@ -1,12 +1,15 @@
 """A saturation as pairs of commanded and delivered torque, and its way into the effect of a profile."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from saltus.arrays import Floats
 from saltus.effects.torque_saturation import LOSS_AT_KNEE, TorqueSaturation
-from saltus.robots.robot import Robot
+from saltus.errors import ConfigError
+from saltus.real2sim.problem.log import quadruped_of
+from saltus.robots.robot import JOINTS, Robot
 
 Curve = tuple[tuple[float, float], ...]
 """Pairs of commanded and delivered torque at a joint [Nm]."""
@@ -22,6 +25,31 @@ def delivered(curve: Curve, torque: Floats) -> Floats:
     asked, given = np.array(((0.0, 0.0), *curve)).T
     slope = (given[-1] - given[-2]) / (asked[-1] - asked[-2])
     return np.asarray(np.interp(torque, asked, given) + slope * np.maximum(torque - asked[-1], 0.0))
+
+
+def fitted_to(saturation: TorqueSaturation, model: Robot | Path) -> TorqueSaturation:
+    """The saturation in the drives of a log's robot.
+
+    Raises:
+        ConfigError: it is a curve, and the log names an MJCF, which does not say to which motors it refers.
+    """
+    if saturation.curve and not isinstance(model, Robot):
+        raise ConfigError(f"a saturation given as a curve is one of a robot with a name; the log has {model}")
+    return saturation.fitted(quadruped_of(model))
+
+
+def corners_of(
+    saturation: TorqueSaturation, model: Robot | Path, places: Sequence[Mapping[str, str]]
+) -> tuple[Floats, Floats]:
+    """A saturation in pieces: from which torque on each takes [Nm] and what share, shape (blocks, places, pieces)."""
+    starts, falls = fitted_to(saturation, model).corners
+    names = [[block[place] for place in places[0] if place != "trunk"] for block in places]
+    columns = np.array([[JOINTS.index(name) if name in JOINTS else 0 for name in block] for block in names])
+    corners, slopes = (
+        np.asarray(np.broadcast_to(each, falls.shape)[:, columns].transpose(1, 2, 0), dtype=np.float64)
+        for each in (starts, falls)
+    )
+    return corners, slopes
 
 
 def with_curve(robot: Robot, before: TorqueSaturation, joints: Sequence[int], curve: Curve) -> TorqueSaturation:

@@ -8,17 +8,21 @@ shows them beside payload, centre of mass and inertia.
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import claimed_body
+from saltus.effects.effect import Effect
+from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.candidates import Claims, trunk_candidates
 from saltus.real2sim.problem.joints.candidates import LOOP_RATE, JointCandidates, Reach, beside
 from saltus.real2sim.problem.joints.drives import Hinges, lost
 from saltus.real2sim.problem.joints.excitation import LEAST_SAG_S, MOST
+from saltus.real2sim.problem.joints.torque_curve import corners_of
 from saltus.real2sim.problem.jumps.stretch import BASE, Balance, stretch_of
 from saltus.real2sim.problem.log import boxes_of, drive_torque, rates, robot_of, segments_of, torque_limits
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
@@ -73,6 +77,7 @@ class JumpProblem(Problem):
     simulator_disagreement = 0.3
     """No contact is simulated."""
     _assumed: Hinges = ()
+    held = (TorqueSaturation.name,)
 
     def __init__(self, log: RunLog) -> None:
         self.model = robot_of(log.meta)
@@ -112,6 +117,13 @@ class JumpProblem(Problem):
         )
         problem._set_candidates(tuple(self.untestable))
         return problem
+
+    def holding(self, effects: Sequence[Effect[Any]]) -> tuple[Problem, tuple[Effect[Any], ...]]:
+        """See `Problem`: no unknown can represent a measured curve."""
+        problem = self
+        for saturation in (effect for effect in effects if isinstance(effect, TorqueSaturation)):
+            problem = problem.with_saturation(*corners_of(saturation, self.model, self.places))
+        return problem, tuple(effect for effect in effects if not isinstance(effect, TorqueSaturation))
 
     def _set_candidates(self, without: Sequence[str]) -> None:
         """Those of the drives for each joint, leg by leg, then those of the trunk."""

@@ -1,6 +1,7 @@
 """A saturation told in full: delivered torque at several commands, as a dynamometer would give it."""
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,10 +9,12 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.real2sim.problem.joints.candidates import knee_and_plateau
 from saltus.real2sim.problem.joints.drives import lost
-from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.joints.torque_curve import Curve, delivered
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
 from saltus.real2sim.search.layout import STEP, Layout
+
+if TYPE_CHECKING:
+    from saltus.real2sim.problem.joints.problem import JointProblem
 
 SPACING = 5.0  # Nm between points at the strongest joint, as in the original's table
 ITERATIONS = 4
@@ -26,7 +29,7 @@ DRAWN_NM = 0.02
 EFFECT = "torque_saturation"
 
 
-def with_curves(problem: JointProblem, findings: Findings) -> Findings:
+def with_curves(problem: "JointProblem", findings: Findings) -> Findings:
     """Findings whose saturation is stated for each kind of joint, with its curve.
 
     The curve is the fitted law, or one in pieces where that leaves less of the rows that no fit has seen; then knee and
@@ -67,7 +70,7 @@ class _Pieces:
     """Place and piece of each slope that is sought."""
 
     @classmethod
-    def of_model(cls, problem: JointProblem, unknowns: Floats) -> "_Pieces":
+    def of_model(cls, problem: "JointProblem", unknowns: Floats) -> "_Pieces":
         """The pieces for a model that was fitted, unknowns of shape (blocks, unknowns)."""
         blocks = tuple(unknowns[:, problem.columns_of(EFFECT, place).start] != 0.0 for place in problem.places[0])
         spacing = SPACING * problem.limit / problem.limit.max()  # at weaker joints all happens at smaller torques
@@ -93,7 +96,7 @@ class _Pieces:
         return tuple((float(a), float(a - b)) for a, b in zip(points, taken, strict=True))
 
 
-def _fitted(problem: JointProblem, unknowns: Floats, pieces: _Pieces, weight: Floats) -> tuple[Floats, Floats]:
+def _fitted(problem: "JointProblem", unknowns: Floats, pieces: _Pieces, weight: Floats) -> tuple[Floats, Floats]:
     """Gauss-Newton on slopes and on the nuisances, which had to make up for the law that was fitted before.
 
     Returns:
@@ -121,7 +124,7 @@ def _fitted(problem: JointProblem, unknowns: Floats, pieces: _Pieces, weight: Fl
     return sought[:count], residuals(sought[None])[0].reshape(weight.shape)
 
 
-def _without(problem: JointProblem, unknowns: Floats, pieces: _Pieces) -> tuple[Floats, Floats]:
+def _without(problem: "JointProblem", unknowns: Floats, pieces: _Pieces) -> tuple[Floats, Floats]:
     """The model without its saturation, and that saturation as slopes."""
     rest, falls = unknowns.copy(), np.zeros(pieces.corners.shape)
     for j, place in enumerate(problem.places[0]):
@@ -134,7 +137,7 @@ def _without(problem: JointProblem, unknowns: Floats, pieces: _Pieces) -> tuple[
     return rest, np.array([falls[j, k] for j, k in pieces.of])
 
 
-def _names(problem: JointProblem, effect: FoundEffect, place: str) -> tuple[str, ...]:
+def _names(problem: "JointProblem", effect: FoundEffect, place: str) -> tuple[str, ...]:
     """The joints of one kind at which an effect was found."""
     names = tuple(places[place] for places in problem.places)
     return names if effect.where == "all" else tuple(name for name in names if name in effect.where)
