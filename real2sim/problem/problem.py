@@ -151,9 +151,25 @@ class Candidate:
         return next((field.metadata for field in known if field.name == parameter), {})
 
 
-def candidate(effect: str, *unknowns: Unknown, where: str, **more: Any) -> Candidate:
+def sought(parameter: str, scale: float, **more: Any) -> Callable[[str], Unknown]:
+    """An unknown that is a parameter of its effect less its null value, between the values that the effect says.
+
+    `more` are other fields of it; a shape counts from 0.
+    """
+
+    def of(effect: str) -> Unknown:
+        declared = next(field.metadata for field in fields(EFFECTS[effect]) if field.name == parameter)
+        null = 0.0 if more.get("is_shape") else float(declared.get("null", 0.0))
+        low, high = EFFECTS[effect].sought(parameter)
+        return Unknown(parameter, low - null, high - null, scale, **more)
+
+    return of
+
+
+def candidate(effect: str, *unknowns: Unknown | Callable[[str], Unknown], where: str, **more: Any) -> Candidate:
     """A candidate in one line; `more` are other fields of it."""
-    return Candidate(effect=effect, where=where, unknowns=unknowns, **more)
+    own = tuple(each if isinstance(each, Unknown) else each(effect) for each in unknowns)
+    return Candidate(effect=effect, where=where, unknowns=own, **more)
 
 
 @dataclass(frozen=True, kw_only=True)

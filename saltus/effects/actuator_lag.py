@@ -19,7 +19,7 @@ class ActuatorLag(Effect[Drive], name="actuator_lag", site="torque"):
     """
 
     # 2 to 8 ms on drives of this class
-    time_constant: Values = parameter(unit="s", null=0.0, low=0.0, high=0.1, per_joint=True)
+    time_constant: Values = parameter(unit="s", null=0.0, low=0.0, high=0.1, sought=(0.0, 0.05), per_joint=True)
     dt_s: float = period(PHYSICS_DT)
     """Period of the torque."""
 

@@ -25,7 +25,7 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
     """
 
     # 0.3 to 1 degree at the knee linkage of robots of this class
-    width: Values = parameter(unit="rad", null=0.0, low=0.0, high=0.3, per_joint=True)
+    width: Values = parameter(unit="rad", null=0.0, low=0.0, high=0.3, sought=(0.0, 0.15), per_joint=True)
     # one encoder on the motor serves law and log in most drives, two encoders in others
     motor_side: Values = parameter(unit="", null=0.0, low=0.0, high=1.0, per_joint=True)
     """Where the logged encoder sits: 0 at the joint, 1 at the motor."""

@@ -12,7 +12,7 @@ class BatterySag(Effect[Drive], name="battery_sag", site="torque"):
     """Gain that falls linearly from 1 at time 0 to 1 - `loss_at_end` at `duration_s`, and stays there."""
 
     # 5 to 20 % over a run
-    loss_at_end: Values = parameter(unit="", null=0.0, low=-1.0, high=1.0, per_joint=True)
+    loss_at_end: Values = parameter(unit="", null=0.0, low=-1.0, high=1.0, sought=(0.0, 0.7), per_joint=True)
     duration_s: float = field(default=30.0, metadata={"unit": "s", "low": 0.1, "high": 1e5, "per_joint": False})
     """Length of the run; not an effect in itself, so without null value."""
 

@@ -24,7 +24,7 @@ class CameraLatency(Effect[DepthImage], name="camera_latency", site="depth"):
     50 ms with a D435i (paper: a sine of body height against the image).
     """
 
-    latency: PerRobot = parameter(unit="s", null=0.0, low=0.0, high=0.5)
+    latency: PerRobot = parameter(unit="s", null=0.0, low=0.0, high=0.5, sought=(0.0, 0.3))
     jitter: PerRobot = parameter(unit="s", null=0.0, low=0.0, high=0.1)
     dt_s: float = period(0.01)
     """Period at which images are asked for: that of the policy."""

@@ -70,7 +70,7 @@ class LateCommand(Effect[JointCommand], site="command"):
     """Part of a command, or all of it, is `delay` old when the drive uses it."""
 
     # searched up to 25 ms by published identification methods; hobby servos reach 130 ms
-    delay: Drawable = parameter(unit="s", null=0.0, low=0.0, high=0.15, per_joint=True)
+    delay: Drawable = parameter(unit="s", null=0.0, low=0.0, high=0.15, sought=(0.0, 0.06), per_joint=True)
     dt_s: float = period(PHYSICS_DT)
     """Period of the commands."""
 

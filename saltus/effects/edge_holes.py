@@ -17,7 +17,7 @@ class EdgeHoles(Effect[DepthImage], name="edge_holes", site="depth"):
     the step of disparity.
     """
 
-    width: PerRobot = parameter(unit="px", null=0.0, low=0.0, high=100.0)
+    width: PerRobot = parameter(unit="px", null=0.0, low=0.0, high=100.0, sought=(0.0, 30.0))
 
     def apply(self, signal: DepthImage, time_s: float, state: None) -> tuple[DepthImage, None]:
         """Loses pixels."""

@@ -45,6 +45,7 @@ def parameter(
     null: Any,
     low: float,
     high: float,
+    sought: tuple[float, float] | None = None,
     per_joint: bool = False,
     adds_to: str | tuple[str, int] | None = None,
     scales: str | None = None,
@@ -56,6 +57,7 @@ def parameter(
         null: Where it changes nothing; the default.
         low: Least value.
         high: Greatest value.
+        sought: Between which values fits seek it: what hardware of this class can have; the bounds by default.
         per_joint: Whether joints may have different ones.
         adds_to: Field of the signal that it is added to, or that field and the place of one of its entries.
         scales: Field of the signal that is multiplied by the parameter over `null`.
@@ -63,6 +65,7 @@ def parameter(
     name, axis = adds_to if isinstance(adds_to, tuple) else (adds_to, None)
     changes = {"changes": name or scales, "axis": axis, "scales": scales is not None}
     metadata = {"unit": unit, "null": null, "low": low, "high": high, "per_joint": per_joint, **changes}
+    metadata["sought"] = (low, high) if sought is None else sought
     return field(default=null, metadata=metadata)
 
 
@@ -176,6 +179,13 @@ class Effect(Generic[Signal]):
         moved = {name: getattr(self, name) + change for name, change in by.items()}
         clipped = {n: np.clip(v, declared[n]["low"], declared[n]["high"]) for n, v in moved.items()}
         return dataclasses.replace(self, **{n: v if np.ndim(v) else float(v) for n, v in clipped.items()})
+
+    @classmethod
+    def sought(cls, parameter: str) -> tuple[float, float]:
+        """Between which values fits seek a parameter, in its unit."""
+        declared = next(f.metadata for f in fields(cls) if f.name == parameter)
+        low, high = declared.get("sought", (declared["low"], declared["high"]))
+        return float(low), float(high)
 
     def is_null(self) -> bool:
         """True where every parameter has the value at which nothing changes."""

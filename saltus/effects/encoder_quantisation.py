@@ -15,7 +15,7 @@ class EncoderQuantisation(Effect[JointState], name="encoder_quantisation", site=
     """The drive's angle is the nearest multiple of `step`; its velocity is not derived from it."""
 
     # 0.2 to 1.5 mrad on drives of this class
-    step: Values = parameter(unit="rad", null=0.0, low=0.0, high=0.2, per_joint=True)
+    step: Values = parameter(unit="rad", null=0.0, low=0.0, high=0.2, sought=(2e-4, 0.1), per_joint=True)
 
     @cached_property
     def _steps(self) -> tuple[Constant, Constant]:

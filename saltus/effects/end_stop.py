@@ -23,7 +23,10 @@ class EndStop(Effect[Drive], name="end_stop", site="torque"):
     upper: Values = parameter(unit="rad", null=math.inf, low=-7.0, high=7.0, per_joint=True)
     lower: Values = parameter(unit="rad", null=-math.inf, low=-7.0, high=7.0, per_joint=True)
     # that of a Go2's calves; without a stop it means nothing
-    stiffness: Values = field(default=340.0, metadata={"unit": "Nm/rad", "low": 1.0, "high": 3000.0, "per_joint": True})
+    stiffness: Values = field(
+        default=340.0,
+        metadata={"unit": "Nm/rad", "low": 1.0, "high": 3000.0, "sought": (0.0, 3000.0), "per_joint": True},
+    )
     dt_s: float = period(PHYSICS_DT)
     """Period of the torque."""
 

@@ -17,7 +17,7 @@ class FrameDrop(Effect[DepthImage], name="frame_drop", site="depth"):
     """A share `fraction` of the images is lost, each by itself; the image before stays the newest."""
 
     # 0.5 to 20 % on USB cameras under load
-    fraction: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)
+    fraction: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0, sought=(0.0, 0.87))
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Any, DepthImage | None]:
         """A key for each robot and no image."""

@@ -15,7 +15,7 @@ class HoleFill(Effect[DepthImage], name="hole_fill", site="depth"):
     """
 
     # librealsense's spatial filter offers 2 to 16 px, or no limit
-    reach: PerRobot = parameter(unit="px", null=0.0, low=0.0, high=1000.0)
+    reach: PerRobot = parameter(unit="px", null=0.0, low=0.0, high=1000.0, sought=(0.0, 30.0))
 
     def apply(self, signal: DepthImage, time_s: float, state: None) -> tuple[DepthImage, None]:
         """Fills holes."""

@@ -19,11 +19,11 @@ class ImuBias(Effect[ImuReading], name="imu_bias", site="imu"):
     """The gyroscope reads (`gyro_x`, `gyro_y`, `gyro_z`) too much; a level base is reported at `roll` and `pitch`."""
 
     # gyroscopes of this class: 0.01 to 0.05 rad/s; mounts: 0.5 to 2 degrees
-    gyro_x: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5, adds_to=(GYRO, 0))
-    gyro_y: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5, adds_to=(GYRO, 1))
-    gyro_z: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5, adds_to=(GYRO, 2))
-    roll: PerRobot = parameter(unit="rad", null=0.0, low=-0.35, high=0.35)
-    pitch: PerRobot = parameter(unit="rad", null=0.0, low=-0.35, high=0.35)
+    gyro_x: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5, sought=(-0.3, 0.3), adds_to=(GYRO, 0))
+    gyro_y: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5, sought=(-0.3, 0.3), adds_to=(GYRO, 1))
+    gyro_z: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5, sought=(-0.3, 0.3), adds_to=(GYRO, 2))
+    roll: PerRobot = parameter(unit="rad", null=0.0, low=-0.35, high=0.35, sought=(-0.3, 0.3))
+    pitch: PerRobot = parameter(unit="rad", null=0.0, low=-0.35, high=0.35, sought=(-0.3, 0.3))
 
     def apply(self, signal: ImuReading, time_s: float, state: None) -> tuple[ImuReading, None]:
         """Adds the drift, and turns the reported orientation about the base's own axes."""

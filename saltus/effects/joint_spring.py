@@ -16,8 +16,8 @@ class JointSpring(Effect[Drive], name="joint_spring", site="torque"):
     """
 
     # cables held 0.15 to 0.25 Nm at the joints of a Go2
-    torque: Values = parameter(unit="Nm", null=0.0, low=-150.0, high=150.0, per_joint=True)
-    stiffness: Values = parameter(unit="Nm/rad", null=0.0, low=0.0, high=50.0, per_joint=True)
+    torque: Values = parameter(unit="Nm", null=0.0, low=-150.0, high=150.0, sought=(-10.0, 10.0), per_joint=True)
+    stiffness: Values = parameter(unit="Nm/rad", null=0.0, low=0.0, high=50.0, sought=(0.0, 20.0), per_joint=True)
     dt_s: float = period(PHYSICS_DT)
     """Period of the torque."""
 

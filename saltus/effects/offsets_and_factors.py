@@ -20,7 +20,7 @@ class TorqueGain(Effect[Drive], name="torque_gain", site="torque"):
     """A motor is stronger or weaker than its data sheet says: torque constant, gear efficiency."""
 
     # +-10 % is the usual range of domain randomisation
-    gain: Drawable = parameter(unit="", null=1.0, low=0.0, high=2.0, per_joint=True, scales="torque")
+    gain: Drawable = parameter(unit="", null=1.0, low=0.0, high=2.0, sought=(0.3, 2.0), per_joint=True, scales="torque")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,9 @@ class ViscousFriction(Effect[Resistance], name="viscous_friction", site="joint")
     """Oil and bearings: a torque of `coefficient` times the joint's velocity against the motion."""
 
     # 0.1 to 0.4 Nm s/rad on drives of this class
-    coefficient: Drawable = parameter(unit="Nm s/rad", null=0.0, low=0.0, high=10.0, per_joint=True, adds_to="damping")
+    coefficient: Drawable = parameter(
+        unit="Nm s/rad", null=0.0, low=0.0, high=10.0, sought=(0.0, 5.0), per_joint=True, adds_to="damping"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +38,9 @@ class CoulombFriction(Effect[Resistance], name="coulomb_friction", site="joint")
     """Dry friction: at most `torque` against the motion; at standstill, whatever holds the joint still."""
 
     # 0.05 to 0.8 Nm at the joints of robots of this class
-    torque: Drawable = parameter(unit="Nm", null=0.0, low=0.0, high=20.0, per_joint=True, adds_to="friction")
+    torque: Drawable = parameter(
+        unit="Nm", null=0.0, low=0.0, high=20.0, sought=(0.0, 5.0), per_joint=True, adds_to="friction"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +48,9 @@ class Armature(Effect[Resistance], name="armature", site="joint"):
     """The rotor, seen through its gear, has `added` more inertia than claimed; it turns with the joint alone."""
 
     # the rotors of a robot of 12 kg make 0.0020 at hip and thigh and 0.0045 at the calf (manufacturers' models)
-    added: Drawable = parameter(unit="kg m2", null=0.0, low=-0.0015, high=0.5, per_joint=True, adds_to="armature")
+    added: Drawable = parameter(
+        unit="kg m2", null=0.0, low=-0.0015, high=0.5, sought=(-1e-3, 0.1), per_joint=True, adds_to="armature"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +58,9 @@ class EncoderBias(Effect[JointState], name="encoder_bias", site="joint_state"):
     """The drive reads `bias` more than the joint's true angle; log and PD law both see the reading."""
 
     # +-0.1 rad is what published identification methods allow
-    bias: Values = parameter(unit="rad", null=0.0, low=-0.5, high=0.5, per_joint=True, adds_to="position")
+    bias: Values = parameter(
+        unit="rad", null=0.0, low=-0.5, high=0.5, sought=(-0.3, 0.3), per_joint=True, adds_to="position"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +68,9 @@ class VelocityScale(Effect[JointState], name="velocity_scale", site="joint_state
     """The drive reads `scale` times the joint's true velocity; log and PD law both see the reading."""
 
     # 1.11 to 1.16 on a Go2
-    scale: Values = parameter(unit="", null=1.0, low=0.2, high=5.0, per_joint=True, scales="velocity")
+    scale: Values = parameter(
+        unit="", null=1.0, low=0.2, high=5.0, sought=(0.3, 4.0), per_joint=True, scales="velocity"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +78,7 @@ class PayloadMass(Effect[BodyModel], name="payload_mass", site="model"):
     """A box of `mass` on top of the trunk, beyond what is claimed; negative where the trunk is lighter."""
 
     # camera and computer weigh 1 kg; robots of this class carry up to 5 kg
-    mass: PerRobot = parameter(unit="kg", null=0.0, low=-3.0, high=10.0, adds_to="payload_kg")
+    mass: PerRobot = parameter(unit="kg", null=0.0, low=-3.0, high=10.0, sought=(-2.5, 8.0), adds_to="payload_kg")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +86,7 @@ class ComOffset(Effect[BodyModel], name="com_offset", site="model"):
     """The centre of mass of the trunk alone is off by (`x`, `y`, `z`) in the base frame."""
 
     # +-2 to 5 cm of domain randomisation; the trunk's half length is 0.19 m
-    x: PerRobot = parameter(unit="m", null=0.0, low=-0.19, high=0.19, adds_to=("com_shift", 0))
+    x: PerRobot = parameter(unit="m", null=0.0, low=-0.19, high=0.19, sought=(-0.1, 0.1), adds_to=("com_shift", 0))
     y: PerRobot = parameter(unit="m", null=0.0, low=-0.1, high=0.1, adds_to=("com_shift", 1))
     z: PerRobot = parameter(unit="m", null=0.0, low=-0.1, high=0.1, adds_to=("com_shift", 2))
 
@@ -97,7 +107,9 @@ class FootFriction(Effect[BodyModel], name="foot_friction", site="model"):
     """
 
     # 0.4 to 1.0 on indoor floors; ice to rubber on dry asphalt
-    coefficient: PerRobot = parameter(unit="", null=NOMINAL_FRICTION, low=0.05, high=2.0, scales="friction")
+    coefficient: PerRobot = parameter(
+        unit="", null=NOMINAL_FRICTION, low=0.05, high=2.0, sought=(0.1, 1.6), scales="friction"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +121,12 @@ class ContactCompliance(Effect[BodyModel], name="contact_compliance", site="mode
 
     # the engine takes no less than two time steps of 2 ms
     time_constant: PerRobot = parameter(
-        unit="s", null=NOMINAL_CONTACT_TIME_CONSTANT_S, low=0.004, high=0.1, scales="contact_time_constant"
+        unit="s",
+        null=NOMINAL_CONTACT_TIME_CONSTANT_S,
+        low=0.004,
+        high=0.1,
+        sought=(0.004, 0.05),
+        scales="contact_time_constant",
     )
 
 
@@ -144,7 +161,9 @@ class BaseRoll(Effect[BodyModel], name="base_roll", site="stand"):
     # the strap that held a Go2 gave 0.03 rad/Nm at least; by 10 a robot of 12 kg rolls freely
     give: PerRobot = parameter(unit="rad/Nm", null=0.0, low=0.0, high=10.0, adds_to="roll_give")
     # without a give it means nothing
-    damping: PerRobot = parameter(unit="Nm s/rad", null=0.0, low=0.0, high=10.0, adds_to="roll_damping")
+    damping: PerRobot = parameter(
+        unit="Nm s/rad", null=0.0, low=0.0, high=10.0, sought=(0.0, 5.0), adds_to="roll_damping"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,7 +171,7 @@ class CameraPitch(Effect[CameraView], name="camera_pitch", site="view"):
     """The camera is turned by `offset` about the trunk's left axis, nose down positive."""
 
     # 0.5 to 3 degrees on real robots
-    offset: PerRobot = parameter(unit="rad", null=0.0, low=-0.5, high=0.5, adds_to="pitch")
+    offset: PerRobot = parameter(unit="rad", null=0.0, low=-0.5, high=0.5, sought=(-0.2, 0.2), adds_to="pitch")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,7 +179,7 @@ class CameraHeight(Effect[CameraView], name="camera_height", site="view"):
     """The optical centre is `offset` higher in the trunk's frame."""
 
     # 5 to 20 mm on real robots
-    offset: PerRobot = parameter(unit="m", null=0.0, low=-0.3, high=0.3, adds_to=("position", 2))
+    offset: PerRobot = parameter(unit="m", null=0.0, low=-0.3, high=0.3, sought=(-0.1, 0.1), adds_to=("position", 2))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,4 +187,4 @@ class CameraFov(Effect[CameraView], name="camera_fov", site="view"):
     """The tangent of each pixel's true angle to the optical axis is `scale` times the claimed one."""
 
     # 1 to 3 % on real robots; mistakes in cropping and resizing are the usual cause
-    scale: PerRobot = parameter(unit="", null=1.0, low=0.5, high=2.0, scales="tangent_scale")
+    scale: PerRobot = parameter(unit="", null=1.0, low=0.5, high=2.0, sought=(0.8, 1.25), scales="tangent_scale")

@@ -17,7 +17,7 @@ class TemporalSmear(Effect[DepthImage], name="temporal_smear", site="depth"):
     """
 
     # weight of the new frame
-    alpha: PerRobot = parameter(unit="", null=1.0, low=0.01, high=1.0)
+    alpha: PerRobot = parameter(unit="", null=1.0, low=0.01, high=1.0, sought=(0.04, 1.0))
 
     def apply(
         self, signal: DepthImage, time_s: float, state: DepthImage | None

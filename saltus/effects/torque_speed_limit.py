@@ -25,8 +25,8 @@ class TorqueSpeedLimit(Effect[Drive], name="torque_speed_limit", site="torque"):
     30, 30, 20 rad/s.
     """
 
-    corner: Values = parameter(unit="rad/s", null=math.inf, low=0.0, high=200.0, per_joint=True)
-    no_load: Values = parameter(unit="rad/s", null=math.inf, low=1.0, high=200.0, per_joint=True)
+    corner: Values = parameter(unit="rad/s", null=math.inf, low=0.0, high=200.0, sought=(0.0, 30.0), per_joint=True)
+    no_load: Values = parameter(unit="rad/s", null=math.inf, low=0.3, high=200.0, per_joint=True)
     # torque up to the corner; by default the robot's torque limit
     stall: Values | None = from_robot("torque_limit", unit="Nm", high=1e5)
 

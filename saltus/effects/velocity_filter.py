@@ -21,7 +21,7 @@ class VelocityFilter(Effect[JointState], name="velocity_filter", site="joint_sta
     """First-order low-pass of the velocity with `time_constant`, exact where the velocity is linear between samples."""
 
     # drives of this class average over a few milliseconds
-    time_constant: Values = parameter(unit="s", null=0.0, low=0.0, high=0.1, per_joint=True)
+    time_constant: Values = parameter(unit="s", null=0.0, low=0.0, high=0.1, sought=(0.0, 0.05), per_joint=True)
     dt_s: float = period(PHYSICS_DT)
     """Period of the velocity."""
 

@@ -7,17 +7,17 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.effects.body import LEAST_TURNING_M, NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, claimed_body
+from saltus.effects.offsets_and_factors import ContactCompliance, FootFriction
 from saltus.effects.torque_saturation import LOSS_AT_KNEE, TorqueSaturation
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.replay import Rig
 from saltus.real2sim.problem.joints.candidates import beside
-from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate
+from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate, sought
 
-SMALLEST_TIME_CONSTANT_S = 0.004  # the engine takes no less than two time steps
-LARGEST_TIME_CONSTANT_S = 0.05
+SMALLEST_TIME_CONSTANT_S, LARGEST_TIME_CONSTANT_S = ContactCompliance.sought("time_constant")
 LEAST_SOFTER = 3.0
 """A ground of twice the claimed time constant is within bounds, however soft that is."""
-FRICTION_RANGE = (0.1, 1.6)
+FRICTION_RANGE = FootFriction.sought("coefficient")
 SECANT = 4.0
 """Searches step by a quarter of a scale; a scale of four times a step makes them take the whole step."""
 LARGEST_CREEP = 1.2
@@ -71,9 +71,9 @@ class Claims:
 def trunk_candidates() -> tuple[Candidate, ...]:
     """Candidates for the mass of the trunk and what it carries."""
     return (
-        candidate("payload_mass", Unknown("mass", -2.5, 8.0, 0.4), where="trunk"),
-        candidate("com_offset", *(Unknown(a, -0.1, 0.1, 0.01) for a in "xyz"), where="trunk"),
-        candidate("base_inertia", Unknown("scale", -0.7, 2.0, 0.8), where="trunk"),
+        candidate("payload_mass", sought("mass", 0.4), where="trunk"),
+        candidate("com_offset", *(sought(axis, 0.01) for axis in "xyz"), where="trunk"),
+        candidate("base_inertia", sought("scale", 0.8), where="trunk"),
     )
 
 
@@ -114,10 +114,10 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
                 unknowns=lambda values: (claims.softness(values["time_constant"]),),
             ),
         ),
-        candidate("soft_feet", Unknown("torsion", 0.0, 0.2, 0.01), Unknown("rolling", 0.0, 0.1, 0.005), where="feet"),
-        candidate("torque_gain", Unknown("gain", -0.5, 0.5, 0.02), where="joints"),
-        candidate("battery_sag", Unknown("loss_at_end", -0.1, 0.6, 0.04), where="joints"),
-        candidate("command_delay", Unknown("delay", 0.0, 0.05, 0.004), where="joints"),
+        candidate("soft_feet", sought("torsion", 0.01), sought("rolling", 0.005), where="feet"),
+        candidate("torque_gain", sought("gain", 0.02), where="joints"),
+        candidate("battery_sag", sought("loss_at_end", 0.04), where="joints"),
+        candidate("command_delay", sought("delay", 0.004), where="joints"),
         candidate(
             "torque_saturation",
             Unknown("loss", 0.0, 0.95, 0.2),
@@ -129,8 +129,8 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
                 unknowns=lambda _: (0.0, CORNERS_NM[0]),  # what a profile has is held, not fitted
             ),
         ),
-        candidate("viscous_friction", Unknown("coefficient", 0.0, 2.0, 0.05), where="joints"),
-        candidate("coulomb_friction", Unknown("torque", 0.0, 4.0, 0.1), where="joints"),
+        candidate("viscous_friction", sought("coefficient", 0.05), where="joints"),
+        candidate("coulomb_friction", sought("torque", 0.1), where="joints"),
         candidate("drive_rate", Unknown("continuous", 0.0, 1.0, 1.0), is_nuisance=True, where="joints"),
         # of a contact a log claims friction and time constant; engines want more to be said, and a step of time
         candidate(

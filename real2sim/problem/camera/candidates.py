@@ -6,7 +6,10 @@ from functools import partial
 
 from saltus.arrays import Floats
 from saltus.depth import BASELINE_M
-from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate
+from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.frame_drop import FrameDrop
+from saltus.effects.temporal_smear import TemporalSmear
+from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate, sought
 
 FLOOR = 1.3e-3  # 1/m: noise of a D435 over z^2 (plane fits on real frames)
 
@@ -20,26 +23,28 @@ def camera_candidates(latency_s: float, focal_px: float, ends_m: tuple[float, fl
     `ends_m` are the farthest depths with all and with nothing cut.
     """
     clip_m, farthest_m = ends_m
+    latest_s = CameraLatency.sought("latency")[1]  # beyond the claim
+    least_alpha, most_dropped = TemporalSmear.sought("alpha")[0], FrameDrop.sought("fraction")[1]
     sigma_px = FLOOR * focal_px * BASELINE_M  # of the disparity, where the variance of depth is one
     return (
         _candidate(
             "camera_latency",
-            Unknown("latency", -latency_s, 0.3, 1e-3),
+            Unknown("latency", -latency_s, latest_s, 1e-3),
             coordinates=Coordinates.less("latency", latency_s),
         ),
         # lag in frames, (1 - alpha) / alpha: what an image is behind by in the mean is linear in it
         _candidate(
             "temporal_smear",
-            Unknown("lag", 0.0, 24.0, 0.05),
+            Unknown("lag", 0.0, 1.0 / least_alpha - 1.0, 0.05),
             coordinates=Coordinates(
                 parameters=lambda x: {"alpha": 1.0 / (1.0 + float(x[0]))},
                 unknowns=lambda values: (1.0 / values["alpha"] - 1.0,),
             ),
         ),
-        _candidate("camera_pitch", Unknown("offset", -0.2, 0.2, 1e-3)),
-        _candidate("camera_height", Unknown("offset", -0.1, 0.1, 1e-3)),
-        *(_candidate(name, Unknown("scale", -0.2, 0.25, 3e-3)) for name in ("camera_fov", "depth_scale")),
-        _candidate("depth_bias", Unknown("bias", -0.1, 0.1, 1e-3)),
+        _candidate("camera_pitch", sought("offset", 1e-3)),
+        _candidate("camera_height", sought("offset", 1e-3)),
+        *(_candidate(name, sought("scale", 3e-3)) for name in ("camera_fov", "depth_scale")),
+        _candidate("depth_bias", sought("bias", 1e-3)),
         # of what lies beyond the end, how much is cut; where the end is, images say themselves
         _candidate(
             "range_clip",
@@ -58,12 +63,12 @@ def camera_candidates(latency_s: float, focal_px: float, ends_m: tuple[float, fl
                 unknowns=lambda values: ((values["subpixel_sigma"] / sigma_px) ** 2,),
             ),
         ),
-        _candidate("edge_holes", Unknown("width", 0.0, 30.0, 0.3)),
-        _candidate("hole_fill", Unknown("reach", 0.0, 30.0, 0.3)),
+        _candidate("edge_holes", sought("width", 0.3)),
+        _candidate("hole_fill", sought("reach", 0.3)),
         # the square root of a share has a scatter that does not depend on the share
         _candidate(
             "frame_drop",
-            Unknown("angle", 0.0, 1.2, 0.03),
+            Unknown("angle", 0.0, math.asin(math.sqrt(most_dropped)), 0.03),
             coordinates=Coordinates(
                 parameters=lambda x: {"fraction": math.sin(float(x[0])) ** 2},
                 unknowns=lambda values: (math.asin(math.sqrt(values["fraction"])),),

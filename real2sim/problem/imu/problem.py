@@ -9,9 +9,9 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem import rotations
-from saltus.real2sim.problem.imu.windows import BLOCK_STEPS, BLOCKS, LONGEST_DELAY_S, STEP_S, WINDOW_STEPS, cut_windows
+from saltus.real2sim.problem.imu.windows import BLOCK_STEPS, BLOCKS, STEP_S, WINDOW_STEPS, cut_windows
 from saltus.real2sim.problem.log import sampled, segments_of
-from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem, Unknown, candidate
+from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem, Unknown, candidate, sought
 from saltus.recordings.run_log import RunLog
 from saltus.rotations import quaternion_from_roll_pitch_yaw, quaternion_inverse, quaternion_product
 
@@ -29,11 +29,11 @@ LEAST_SIGMA = 6.0
 
 def imu_candidates() -> tuple[Candidate, ...]:
     """The effects of an IMU, nuisances last."""
-    tilt = [Unknown(name, -0.3, 0.3, 0.01) for name in ("roll", "pitch")]
+    tilt = [sought(name, 0.01) for name in ("roll", "pitch")]
     axes = [Unknown(name, -0.3, 0.3, 0.02) for name in ("roll", "pitch", "yaw")]
     return (
-        candidate("imu_bias", *(Unknown(f"gyro_{axis}", -0.3, 0.3, 0.01) for axis in "xyz"), *tilt, where="imu"),
-        candidate("imu_latency", Unknown("delay", 0.0, LONGEST_DELAY_S, 0.002), where="imu"),
+        candidate("imu_bias", *(sought(f"gyro_{axis}", 0.01) for axis in "xyz"), *tilt, where="imu"),
+        candidate("imu_latency", sought("delay", 0.002), where="imu"),
         # a bias of the reported tilt may or may not turn the gyroscope's axes too
         candidate("gyro_axes", *axes, where="imu", is_nuisance=True),
         # a gyroscope's sample may stand for the step before it, or for the one after

@@ -7,6 +7,7 @@ import numpy as np
 
 from saltus.arrays import Floats, Indices
 from saltus.constants import PHYSICS_DT
+from saltus.effects.imu_latency import ImuLatency
 from saltus.errors import RecordingError
 from saltus.real2sim.problem import rotations
 from saltus.real2sim.problem.log import sampled
@@ -23,7 +24,7 @@ BLOCKS = 50
 WINDOW_STEPS = BLOCKS * BLOCK_STEPS
 WINDOWS = 40
 """At most this many, spread over the log: 40 s tell all that there is to tell."""
-LONGEST_DELAY_S = 0.1
+LONGEST_DELAY_S = ImuLatency.sought("delay")[1]
 GAP_S = 0.05
 """Windows in which the base is not measured for so long are left out."""
 REST_RATIO = 1.3

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import Floats
+from saltus.effects.joint_spring import JointSpring
 from saltus.effects.torque_saturation import LOSS_AT_KNEE
 from saltus.real2sim.problem.joints.drives import Drives
-from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate
+from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate, sought
 
 NO_KNEE = 200.0  # [Nm] stated where the loss never reaches that share
 HALF_FREE = 0.02
@@ -46,30 +47,30 @@ _kind = partial(
 )  # at any joint; starts that are shares of what a log reaches are scaled later
 
 
-# Bounds are those of the effects, or what drives of this class can have; scales are the smallest changes that matter on
+# Bounds of parameters are those of the effects; scales are the smallest changes that matter on
 # hardware (magnitudes published for robots of this class). Resolutions are what fits find in logs without any effect
 # that another simulator made, whose velocities are half an integration step, 0.06 ms, late.
 KINDS = (
     # packets come with jitter, of which a delay says nothing
     _kind(
         "command_delay",
-        Unknown("delay", 0.0, 0.06, 1e-3),
+        sought("delay", 1e-3),
         starts=((0.004,), (0.012,)),
         resolution=5e-5,
         closable_share=JITTERS,
     ),
     _kind(
         "feedforward_delay",
-        Unknown("delay", 0.0, 0.06, 1e-3),
+        sought("delay", 1e-3),
         starts=((0.004,), (0.012,)),
         resolution=4e-4,
         closable_share=JITTERS,
     ),
-    _kind("actuator_lag", Unknown("time_constant", 0.0, 0.05, 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
+    _kind("actuator_lag", sought("time_constant", 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
     _kind(  # starts are shares of the largest speed of the log
         "torque_speed_limit",
         _weight(),
-        _shape("corner", 0.0, 30.0, 1.0),
+        sought("corner", 1.0, is_shape=True),
         _shape("span", 0.3, 60.0, 1.0),
         starts=((1.0, 0.0, 1.3), (1.0, 0.3, 0.5), (1.0, 0.5, 0.2), (1.0, 0.6, 0.7)),
         coordinates=Coordinates(
@@ -84,20 +85,20 @@ KINDS = (
         _shape("rounding", 0.05, 10.0, 0.5),
         starts=((0.4, 0.2, 1.0), (0.4, 0.4, 1.0), (0.4, 0.6, 1.0), (0.4, 0.8, 1.0)),
     ),
-    _kind("torque_gain", Unknown("gain", -0.7, 1.0, 0.01), resolution=4e-3),
-    _kind("battery_sag", Unknown("loss_at_end", 0.0, 0.7, 0.01), starts=((0.1,),)),
-    _kind("viscous_friction", Unknown("coefficient", 0.0, 5.0, 0.02), starts=((0.1,),), resolution=2e-3),
+    _kind("torque_gain", sought("gain", 0.01), resolution=4e-3),
+    _kind("battery_sag", sought("loss_at_end", 0.01), starts=((0.1,),)),
+    _kind("viscous_friction", sought("coefficient", 0.02), starts=((0.1,),), resolution=2e-3),
     _kind(
         "coulomb_friction",
-        Unknown("torque", 0.0, 5.0, 0.04),
+        sought("torque", 0.04),
         _bend(),
         starts=((0.2, 0.0), (0.2, 5e-4)),
         resolution=2e-3,
     ),
     _kind(
         "stiction",
-        Unknown("breakaway", 0.0, 5.0, 0.1),
-        _shape("stribeck_velocity", 0.01, 2.0, 0.02),
+        sought("breakaway", 0.1),
+        sought("stribeck_velocity", 0.02, is_shape=True),
         _bend(),
         starts=((0.3, 0.05, 0.0), (0.3, 0.25, 0.0), (0.3, 0.05, 5e-4)),
         model_error=0.12,  # bristles that bend blunt the peak at standstill: the laws differ by 10 to 20 %
@@ -105,21 +106,21 @@ KINDS = (
     ),
     _kind(
         "backlash",
-        Unknown("width", 0.0, 0.15, 2e-3),
-        Unknown("motor_side", 0.0, 1.0, 0.5, is_shape=True, is_choice=True),
+        sought("width", 2e-3),
+        sought("motor_side", 0.5, is_shape=True, is_choice=True),
         starts=((0.01, 0.0), (0.01, 1.0)),
         resolution=1e-4,
         closable_share=0.9,  # which tooth a light leg lies on when little torque is asked for is up to chance
     ),
     _kind(
         "joint_spring",
-        Unknown("pull", -10.0, 10.0, 0.05),
-        Unknown("stiffness", 0.0, 20.0, 0.2),
+        Unknown("pull", *JointSpring.sought("torque"), 0.05),
+        sought("stiffness", 0.2),
         least_closed=0.95,  # true ones close 0.998; an integral term of the drive, which it imitates, 0.79 to 0.90
     ),
     _kind(  # how far the stop reaches into the range of the log
         "end_stop",
-        Unknown("stiffness", 0.0, 3000.0, 10.0),
+        sought("stiffness", 10.0),
         _shape("depth", 0.0, 0.4, 0.005),
         starts=((300.0, 0.02), (300.0, 0.06), (300.0, 0.15)),
     ),
@@ -127,7 +128,7 @@ KINDS = (
         "base_roll",
         _weight(),
         _shape("freedom", 0.0, 0.99, 0.02),
-        _shape("damping", 0.0, 5.0, 0.1),
+        sought("damping", 0.1, is_shape=True),
         starts=((1.0, 0.1, 0.3), (1.0, 0.5, 0.3), (1.0, 0.9, 0.3)),
         model_error=0.05,
         coordinates=Coordinates(
@@ -135,13 +136,17 @@ KINDS = (
             unknowns=lambda values: (1.0, values["give"] / (HALF_FREE + values["give"]), values["damping"]),
         ),
     ),
-    _kind("armature", Unknown("added", -1e-3, 0.1, 5e-4), resolution=7e-5),
-    _kind("encoder_bias", Unknown("bias", -0.3, 0.3, 2e-3), resolution=4e-3),
+    _kind("armature", sought("added", 5e-4), resolution=7e-5),
+    _kind("encoder_bias", sought("bias", 2e-3), resolution=4e-3),
     _kind(
-        "encoder_quantisation", _weight(), _shape("step", 2e-4, 0.1, 1e-6), starts=((1.0, 0.005),), closable_share=0.95
+        "encoder_quantisation",
+        _weight(),
+        sought("step", 1e-6, is_shape=True),
+        starts=((1.0, 0.005),),
+        closable_share=0.95,
     ),
-    _kind("velocity_filter", Unknown("time_constant", 0.0, 0.05, 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
-    _kind("velocity_scale", Unknown("scale", -0.7, 3.0, 0.02)),
+    _kind("velocity_filter", sought("time_constant", 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
+    _kind("velocity_scale", sought("scale", 0.02)),
     _kind(LOOP_RATE, Unknown("rate", 0.0, 1.0, 0.25), starts=((0.5,),), is_nuisance=True),
 )
 
