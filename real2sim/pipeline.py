@@ -169,7 +169,7 @@ def _added(
 ) -> Examination:
     """The examination with the findings of one more problem; without them where nothing was left to test them by."""
     try:
-        findings = problem.finished(search(problem, progress=progress, seed=seed))
+        findings = sensor.finished(problem, search(problem, progress=progress, seed=seed))
     except Exception as error:  # as above
         return _failed(examination, sensor, error)
     if not findings.gaps:

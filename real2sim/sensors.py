@@ -10,6 +10,7 @@ from saltus.real2sim.extent import moving_s, seeing_s, standing_s, turning_s
 from saltus.real2sim.problem.body.support import LEAST_SHARE, carried_by
 from saltus.real2sim.problem.log import has_changing_gains, robot_of, untold
 from saltus.real2sim.problem.problem import Problem
+from saltus.real2sim.search.findings import Findings
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import JOINTS
 
@@ -19,6 +20,17 @@ NO_EFFECTS_OF_HARDWARE = ("sample_and_hold", "heightmap_shift")
 DRIVES: tuple[Site, ...] = ("command", "torque", "joint", "joint_state", "stand")
 """Where the effects act that a held robot's joints show."""
 CHANGING_GAINS = "gains change from command to command: replays take one kp and one kd for each joint"
+
+
+def _as_found(problem: Problem, findings: Findings) -> Findings:
+    del problem
+    return findings
+
+
+def _with_curves(problem: Problem, findings: Findings) -> Findings:
+    from saltus.real2sim.saturation_curve import with_curves
+
+    return with_curves(problem, findings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +55,9 @@ class Sensor:
     """Typical time to prepare the problem [s], for the progress bar."""
     search_s: float
     """Typical time of the search [s]."""
+
+    finished: Callable[[Problem, Findings], Findings] = _as_found
+    """Findings with what the log tells of them beyond the unknowns of their problem."""
 
     def is_brief(self, logs: Sequence[RunLog]) -> str:
         """Says that logs together are too short for anything to be named and tested; else empty."""
@@ -133,6 +148,7 @@ SENSORS = (
     Sensor(
         name="joints", sites=DRIVES, lacks=_no_held_base, problem=_joints, lasts_s=moving_s, least_s=LEAST_S,
         needs="motion", experiment="joint_tour", prepare_s=1.0, search_s=30.0,
+        finished=_with_curves,
     ),
     Sensor(
         name="camera", sites=("depth", "view"), lacks=_no_images, problem=_camera, lasts_s=seeing_s, least_s=LEAST_S,

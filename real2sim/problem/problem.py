@@ -8,16 +8,13 @@ variance. The search (`saltus.real2sim.search.search`) knows nothing of robots, 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from saltus.arrays import Floats, Indices
 from saltus.effects.effect import Effect
 from saltus.effects.registry import EFFECTS
-
-if TYPE_CHECKING:
-    from saltus.real2sim.search.findings import Findings
 
 LARGEST_RESIDUAL = 100.0
 """Residuals are clipped to +- this value: a diverged simulation says no more than one that is far off."""
@@ -258,10 +255,6 @@ class Problem(ABC):
             ConfigError: an effect that the drives of the log's robot cannot have.
         """
         return self, tuple(effects)
-
-    def finished(self, findings: "Findings") -> "Findings":
-        """What was found of this problem, with what the log tells of it beyond the unknowns."""
-        return findings
 
     @property
     def names(self) -> tuple[str, ...]:

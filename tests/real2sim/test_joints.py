@@ -28,7 +28,7 @@ from saltus.real2sim.problem.joints.drives import lost
 from saltus.real2sim.problem.joints.excitation import _step
 from saltus.real2sim.problem.joints.friction import rubbed
 from saltus.real2sim.problem.joints.problem import JointProblem
-from saltus.real2sim.problem.joints.saturation_curve import _fitted, _Pieces
+from saltus.real2sim.saturation_curve import _fitted, _Pieces
 from saltus.real2sim.search.search import search
 from saltus.recordings.run_log import JOINT_SIGNALS, JointTable, RunLog
 from saltus.robots.robot import JOINTS

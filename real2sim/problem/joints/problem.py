@@ -21,11 +21,9 @@ from saltus.real2sim.problem.joints.grid import Grid
 from saltus.real2sim.problem.joints.motion import motions_of, twice_as_fine, uniform_rows, windows_of
 from saltus.real2sim.problem.joints.noise import Whitening, quieter, repeated, smooth_left_out, whitening
 from saltus.real2sim.problem.joints.replay import SimulatedMeans, replay
-from saltus.real2sim.problem.joints.saturation_curve import with_curves
 from saltus.real2sim.problem.joints.torque_curve import corners_of
 from saltus.real2sim.problem.log import gains, model_of, segments_of, torque_limits
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
-from saltus.real2sim.search.findings import Findings
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import LINKS, Robot
 from saltus.sim.held_robot import HeldRobot
@@ -131,10 +129,6 @@ class JointProblem(Problem):
             problem = problem.with_saturation(*corners_of(saturation, self.model, self.places))
         problem._holds_limit = any(isinstance(effect, TorqueSpeedLimit) for effect in effects)
         return problem, tuple(effect for effect in effects if not isinstance(effect, TorqueSaturation))
-
-    def finished(self, findings: Findings) -> Findings:
-        """See `Problem`: a saturation is stated as a curve."""
-        return with_curves(self, findings)
 
     def columns_of(self, effect: str, place: str) -> slice:
         """Where the unknowns of an effect at a place of a leg stand."""

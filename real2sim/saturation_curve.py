@@ -1,7 +1,6 @@
 """A saturation told in full: delivered torque at several commands, as a dynamometer would give it."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,12 +8,11 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.real2sim.problem.joints.candidates import knee_and_plateau
 from saltus.real2sim.problem.joints.drives import lost
+from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.joints.torque_curve import Curve, delivered
+from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
 from saltus.real2sim.search.layout import STEP, Layout
-
-if TYPE_CHECKING:
-    from saltus.real2sim.problem.joints.problem import JointProblem
 
 SPACING = 5.0  # Nm between points at the strongest joint, as in the original's table
 ITERATIONS = 4
@@ -29,12 +27,14 @@ DRAWN_NM = 0.02
 EFFECT = "torque_saturation"
 
 
-def with_curves(problem: "JointProblem", findings: Findings) -> Findings:
+def with_curves(problem: Problem, findings: Findings) -> Findings:
     """Findings whose saturation is stated for each kind of joint, with its curve.
 
     The curve is the fitted law, or one in pieces where that leaves less of the rows that no fit has seen; then knee and
-    plateau are read off it.
+    plateau are read off it. Several logs together, and what is beside a profile, have none.
     """
+    if not isinstance(problem, JointProblem):
+        return findings
     left, found = findings.residuals, [effect for effect in findings.effects if effect.name == EFFECT]
     places = list(problem.places[0])
     here = [[(effect, names) for effect in found if (names := _names(problem, effect, place))] for place in places]
@@ -70,7 +70,7 @@ class _Pieces:
     """Place and piece of each slope that is sought."""
 
     @classmethod
-    def of_model(cls, problem: "JointProblem", unknowns: Floats) -> "_Pieces":
+    def of_model(cls, problem: JointProblem, unknowns: Floats) -> "_Pieces":
         """The pieces for a model that was fitted, unknowns of shape (blocks, unknowns)."""
         blocks = tuple(unknowns[:, problem.columns_of(EFFECT, place).start] != 0.0 for place in problem.places[0])
         spacing = SPACING * problem.limit / problem.limit.max()  # at weaker joints all happens at smaller torques
@@ -96,7 +96,7 @@ class _Pieces:
         return tuple((float(a), float(a - b)) for a, b in zip(points, taken, strict=True))
 
 
-def _fitted(problem: "JointProblem", unknowns: Floats, pieces: _Pieces, weight: Floats) -> tuple[Floats, Floats]:
+def _fitted(problem: JointProblem, unknowns: Floats, pieces: _Pieces, weight: Floats) -> tuple[Floats, Floats]:
     """Gauss-Newton on slopes and on the nuisances, which had to make up for the law that was fitted before.
 
     Returns:
@@ -124,7 +124,7 @@ def _fitted(problem: "JointProblem", unknowns: Floats, pieces: _Pieces, weight: 
     return sought[:count], residuals(sought[None])[0].reshape(weight.shape)
 
 
-def _without(problem: "JointProblem", unknowns: Floats, pieces: _Pieces) -> tuple[Floats, Floats]:
+def _without(problem: JointProblem, unknowns: Floats, pieces: _Pieces) -> tuple[Floats, Floats]:
     """The model without its saturation, and that saturation as slopes."""
     rest, falls = unknowns.copy(), np.zeros(pieces.corners.shape)
     for j, place in enumerate(problem.places[0]):
@@ -137,7 +137,7 @@ def _without(problem: "JointProblem", unknowns: Floats, pieces: _Pieces) -> tupl
     return rest, np.array([falls[j, k] for j, k in pieces.of])
 
 
-def _names(problem: "JointProblem", effect: FoundEffect, place: str) -> tuple[str, ...]:
+def _names(problem: JointProblem, effect: FoundEffect, place: str) -> tuple[str, ...]:
     """The joints of one kind at which an effect was found."""
     names = tuple(places[place] for places in problem.places)
     return names if effect.where == "all" else tuple(name for name in names if name in effect.where)
