@@ -20,7 +20,7 @@ SAMPLED = sampled_model_camera(ROWS, COLUMNS)
 """Pixels of stereo cameras: some rays for each pixel of the model."""
 
 
-class Views(Protocol):
+class BatchRenderer(Protocol):
     """Images of the cameras of n robots without errors; `truth` says where the robots are."""
 
     def depth(self, truth: Any) -> Array:
@@ -37,7 +37,7 @@ class Eyes:
 
     Args:
         camera: Which one they have.
-        views: Of the model's camera, of `SAMPLED` where there is a `stereo`.
+        renderer: Of the model's camera, of `SAMPLED` where there is a `stereo`.
         chain: What happens to an image until a camera gives it out (`CameraChain.taken`).
         memory: Of that, before the first image.
         stereo: Errors of matching; None for true depth.
@@ -47,13 +47,13 @@ class Eyes:
     def __init__(
         self,
         camera: DepthCamera,
-        views: Views,
+        renderer: BatchRenderer,
         chain: CameraChain,
         memory: CameraState,
         stereo: StereoCamera | None = None,
         state: StereoState = (),
     ) -> None:
-        self.camera, self._views, self._stereo = camera, views, stereo
+        self.camera, self._renderer, self._stereo = camera, renderer, stereo
         self._chain, self._memory, self._state = chain, memory, state
         self._fresh: Array | None = None
 
@@ -61,7 +61,7 @@ class Eyes:
         """Takes an image of every robot where it is the time.
 
         Args:
-            truth: See `Views`.
+            truth: See `BatchRenderer`.
             step: Of 10 ms since the first; to be asked for one after the other.
             fresh: Robots that start anew, bool, shape (n,): their cameras forget.
 
@@ -74,9 +74,9 @@ class Eyes:
         xp, time_s = namespace(fresh), step * POLICY_DT
         times = xp.full(len(fresh), time_s, dtype=xp.float64, device=fresh.device)
         if self._stereo is None:
-            depth = self._views.depth(truth)
+            depth = self._renderer.depth(truth)
         else:
-            pair = self._views.pair(truth)
+            pair = self._renderer.pair(truth)
             matched, self._state = self._stereo.step(*pair, times, self._state)
             depth = pooled(matched.depth, ROWS, COLUMNS)
         exposed = DepthImage(depth=self.camera.for_model(depth), time_s=times)

@@ -81,7 +81,7 @@ class DeviceCameras:
         self._eyes = {
             name: Eyes(
                 kind,
-                _Views(self._casters[name], self._optics[name].baseline_m),
+                _WarpBatch(self._casters[name], self._optics[name].baseline_m),
                 self._chain,
                 memory,
                 stereo.get(name),
@@ -109,8 +109,8 @@ class DeviceCameras:
         return map_arrays(lambda array: torch.as_tensor(array, device=self._device), state)
 
 
-class _Views:
-    """See `saltus.render.eyes.Views`; robots are where courses and `qpos` say."""
+class _WarpBatch:
+    """See `saltus.render.eyes.BatchRenderer`; robots are where courses and `qpos` say."""
 
     def __init__(self, caster: WarpCaster, baseline_m: float) -> None:
         self._caster, self._baseline_m = caster, baseline_m

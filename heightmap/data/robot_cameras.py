@@ -72,15 +72,15 @@ def robot_cameras(
         state = stacked([stereo.init((), rng) for rng in streams])
     taken = chain.taken
     given, carried = memory[: len(taken.effects)], memory[len(taken.effects) :]
-    views = _Views([setup.terrain for setup in setups], optics, view)
+    views = _EmbreeBatch([setup.terrain for setup in setups], optics, view)
     eyes = Eyes(camera, views, taken, given, stereo, state)
     blank = np.zeros((len(trials), MODEL_CAMERA.height, MODEL_CAMERA.width), np.uint16)
     nothing = DepthImage(depth=blank, time_s=np.zeros(len(trials)))
     return RobotCameras(eyes, LateImages(chain.carried, carried, nothing))
 
 
-class _Views:
-    """See `saltus.render.eyes.Views`: images of robots on the same terrain are rendered together."""
+class _EmbreeBatch:
+    """See `saltus.render.eyes.BatchRenderer`: images of robots on the same terrain are rendered together."""
 
     def __init__(self, terrains: Sequence[Terrain], optics: Optics, view: RobotCamera) -> None:
         robots: dict[int, list[int]] = {}

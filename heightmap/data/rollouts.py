@@ -96,7 +96,7 @@ def _drawn_stereo(camera: DepthCamera, count: int, rng: np.random.Generator) -> 
 
 
 class _Recorded:
-    """See `saltus.render.eyes.Views`: robots are where they were at the numbered exposure.
+    """See `saltus.render.eyes.BatchRenderer`: robots are where they were at the numbered exposure.
 
     The camera of a robot whose run is over stands still; what it takes is not kept.
     """

@@ -7,7 +7,7 @@ import numpy as np
 
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import DEPTH, HeightmapService, worse
-from saltus.heightmap.service.sight import Inputs, Tick
+from saltus.heightmap.service.sight import Tick, TickInputs
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 from saltus.wire.topics import Topic
 
@@ -107,7 +107,7 @@ class FleetService:
 
     def step(self, arrivals: Mapping[str, RobotRequest]) -> dict[str, Heightmap]:
         """Answers those robots that ask, by name, each as `HeightmapService.step` would."""
-        asked: list[tuple[HeightmapService, RobotRequest, Inputs]] = []
+        asked: list[tuple[HeightmapService, RobotRequest, TickInputs]] = []
         for name, arrival in arrivals.items():
             self._robots[name].accept(arrival)
             for service in self._robots[name].services:
@@ -130,7 +130,7 @@ class FleetService:
         return robot.service.last
 
 
-def _run(network: HeightmapNetwork, asked: list[Inputs]) -> list[Tick]:
+def _run(network: HeightmapNetwork, asked: list[TickInputs]) -> list[Tick]:
     """One call of the network for all, each of whom is one robot."""
     together = network.tick(*map(np.concatenate, zip(*asked, strict=True)))
     return [Tick(*(rows[i : i + 1] for rows in together)) for i in range(len(asked))]

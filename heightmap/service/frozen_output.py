@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saltus.heightmap.service.sight import Inputs, Tick
+from saltus.heightmap.service.sight import Tick, TickInputs
 
 FROZEN_NS = 1_000_000_000
 """A trotting or bounding robot goes through two cycles in this time: no terrain looks the same to the last bit."""
@@ -14,9 +14,9 @@ class FrozenOutput:
     def __init__(self) -> None:
         self._since_ns = 0
         self._tick: Tick | None = None
-        self._inputs: Inputs | None = None
+        self._inputs: TickInputs | None = None
 
-    def step(self, inputs: Inputs, tick: Tick, time_ns: int) -> bool:
+    def step(self, inputs: TickInputs, tick: Tick, time_ns: int) -> bool:
         """True where the output has been the same for more than a second, at the time of a robot state."""
         first, asked = self._tick, self._inputs
         if first is None or asked is None or not _same_output(first, tick):
@@ -29,6 +29,6 @@ def _same_output(left: Tick, right: Tick) -> bool:
     return all(a.tobytes() == b.tobytes() for a, b in zip(left[:2], right[:2], strict=True))
 
 
-def _same_input(left: Inputs, right: Inputs) -> bool:
+def _same_input(left: TickInputs, right: TickInputs) -> bool:
     """Image and features: the age of an image changes with every tick, whatever there is to see."""
     return np.array_equal(left.image, right.image) and np.array_equal(left.features, right.features)

@@ -58,7 +58,7 @@ class HeightmapNetwork:
         self._calls: dict[int, _Call] = {}
 
     def tick(self, image: Singles, age_s: Floats, new: NDArray[np.bool_], features: Singles, hidden: Singles) -> Tick:
-        """Runs one tick of many robots; see `saltus.heightmap.service.sight.Inputs`."""
+        """Runs one tick of many robots; see `saltus.heightmap.service.sight.TickInputs`."""
         height, std, hidden_out = self._call(len(image)).run((image, age_s, new, features, hidden))
         return Tick(height, np.float32(INTERVAL90) * std, hidden_out)
 

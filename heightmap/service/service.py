@@ -14,9 +14,9 @@ from saltus.heightmap.service.frozen_output import FrozenOutput
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.sight import (
     BAD_OUTPUTS_TO_FORGET,
-    Inputs,
     Sight,
     Tick,
+    TickInputs,
 )
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import TOPICS, Topic
@@ -117,7 +117,7 @@ class HeightmapService:
             return self._last
         return self.finish(state, inputs, self._network.tick(*inputs), now_ns)
 
-    def prepare(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Inputs | None:
+    def prepare(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> TickInputs | None:
         """First part of `step`: takes the frame in and says what the network is to be given.
 
         None where the state was answered already, by `last`.
@@ -130,7 +130,7 @@ class HeightmapService:
         features = proprioception_of(state, self._network.legs)[None]
         return self._sight.inputs(self._time_s(state.time_ns), new, features)
 
-    def finish(self, state: RobotState, inputs: Inputs, tick: Tick, now_ns: int) -> Heightmap:
+    def finish(self, state: RobotState, inputs: TickInputs, tick: Tick, now_ns: int) -> Heightmap:
         """Second part of `step`: judges what the network made of `inputs`, and answers."""
         if self._sight.judge(tick)[0]:
             status = self._input_status(state, now_ns)

@@ -30,7 +30,7 @@ LONGEST_GAP_S = (MAX_MISSED_FRAMES + 1.5) / TOPICS["camera/depth"].rate_hz
 _ROUNDING_S = 1e-6  # times that are meant to be equal may differ by rounding
 
 
-class Inputs(NamedTuple):
+class TickInputs(NamedTuple):
     """Inputs of one tick of n robots."""
 
     image: Array
@@ -65,7 +65,7 @@ class Network(Protocol):
     """How many heights it tells."""
 
     def tick(self, image: Array, age_s: Array, new: Array, features: Array, hidden: Array) -> Tick:
-        """One tick of many robots; arguments are those of `Inputs`."""
+        """One tick of many robots; arguments are those of `TickInputs`."""
         ...
 
 
@@ -116,7 +116,7 @@ class Sight:
             arrived: Whose image in hand has just come, bool, shape (n,).
             in_hand: The newest images that have arrived [mm], shape (n, 48, 16).
             time_s: Now.
-            features: See `Inputs`.
+            features: See `TickInputs`.
             fresh: Robots that start anew, bool, shape (n,): what they saw is void.
 
         Returns:
@@ -159,10 +159,10 @@ class Sight:
         self.image = xp.where(new[:, None, None, None], image, self.image)
         return new, forgets
 
-    def inputs(self, time_s: float, new: Array, features: Array) -> Inputs:
+    def inputs(self, time_s: float, new: Array, features: Array) -> TickInputs:
         """Returns what the network is to be given at a time; `new` is what `show` returned."""
         age_s = (time_s - self.captured_s).clip(min=0.0)
-        return Inputs(self.image, age_s, new, features, self.hidden)
+        return TickInputs(self.image, age_s, new, features, self.hidden)
 
     def judge(self, tick: Tick) -> Array:
         """Takes in what the network made of the inputs, where it is plausible.

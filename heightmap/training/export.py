@@ -16,7 +16,7 @@ from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import FORMAT, INPUTS, OUTPUTS, HeightmapNetwork, camera_metadata
 from saltus.heightmap.service.quantiles import INTERVAL90
-from saltus.heightmap.service.sight import Inputs
+from saltus.heightmap.service.sight import TickInputs
 from saltus.onnx_export import write_onnx
 from saltus.provenance import commit
 from saltus.robots.loading import load_robot
@@ -85,7 +85,9 @@ def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
     }
 
 
-def parity(model: HeightmapModel, network: HeightmapNetwork, inputs: Iterable[Inputs], reset_every: int = 170) -> float:
+def parity(
+    model: HeightmapModel, network: HeightmapNetwork, inputs: Iterable[TickInputs], reset_every: int = 170
+) -> float:
     """Greatest difference in a tick between the file and torch in double precision.
 
     Of heights [m], of halves of their 90 % intervals [m], and of the hidden state (no unit, -1 to 1). Inputs are those
@@ -108,7 +110,7 @@ def parity(model: HeightmapModel, network: HeightmapNetwork, inputs: Iterable[In
     return worst
 
 
-def random_inputs(model: HeightmapModel, rng: np.random.Generator, steps: int) -> Iterator[Inputs]:
+def random_inputs(model: HeightmapModel, rng: np.random.Generator, steps: int) -> Iterator[TickInputs]:
     """Random inputs in the range of what occurs, each of one robot whose hidden state is empty."""
     mean, spread = model.proprioception_mean.numpy(), model.proprioception_std.numpy()
     for _ in range(steps):
@@ -116,7 +118,7 @@ def random_inputs(model: HeightmapModel, rng: np.random.Generator, steps: int) -
         image = np.stack([np.where(valid, rng.uniform(size=valid.shape), 1.0), valid]).astype(np.float32)
         features = (mean + spread * rng.normal(size=len(mean))).astype(np.float32)
         age_s, new, hidden = rng.uniform(0.03, 0.2), rng.uniform() < 0.5, np.zeros((1, model.config.hidden))
-        yield Inputs(image[None], np.array([age_s]), np.array([new]), features[None], hidden)
+        yield TickInputs(image[None], np.array([age_s]), np.array([new]), features[None], hidden)
 
 
 def _example(model: HeightmapModel) -> tuple[Tensor, ...]:

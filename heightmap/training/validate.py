@@ -11,7 +11,7 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import FRAME_TICKS, DeliveryModel, deliver
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.service.sight import Inputs
+from saltus.heightmap.service.sight import TickInputs
 
 AHEAD_X = 0.45  # standing, the camera sees the ground from 0.485 m on (derived from its pose and field of view)
 UNDER_X = 0.2  # up to the front hips: seen some time ago, or known by the feet
@@ -135,11 +135,11 @@ def run_episode(
     return height, half_width_90
 
 
-def episode_inputs(episode: Episode, delivery: DeliveryModel) -> Iterator[Inputs]:
+def episode_inputs(episode: Episode, delivery: DeliveryModel) -> Iterator[TickInputs]:
     """Returns what the network gets at each tick of an episode but for its hidden state, images without noise."""
     images, blank = model_image(episode.depth), model_image(np.zeros_like(episode.depth[0]))
     delivered = deliver([episode], delivery, np.random.default_rng(0))
     ((frames, ages_s, news),) = zip(*delivered, strict=True)
     for features, frame, age_s, new in zip(episode.proprioception, frames, ages_s, news, strict=True):
         image, hidden = images[frame] if frame >= 0 else blank, np.empty((1, 0), np.float32)
-        yield Inputs(image[None], np.array([age_s]), np.array([new]), features[None], hidden)
+        yield TickInputs(image[None], np.array([age_s]), np.array([new]), features[None], hidden)

@@ -1,6 +1,7 @@
 """Robots see alike wherever they are: one by a service, many on numpy or on torch."""
 
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +14,7 @@ from samples import ROBOT
 
 from saltus.effects.signals import DepthImage
 from saltus.heightmap.model import HeightmapModel
-from saltus.heightmap.service.features import proprioception_of_states
+from saltus.heightmap.service.features import PROPRIOCEPTION, proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
 from saltus.heightmap.service.sight import Sight, Tick
@@ -157,3 +158,17 @@ def test_images_states_and_nonsense_lead_to_the_same_heights(
                 np.testing.assert_allclose(getattr(found, name), value, atol=1e-5, err_msg=name)
     for kind in ("height", "bad_outputs", "warm", "image"):
         assert len({getattr(seen, kind).tobytes() for seen in services}) > 2, kind
+
+
+def test_on_a_device_no_step_waits_for_a_value(model: HeightmapModel) -> None:
+    """Tensors that have a shape but no values go through: to ask for a value raises."""
+    tensors = torch.device("meta")
+    network = deepcopy(model).to(tensors)
+    depth = torch.zeros(ROBOTS, 48, 16, dtype=torch.int32, device=tensors)
+    time_s = torch.zeros(ROBOTS, dtype=torch.float64, device=tensors)
+    mask = torch.zeros(ROBOTS, dtype=torch.bool, device=tensors)
+    sight, image = Sight(network, depth), DepthImage(depth=depth, time_s=time_s)
+    for k in range(3):
+        features = torch.zeros(ROBOTS, len(PROPRIOCEPTION), device=tensors)
+        height = sight.step(mask, image, 0.01 * k, features, mask)
+        assert (tuple(height.shape), height.device) == ((ROBOTS, 30), tensors)
