@@ -18,6 +18,7 @@ from saltus.heightmap.scan.planes import Heights, inputs_of, remembered
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.draws import Draws
 from saltus.heightmap.scan.training.flights import Flight, Shot, draw_flight, shoot
+from saltus.heightmap.scan.training.framewise import kept, of_image
 from saltus.heightmap.scan.training.ground import heights_at
 from saltus.heightmap.scan.training.model import ScanModel, told
 from saltus.heightmap.scan.training.settings import FAMILIES, FlightSettings, ScanTrainSettings
@@ -167,11 +168,8 @@ def _fly(
         judged = shot.now_s >= AFTER_S
         told_by: dict[str, tuple[Heights, ElevationMap, Surroundings, MapSettings]] = {}
         if model is not None:
-            own, around = advanced(own, shot.measured, map_settings)
-            inputs = inputs_of(own, around, shot.now_s, shot.measured.body_height)
-            heights = told(model, inputs, around.filled)
-            own = remembered(own, heights)
-            told_by["network"] = (heights, own, around, map_settings)
+            told_by["network"] = *_told(model, own, shot, 1.0 / flight.rate_hz, map_settings), map_settings
+            own = told_by["network"][1]
         for name, rival in rivals.items():
             measured = shot.measured
             if not rival.foot_gain:
@@ -181,6 +179,19 @@ def _fly(
         if bool(judged.any()):
             for grid_name, grid in GRIDS.items():
                 _judge(grid_name, grid, told_by, flight, shot, seen, judged, flights, tallies)
+
+
+def _told(
+    model: ScanModel, state: ElevationMap, shot: Shot, images_apart_s: Tensor, settings: MapSettings
+) -> tuple[Heights, ElevationMap, Surroundings]:
+    """Heights of a network after an image, with the map that remembers them."""
+    state, around = advanced(state, shot.measured, settings)
+    if not model.settings.frame:
+        heights = told(model, inputs_of(state, around, shot.now_s, shot.measured.body_height), around.filled)
+        return heights, remembered(state, heights), around
+    alone, inputs, around = of_image(state, shot.measured, shot.now_s, settings)
+    heights = kept(state, alone.corner, told(model, inputs, around.filled), images_apart_s, settings)
+    return heights, remembered(state, heights), around
 
 
 def _judge(

@@ -25,6 +25,31 @@ NARROWEST_M = 5e-4
 _SHOWN = 3.0  # a difference of heights is shown as this many times USUAL_M at most
 _NUMBERS = (0.005, 0.005, 0.005, 0.002, 0.002, MOST_IMAGES, 36.0)  # what usual `NUMBERS` are
 _OUTPUTS = 4  # of a height: residual, its gate, the memory's gate, half-width
+_OWN_FIRST = 5.0  # at first the network's own height counts e^5 times as much as another candidate
+_AROUND = (3, 7)  # sides of squares of fine cells whose highest and lowest are candidates: 2 and 6 cm away
+_TOLD_AROUND = 5
+CANDIDATES = 2 * len(_AROUND) + 4 + 2 + 1
+"""Heights of a cell that the network chooses among, beside its own: extremes of the map around it,
+of its own points, of what was told around it, and the window's lowest."""
+
+
+class Block(nn.Module):
+    """A residual block with a mean over the window, which is the same as none at first."""
+
+    def __init__(self, channels: int, inner: int) -> None:
+        super().__init__()
+        self.first = nn.Conv2d(channels, inner, 3, padding=1)
+        self.mean = nn.Conv2d(inner, inner, 1)
+        self.second = nn.Conv2d(inner, channels, 3, padding=1)
+        nn.init.zeros_(self.second.weight)
+        nn.init.zeros_(self.second.get_parameter("bias"))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """The same shape (batch, channels, rows, columns)."""
+        y = functional.relu(self.first(x))
+        y = functional.relu(y + self.mean(y.mean((2, 3), keepdim=True)))
+        z: Tensor = self.second(y)
+        return x + z
 
 
 class ScanModel(nn.Module):
@@ -42,14 +67,23 @@ class ScanModel(nn.Module):
         self.deep = nn.Conv2d(d, d, 3, padding=1)
         self.up = nn.ModuleList(nn.Conv2d(i, o, 1) for i, o in ((d, c), (c, b), (b, a)))
         self.join = nn.ModuleList(nn.Conv2d(o, o, 3, padding=1) for o in (c, b, a))
-        self.head = nn.Conv2d(a, _OUTPUTS * self.sub**2, 1)
+        self.blocks = nn.ModuleList(Block(d, settings.deep_channels) for _ in range(settings.deep))
+        outputs = _OUTPUTS + (1 + CANDIDATES if settings.choice else 0)
+        self.head = nn.Conv2d(a, outputs * self.sub**2, 1)
         self.register_buffer("usual", torch.tensor(_NUMBERS), persistent=False)
         with torch.no_grad():
             self.head.weight *= 0.1
-            self.head.get_parameter("bias").zero_()
+            bias = self.head.get_parameter("bias").zero_()
+            if settings.choice:
+                bias[_OUTPUTS * self.sub**2 : (_OUTPUTS + 1) * self.sub**2] = _OWN_FIRST
 
-    def forward(self, filled: Tensor, measured: Tensor, memory: Tensor, numbers: Tensor) -> tuple[Tensor, Tensor]:
-        """Height above `filled` [m] and half-width [m], each of shape (batch, side, side); see `Inputs`."""
+    def forward(
+        self, filled: Tensor, measured: Tensor, memory: Tensor, numbers: Tensor, truth: Tensor | None = None
+    ) -> tuple[Tensor, ...]:
+        """Height above `filled` [m] and half-width [m], each of shape (batch, side, side); see `Inputs`.
+
+        With `truth`, true heights above `filled`, also the mean error [m] of the candidates by their weights.
+        """
         x = self._shown(Inputs(filled, measured, memory, numbers))
         skips = []
         x = functional.relu(self.stem(x))
@@ -57,13 +91,23 @@ class ScanModel(nn.Module):
             skips.append(x)
             x = functional.relu(down(x))
         x = x + functional.relu(self.deep(x))
+        for block in self.blocks:
+            x = block(x)
         for up, join, skip in zip(self.up, self.join, reversed(skips), strict=True):
             x = functional.interpolate(up(x), scale_factor=2.0, mode="nearest") + skip
             x = x + functional.relu(join(x))
         out = functional.pixel_shuffle(self.head(x), self.sub).float()
-        return self._told(out, measured, memory)
+        height, half_width = self._own(out[:, :_OUTPUTS], measured, memory)
+        if not self.settings.choice:
+            return (height, half_width) if truth is None else (height, half_width, (height - truth).abs())
+        candidates = torch.cat((height[:, None], _candidates(filled, measured, memory)), 1)
+        weights = out[:, _OUTPUTS:].softmax(1)
+        height = (weights * candidates).sum(1)
+        if truth is None:
+            return height, half_width
+        return height, half_width, (weights * (candidates - truth[:, None]).abs()).sum(1)
 
-    def _told(self, out: Tensor, measured: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
+    def _own(self, out: Tensor, measured: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
         residual, gate, keep, width = out.unbind(1)
         height = USUAL_M * residual * torch.sigmoid(gate)
         if self.settings.memory:
@@ -97,14 +141,26 @@ class ScanModel(nn.Module):
         return torch.cat((fine_planes, numbers[:, :, None, None].expand(-1, -1, side, side)), 1)
 
 
+def _candidates(filled: Tensor, measured: Tensor, memory: Tensor) -> Tensor:
+    """Heights above `filled` that edges have, of shape (batch, CANDIDATES, side, side)."""
+    told = filled + torch.where(memory[:, 1] < WIDEST, memory[:, 0], 0.0)
+    around = [
+        sign * functional.max_pool2d(sign * values[:, None], size, 1, size // 2)[:, 0] - filled
+        for values, size in (*((filled, size) for size in _AROUND), (told, _TOLD_AROUND))
+        for sign in (1.0, -1.0)
+    ]
+    own = [measured[:, MEASURED.index(name)] for name in ("high", "low", "new_high", "new_low")]
+    return torch.stack((*around, *own, filled.amin((1, 2), keepdim=True) - filled), 1)
+
+
 def told(model: Callable[..., Any], inputs: Inputs, filled: Tensor) -> Heights:
     """Height and half-width that the network tells of each cell, in the world of `filled` (batch, side, side) [m]."""
     height, half_width = model(*inputs)
     return Heights(filled + height, half_width)
 
 
-def loss(estimate: Heights, truth: Tensor, weight: Tensor) -> Tensor:
-    """Absolute error, and how far half-widths are from holding nine of ten errors, of each size as important.
+def loss(estimate: Heights, truth: Tensor, weight: Tensor, spread: Tensor | None = None) -> Tensor:
+    """Absolute error, half of it that of the candidates by their weights (`spread`) if given, and how far half-widths are from holding nine of ten errors, of each size as important.
 
     A median chooses a side of an edge. The second is the quantile loss of the logarithm of the
     error; it leaves the heights alone.
@@ -112,7 +168,8 @@ def loss(estimate: Heights, truth: Tensor, weight: Tensor) -> Tensor:
     error = (estimate.height - truth).abs()
     beyond = (error.detach() + 1e-4).log() - estimate.half_width.log()
     quantile = torch.maximum(0.9 * beyond, -0.1 * beyond)
-    return (weight * (error / USUAL_M + 0.5 * quantile)).sum() / weight.sum()
+    missed = error if spread is None else 0.5 * (error + spread)
+    return (weight * (missed / USUAL_M + 0.5 * quantile)).sum() / weight.sum()
 
 
 def parameters(model: nn.Module) -> int:

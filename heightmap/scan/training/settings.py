@@ -106,9 +106,20 @@ class NetworkSettings(Value):
     """At the cells, and at each of three coarser levels."""
     memory: bool = True
     """It is shown what it told last; without, it is a residual on the map alone."""
+    frame: bool = False
+    """It is shown each image alone, without the map and without memory; what it tells is fused by
+    its half-widths afterwards: the rival of `saltus.heightmap.scan.training.framewise`."""
+    deep: int = 0
+    """Residual blocks at the coarsest level, which sees the whole window."""
+    deep_channels: int = 128
+    choice: bool = False
+    """A cell's height is a choice among heights that the map offers, beside the network's own: a
+    cell at an edge is top or bottom."""
 
     def __post_init__(self) -> None:
-        check_between(self, channels=(1, 1024))
+        if self.frame and self.memory:
+            raise ConfigError("frame: a network that is shown each image alone has no memory: memory = false")
+        check_between(self, channels=(1, 1024), deep=(0, 64), deep_channels=(1, 4096))
 
 
 @dataclass(frozen=True, kw_only=True)

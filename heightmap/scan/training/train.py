@@ -14,13 +14,14 @@ from torch import Tensor
 from saltus.errors import ModelError
 from saltus.files import whole_file
 from saltus.heightmap.scan.cells import centres
-from saltus.heightmap.scan.elevation import ElevationMap, Measurement, Surroundings, advanced, is_known, new_map
-from saltus.heightmap.scan.planes import Heights, Inputs, inputs_of, remembered
+from saltus.heightmap.scan.elevation import ElevationMap, Measurement, Surroundings, advanced, new_map
+from saltus.heightmap.scan.planes import MEASURED, Heights, Inputs, inputs_of, remembered
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.draws import Draws
 from saltus.heightmap.scan.training.flights import Flight, March, draw_flight, redrawn, shoot, true_heights
+from saltus.heightmap.scan.training.framewise import of_image
 from saltus.heightmap.scan.training.graph import Graph
-from saltus.heightmap.scan.training.model import ScanModel, loss, told
+from saltus.heightmap.scan.training.model import ScanModel, loss
 from saltus.heightmap.scan.training.rays import first_hits
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
@@ -157,11 +158,13 @@ class Trainer:
         settings, state = self.settings, self._state
         with torch.no_grad():
             state, inputs, around, truth = example(self._flight, state, settings, self._draws, self._calls)
-            known, weight = is_known(state), _weight(state, around, settings.map)
+            known = inputs.measured[:, MEASURED.index("known")] > 0.0
+            weight = _weight(state, known, around, settings.map)
         on_gpu = self.device.type == "cuda"
         with torch.autocast(self.device.type, torch.bfloat16, enabled=on_gpu, cache_enabled=False):
-            estimate = told(self._calls.model, inputs, around.filled)
-        value = loss(estimate, truth, weight)
+            height, half_width, spread = self._calls.model(*inputs, truth - around.filled)
+        estimate = Heights(around.filled + height, half_width)
+        value = loss(estimate, truth, weight, spread if settings.network.choice else None)
         self.optimiser.zero_grad(set_to_none=True)
         value.backward()
         torch.nn.utils.clip_grad_norm_(self.model.parameters(), settings.gradient_norm)
@@ -175,14 +178,20 @@ class Trainer:
             self._totals += torch.nan_to_num(_figures(value.detach(), around.filled, estimate, truth, known))
 
     def begin_with(self, weights: dict[str, Tensor]) -> None:
-        """Takes weights in place of those that were drawn.
+        """Takes weights in place of those that were drawn; what only this network has stays as it was drawn.
 
         Raises:
             ModelError: they are of a network of other sizes, or of another kind.
         """
+        own = self.model.state_dict()
+        for name in [name for name in weights if name.startswith("head.") and name in own]:
+            rows = len(weights[name])  # outputs that this network has beside those
+            if own[name].shape[1:] == weights[name].shape[1:] and rows < len(own[name]):
+                weights = {**weights, name: torch.cat((weights[name].to(self.device), own[name][rows:]))}
+        added = {name: own[name] for name in own if name.startswith("blocks.")}
         try:
             for model in (self.model, self.average):
-                model.load_state_dict(weights)
+                model.load_state_dict({**added, **weights})
         except RuntimeError as error:
             reason = str(error).splitlines()[-1].strip()
             raise ModelError(f"the weights to start with do not fit the network of the settings: {reason}") from error
@@ -235,7 +244,10 @@ def example(
     """The next image of every robot: the map with it, what the network is shown, and the true heights."""
     shot = shoot(flight, settings.flight, draws, calls.march)
     state, inputs, around = calls.see(state, shot.measured, shot.now_s, settings.map)
-    return state, inputs, around, true_heights(flight, shot, state, around, settings.map, settings.flight)
+    shown = state
+    if settings.network.frame:
+        shown, inputs, around = of_image(state, shot.measured, shot.now_s, settings.map)
+    return state, inputs, around, true_heights(flight, shot, shown, around, settings.map, settings.flight)
 
 
 def train(
@@ -293,11 +305,11 @@ def _schedule(share: float) -> float:
     return min(1.0, (share + 1e-3) / WARM_UP) * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * min(share, 1.0))))
 
 
-def _weight(state: ElevationMap, around: Surroundings, settings: MapSettings) -> Tensor:
+def _weight(state: ElevationMap, known: Tensor, around: Surroundings, settings: MapSettings) -> Tensor:
     x, y = centres(state.corner, settings, around.base)
     away = (x - around.base[:, :1, None]) ** 2 + (y - around.base[:, 1:2, None]) ** 2
     near = torch.where(away < NEAR_M**2, 1.0, 0.5)
-    return near * torch.where(is_known(state), 1.0, UNSEEN)
+    return near * torch.where(known, 1.0, UNSEEN)
 
 
 def _figures(value: Tensor, filled: Tensor, estimate: Heights, truth: Tensor, known: Tensor) -> Tensor:
