@@ -22,9 +22,7 @@ def of_image(
     return alone, inputs_of(alone, around, now_s, measured.body_height), around
 
 
-def kept(
-    state: ElevationMap, corner: Array, told: Heights, images_apart_s: Array, settings: MapSettings
-) -> Heights:
+def kept(state: ElevationMap, corner: Array, told: Heights, images_apart_s: Array, settings: MapSettings) -> Heights:
     """Heights of all images in the window of `state`, which holds in `told` those of the images before.
 
     `told` is of the last image, in the window that begins at `corner`; `images_apart_s` has shape

@@ -160,10 +160,11 @@ def told(model: Callable[..., Any], inputs: Inputs, filled: Tensor) -> Heights:
 
 
 def loss(estimate: Heights, truth: Tensor, weight: Tensor, spread: Tensor | None = None) -> Tensor:
-    """Absolute error, half of it that of the candidates by their weights (`spread`) if given, and how far half-widths are from holding nine of ten errors, of each size as important.
+    """Absolute error, and how far half-widths are from holding nine of ten errors, of each size as important.
 
     A median chooses a side of an edge. The second is the quantile loss of the logarithm of the
-    error; it leaves the heights alone.
+    error; it leaves the heights alone. `spread` is the mean error of the candidates of a cell by
+    their weights: it counts half, so that weights gather on one.
     """
     error = (estimate.height - truth).abs()
     beyond = (error.detach() + 1e-4).log() - estimate.half_width.log()

@@ -58,13 +58,21 @@ def test_a_training_begins_with_an_exported_network(small, tmp_path):
         train(wider, tmp_path / "other", updates=3, device=CPU, start=weights)
 
 
-@pytest.mark.parametrize("memory", [True, False])
-def test_the_file_tells_what_the_network_tells(small, tmp_path, memory):
+NETWORKS = pytest.mark.parametrize(
+    "changes",
+    [{}, {"memory": False}, {"deep": 2, "deep_channels": 16, "choice": True}, {"memory": False, "frame": True}],
+    ids=["plain", "without memory", "deep with choice", "by image"],
+)
+
+
+@NETWORKS
+def test_the_file_tells_what_the_network_tells(small, tmp_path, changes):
     torch.manual_seed(3)
-    settings = ScanTrainSettings(map=small.map, network=NetworkSettings(channels=(8, 8, 8, 8), memory=memory))
+    settings = ScanTrainSettings(map=small.map, network=NetworkSettings(channels=(8, 8, 8, 8), **changes))
     model = ScanModel(settings.network, settings.map)
     with torch.no_grad():
-        model.head.weight *= 10.0
+        for weight in model.parameters():
+            weight += 0.05 * torch.randn(weight.shape)
     path = tmp_path / "scan.onnx"
     export(model, settings, path)
     draws = Draws(1, CPU)
@@ -82,6 +90,30 @@ def test_the_file_tells_what_the_network_tells(small, tmp_path, memory):
     assert [metadata[name] for name in ("measured", "memory", "numbers")] == [[*MEASURED], [*MEMORY], [*NUMBERS]]
 
 
+def test_a_larger_network_begins_as_the_one_it_starts_with(small, tmp_path):
+    """What it has beside its start changes hardly anything until it has learned."""
+    torch.manual_seed(9)
+    model = ScanModel(small.network, small.map).eval()
+    larger = replace(small, network=replace(small.network, deep=2, deep_channels=16, choice=True))
+    begun = train(larger, tmp_path, updates=0, device=CPU, start=model.state_dict())
+    draws = Draws(1, CPU)
+    flight = draw_flight(3, small.flight, draws)
+    calls = Calls.of(model, compiled=False)
+    _, inputs, _, _ = example(flight, new_map(3, small.map, flight.ground.height), small, draws, calls)
+    with torch.no_grad():
+        one, other = model(*inputs), begun(*inputs)
+    assert (one[0] - other[0]).abs().median() < 0.001
+    torch.testing.assert_close(one[1], other[1])
+
+
+@NETWORKS
+def test_every_network_learns(small, tmp_path, changes):
+    settings = replace(small, network=replace(small.network, **changes))
+    losses = []
+    train(settings, tmp_path, updates=60, device=CPU, progress=lambda found: losses.append(found.loss))
+    assert np.mean(losses[-4:]) < np.mean(losses[:4])
+
+
 def test_a_new_network_tells_nearly_the_map(small):
     """It begins at geometry: where the map was measured, its residual is small."""
     draws = Draws(2, CPU)
@@ -94,13 +126,9 @@ def test_a_new_network_tells_nearly_the_map(small):
     assert (half_width > 0.0).all()
 
 
-def test_training_lowers_the_loss(small, tmp_path):
-    losses = []
-    train(small, tmp_path, updates=60, device=CPU, progress=lambda found: losses.append(found.loss))
-    assert np.mean(losses[-4:]) < np.mean(losses[:4])
-
-
-def test_every_method_is_scored_on_every_group(small, tmp_path):
+@pytest.mark.parametrize("frame", [False, True], ids=["with a map", "by image"])
+def test_every_method_is_scored_on_every_group(small, tmp_path, frame):
+    small = replace(small, network=replace(small.network, memory=not frame, frame=frame))
     model = ScanModel(small.network, small.map).eval()
     flights = usual_flights(small.flight)
     flights = FlightSettings.from_toml(flights.to_toml().replace("images = 60", "images = 30"))
@@ -117,6 +145,11 @@ def test_every_method_is_scored_on_every_group(small, tmp_path):
     text = card(small, read_results(tmp_path / "scan.json"), parameters(model), 1_500_000, "c0ffee")
     assert "1.5 million images" in text
     assert f"| network | {every['scan', 'network', 'all'].error_mm:.1f}, " in text
+
+
+def test_a_network_that_sees_single_images_has_no_memory():
+    with pytest.raises(ConfigError, match=r"frame.*memory"):
+        NetworkSettings(frame=True)
 
 
 @pytest.mark.parametrize("changes", [{"families": ("flat", "stair")}, {"families": ()}, {"rows": 0}, {"feet": 2.0}])
