@@ -129,12 +129,10 @@ def advanced(state: ElevationMap, measured: Measurement, settings: MapSettings) 
     """The map after an image: moved to the base, corrected for drift, and with the new heights in it."""
     before = state.correction
     state = _moved(state, measured.now.position + before, settings)
-    new = _of_image(state, measured, None, settings)
+    # Looks before the last one are for matching alone, which needs no extremes.
+    new = _of_image(state, measured, None, settings, extremes=not settings.matching)
     if settings.matching:
-        away = _away(state, measured.exposed.position + before, settings)
-        change = drift(state.height, state.variance, is_known(state), new, away, settings)
-        state = state._replace(correction=state.correction - change.shift, unrest=_unrest(state.unrest, change))
-        new = _of_image(state, measured, change.tilt, settings)
+        state, new = _matched(state, measured, new, settings)
     state = _fused(state, new, settings)._replace(images=state.images + 1.0)
     state, feet = _with_feet(state, measured, settings)
     xp, known = namespace(state.height), is_known(state)
@@ -146,6 +144,22 @@ def advanced(state: ElevationMap, measured: Measurement, settings: MapSettings) 
     return state, Surroundings(filled=whole, new=new, feet=feet, base=base, drift=state.correction - before)
 
 
+def _matched(
+    state: ElevationMap, measured: Measurement, new: CellHeights, settings: MapSettings
+) -> tuple[ElevationMap, CellHeights]:
+    """The map with its pose corrected by what an image shows of the drift, and the image's heights from there."""
+    shift: Array = 0.0
+    tilt: Array = 0.0
+    known = is_known(state)
+    for look in range(settings.looks):
+        away = _away(state, measured.exposed.position + state.correction, settings)
+        found = drift(state.height, state.variance, known, new, away, settings)
+        shift, tilt = shift + found.shift, tilt + found.tilt
+        state = state._replace(correction=state.correction - found.shift)
+        new = _of_image(state, measured, tilt, settings, extremes=look + 1 == settings.looks)
+    return state._replace(unrest=_unrest(state.unrest, Drift(shift, tilt))), new
+
+
 def _moved(state: ElevationMap, position: Array, settings: MapSettings) -> ElevationMap:
     corner = window_corner(position, settings)
     by = (corner - state.corner) * settings.sub
@@ -155,7 +169,9 @@ def _moved(state: ElevationMap, position: Array, settings: MapSettings) -> Eleva
     return state._replace(corner=corner, **kept)
 
 
-def _of_image(state: ElevationMap, measured: Measurement, tilt: Array | None, settings: MapSettings) -> CellHeights:
+def _of_image(
+    state: ElevationMap, measured: Measurement, tilt: Array | None, settings: MapSettings, *, extremes: bool
+) -> CellHeights:
     """Heights of an image's points, tilted back by what matching found."""
     xp = namespace(state.height)
     points = measured.points @ xp.matrix_transpose(measured.exposed.rotation)
@@ -165,7 +181,6 @@ def _of_image(state: ElevationMap, measured: Measurement, tilt: Array | None, se
     points = points + (measured.exposed.position + state.correction)[:, None, :]
     deviation = settings.depth_noise * measured.depth**2
     variance = deviation**2 + settings.point_noise_m**2
-    extremes = tilt is not None or not settings.matching  # the first of two looks is for matching alone
     return sorted_into_cells(points, variance, measured.depth > 0.0, state.corner, settings, extremes=extremes)
 
 

@@ -37,11 +37,13 @@ class MapSettings(Value):
     """No height is surer than this [m]."""
     matching: bool = True
     """Correct the odometry's drift by matching new points to the map."""
+    looks: int = 2
+    """How often one image is matched, each time from where the look before put it."""
     step_m: float = 0.004
     """Standard deviation of the drift from one image to the next, as matching expects it [m]."""
     tilt_rad: float = 0.004
     """Standard deviation of an image's error of attitude that its neighbours do not share [rad]."""
-    independent: float = 0.04
+    independent: float = 0.1
     """Share of the matched cells whose errors count as independent."""
     gate_m: float = 0.06
     """A new height that is farther than this from the map is an edge, not drift [m]."""
@@ -56,7 +58,7 @@ class MapSettings(Value):
         check_between(
             self, cell_m=(0.005, 0.5), cells=(8, 512), sub=(1, 8), depth_noise=(0.0, 0.1), point_noise_m=(1e-4, 0.1),
             shared_noise=(0.0, 1.0), drift=(0.0, 1.0), surprise=(0.0, 1.0),
-            least_m=(1e-4, 0.1), step_m=(1e-5, 0.1), tilt_rad=(1e-6, 0.1),
+            least_m=(1e-4, 0.1), looks=(1, 16), step_m=(1e-5, 0.1), tilt_rad=(1e-6, 0.1),
             independent=(1e-4, 1.0),
             gate_m=(0.001, 1.0), foot_gain=(0.0, 1.0), foot_noise_m=(1e-4, 0.1), body_height_noise_m=(1e-3, 1.0),
         )  # fmt: skip

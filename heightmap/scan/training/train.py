@@ -10,6 +10,7 @@ from typing import Any, Self
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from saltus.errors import ModelError
 from saltus.files import whole_file
@@ -32,7 +33,7 @@ WARM_UP = 0.03
 NEAR_M = 1.0
 """Cells that are farther than this from the base count half."""
 UNSEEN = 0.5
-"""Weight of a cell that was never measured."""
+"""Weight of a cell that was never measured, nor any beside it: those are judged as seen, within 3 cm of a hit."""
 COLUMNS = ("update", "images", "seconds", "loss", "map_mm", "seen_mm", "unseen_mm", "inside_seen", "inside_all", "rate")
 
 
@@ -309,7 +310,8 @@ def _weight(state: ElevationMap, known: Tensor, around: Surroundings, settings: 
     x, y = centres(state.corner, settings, around.base)
     away = (x - around.base[:, :1, None]) ** 2 + (y - around.base[:, 1:2, None]) ** 2
     near = torch.where(away < NEAR_M**2, 1.0, 0.5)
-    return near * torch.where(known, 1.0, UNSEEN)
+    beside = functional.max_pool2d(known.float()[:, None], 3, 1, 1)[:, 0] > 0.0
+    return near * torch.where(beside, 1.0, UNSEEN)
 
 
 def _figures(value: Tensor, filled: Tensor, estimate: Heights, truth: Tensor, known: Tensor) -> Tensor:
