@@ -109,10 +109,10 @@ class NetworkSettings(Value):
     frame: bool = False
     """It is shown each image alone, without the map and without memory; what it tells is fused by
     its half-widths afterwards: the rival of `saltus.heightmap.scan.training.framewise`."""
-    deep: int = 0
+    deep: int = 4
     """Residual blocks at the coarsest level, which sees the whole window."""
     deep_channels: int = 128
-    choice: bool = False
+    choice: bool = True
     """A cell's height is a choice among heights that the map offers, beside the network's own: a
     cell at an edge is top or bottom."""
 

@@ -36,5 +36,5 @@ def small() -> ScanTrainSettings:
     return ScanTrainSettings(
         map=MapSettings(cells=16),
         flight=replace(SMALL, raster_m=0.04, samples=24, images=4, families=("flat", "stairs", "stones")),
-        network=NetworkSettings(channels=(8, 8, 8, 8)), batch=4, round=3,
+        network=NetworkSettings(channels=(8, 8, 8, 8), deep=1, deep_channels=8), batch=4, round=3,
     )  # fmt: skip

@@ -70,6 +70,15 @@ def test_matching_finds_the_drift_of_the_odometry(offset):
     assert np.abs(state.correction[0] + offset).max() < 0.003
 
 
+def test_another_look_comes_nearer_to_where_the_image_was_taken():
+    offset, left = np.array([0.01, -0.01, 0.01]), []
+    for looks in (1, 2, 4):
+        shots = [still((0.0, 0.0, 0.0)), still(offset, seed=1)]
+        state, _ = mapped(shots, replace(SETTINGS, looks=looks), like=np.zeros(1))
+        left.append(np.linalg.norm(state.correction[0] + offset))
+    assert left[0] > left[1] > left[2]
+
+
 def test_standing_feet_take_drift_of_the_height_back():
     settings = replace(SETTINGS, matching=False)
     shots = [still((0.0, 0.0, 0.0))]
