@@ -66,18 +66,19 @@ def test_a_ray_that_meets_nothing_has_no_depth():
 def test_without_errors_the_map_is_the_truth(fly, draws, families):
     """Cells whose points are all at one height hold that height; edges hold what is between.
 
-    Feet, which are known to some millimetres, have no say.
+    Feet, which are known to some millimetres, have no say, nor has matching, which finds drift of
+    some millimetres where there is none.
     """
     flight, settings = fly(6, families=families, rows=24, columns=32, feet=0.0)
-    map_settings = MapSettings()
+    map_settings = MapSettings(matching=False)
     state = new_map(6, map_settings, flight.ground.height)
     for _ in range(4):
         shot = shoot(flight, settings, draws)
         state, around = advanced(state, shot.measured, map_settings)
     truth = true_heights(flight, shot, state, around, map_settings, settings)
     error = (state.height - truth).abs()[is_known(state)]
-    assert error.median() < 0.001 if families == ("flat",) else error.median() < 0.005
-    assert error.mean() < 0.02
+    assert error.median() < 0.0002 if families == ("flat",) else error.median() < 0.005
+    assert error.mean() < 0.015
 
 
 def test_a_seed_gives_the_same_ground_and_images():
