@@ -54,7 +54,7 @@ class CameraPlace(Value):
     pitch: float
     """Nose down positive [rad]."""
     roll: float
-    """Roll of the image, clockwise positive [rad]; cameras of Saltus have none."""
+    """Roll of the image, right side down positive [rad]."""
     height: float
     """Height of the optical centre over the base's origin [m], base frame."""
 
@@ -123,7 +123,9 @@ def fit_place(pairs: Sequence[tuple[DepthFrame, RobotState]], robot: Robot, came
     """
     chosen = [pairs[int(i)] for i in np.unique(np.linspace(0, len(pairs) - 1, MOST_FRAMES).round())]
     views = [_View.of(frame, state, robot) for frame, state in chosen]
-    claimed = CameraPlace(pitch=float(robot.camera_pitch), roll=0.0, height=float(robot.camera_position[2]))
+    claimed = CameraPlace(
+        pitch=float(robot.camera_pitch), roll=float(robot.camera_roll), height=float(robot.camera_position[2])
+    )
     everything = _View.joined(views)
     found = _fit(everything, _begin(everything, claimed))
     depth, sigma = everything.expected(found)
@@ -145,7 +147,13 @@ def fit_place(pairs: Sequence[tuple[DepthFrame, RobotState]], robot: Robot, came
         half_width_90=_place(float(stdtrit(len(parts) - 1, 0.95)) * spread),
         on_ground=on_ground,
         frames=len(views),
-        camera=replace(camera, name="calibrated", camera_position=position, camera_pitch=found.pitch),
+        camera=replace(
+            camera,
+            name="calibrated",
+            camera_position=position,
+            camera_pitch=found.pitch,
+            camera_roll=found.roll,
+        ),
         points_claimed=everything.profile(claimed)[looked_at],
         points_found=everything.profile(found)[looked_at],
     )
@@ -164,6 +172,8 @@ class _View:
     focal_px: float
     position: Floats
     """Claimed place of the camera [m], shape (3,)."""
+    yaw: float
+    """Claimed, as level ground does not tell it [rad]."""
 
     @classmethod
     def of(cls, frame: DepthFrame, state: RobotState, robot: Robot) -> "_View":
@@ -175,6 +185,7 @@ class _View:
         return cls(
             points=points, up=np.broadcast_to(up, points.shape), focal_px=frame.fx,
             base_height=np.full(len(points), state.base_height), position=np.asarray(robot.camera_position),
+            yaw=robot.camera_yaw,
         )  # fmt: skip
 
     @classmethod
@@ -185,14 +196,14 @@ class _View:
             base_height=np.concatenate([view.base_height for view in views]),
             focal_px=views[0].focal_px,
             position=views[0].position,
+            yaw=views[0].yaw,
         )
 
     def in_base(self, place: CameraPlace) -> Floats:
         """Points in the base frame, shape (n, 3)."""
-        c, s = np.cos(place.roll), np.sin(place.roll)
-        rolled = self.points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-        mount = Mount(position=np.array([*self.position[:2], place.height]), pitch=place.pitch)
-        return rolled @ mount.rotation.T + mount.position
+        position = np.array([*self.position[:2], place.height])
+        mount = Mount(position=position, pitch=place.pitch, roll=place.roll, yaw=self.yaw)
+        return self.points @ mount.rotation.T + mount.position
 
     def over_ground(self, place: CameraPlace) -> Floats:
         """How high points lie over the ground [m], shape (n,)."""

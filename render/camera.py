@@ -31,18 +31,26 @@ class Mount:
     """Optical centre in the base frame [m], shape (3,) or (n, 3)."""
     pitch: float | Floats
     """Nose down positive [rad], one number or shape (n,)."""
+    roll: float | Floats = 0.0
+    """About the optical axis, right side down positive [rad], one number or shape (n,)."""
+    yaw: float | Floats = 0.0
+    """To the left positive [rad], one number or shape (n,). The base turns by yaw, then pitch, then roll."""
 
     @classmethod
     def of(cls, robot: Robot) -> "Mount":
         """Where a robot has its camera."""
-        return cls(position=robot.camera_position, pitch=robot.camera_pitch)
+        return cls(
+            position=robot.camera_position, pitch=robot.camera_pitch, roll=robot.camera_roll, yaw=robot.camera_yaw
+        )
 
     @property
     def rotation(self) -> Floats:
         """Camera frame to base frame, shape (3, 3) or (n, 3, 3)."""
-        c, s = np.cos(self.pitch), np.sin(self.pitch)
-        zero, one = np.zeros_like(c), np.ones_like(c)
-        right, down, forward = (zero, -one, zero), (-s, zero, -c), (c, zero, -s)
+        cr, cp, cy = (np.cos(angle) for angle in np.broadcast_arrays(self.roll, self.pitch, self.yaw))
+        sr, sp, sy = (np.sin(angle) for angle in np.broadcast_arrays(self.roll, self.pitch, self.yaw))
+        right = (sy * cr - cy * sp * sr, -cy * cr - sy * sp * sr, -cp * sr)
+        down = (-cy * sp * cr - sy * sr, cy * sr - sy * sp * cr, -cp * cr)
+        forward = (cy * cp, sy * cp, -sp)
         return np.stack([np.stack(axis, -1) for axis in (right, down, forward)], -1)
 
     @cached_property
@@ -82,7 +90,9 @@ class RobotCamera:
         return replace(
             self,
             intrinsics=replace(claimed, fx=claimed.fx / wider, fy=claimed.fy / wider),
-            mount=Mount(position=true.position, pitch=true.pitch if true.pitch.ndim else float(true.pitch)),
+            mount=replace(
+                self.mount, position=true.position, pitch=true.pitch if true.pitch.ndim else float(true.pitch)
+            ),
         )
 
 
@@ -124,9 +134,10 @@ def _check_pinhole(intrinsics: Intrinsics) -> None:
 
 def _check_mount(mount: Mount, robot: Robot) -> None:
     position = np.asarray(mount.position)
-    if not (np.isfinite(position).all() and np.isfinite(mount.pitch).all()):
+    angles = mount.roll, mount.pitch, mount.yaw
+    if not (np.isfinite(position).all() and all(np.isfinite(angle).all() for angle in angles)):
         raise SaltusError(
-            f"camera mount at {position.tolist()} m, pitch {mount.pitch} rad: every number must be finite"
+            f"camera mount at {position.tolist()} m, roll, pitch, yaw {angles} rad: every number must be finite"
         )
     if (np.abs(position - robot.trunk_center) <= 0.5 * robot.trunk_size).all(-1).any():
         raise SaltusError(

@@ -29,6 +29,7 @@ LONGEST_LATENCY_S = 0.1
 NATIVE_PIXELS = 5
 """Native pixels of a D435i at 424x240, in each direction, for one pixel of the model."""
 _ROUNDING = 1e-9
+_TURN = (-math.pi, math.pi)
 _LARGEST = 4096  # of an image's sides [px]
 _VIEWS = ("image", "sensor")  # tables that are named as a whole
 
@@ -46,6 +47,10 @@ class DepthCamera(Value):
     """Optical centre in the base frame [m]; where the robot has its own, if None."""
     camera_pitch: float | None = None
     """Nose down positive [rad]; that of the robot's own, if None."""
+    camera_roll: float | None = None
+    """About the optical axis, right side down positive [rad]; that of the robot's own, if None."""
+    camera_yaw: float | None = None
+    """To the left positive [rad]; that of the robot's own, if None. The camera turns by yaw, then pitch, then roll."""
     rate_hz: float = 50.0
     """Images a second: each is taken at the first of the plant's steps that is not before its time."""
     latency_s: float | None = None
@@ -68,7 +73,8 @@ class DepthCamera(Value):
 
     def __post_init__(self) -> None:
         check_between(
-            self, camera_position=(-10.0, 10.0), camera_pitch=(-math.pi, math.pi), rate_hz=(SLOWEST_HZ, STEP_HZ),
+            self, camera_position=(-10.0, 10.0), camera_pitch=_TURN, camera_roll=_TURN,
+            camera_yaw=_TURN, rate_hz=(SLOWEST_HZ, STEP_HZ),
             latency_s=(0.0, LONGEST_LATENCY_S), range_m=(0.0, 100.0), depth_unit_m=(1e-6, 1.0),
             baseline_m=(1e-3, 1.0),
         )  # fmt: skip
@@ -97,10 +103,15 @@ class DepthCamera(Value):
         """Its name where it is shipped, else all of it as plain values; `recorded` reads it."""
         return self.name if SHIPPED.get(self.name) == self else read_toml(self.to_toml())
 
+    @property
+    def mount(self) -> dict[str, Any]:
+        """Its pose on the trunk, by the fields of `Robot`; None for what is the robot's own."""
+        names = ("camera_position", "camera_pitch", "camera_roll", "camera_yaw")
+        return {name: getattr(self, name) for name in names}
+
     def mounted_on(self, robot: Robot) -> Robot:
         """The robot with its camera where this one sits."""
-        own = {"camera_position": self.camera_position, "camera_pitch": self.camera_pitch}
-        named: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
+        named: dict[str, Any] = {name: value for name, value in self.mount.items() if value is not None}
         return replace(robot, **named) if named else robot
 
     def delivered(self, profile: Profile) -> Profile:

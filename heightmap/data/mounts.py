@@ -1,5 +1,7 @@
 """Errors of the camera mount that training data are drawn with."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from saltus.render.camera import Mount
@@ -15,4 +17,5 @@ def random_mount(robot: Robot, rng: np.random.Generator, count: int | None = Non
     """The camera of one robot as it really sits; the cameras of `count` robots, each with a place of its own."""
     offset = rng.triangular(-POSITION_ERROR_M, 0.0, POSITION_ERROR_M, 3 if count is None else (count, 3))
     pitch = rng.triangular(-PITCH_ERROR, 0.0, PITCH_ERROR, count)
-    return Mount(position=robot.camera_position + offset, pitch=robot.camera_pitch + pitch)
+    claimed = Mount.of(robot)
+    return replace(claimed, position=claimed.position + offset, pitch=claimed.pitch + pitch)

@@ -292,7 +292,7 @@ def camera_of(directory: Path, records: Iterable[ShardRecord]) -> DepthCamera:
         DatasetError: they sat at different places.
     """
     cameras = [record.camera for record in records]
-    if len({(camera.camera_position, camera.camera_pitch) for camera in cameras}) > 1:
+    if len({tuple(camera.mount.values()) for camera in cameras}) > 1:
         names = ", ".join(dict.fromkeys(camera.name for camera in cameras))
         raise DatasetError(f"{directory}: the cameras of its shards sit at different places: {names}")
     return cameras[0]

@@ -36,7 +36,13 @@ def camera_metadata(robot: Robot) -> dict[str, Any]:
         "range_m": depth.RANGE_M,
         "position_m": robot.camera_position.tolist(),
         "pitch_rad": robot.camera_pitch,
+        **{f"{name}_rad": angle for name, angle in _other_angles(robot).items() if angle},
     }
+
+
+def _other_angles(robot: Robot) -> dict[str, float]:
+    """Roll and yaw of the camera [rad]; files leave out those that are 0, as those of before knew none."""
+    return {"roll": robot.camera_roll, "yaw": robot.camera_yaw}
 
 
 class HeightmapNetwork:
@@ -147,11 +153,13 @@ def _check_mount(path: Path, camera: dict[str, Any], robot: Robot) -> None:
     try:
         off = robot.camera_position - np.array(camera["position_m"], np.float64)
         turned = robot.camera_pitch - float(camera["pitch_rad"])
+        aside = [abs(angle - float(camera.get(f"{name}_rad", 0.0))) for name, angle in _other_angles(robot).items()]
     except (TypeError, ValueError):
         raise ModelError(f"model {path} does not fit: 'camera' does not say where it sits") from None
-    if not (np.abs(off).max() <= MOUNT_POSITION_ERROR_M and abs(turned) <= MOUNT_PITCH_ERROR):
+    if not (np.abs(off).max() <= MOUNT_POSITION_ERROR_M and max(abs(turned), *aside) <= MOUNT_PITCH_ERROR):
         ahead, left, up = 100.0 * off
         steeper = f"{abs(np.rad2deg(turned)):.1f} deg {'more' if turned > 0.0 else 'less'} down"
+        steeper += f" and rolled or turned by {np.rad2deg(max(aside)):.1f} deg" if max(aside) > 0.0 else ""
         raise ModelError(
             f"model {path} was made for a camera elsewhere: the robot's sits {ahead:+.1f} cm ahead, {left:+.1f} cm to "
             f"the left and {up:+.1f} cm up of it, {steeper}, and training covers "

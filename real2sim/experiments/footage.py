@@ -61,7 +61,10 @@ class FootageCamera:
             rate_hz=float(claim["rate"]),
             latency_s=float(claim["latency"]),
             intrinsics=_pooled(claim),
-            mount=Mount(position=np.asarray(claim["position"], dtype=np.float64), pitch=float(claim["pitch"])),
+            mount=Mount(
+                position=np.asarray(claim["position"], dtype=np.float64),
+                **{name: float(claim.get(name, 0.0)) for name in ("roll", "pitch", "yaw")},
+            ),
         )
 
     def claim(self) -> dict[str, Any]:
@@ -69,7 +72,7 @@ class FootageCamera:
         return {
             **{name: getattr(self.intrinsics, name) for name in ("fx", "fy", "cx", "cy", "width", "height")},
             "position": self.mount.position.tolist(),
-            "pitch": self.mount.pitch,
+            **{name: getattr(self.mount, name) for name in ("roll", "pitch", "yaw")},
             "rate": self.rate_hz,
             "latency": self.latency_s,
             "range_max": RANGE_MAX_M,

@@ -123,7 +123,8 @@ def _completed(log: RunLog, recording: Path, description: Description, robot: Ro
     if log.depth is None:
         meta.pop("camera", None)
     elif "camera" in log.meta | claims:
-        mount = {"position": robot.camera_position.tolist(), "pitch": robot.camera_pitch}
+        angles = {"pitch": robot.camera_pitch, "roll": robot.camera_roll, "yaw": robot.camera_yaw}
+        mount = {"position": robot.camera_position.tolist(), **angles}
         meta["camera"] = mount | log.meta.get("camera", {}) | claims.get("camera", {})
     try:
         check_claims(meta)

@@ -99,7 +99,7 @@ class RunOptions:
         compensation_for(self.known, robot)
         policy, heightmap = (None if path is None else str(path) for path in (self.policy_model, self.heightmap_model))
         is_other = self.robot != DEFAULT_ROBOT  # for which the shipped models were not made
-        if heightmap is not None or is_other or camera.camera_position or camera.camera_pitch is not None:
+        if heightmap is not None or is_other or any(value is not None for value in camera.mount.values()):
             HeightmapNetwork(robot, model_path("heightmap", heightmap))
         if policy is not None or is_other:
             make_planner(self.planner, robot, load_grid(DEFAULT_GRID), policy)

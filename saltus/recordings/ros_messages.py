@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from saltus.arrays import Floats, Reals
 from saltus.constants import NORMAL_90
 from saltus.errors import MessageError
-from saltus.rotations import rotation_matrix
+from saltus.rotations import quaternion_from_roll_pitch_yaw, quaternion_product, rotation_matrix
 from saltus.wire import codec
 from saltus.wire.codec import header
 from saltus.wire.messages import Heightmap, HeightmapStatus, RobotState, points_of
@@ -140,11 +140,11 @@ def yaw_of(wxyz: Floats) -> tuple[float, float, float, float]:
     return (math.cos(half), 0.0, 0.0, math.sin(half))
 
 
-def optical(pitch: float) -> tuple[float, float, float, float]:
-    """Quaternion of the camera frame in the base frame, of a camera that looks ahead and nose down by `pitch`."""
-    c, s = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
-    a, b = 0.5 * (c - s), 0.5 * (c + s)  # of level optical axes (0.5, -0.5, 0.5, -0.5), turned about y
-    return (a, -b, b, -a)
+def optical(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """Quaternion of the camera frame in the base frame, of a camera that is turned so from looking level ahead."""
+    turned = quaternion_from_roll_pitch_yaw(np.array(roll), np.array(pitch), np.array(yaw))
+    w, x, y, z = quaternion_product(turned, np.array([0.5, -0.5, 0.5, -0.5])).tolist()  # of level optical axes
+    return (w, x, y, z)
 
 
 def joint_state(time_ns: int, names: Sequence[str], state: RobotState) -> Any:

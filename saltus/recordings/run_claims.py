@@ -40,6 +40,8 @@ CAMERA: dict[str, Range] = {
     "pitch": (-3.2, 3.2, "rad"),
 }
 CAMERA_OPTIONAL: dict[str, Range] = {
+    "roll": (-3.2, 3.2, "rad"),
+    "yaw": (-3.2, 3.2, "rad"),
     "rate": (0.0, 1e4, "Hz"),
     "latency": (0.0, 10.0, "s"),
     "range_max": (1e-2, 1e3, "m"),

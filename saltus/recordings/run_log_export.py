@@ -110,6 +110,8 @@ def _camera(recording: Recording, frame: DepthFrame, latency_s: float) -> dict[s
         "height": height,
         "position": robot.camera_position.tolist(),
         "pitch": robot.camera_pitch,
+        "roll": robot.camera_roll,
+        "yaw": robot.camera_yaw,
         "rate": camera.rate_hz,
         "latency": latency_s if camera.latency_s is None else camera.latency_s,
     }

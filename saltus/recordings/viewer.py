@@ -277,7 +277,10 @@ class RobotFrames:
             for (body, parent), offset in zip(looks.parents.items(), looks.offsets, strict=True)
             if body != TRUNK
         ]
-        self._camera = (ros.vector(robot.camera_position), ros.quaternion(ros.optical(robot.camera_pitch)))
+        self._camera = (
+            ros.vector(robot.camera_position),
+            ros.quaternion(ros.optical(robot.camera_roll, robot.camera_pitch, robot.camera_yaw)),
+        )
 
     def camera(self, time_ns: int) -> Any:
         """The camera, z along its optical axis, on the base."""

@@ -133,6 +133,8 @@ class _Deriver:
             "foot_force": self._guess("foot_force", size.foot_force),
             "camera_position": self._guess("camera_position", size.camera_position(float(hips[0, 0]))),
             "camera_pitch": self._guess("camera_pitch", CAMERA_PITCH),
+            "camera_roll": self._guess("camera_roll", 0.0),
+            "camera_yaw": self._guess("camera_yaw", 0.0),
             "profile": self._take("profile", "ideal", "missing", f"no effects{self._passive()}"),
         }
 

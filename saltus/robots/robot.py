@@ -127,6 +127,10 @@ class Robot(Value):
     """Optical centre in the base frame [m], shape (3,)."""
     camera_pitch: float
     """Nose down positive [rad]."""
+    camera_roll: float = 0.0
+    """About the optical axis, right side down positive [rad]."""
+    camera_yaw: float = 0.0
+    """To the left positive [rad]; the camera is turned by yaw, then pitch, then roll."""
 
     profile: str
     """Name of the profile that it has as shipped."""

@@ -37,6 +37,8 @@ class Supplement:
     foot_force: Numbers = None
     camera_position: Numbers = None
     camera_pitch: float | None = None
+    camera_roll: float | None = None
+    camera_yaw: float | None = None
 
     def __post_init__(self) -> None:
         known = [f.name for f in fields(Gains)]

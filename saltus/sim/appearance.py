@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from saltus.robots.robot import LEGS, Robot
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.sim import scene
 from saltus.sim.scene import VISUAL_GROUP
 from saltus.terrain.columns import Columns
@@ -123,7 +124,8 @@ def _add_trunk(trunk: mujoco.MjsBody, robot: Robot) -> None:
 
 
 def _add_camera(trunk: mujoco.MjsBody, robot: Robot) -> None:
-    tilt = (np.cos(0.5 * robot.camera_pitch), 0.0, np.sin(0.5 * robot.camera_pitch), 0.0)
+    angles = (np.array(angle) for angle in (robot.camera_roll, robot.camera_pitch, robot.camera_yaw))
+    tilt = quaternion_from_roll_pitch_yaw(*angles)
     camera, add = robot.camera_position, partial(_add, trunk, 1.0)
     add(BOX, JOINT, pos=(camera[0] - 0.02, 0.0, camera[2] - 0.03), size=(0.006, 0.012, 0.03), quat=tilt)
     add(BOX, CASE, pos=camera - np.array([0.012, 0.0075, 0.0]), size=(0.011, 0.045, 0.0125), quat=tilt)

@@ -72,7 +72,9 @@ class DepthModel:
         position, rotation = self.motion.at(exposed_s)
         position, rotation = position + self.shift_m, rotation @ (np.eye(3) + skew(self.turn_rad))
         raised = self.camera.position + np.array([0.0, 0.0, effects.camera_height])
-        mount = Mount(position=raised, pitch=self.camera.pitch + effects.camera_pitch)
+        mount = Mount(
+            position=raised, pitch=self.camera.pitch + effects.camera_pitch, roll=self.camera.roll, yaw=self.camera.yaw
+        )
         wider = 1.0 + effects.camera_fov
         looks = mount.rotation @ (self.tangents * np.array([[wider], [wider], [1.0]]))
         return position + rotation @ mount.position, rotation @ looks

@@ -35,6 +35,9 @@ class ClaimedCamera:
     """Optical centre, trunk frame [m], shape (3,)."""
     pitch: float
     """Nose down positive [rad]."""
+    roll: float
+    yaw: float
+    """See `saltus.render.camera.Mount`; 0 in logs that do not claim them."""
     rate_hz: float
     latency_s: float
     range_m: float
@@ -52,6 +55,7 @@ def claimed_camera(meta: dict[str, Any]) -> ClaimedCamera:
     try:
         return ClaimedCamera(
             **{name: float(camera[name]) for name in ("fx", "fy", "cx", "cy", "pitch")},
+            **{name: float(camera.get(name, 0.0)) for name in ("roll", "yaw")},
             position=np.asarray(camera["position"], dtype=np.float64).reshape(3),
             rate_hz=float(camera.get("rate", 0.0)),
             latency_s=float(camera.get("latency", 0.0)),

@@ -28,7 +28,7 @@ def expected_depth(poses: Floats, meta: dict[str, Any], rows: Indices, columns: 
         RecordingError: the claimed camera lacks something, or the terrain is neither "flat" nor a list of boxes.
     """
     camera, scene = claimed_camera(meta), claimed_scenes(meta.get("terrain"))[0]
-    mount = Mount(position=camera.position, pitch=camera.pitch)
+    mount = Mount(position=camera.position, pitch=camera.pitch, roll=camera.roll, yaw=camera.yaw)
     row, column = np.meshgrid(rows, columns, indexing="ij")
     looks = mount.rotation @ camera.tangents(row.ravel(), column.ravel())
     rotation = np.asarray(rotation_matrix(unit(poses[:, 3:])))
