@@ -1,7 +1,7 @@
 """The leg controller: gait, swing, stance feed-forward, feedback, command. One law, 500 Hz, numpy and torch.
 
 All robots of a batch are in one mode. Headings: a plan says nothing about yaw, so the controller itself turns the
-robot back to `Plan.heading` with a yaw rate proportional to the error, and asks for no lateral velocity.
+robot back to `Reference.heading` with a yaw rate proportional to the error, and asks for no lateral velocity.
 """
 
 from dataclasses import dataclass, field, replace
