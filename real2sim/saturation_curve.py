@@ -17,9 +17,10 @@ from saltus.real2sim.search.layout import STEP, Layout
 SPACING = 5.0  # Nm between points at the strongest joint, as in the original's table
 ITERATIONS = 4
 SLOPE_STEP = 0.01
-"""Of finite differences: losses change by 0.05 Nm from point to point."""
+"""Step of finite differences: losses change by 0.05 Nm from point to point."""
 STIFFNESS = 1e-6
-"""Of a slope that the log does not tell, relative to the best told: it stays where it was."""
+"""Stiffness of a slope that the log does not tell, relative to the best told: it stays where it
+was."""
 FINEST = 400
 """Points of a law among which those of its curve are chosen."""
 DRAWN_NM = 0.02

@@ -304,8 +304,8 @@ def seeds_of(module: Any, begin: Callable[[], object], monkeypatch: pytest.Monke
     """Those of the trials that a module would run."""
     seen: list[int] = []
 
-    def rollout(robot: Any, terrains: Any, trials: Any, *_: Any, **__: Any) -> None:
-        seen.extend(trial.seed for trial in trials)
+    def rollout(setups: Any, *_: Any, **__: Any) -> None:
+        seen.extend(setup.trial.seed for setup in setups)
         raise _BegunError
 
     monkeypatch.setattr(module, "Rollout", rollout)

@@ -66,7 +66,7 @@ def test_figures_are_those_of_all_points_together(monkeypatch: pytest.MonkeyPatc
     rng = np.random.default_rng(0)
     batches = [[run_of(rng, "stairs"), run_of(rng, "gap")], [run_of(rng, "stairs")]]
     monkeypatch.setattr(heights.SceneRuns, "measure", lambda _, __, batch: batches[batch[0]])
-    counts = [heights.count(Path(), (heights.SceneRuns(), (i, 2))) for i in range(len(batches))]
+    counts = [heights.count(Path(), (heights.SceneRuns(robot="go1", grid="line"), (i, 2))) for i in range(len(batches))]
     found = table(json.loads(json.dumps(counts)))
     for name, runs in {"all": [*batches[0], *batches[1]], "gap": batches[0][1:]}.items():
         said = [run.predictions[NETWORK] for run in runs]

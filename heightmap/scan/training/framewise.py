@@ -16,7 +16,7 @@ from saltus.heightmap.scan.settings import MapSettings
 def of_image(
     state: ElevationMap, measured: Measurement, now_s: Array, settings: MapSettings
 ) -> tuple[ElevationMap, Inputs, Surroundings]:
-    """What would be known and shown had this image been the first, at the pose that `state` has corrected."""
+    """Returns what would be known and shown had this image been the first, at the pose that `state` has corrected."""
     blank = new_map(len(now_s), settings, state.height)._replace(correction=state.correction)
     alone, around = advanced(blank, measured, replace(settings, matching=False, foot_gain=0.0))
     return alone, inputs_of(alone, around, now_s, measured.body_height), around
