@@ -165,8 +165,12 @@ def sought(parameter: str, scale: float, **more: Any) -> Callable[[str], Unknown
 
 def candidate(effect: str, *unknowns: Unknown | Callable[[str], Unknown], where: str, **more: Any) -> Candidate:
     """A candidate in one line; `more` are other fields of it."""
-    own = tuple(each if isinstance(each, Unknown) else each(effect) for each in unknowns)
-    return Candidate(effect=effect, where=where, unknowns=own, **more)
+    return Candidate(effect=effect, where=where, unknowns=unknowns_of(effect, unknowns), **more)
+
+
+def unknowns_of(effect: str, unknowns: Sequence[Unknown | Callable[[str], Unknown]]) -> tuple[Unknown, ...]:
+    """Unknowns of an effect, with those that are `sought` between its values."""
+    return tuple(each if isinstance(each, Unknown) else each(effect) for each in unknowns)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from saltus.arrays import Floats
 from saltus.effects.joint_spring import JointSpring
 from saltus.effects.torque_saturation import LOSS_AT_KNEE
 from saltus.real2sim.problem.joints.drives import Drives
-from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate, sought
+from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, sought, unknowns_of
 
 NO_KNEE = 200.0  # [Nm] stated where the loss never reaches that share
 HALF_FREE = 0.02
@@ -42,9 +41,78 @@ def _bend() -> Unknown:
     return Unknown("bend", 0.0, 5e-3, 2e-4, is_shape=True, is_told=False)
 
 
-_kind = partial(
-    candidate, where="", least_closed=LEAST_CLOSED
-)  # at any joint; starts that are shares of what a log reaches are scaled later
+@dataclass(frozen=True, kw_only=True)
+class Reach:
+    """How far a log goes at one place of all legs."""
+
+    speed: float
+    """Largest [rad/s]."""
+    torque: float
+    """Largest commanded [Nm]."""
+    middle: float
+    """Mean angle [rad]."""
+    side: float
+    """Of the claimed limit that it comes nearest to: +1 at large angles, -1 at small ones."""
+    end: float
+    """Angle that is nearest to that limit [rad]."""
+    to_limit: float
+    """From there to the limit [rad]."""
+    steps: tuple[float, ...]
+    """Steps of an encoder that the angles suggest [rad]."""
+
+
+Starts = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Places:
+    """How far a log goes at all places of a leg, as `Reach` has it; shapes (joints, 1)."""
+
+    middle: Floats
+    side: Floats
+    end: Floats
+
+    @classmethod
+    def of(cls, reach: Sequence[Reach]) -> "Places":
+        """Of the places in their order."""
+        return cls(**{name: np.array([getattr(r, name) for r in reach])[:, None] for name in ("middle", "side", "end")})
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointKind(Candidate):
+    """A candidate at any joint, and what of it depends on the place of a log."""
+
+    starts_at: Callable[[Starts, Reach], Starts] = lambda starts, _: starts
+    coordinates_at: Callable[[Reach], Coordinates] | None = None
+    drive: Callable[[tuple[Floats, ...], Places], tuple[Floats, ...]] = lambda unknowns, _: unknowns
+    """What its unknowns, shape (branches, joints, sets) each, are to the drives."""
+
+    def at(self, place: str, reach: Reach) -> Candidate:
+        """The candidate at a place of a leg."""
+        way = self.coordinates if self.coordinates_at is None else self.coordinates_at(reach)
+        return replace(self, where=place, starts=self.starts_at(self.starts, reach), coordinates=way)
+
+
+def _kind(effect: str, *unknowns: Unknown | Callable[[str], Unknown], where: str = "", **more: Any) -> JointKind:
+    own = unknowns_of(effect, unknowns)
+    return JointKind(effect=effect, where=where, unknowns=own, **{"least_closed": LEAST_CLOSED} | more)
+
+
+def _spring(reach: Reach) -> Coordinates:
+    """A spring by its pull at the mean angle, which tells nothing of its stiffness."""
+    return Coordinates(
+        parameters=lambda x: {"torque": float(x[0] + x[1] * reach.middle), "stiffness": float(x[1])},
+        unknowns=lambda values: (values["torque"] - values["stiffness"] * reach.middle, values["stiffness"]),
+    )
+
+
+def _stop(reach: Reach) -> Coordinates:
+    """A stop by how far it reaches into the range of the log."""
+    name = "upper" if reach.side > 0.0 else "lower"
+    return Coordinates(
+        parameters=lambda x: {"stiffness": float(x[0]), name: reach.end - reach.side * float(x[1])},
+        unknowns=lambda values: (values["stiffness"], reach.side * (reach.end - values[name])),
+    )
 
 
 # Bounds of parameters are those of the effects; scales are the smallest changes that matter on
@@ -73,6 +141,7 @@ KINDS = (
         sought("corner", 1.0, is_shape=True),
         _shape("span", 0.3, 60.0, 1.0),
         starts=((1.0, 0.0, 1.3), (1.0, 0.3, 0.5), (1.0, 0.5, 0.2), (1.0, 0.6, 0.7)),
+        starts_at=lambda starts, reach: tuple((weight, a * reach.speed, b * reach.speed) for weight, a, b in starts),
         coordinates=Coordinates(
             parameters=lambda x: {"corner": float(x[1]), "no_load": float(x[1]) + float(x[2])},
             unknowns=lambda values: (1.0, values["corner"], values["no_load"] - values["corner"]),
@@ -84,6 +153,7 @@ KINDS = (
         _shape("corner", 1.0, 34.0, 0.5),
         _shape("rounding", 0.05, 10.0, 0.5),
         starts=((0.4, 0.2, 1.0), (0.4, 0.4, 1.0), (0.4, 0.6, 1.0), (0.4, 0.8, 1.0)),
+        starts_at=lambda starts, reach: tuple((loss, corner * reach.torque, width) for loss, corner, width in starts),
     ),
     _kind("torque_gain", sought("gain", 0.01), resolution=4e-3),
     _kind("battery_sag", sought("loss_at_end", 0.01), starts=((0.1,),)),
@@ -116,6 +186,8 @@ KINDS = (
         "joint_spring",
         Unknown("pull", *JointSpring.sought("torque"), 0.05),
         sought("stiffness", 0.2),
+        coordinates_at=_spring,
+        drive=lambda x, places: (x[0] + x[1] * places.middle, x[1]),
         least_closed=0.95,  # true ones close 0.998; an integral term of the drive, which it imitates, 0.79 to 0.90
     ),
     _kind(  # how far the stop reaches into the range of the log
@@ -123,6 +195,8 @@ KINDS = (
         sought("stiffness", 10.0),
         _shape("depth", 0.0, 0.4, 0.005),
         starts=((300.0, 0.02), (300.0, 0.06), (300.0, 0.15)),
+        coordinates_at=_stop,
+        drive=lambda x, places: (places.side, places.end - places.side * x[1], x[0]),
     ),
     _kind(  # between a rigid and a free base lies a resonance
         "base_roll",
@@ -131,6 +205,8 @@ KINDS = (
         sought("damping", 0.1, is_shape=True),
         starts=((1.0, 0.1, 0.3), (1.0, 0.5, 0.3), (1.0, 0.9, 0.3)),
         model_error=0.05,
+        where="trunk",  # all legs have one base
+        drive=lambda x, _: (x[0][:, 0], HALF_FREE * x[1][:, 0] / (1.0 - x[1][:, 0]), x[2][:, 0]),
         coordinates=Coordinates(
             parameters=lambda x: {"give": HALF_FREE * float(x[1] / (1.0 - x[1])), "damping": float(x[2])},
             unknowns=lambda values: (1.0, values["give"] / (HALF_FREE + values["give"]), values["damping"]),
@@ -143,32 +219,13 @@ KINDS = (
         _weight(),
         sought("step", 1e-6, is_shape=True),
         starts=((1.0, 0.005),),
+        starts_at=lambda starts, reach: tuple((1.0, step) for step in reach.steps) or starts,
         closable_share=0.95,
     ),
     _kind("velocity_filter", sought("time_constant", 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
     _kind("velocity_scale", sought("scale", 0.02)),
     _kind(LOOP_RATE, Unknown("rate", 0.0, 1.0, 0.25), starts=((0.5,),), is_nuisance=True),
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Reach:
-    """How far a log goes at one place of all legs."""
-
-    speed: float
-    """Largest [rad/s]."""
-    torque: float
-    """Largest commanded [Nm]."""
-    middle: float
-    """Mean angle [rad]."""
-    side: float
-    """Of the claimed limit that it comes nearest to: +1 at large angles, -1 at small ones."""
-    end: float
-    """Angle that is nearest to that limit [rad]."""
-    to_limit: float
-    """From there to the limit [rad]."""
-    steps: tuple[float, ...]
-    """Steps of an encoder that the angles suggest [rad]."""
 
 
 class JointCandidates:
@@ -185,18 +242,15 @@ class JointCandidates:
         self, places: Sequence[str], limit: Floats, reach: Sequence[Reach], left_out: Sequence[str] = ()
     ) -> None:
         self._places, self._limit = tuple(places), limit
-        self._middle, self._side, self._end = (
-            np.array([getattr(r, name) for r in reach])[:, None] for name in ("middle", "side", "end")
-        )  # shapes (joints, 1)
+        self._reached = Places.of(reach)
         self._column: dict[tuple[str, int], slice] = {}
         listed: list[Candidate] = []
         start = 0
         for kind in (kind for kind in KINDS if kind.effect not in left_out):
-            # the loop of a leg's drives has one rate, and all legs have one base
-            own = ("trunk",) if kind.effect == "base_roll" else self._places[:1] if kind.is_nuisance else self._places
+            # the loop of a leg's drives has one rate
+            own = (kind.where,) if kind.where else self._places[:1] if kind.is_nuisance else self._places
             for joint, place in enumerate(own):
-                way = _coordinates(kind, reach[joint])
-                listed.append(replace(kind, where=place, starts=_starts(kind, reach[joint]), coordinates=way))
+                listed.append(kind.at(place, reach[joint]))
                 self._column[kind.effect, joint] = slice(start, start + len(kind.unknowns))
                 start += len(kind.unknowns)
         self.listed = tuple(listed)
@@ -204,18 +258,10 @@ class JointCandidates:
 
     def drives(self, unknowns: Floats, dt_s: float) -> Drives:
         """What sets of unknowns, shape (sets, branches, unknowns), do to the drives."""
-        found = {kind.effect: self._values(kind, unknowns) for kind in KINDS}
-        own: dict[str, Any] = {e: v[0] if len(v) == 1 else v for e, v in found.items() if v is not None}
+        found = [(kind, self._values(kind, unknowns)) for kind in KINDS]
+        told = {kind.effect: kind.drive(values, self._reached) for kind, values in found if values is not None}
+        own: dict[str, Any] = {effect: values[0] if len(values) == 1 else values for effect, values in told.items()}
         _take_bristles(own)
-        if "joint_spring" in own:
-            pull, stiffness = own["joint_spring"]
-            own["joint_spring"] = pull + stiffness * self._middle, stiffness
-        if "base_roll" in own:
-            weight, freedom, damping = (each[:, 0] for each in own["base_roll"])
-            own["base_roll"] = weight, HALF_FREE * freedom / (1.0 - freedom), damping
-        if "end_stop" in own:
-            stiffness, depth = own["end_stop"]
-            own["end_stop"] = self._side, self._end - self._side * depth, stiffness
         return Drives(count=len(unknowns), dt_s=dt_s, limit=self._limit[..., None], **own)
 
     def columns(self, effect: str, joint: int) -> slice:
@@ -255,33 +301,6 @@ def _take_bristles(own: dict[str, Any]) -> None:
             bent.append(rest[0] * bend)
     if any(np.any(each) for each in bent):
         own["bristles"] = sum(bent) / np.maximum(sum(levels), LEAST_LEVEL)
-
-
-def _starts(kind: Candidate, reach: Reach) -> tuple[tuple[float, ...], ...]:
-    match kind.effect:
-        case "torque_speed_limit":
-            return tuple((weight, a * reach.speed, b * reach.speed) for weight, a, b in kind.starts)
-        case "torque_saturation":
-            return tuple((loss, corner * reach.torque, rounding) for loss, corner, rounding in kind.starts)
-        case "encoder_quantisation" if reach.steps:
-            return tuple((1.0, step) for step in reach.steps)
-    return kind.starts
-
-
-def _coordinates(kind: Candidate, reach: Reach) -> Coordinates | None:
-    """Those of a kind at one place: of a spring by its pull at the mean angle, which tells nothing of its stiffness."""
-    if kind.effect == "joint_spring":
-        return Coordinates(
-            parameters=lambda x: {"torque": float(x[0] + x[1] * reach.middle), "stiffness": float(x[1])},
-            unknowns=lambda values: (values["torque"] - values["stiffness"] * reach.middle, values["stiffness"]),
-        )
-    if kind.effect == "end_stop":
-        name = "upper" if reach.side > 0.0 else "lower"
-        return Coordinates(
-            parameters=lambda x: {"stiffness": float(x[0]), name: reach.end - reach.side * float(x[1])},
-            unknowns=lambda values: (values["stiffness"], reach.side * (reach.end - values[name])),
-        )
-    return kind.coordinates
 
 
 def knee_and_plateau(taken: Callable[[Floats], Floats], limit: float) -> dict[str, float]:
