@@ -35,6 +35,7 @@ import torch
 from benchmarks._command import Command
 from saltus.arrays import Reals
 from saltus.depth_camera import SHIPPED
+from saltus.grid import LINE
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.delivery import DELIVERIES, TICK_S
 from saltus.heightmap.data.episode import Episode
@@ -168,7 +169,11 @@ def trained(out: Path, name: str, updates: int) -> Path:
 def exported(model: HeightmapModel, path: Path) -> Path:
     """The network as a file."""
     # Its warm-up is the service's business: nothing reads it here, so it is not measured.
-    export(model, path, Origin(robot="go1", camera=SHIPPED["d435i"], warmup_frames=MIN_WARMUP, dataset="", seed=SEED))
+    export(
+        model,
+        path,
+        Origin(robot="go1", grid=LINE, camera=SHIPPED["d435i"], warmup_frames=MIN_WARMUP, dataset="", seed=SEED),
+    )
     return path
 
 

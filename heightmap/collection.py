@@ -34,7 +34,7 @@ def collect(
     """Adds a shard to a dataset; arguments and errors as those of `collect_batches` and `closed_loop_batches`."""
     keys = [(settings.seed, 0, batch) for batch in range(settings.batches)]
     table = round_table(settings.loop, settings.batches, 0, settings.model)
-    table |= hardware_table(settings.profile, load_camera(settings.loop.camera))
+    table |= hardware_table(settings.profile, settings.loop.robot, load_camera(settings.loop.camera))
     made = closed_loop_batches(settings.loop, settings.model, keys, settings.profile, processes, cluster, listener)
     with closing(made):
         return collect_batches([(directory, table)], ([batch] for batch in made), done, seed=settings.seed)

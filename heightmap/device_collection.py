@@ -75,7 +75,7 @@ def collect(
         done(speed, rollouts.crowded_share())
 
     cameras = {folder: load_camera(camera) for camera, folder in outputs.items()}
-    known = {folder: hardware_table(rollouts.profile, camera) for folder, camera in cameras.items()}
+    known = {folder: hardware_table(rollouts.profile, loop.robot, camera) for folder, camera in cameras.items()}
     datasets = [(folder, {**table, "camera": cameras[folder].record, **known[folder]}) for folder in cameras]
     return collect_batches(datasets, batches(), tell, seed=settings.seed, code=code)
 

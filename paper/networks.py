@@ -32,7 +32,7 @@ from paper.training import (
 from saltus.depth_camera import load_camera
 from saltus.errors import SaltusError
 from saltus.gpu import has_gpu
-from saltus.grid import DEFAULT_GRID
+from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import dataset_hash, read_manifest, read_records
 from saltus.heightmap.device_collection import collect
@@ -229,6 +229,7 @@ def _exported(model: HeightmapModel, path: Path, work: "_Work") -> Path:
     records = read_records(work.data)
     origin = Origin(
         robot=DEFAULT_ROBOT,
+        grid=load_grid(DEFAULT_GRID),
         camera=load_camera(CAMERA),
         latency_s=float(records[0].latency.latency),
         warmup_frames=MIN_WARMUP,

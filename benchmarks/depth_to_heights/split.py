@@ -180,7 +180,7 @@ def make_batch(batch: Sequence[RunPlan]) -> list[SplitRun]:
         truth = Truth(
             terrain=terrain.kind,
             height=true_heights(terrain, position, quaternion).astype(np.float32),
-            view=visibility(terrain, Mount.of(robot), position, quaternion, captured_s),
+            view=visibility(terrain, Mount.of(robot), LINE, position, quaternion, captured_s),
         )
         states = [step.states for step in steps[:count]]
         made.append(SplitRun(inputs=_inputs(robot, states, number, depth, captured_s), truth=truth))

@@ -16,7 +16,6 @@ from saltus.effects.profile import SHIPPED, load_profile
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.settings import DeliveryName
 from saltus.robots.loading import load_robot
-from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.topics import CAMERA_LATENCY_S
 
 TICK_S = POLICY_DT
@@ -57,11 +56,11 @@ class DeliveryModel:
         return CameraChain(drawn_around(known, latency_s=latency_s, jitter_s=spread_s, loss=loss))
 
 
-def hardware_table(profile: str, camera: DepthCamera) -> dict[str, Any]:
+def hardware_table(profile: str, robot: str, camera: DepthCamera) -> dict[str, Any]:
     """Table for the manifest of a dataset, of robots and cameras that are not as shipped."""
     if profile == SHIPPED:
         return {}
-    known = camera.delivered(load_profile(profile, load_robot(DEFAULT_ROBOT)))
+    known = camera.delivered(load_profile(profile, load_robot(robot)))
     return {"profile": profile, "latency": asdict(known.camera_chain.latency)}
 
 

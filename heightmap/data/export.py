@@ -20,7 +20,7 @@ from saltus.files import whole_folder
 from saltus.heightmap.data.columns import COLUMNS, NO_IMAGE_S, SCHEMA, nested
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import DatasetError, ShardRecord, dataset_hash, read_records, read_shard
-from saltus.robots.shipped import DEFAULT_ROBOT
+from saltus.robots.shipped import robot_named
 
 DATA_FILE = "data/chunk-000/file-{index:03d}.parquet"
 EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
@@ -66,7 +66,7 @@ def export(directory: Path, out: Path, done: Callable[[int], object] = lambda _:
                         statistics[name].add(values)
                     file.write_table(_arrow(table), row_group_size=ROW_GROUP)
                     done(len(episode.height))
-        _write_meta(made, rows, terrains, statistics)
+        _write_meta(made, robot_named(records[0].config), rows, terrains, statistics)
         (made / CROISSANT_FILE).write_text(json.dumps(croissant(records), indent=1) + "\n", encoding="utf-8")
     return Exported(episodes=len(rows), ticks=_index(rows), terrains=tuple(terrains))
 
@@ -132,7 +132,11 @@ class _Statistics:
 
 
 def _write_meta(
-    made: Path, rows: list[dict[str, Any]], terrains: dict[str, int], statistics: dict[str, _Statistics]
+    made: Path,
+    robot: str,
+    rows: list[dict[str, Any]],
+    terrains: dict[str, int],
+    statistics: dict[str, _Statistics],
 ) -> None:
     """Writes what LeRobot asks for besides the data."""
     (made / EPISODES_FILE).parent.mkdir(parents=True)
@@ -149,7 +153,7 @@ def _write_meta(
         column.name: {"dtype": column.dtype, "shape": column.shape, "names": column.names} for column in COLUMNS
     }
     info = {
-        "codebase_version": "v3.0", "robot_type": DEFAULT_ROBOT, "total_episodes": len(rows),
+        "codebase_version": "v3.0", "robot_type": robot, "total_episodes": len(rows),
         "total_frames": _index(rows), "total_tasks": len(terrains), "chunks_size": 1000,
         "data_files_size_in_mb": 100, "video_files_size_in_mb": 200,
         "fps": round(1.0 / POLICY_DT), "splits": {"train": f"0:{len(rows)}"},
@@ -178,8 +182,9 @@ def croissant(records: list[ShardRecord]) -> dict[str, Any]:
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
         "name": "saltus-depth-to-heights",
-        "description": f"Noisy depth images of a legged robot ({DEFAULT_ROBOT}) that jumps over stairs, stones and "
-        "gaps, what it knows of itself, and the true heights ahead of it, simulated by Saltus; 100 rows a second.",
+        "description": f"Noisy depth images of a robot ({robot_named(records[0].config)}) that jumps over stairs, "
+        "stones and gaps, what it knows of itself, and the true heights ahead of it, simulated by Saltus; 100 rows a "
+        "second.",
         "conformsTo": "http://mlcommons.org/croissant/1.0",
         "license": "https://www.apache.org/licenses/LICENSE-2.0",
         "version": "1.0.0",

@@ -258,7 +258,7 @@ def _measured(
         terrain=terrain.kind,
         level=level,
         true_height=true_heights(terrain, position, quaternion)[counted],
-        view=visibility(terrain, Mount.of(kind), position, quaternion, captured_s)[counted],
+        view=visibility(terrain, Mount.of(kind), load_grid(config.grid), position, quaternion, captured_s)[counted],
         predictions={
             name: Prediction(height=said.height[counted], half_width_90=said.half_width_90[counted])
             for name, said in {NETWORK: network, **others}.items()

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from saltus import rotations
 from saltus.arrays import Floats
-from saltus.grid import LINE
+from saltus.grid import HeightGrid
 from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.evaluation.comparison import in_view
 from saltus.render.camera import Mount, camera_pose
@@ -21,26 +21,27 @@ _NEAREST_M = 0.02  # ground below the camera has no slope
 
 
 def visibility(
-    terrain: Terrain, mount: Mount, position: Floats, quaternion: Floats, captured_s: Floats
+    terrain: Terrain, mount: Mount, grid: HeightGrid, position: Floats, quaternion: Floats, captured_s: Floats
 ) -> NDArray[np.int8]:
     """When each point of the heightmap was last seen, in images that the robot has got; legs are not in the way here.
 
     Args:
         terrain: Under the robot.
         mount: Of its camera.
+        grid: A line of points ahead.
         position: True, of the base at each tick from 0 on [m], shape (ticks, 3).
         quaternion: The same, shape (ticks, 4).
         captured_s: Capture time of the image in use, minus infinity before the first [s], shape (ticks,).
 
     Returns:
-        `VISIBLE`, `REMEMBERED` or `UNSEEN`, shape (ticks, 30).
+        `VISIBLE`, `REMEMBERED` or `UNSEEN`, shape (ticks, rows).
     """
     ground = np.arange(position[:, 0].min() - _MARGIN_M, position[:, 0].max() + _MARGIN_M, BIN_M)
     taken = np.unique(np.rint(captured_s[np.isfinite(captured_s)] / TICK_S).astype(np.int64))
     rays = seen_by_rays(terrain, mount, ground, position[taken], quaternion[taken])
     seen = dict(zip(taken.tolist(), rays, strict=True))
     _, _, yaw = rotations.roll_pitch_yaw(rotations.rotation_matrix(quaternion))
-    points, _ = LINE.points_in_world(position, yaw)
+    points, _ = grid.points_in_world(position, yaw)
     place = np.rint((points - ground[0]) / BIN_M).astype(np.int64)
     last_s = np.full(len(ground), -np.inf)
     result = np.empty(points.shape, np.int8)
@@ -60,6 +61,7 @@ def seen_by_rays(
     Args:
         terrain: Under the robot.
         mount: Of its camera.
+        grid: A line of points ahead.
         ground: Places along the course, ascending [m], shape (m,).
         position: Of the base when each image is taken [m], shape (n, 3).
         quaternion: The same, shape (n, 4).

@@ -27,6 +27,7 @@ from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import ConfigError
 from saltus.files import whole_folder, write_whole
+from saltus.grid import load_grid
 from saltus.heightmap.collection import Key, closed_loop_batches, round_table
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.episode import Episode
@@ -171,6 +172,7 @@ def _started(folder: Path, start: Path, loop: ClosedLoop) -> Path:
             # Its warm-up is the service's business: nothing reads it here, so it is not measured.
             origin = Origin(
                 robot=loop.robot,
+                grid=load_grid(loop.grid),
                 camera=load_camera(loop.camera),
                 warmup_frames=MIN_WARMUP,
                 dataset=training["dataset"],
@@ -186,7 +188,7 @@ def _collect(
     model = None if before is None else before / MODEL
     keys = [(config.seed, index, batch) for batch in range(config.batches)]
     table = round_table(config.loop, config.batches, index, model)
-    table |= hardware_table(config.profile, load_camera(config.loop.camera))
+    table |= hardware_table(config.profile, config.loop.robot, load_camera(config.loop.camera))
     # Whatever interrupts the writing, the workers end here and now, not when the iteration is forgotten.
     with closing(batches(model, keys)) as made:
         write_shard(data, _watched(made, index, observer), seed=config.seed, config=table)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from saltus.depth_camera import DepthCamera
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HeightGrid, grid_metadata
 from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import FORMAT, INPUTS, OUTPUTS, HeightmapNetwork, camera_metadata
@@ -29,6 +29,8 @@ class Origin:
 
     robot: str
     """Name of the robot that it was trained on, or path of its model."""
+    grid: HeightGrid
+    """Of its heights."""
     camera: DepthCamera
     """Camera whose images it was trained on."""
     latency_s: float = CAMERA_LATENCY_S
@@ -72,7 +74,7 @@ def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "robot": robot.name,
-        "grid_m": HEIGHTMAP_X.tolist(),
+        **grid_metadata(origin.grid),
         "camera": camera_metadata(robot),
         "depth_camera": origin.camera.record,
         "proprioception": list(PROPRIOCEPTION),

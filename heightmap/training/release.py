@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from saltus.config import UNNAMED
 from saltus.depth_camera import DepthCamera
 from saltus.errors import ModelError
+from saltus.grid import load_grid
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import (
@@ -94,10 +96,10 @@ def release(
     held_out = _spread(split(read_dataset(data))[1]) if unseen is None else read_dataset(unseen)
     begun()
     camera = camera_of(data, records)
-    name = robot_named(records[0].config)
+    name, grid = robot_named(records[0].config), records[0].config.get("grid", UNNAMED["grid"])
     robot = camera.mounted_on(load_robot(name))
     origin = Origin(
-        robot=name, camera=camera, latency_s=float(records[0].latency.latency), warmup_frames=1,
+        robot=name, grid=load_grid(grid), camera=camera, latency_s=float(records[0].latency.latency), warmup_frames=1,
         dataset=dataset_hash(records), seed=int(training["config"]["seed"]),
     )  # fmt: skip
     model_path.parent.mkdir(parents=True, exist_ok=True)

@@ -8,6 +8,7 @@ from heightmap_inputs import SHORT_STAND_STEPS, WARMUP
 from synthetic_motion import gliding_episodes
 
 from saltus.depth_camera import SHIPPED
+from saltus.grid import LINE
 from saltus.heightmap.data import closed_loop
 from saltus.heightmap.data.shards import read_dataset, write_shard
 from saltus.heightmap.model import HeightmapModel, Normalisation
@@ -29,7 +30,11 @@ def model() -> HeightmapModel:
 @pytest.fixture(scope="session")
 def model_path(model: HeightmapModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("model") / "heightmap.onnx"
-    export(model, path, Origin(robot="go1", camera=SHIPPED["d435i"], warmup_frames=WARMUP, dataset="none", seed=0))
+    export(
+        model,
+        path,
+        Origin(robot="go1", grid=LINE, camera=SHIPPED["d435i"], warmup_frames=WARMUP, dataset="none", seed=0),
+    )
     return path
 
 

@@ -82,7 +82,7 @@ def test_all_that_a_profile_says_of_robots_and_cameras_reaches_both_collections(
     episodes += device.batch().episodes("ideal")
     for episode in episodes:
         assert len(episode.frame_tick) < 0.3 * len(episode.height), "the camera holds images and loses some"
-    known = hardware_table(str(path), load_camera("ideal"))
+    known = hardware_table(str(path), "go1", load_camera("ideal"))
     assert {CameraLatency(**known["latency"])} == {e.latency for e in episodes[: 2 * ROBOTS]} == {EVERYTHING.camera[-1]}
 
 

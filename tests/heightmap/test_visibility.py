@@ -7,7 +7,7 @@ from samples import ROBOT
 from saltus import rotations
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, RANGE_M
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.heightmap.evaluation.visibility import BIN_M, REMEMBERED, UNSEEN, VISIBLE, seen_by_rays, visibility
 from saltus.render.camera import Mount, RobotCamera, camera_pose, ray_directions
 from saltus.render.embree import EmbreeRenderer
@@ -56,10 +56,10 @@ def test_ground_is_visible_then_remembered_and_never_met_before() -> None:
     position[:, 0] = np.linspace(0.0, 3.0, ticks)
     quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1))
     captured_s = np.where(np.arange(ticks) < 10, -np.inf, np.floor(0.5 * (np.arange(ticks) - 10)) * 0.02)
-    view = visibility(terrain, Mount.of(ROBOT), position, quaternion, captured_s)
+    view = visibility(terrain, Mount.of(ROBOT), LINE, position, quaternion, captured_s)
     assert (view[:10] == UNSEEN).all()
     assert (view[12:, HEIGHTMAP_X > 0.7] == VISIBLE).all()
     assert (view[12, HEIGHTMAP_X < 0.2] == UNSEEN).all()
     assert (view[-1, HEIGHTMAP_X < 0.0] == REMEMBERED).all()
-    blind = visibility(terrain, Mount.of(ROBOT), position, quaternion, np.minimum(captured_s, 0.5))
+    blind = visibility(terrain, Mount.of(ROBOT), LINE, position, quaternion, np.minimum(captured_s, 0.5))
     assert (blind[-1] != VISIBLE).all()

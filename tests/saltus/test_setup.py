@@ -20,9 +20,7 @@ MAY = ("saltus/cli/", "saltus/robots/", "saltus/grid.py")
 DEFAULTS = {"DEFAULT_ROBOT", "LINE", "HEIGHTMAP_X"}
 STILL = {
     "heightmap/data/columns.py",
-    "heightmap/data/delivery.py",
     "heightmap/data/device_recording.py",
-    "heightmap/data/export.py",
     "heightmap/data/rollouts.py",
     "heightmap/data/shards.py",
     "heightmap/evaluation/comparison.py",
@@ -30,11 +28,9 @@ STILL = {
     "heightmap/evaluation/errors_by.py",
     "heightmap/evaluation/geometric.py",
     "heightmap/evaluation/report_figures.py",
-    "heightmap/evaluation/visibility.py",
     "heightmap/scan/training/evaluation.py",
     "heightmap/service/network.py",
     "heightmap/service/service.py",
-    "heightmap/training/export.py",
     "heightmap/training/train.py",
     "heightmap/training/validate.py",
 }
