@@ -90,8 +90,9 @@ def _wrong_one(log: RunLog, joints: list[int], factor: float) -> str:
     slopes = rate_slopes(log.joints.time_s, log.joints.q, log.joints.dq) if log.joints.dq is not None else None
     if slopes is not None and (told := slopes[joints][np.isfinite(slopes[joints])]).size:
         slope = float(np.median(told))
-        if abs(slope * factor - 1.0) < AGREE:
-            return "q"
+        for signal, own in (("q", slope * factor), ("q_des", slope)):
+            if abs(own - 1.0) < AGREE:
+                return signal
     sizes = {signal: float(np.sqrt(np.mean(getattr(log.joints, signal)[:, joints] ** 2))) for signal in ("q", "q_des")}
     if factor < 0.0:
         return "q"

@@ -25,6 +25,7 @@ from saltus.real2sim.screening.causes import cause_faults, causes
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.gains import gain_faults
 from saltus.real2sim.screening.gravity import feedforward_faults
+from saltus.real2sim.screening.joints import unit_faults
 from saltus.real2sim.screening.rig import rig_faults
 from saltus.real2sim.screening.screen import screen
 from saltus.recordings.run_log import RunLog, Table, read_run_log, write_run_log
@@ -183,6 +184,14 @@ def standing() -> list[RunLog]:
     profiles = [IDEAL.having(TorqueGain(gain=gain)) for gain in names.values()]
     logs = [run(experiment_named(n), ROBOT, p, seed=5) for n, p in zip(names, profiles, strict=True)]
     return [body_log(seconds=4.0), *logs]
+
+
+@pytest.mark.parametrize("channel", ["q", "q_des"])
+def test_the_one_of_angle_and_target_that_is_off_is_told_by_dq(standing: list[RunLog], channel: str) -> None:
+    for log in standing[1:]:
+        for factor in (DEGREE, 1.0 / DEGREE, 1000.0, *GEARS):
+            faults = list(unit_faults(joints(channel)(log, factor)))
+            assert told(faults, channel, factor), (factor, [fault.text for fault in faults])
 
 
 def in_order_xyzw(log: RunLog, name: str) -> RunLog:
