@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import onnx
 import torch
+from onnx import numpy_helper
 from torch import Tensor, nn
 
 from saltus.errors import ModelError
@@ -24,11 +26,13 @@ def write_onnx(
     inputs: Sequence[str],
     outputs: Sequence[str],
     metadata: Mapping[str, Any],
+    halves: str | None = None,
 ) -> None:
     """Writes a module as ONNX, whole or not at all, and its checksum.
 
     Arguments and results of its `forward`, named by `inputs` and `outputs`, have a leading dimension of robots.
-    Metadata say what the file is; values become JSON.
+    Metadata say what the file is; values become JSON. Weights whose names begin with `halves` are kept in half
+    precision, which halves the file; they are computed with in single precision.
 
     Raises:
         ModelError: the file cannot be written.
@@ -50,6 +54,8 @@ def write_onnx(
                 dynamo=False,
             )
         file = onnx.load(temporary)
+        if halves is not None:
+            _halve(file.graph, halves)
         onnx.helper.set_model_props(file, {name: json.dumps(value) for name, value in metadata.items()})
         file.producer_name, file.doc_string = "saltus", ""
         onnx.checker.check_model(file)
@@ -59,3 +65,20 @@ def write_onnx(
         raise ModelError(f"cannot write {path}: {error.strerror}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _halve(graph: onnx.GraphProto, prefix: str) -> None:
+    """Puts weights in half precision in place of single, each with a cast back, in place."""
+    wide = {}
+    for tensor in graph.initializer:
+        if tensor.name.startswith(prefix):
+            half = numpy_helper.to_array(tensor).astype(np.float16)
+            wide[tensor.name] = f"{tensor.name}.single"
+            tensor.CopyFrom(numpy_helper.from_array(half, tensor.name))
+    for node in graph.node:
+        for place, name in enumerate(node.input):
+            node.input[place] = wide.get(name, name)
+    casts = [onnx.helper.make_node("Cast", [name], [to], to=onnx.TensorProto.FLOAT) for name, to in wide.items()]
+    nodes = [*casts, *graph.node]
+    graph.ClearField("node")
+    graph.node.extend(nodes)

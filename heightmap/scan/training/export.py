@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import onnx
 import torch
 from onnx import numpy_helper
@@ -16,7 +17,14 @@ from saltus.onnx_export import write_onnx
 
 
 def export(model: ScanModel, settings: ScanTrainSettings, path: Path) -> None:
-    """Writes the network with what feeds it: the settings of its map as TOML, names of planes and numbers."""
+    """Writes the network with what feeds it: the settings of its map as TOML, names of planes and numbers.
+
+    Weights of the coarsest blocks, most of all, are kept in half precision; the model's are rounded
+    to it, in place, so that who judges it afterwards judges the file.
+    """
+    with torch.no_grad():
+        for weight in model.blocks.parameters():
+            weight.copy_(weight.half())
     side = settings.map.side
     example = (
         torch.zeros(1, side, side), torch.zeros(1, len(MEASURED), side, side), torch.ones(1, len(MEMORY), side, side),
@@ -27,7 +35,7 @@ def export(model: ScanModel, settings: ScanTrainSettings, path: Path) -> None:
         metadata={
             "format": FORMAT, "map": settings.map.to_toml(), "measured": MEASURED, "memory": MEMORY,
             "numbers": NUMBERS, "seed": settings.seed, "parameters": parameters(model),
-        },
+        }, halves="blocks.",
     )  # fmt: skip
 
 
@@ -39,4 +47,4 @@ def read_weights(path: Path) -> dict[str, Tensor]:
     """
     ModelFile(path)  # compares its checksum
     tensors = onnx.load_model(path).graph.initializer
-    return {tensor.name: torch.from_numpy(numpy_helper.to_array(tensor).copy()) for tensor in tensors}
+    return {tensor.name: torch.from_numpy(numpy_helper.to_array(tensor).astype(np.float32)) for tensor in tensors}
