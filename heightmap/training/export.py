@@ -30,7 +30,7 @@ class Origin:
     robot: str
     """Name of the robot that it was trained on, or path of its model."""
     grid: HeightGrid
-    """Of its heights."""
+    """Grid of its heights."""
     camera: DepthCamera
     """Camera whose images it was trained on."""
     latency_s: float = CAMERA_LATENCY_S
