@@ -95,7 +95,7 @@ def test_the_example_has_todays_messages() -> None:
 
 def test_a_router_says_what_runs(run_dir: Path) -> None:
     run = read_run(run_dir)
-    assert run.robot == load_robot(run.config.robot)
+    assert run.setup.robot == load_robot(run.config.robot)
     assert run.config.pace == "realtime"
     assert (run_dir / CLIENT_FILE).stat().st_mode & 0o777 == 0o600
     before_ns = time.monotonic_ns()
