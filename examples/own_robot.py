@@ -49,9 +49,10 @@ int64 frame_id
 """,
     "saltus_msgs/msg/Heightmap": """std_msgs/Header header
 int64 step
-float64[30] x
-float64[30] height
-float64[30] half_width_90
+float64[] x
+float64[] y
+float64[] height
+float64[] half_width_90
 uint8 status
 float64 depth_age_s
 int64 frame_id

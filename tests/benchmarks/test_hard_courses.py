@@ -37,9 +37,9 @@ def test_trials_that_were_kept_are_not_run_again_and_more_are_added(
     out, seeds = tmp_path / "trials.jsonl", list[int]()
     really = hard_courses.run
 
-    def counting(heights: Any, task: Any) -> dict[int, dict[str, Any]]:
+    def counting(heights: Any, camera: str, task: Any) -> dict[int, dict[str, Any]]:
         seeds.extend(task[2])
-        return really(heights, task)
+        return really(heights, camera, task)
 
     monkeypatch.setattr(hard_courses, "run", counting)
     first = table(capsys, out, "--trials", "1")

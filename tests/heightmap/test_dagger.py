@@ -175,7 +175,7 @@ def test_each_planner_leads_its_share(learned: float, name: PlannerName) -> None
     )
     observation = observe(states, KINEMATICS)
     heights = -0.27 + 0.05 * rng.normal(size=(count, len(HEIGHTMAP_X)))
-    mixed = MixedPlanner(ROBOT, rng, count, learned=learned, variation=0.0).step(observation, heights)
+    mixed = MixedPlanner(ROBOT, LINE, rng, count, learned=learned, variation=0.0).step(observation, heights)
     alone = make_planner(name, ROBOT, LINE).step(observation, heights)
     np.testing.assert_allclose(mixed.pitch_rate, alone.pitch_rate)
     np.testing.assert_allclose(mixed.velocity_z, alone.velocity_z)

@@ -55,7 +55,7 @@ def same(log: RunLog, other: RunLog) -> None:
         np.testing.assert_allclose(other.depth.arrival_s, log.depth.arrival_s, rtol=0, atol=1e-9)
         np.testing.assert_allclose(other.depth.capture_s, log.depth.capture_s, rtol=0, atol=1e-9)
         mine, theirs = log.meta["camera"], other.meta["camera"]
-        assert theirs == mine | {"rate": pytest.approx(mine["rate"])}
+        assert theirs == {"roll": 0.0, "yaw": 0.0} | mine | {"rate": pytest.approx(mine["rate"])}
 
 
 @pytest.mark.parametrize("kind", ["sqlite3", "mcap", "ros1"])

@@ -9,6 +9,7 @@ from samples import ROBOT
 
 from saltus.config import TerrainConfig
 from saltus.depth_camera import load_camera
+from saltus.grid import LINE
 from saltus.render.camera_plot import BAR, MEANINGS, draw_camera
 from saltus.render.preview import Scale
 from saltus.terrain.curriculum import make_terrain
@@ -20,7 +21,7 @@ TERRAIN = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.1))
 @pytest.mark.parametrize("name", ["ideal", "d435i", EXAMPLE])
 def test_every_colour_is_explained_below_the_panels(name: str, tmp_path: Path) -> None:
     camera = load_camera(name)
-    draw_camera(camera.mounted_on(ROBOT), TERRAIN, camera, tmp_path / "camera.png")
+    draw_camera(camera.mounted_on(ROBOT), LINE, TERRAIN, camera, tmp_path / "camera.png")
     picture = cv2.imread(str(tmp_path / "camera.png"))
     assert picture is not None
     legend = picture[-60:]

@@ -113,6 +113,6 @@ def test_a_run_without_samples_has_no_video() -> None:
 
 
 def test_the_test_picture_shows_what_it_should() -> None:
-    picture = draw_test_frame(ROBOT)
+    picture = draw_test_frame(ROBOT, LINE)
     assert picture.shape == (480, 640, 3)
     assert pink(picture) > 200
