@@ -165,7 +165,10 @@ def _unnamed(problem: Problem, comparison: ModelComparison, null: ScoredFit) -> 
 
 
 def _is_beyond_resolution(problem: Problem, groups: Groups) -> bool:
-    """Whether an effect is larger anywhere than two correct simulations differ by: its interval holds no absence."""
+    """True where a stated value is certainly larger than two correct simulations differ by.
+
+    Its interval then does not hold 0. Also true where no effect has a known resolution.
+    """
     found = [group for several in groups.values() for group in several]
     resolutions = [problem.candidates[group.places[0].candidate].resolution for group in found]
     beyond = [abs(float(g.value[0])) > decide.CERTAIN * r for g, r in zip(found, resolutions, strict=True) if r > 0.0]
@@ -280,7 +283,7 @@ def _power(hessian: Floats, column: int, nuisances: np.ndarray) -> float:
 
 
 def _baselines(comparison: ModelComparison, around: Quadratic, scored: Sequence[ScoredFit]) -> Baselines:
-    """What simpler methods would name: all effects above a threshold in one fit, and the best single effect."""
+    """Effects that simpler methods name: all above a threshold in one fit; the best single one."""
     layout = comparison.layout
     named = set()
     for block in range(len(around.cost)):

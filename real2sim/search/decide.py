@@ -98,7 +98,10 @@ class ModelComparison:
         return float(np.sum(residuals[:, self.split.is_fit] ** 2))
 
     def is_gap(self, residuals: Floats) -> bool:
-        """Whether a segment and signal shows more structure than two correct simulators differ by."""
+        """True where residuals, shape (blocks, m), show a gap in any segment and signal.
+
+        A gap is more structure than two correct simulators differ by.
+        """
         return self.cells.largest_rms(self.cells.structure(residuals)) > self.size
 
     def gain(self, before: ScoredFit, after: ScoredFit) -> float:
@@ -106,7 +109,7 @@ class ModelComparison:
         return 0.5 * (before.total - after.total)
 
     def lead(self, before: ScoredFit, after: ScoredFit, dispersion: float) -> bool:
-        """Whether the gain is larger than chance."""
+        """True where the held-out gain of `after` over `before` is larger than chance."""
         gains = bootstrap.held_out_gains(before.held_out, after.held_out, self.split)
         return self.gain(before, after) > max(GAIN_NATS * dispersion, SPREAD * bootstrap.downside(gains))
 
@@ -117,7 +120,7 @@ class ModelComparison:
 
 
 def explains(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
-    """Whether a model closes enough of the gap to stand in place of another."""
+    """True where a model closes enough of the gap to stand in place of another."""
     before, after = comparison.cells.structure(null.residuals), comparison.cells.structure(fit.residuals)
     shows = comparison.cells.shows(before, comparison.size)
     return comparison.cells.share_gone(before, after, shows) >= CLOSED_SHARE[0]
@@ -165,7 +168,7 @@ def _replaces(
 
 
 def _is_whole(comparison: ModelComparison, rival: ScoredFit, further: float) -> bool:
-    """Whether a further effect explains everything that was left; it cannot explain the disagreement of simulators."""
+    """True where a further effect explains all that was left but the simulators' disagreement."""
     return further >= WHOLE_SHARE and not comparison.is_gap(rival.fit.residuals)
 
 
@@ -175,9 +178,9 @@ def _chance(comparison: ModelComparison, model: Model) -> float:
 
 
 def _is_resolved(comparison: ModelComparison, fit: Fit, effect: str) -> bool:
-    """Whether an effect is larger at any place than two correct simulations differ by.
+    """True where an effect is larger at any place than two correct simulations differ by.
 
-    What is smaller may still fit, e.g. play of no width, as play is replayed in finer steps.
+    A smaller one may still fit, e.g. play of no width, as play is replayed in finer steps.
     """
     layout = comparison.layout
     own = [i for i, c in enumerate(layout.candidates) if c.effect == effect]
@@ -186,7 +189,10 @@ def _is_resolved(comparison: ModelComparison, fit: Fit, effect: str) -> bool:
 
 
 def may_gain(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
-    """Whether a model with one more effect could be chosen: the fit leaves enough, and not far too much."""
+    """True where a model with one more effect could be chosen.
+
+    The fit then leaves enough of the gap, and not far too much.
+    """
     before, after = comparison.cells.structure(null.residuals), comparison.cells.structure(fit.residuals)
     if comparison.cells.largest_rms(after) <= comparison.size:
         return False

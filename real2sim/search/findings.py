@@ -76,9 +76,9 @@ class Residuals:
     """Whitened residuals of two models; shapes as in `saltus.real2sim.problem.problem`."""
 
     before: Floats
-    """Of the model without effects, shape (blocks, m)."""
+    """Residuals of the model without effects [sigma], shape (blocks, m)."""
     after: Floats
-    """Of the chosen model with the stated values, shape (blocks, m)."""
+    """Residuals of the chosen model with the stated values [sigma], shape (blocks, m)."""
     unknowns: Floats
     """Unknowns of the chosen model with the stated values, shape (blocks, unknowns)."""
     effects: tuple[str, ...]
@@ -89,7 +89,7 @@ class Residuals:
 
 @dataclass(frozen=True, kw_only=True)
 class Baselines:
-    """What simpler methods would have named, for the benchmark."""
+    """Effects that simpler methods would have named, for the benchmark."""
 
     threshold: tuple[str, ...]
     """All effects whose estimate in one common fit differs from 0 by more than three standard errors."""
@@ -110,7 +110,7 @@ class Findings:
     rivals: tuple[FoundEffect, ...] = ()
     """Fitted values of all effects in sets."""
     nearest: tuple[FoundEffect, ...] = ()
-    """Of an unexplained gap: fitted values of the best model, which is too far off to be named."""
+    """Fitted values of the best model of an unexplained gap, which is too far off to be named."""
     ranking: tuple[RankedModel, ...] = ()
     """Best first."""
     confusion: Confusion = field(default_factory=lambda: Confusion(effects=(), cosine=np.zeros((0, 0))))

@@ -45,7 +45,10 @@ def misfits_of(
 
 
 def _is_idle(problem: Problem, comparison: ModelComparison, stated: StatedModel, name: str) -> bool:
-    """Whether an effect that is there or not explains nothing at its stated values; a size may be 0 instead."""
+    """True where an effect of the profile explains nothing at its stated values.
+
+    Only an effect that is either there or not can be idle: the size of any other may be 0 instead.
+    """
     candidates = [candidate for candidate in problem.candidates if candidate.effect == name]
     if all(unknown.stated is None for candidate in candidates for unknown in candidate.unknowns):
         return False

@@ -62,7 +62,7 @@ def stated_model(
 
 
 def is_as_good(comparison: ModelComparison, residuals: Floats, lowest: float) -> bool:
-    """Whether residuals show no gap, or hardly more than those of the best statement."""
+    """True where residuals show no gap, or cost hardly more than those of the best statement."""
     return not comparison.is_gap(residuals) or comparison.cost(residuals) <= AS_GOOD * lowest
 
 

@@ -62,7 +62,8 @@ class _Search:
         self._fits: dict[Model, Fit] = {}
         self._libraries: dict[Model, Floats] = {}
         self._choices: dict[str, dict[float, Floats]] = {}
-        """Of each effect with a choice, by its values: derivatives by all unknowns, without effects."""
+        """Derivatives by all unknowns without effects, for each effect with a choice and each value
+        of that choice; arrays of shape (blocks, unknowns, m)."""
         self._split: Split
         self._comparison: decide.ModelComparison
 
@@ -143,7 +144,7 @@ class _Search:
         return library
 
     def _is_worth_fitting(self) -> bool:
-        """Whether all effects together promise more than chance, by the quadratic approximation."""
+        """True where the quadratic promises a larger gain than chance from all effects together."""
         quadratic = self._library_quadratic(())
         null = quadratic.where(self._layout.nuisances)
         gain = 0.5 * (quadratic.fit_cost(null) - quadratic.fit_cost(np.ones_like(null)))

@@ -28,7 +28,7 @@ def confusion(layout: Layout, library: Quadratic, named: Model) -> Confusion:
 
 
 class _Signatures:
-    """What many pairs of effects need is computed once."""
+    """Signatures of effects; matrices that many pairs of effects share are computed once."""
 
     def __init__(self, layout: Layout, library: Quadratic, named: Model) -> None:
         self._layout, self._library, self._named = layout, library, named
@@ -61,7 +61,7 @@ class _Signatures:
         return shared / power if power > 0.0 else 0.0
 
     def _inverse(self, block: int, removed: Indices) -> Floats:
-        """Of the information on the removed columns, which are the same for most pairs."""
+        """Inverse of the information on the removed columns, which are the same for most pairs."""
         key = block, removed.tobytes()
         if key not in self._inverses:
             part = self._hessians[block][np.ix_(removed, removed)]

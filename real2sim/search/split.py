@@ -52,7 +52,7 @@ class Split:
 
     @property
     def is_fit(self) -> Mask:
-        """Whether fits see each residual, shape (m,)."""
+        """Mask of the residuals that fits see, shape (m,)."""
         return self.fold[self.chunk] != TEST
 
 

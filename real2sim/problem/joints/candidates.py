@@ -16,7 +16,8 @@ NO_KNEE = 200.0  # [Nm] stated where the loss never reaches that share
 HALF_FREE = 0.02
 """Give of what holds a base [rad/Nm] at which its unknown is a half."""
 Law = Callable[..., Floats]
-"""What a saturation takes of a torque, by its unknowns."""
+"""A law of saturation gives the torque that is lost [Nm], for a commanded torque >= 0 [Nm] and the
+unknowns of the saturation."""
 JITTERS = 0.975
 """Share of its gap that a delay closes whose packets come with a jitter of a tenth of it, and some late."""
 LEAST_CLOSED = 0.9
@@ -52,7 +53,7 @@ class Reach:
     middle: float
     """Mean angle [rad]."""
     side: float
-    """Of the claimed limit that it comes nearest to: +1 at large angles, -1 at small ones."""
+    """Side of the claimed limit that the log comes nearest to: +1 at large angles, -1 at small."""
     end: float
     """Angle that is nearest to that limit [rad]."""
     to_limit: float
@@ -74,7 +75,7 @@ class Places:
 
     @classmethod
     def of(cls, reach: Sequence[Reach]) -> "Places":
-        """Of the places in their order."""
+        """The reach at all places of a leg, from the base outwards."""
         return cls(**{name: np.array([getattr(r, name) for r in reach])[:, None] for name in ("middle", "side", "end")})
 
 
@@ -85,7 +86,8 @@ class JointKind(Candidate):
     starts_at: Callable[[Starts, Reach], Starts] = lambda starts, _: starts
     coordinates_at: Callable[[Reach], Coordinates] | None = None
     drive: Callable[[tuple[Floats, ...], Places], tuple[Floats, ...]] = lambda unknowns, _: unknowns
-    """What its unknowns, shape (branches, joints, sets) each, are to the drives."""
+    """Function from the unknowns of a candidate to what `Drives` takes, arrays of shape
+    (branches, joints, sets)."""
 
     def at(self, place: str, reach: Reach) -> Candidate:
         """The candidate at a place of a leg."""
@@ -257,7 +259,7 @@ class JointCandidates:
         self.count = start
 
     def drives(self, unknowns: Floats, dt_s: float) -> Drives:
-        """What sets of unknowns, shape (sets, branches, unknowns), do to the drives."""
+        """Drives with the effects of sets of unknowns, shape (sets, branches, unknowns)."""
         found = [(kind, self._values(kind, unknowns)) for kind in KINDS]
         told = {kind.effect: kind.drive(values, self._reached) for kind, values in found if values is not None}
         own: dict[str, Any] = {effect: values[0] if len(values) == 1 else values for effect, values in told.items()}

@@ -18,7 +18,7 @@ Hinges = tuple[tuple[Floats, Floats], ...]
 
 
 class DriveState:
-    """What encoders and drives keep from the last instant; None where nothing has been yet."""
+    """Memory of encoders and drives from the last instant; None where nothing has been yet."""
 
     def __init__(self) -> None:
         self.velocity: Floats | None = None
@@ -69,18 +69,20 @@ class Drives:
     """Weight and step [rad]."""
     velocity_filter: Floats | None = None
     velocity_scale: Floats | None = None
-    """Of measured over true velocity, less 1."""
+    """Ratio of measured to true velocity, less 1."""
     drive_rate: Floats | None = None
-    """Of the drive's loop: 0 at the replay's own, 1 without end."""
+    """Rate of the drive's loop, as 1 - 1/n where it evaluates its law n times in a step of the
+    replay: 0 at the replay's own rate, 1 without end."""
     between: Floats | float | None = None
     """In a replay twice as fine as the slowest loop: how much of a drive computes its torque at every second instant,
     too; None in others."""
     holds_limit: bool = False
-    """Whether a speed limit sees the velocity once an instant, as in the plant, and not as it changes meanwhile."""
+    """True where a speed limit sees the velocity once an instant, as in the plant; False where it
+    also sees how the velocity changes meanwhile."""
 
     @property
     def is_dry(self) -> bool:
-        """Whether there is dry friction."""
+        """True where any set has dry friction."""
         return self.coulomb_friction is not None or self.stiction is not None
 
     def twice_as_fine(self) -> "Drives":
@@ -112,7 +114,10 @@ class Drives:
         return late + _late(feedforward, instants, own, first, last)
 
     def sensed(self, position: Floats, velocity: Floats, state: DriveState) -> tuple[Floats, Floats]:
-        """What the encoders read."""
+        """Angles [rad] and velocities [rad/s] that the encoders read, for the true ones.
+
+        Shapes are (windows, branches, joints, sets).
+        """
         if self.encoder_bias is not None:
             position = position + self.encoder_bias
         if self.encoder_quantisation is not None:
@@ -165,7 +170,7 @@ class Drives:
         return level
 
     def _saturated(self, magnitude: Floats) -> Floats:
-        """What saturation takes from a commanded torque >= 0; a law and pieces add up."""
+        """Torque [Nm] that saturation takes from a commanded one >= 0; a law and pieces add up."""
         missing = np.zeros(()) if self.torque_saturation is None else lost(magnitude, *self.torque_saturation)
         for slope, corner in self.hinges:
             missing = missing + slope * np.maximum(magnitude - corner, 0.0)

@@ -1,4 +1,4 @@
-"""What a log of joints cannot show, and what it shows at a glance."""
+"""Effects that a log of joints cannot show, how far its motion goes, and steps of its encoders."""
 
 from collections.abc import Sequence
 
@@ -19,18 +19,20 @@ LEAST_SAG_S = 5.0  # a battery does not empty in less
 FINEST_STEP, COARSEST_STEP = 5e-4, 0.04
 """Steps of an encoder that are looked for [rad]: finer ones drown in noise of 1 mrad, coarser ones no drive has."""
 BIN = 5e-5
-"""Of the histogram of angles [rad]: a tenth of the finest step."""
+"""Width of a bin in the histogram of angles [rad]: a tenth of the finest step."""
 LEAST_SPREADS = 6.0
 """Spreads of a spectrum by which a step must stand out: of 20000 values noise reaches 4.3."""
 LEAST_SCORE = 0.1
-"""Of a step: angles that are multiples of it up to noise of a third of it."""
+"""Smallest mean of cos(2 pi angle / step) that tells a step: angles that are multiples of it up to
+noise of a third of it still reach this mean."""
 PARTS, TELLING = 4, 3
 """A step shows in three of four parts of the moving rows: a joint at a constant speed that is read
 at equal times stays near multiples of an angle, too, as long as that motion lasts."""
 LEAST_MOVING = 0.3  # rad/s: a joint that is faster passes a step of 5 mrad in 8 rows
 LEAST_ROWS = 500  # that move: a second
 LINES = 8
-"""Of the spectrum, over one of the largest angle: phases are then good to 0.4 rad."""
+"""Number of lines of the spectrum in a band as wide as one over the largest angle: phases are then
+good to 0.4 rad."""
 REFINED = 201  # steps between two lines of the spectrum
 SAME_STEP = 0.01
 MOST_STEPS = 3

@@ -5,8 +5,8 @@ import numpy as np
 from saltus.arrays import Floats
 
 SWEEPS = 3
-"""Of the joints of a chain: friction at one changes what the others feel by a third or less, and each step starts from
-the impulses of the last."""
+"""Number of sweeps over the joints of a chain in a step: friction at one joint changes what the
+others feel by a third or less, and each step starts from the impulses of the last."""
 
 
 def with_inertia(inverse: Floats, added: Floats) -> Floats:

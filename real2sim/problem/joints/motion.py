@@ -104,7 +104,10 @@ def uniform_rows(log: RunLog) -> Rows:
 
 
 def motions_of(rows: Rows, robot: HeldRobot, kp: Floats, kd: Floats) -> tuple[Motion, Motion]:
-    """What a replay needs of a log, and the same with instants twice as close; gains of shape (joints,)."""
+    """The motion of a log for a replay, and the same motion with instants twice as close.
+
+    The gains `kp` [Nm/rad] and `kd` [Nm s/rad] have the shape (joints,).
+    """
     every = max(1, int(np.ceil(rows.dt_s / SLOWEST_LOOP_S - 1e-6)))
     legs, sway = _legs(rows, robot), _sway(rows, robot)
     coarse, fine = (_motion(rows, robot, (kp, kd), legs, sway, times * every) for times in (1, 2))
@@ -259,5 +262,8 @@ def _state(rows: Rows, row: int, first: int, last: int) -> tuple[Floats, Floats]
 
 
 def _noise(values: Floats) -> Floats:
-    """Of white noise on a smooth signal, by its third differences: their variance is 20 times its own."""
+    """Standard deviation of white noise on smooth signals, shape (rows, joints) -> (joints,).
+
+    It follows from third differences, whose variance is 20 times that of the noise.
+    """
     return np.median(np.abs(np.diff(values, n=3, axis=0)), axis=0) / (0.6745 * np.sqrt(20.0))

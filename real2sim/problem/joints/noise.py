@@ -15,7 +15,7 @@ from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.problem import Segment
 
 ORDER = 2
-"""Of the autoregression: a corner frequency and what an average adds to it."""
+"""Order of the autoregression: it holds a corner frequency and what an average adds to it."""
 PIECE = 16
 """Samples of a piece whose energy is looked at: 0.25 s."""
 LONG, CURVE = 64, 4
@@ -23,16 +23,20 @@ LONG, CURVE = 64, 4
 what effects leave in a slow motion goes, and of noise little more than a sixteenth."""
 SAME_COMMAND = 1e-3  # rad RMS: repeats are sent the same commands up to rounding
 QUIET_SHARE = 1.0 / 3.0
-"""Of the pieces: those with least energy are taken to be noise alone, as the others also hold what effects do."""
+"""Share of the pieces that is taken to be noise alone, those with least energy: the others also
+hold what effects do."""
 MOST = 0.7
-"""Of the pieces, where most are noise: repeats often differ in how they begin, over a piece or two."""
+"""Share of the pieces that counts where most are noise: repeats often differ in how they begin,
+over a piece or two."""
 FAR_LESS = 0.5
-"""Of a spread: of noise, however slow, short pieces leave at least 0.55 of what long ones do (first-order noise with
-corners down to 0.3 Hz)."""
+"""Ratio of the spread of short pieces to that of long ones, below which long ones hold more than
+noise: that of noise, however slow, is at least 0.55 (first-order noise with corners down to
+0.3 Hz)."""
 CLEARLY_LESS = 0.8
-"""Of a spread: two estimates of the same noise from a log of 30 s differ by less."""
+"""Ratio of two estimates of a spread, below which they are not of the same noise: from a log of
+30 s such estimates differ by less."""
 LARGEST_POLE = 0.98
-"""Of the autoregression: it never believes in noise that lasts longer than a second."""
+"""Largest pole of the autoregression, which never believes in noise that lasts longer than 1 s."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,7 +44,7 @@ class Whitening:
     """An autoregression for each signal."""
 
     weights: Floats
-    """Of the last `ORDER` samples, shape (ORDER, ...)."""
+    """Weights of the last `ORDER` samples, shape (ORDER, ...)."""
     innovation: Floats
     """Standard deviation of what they do not tell, shape (...)."""
     spread: Floats
@@ -86,9 +90,11 @@ def whitening(pieces: Floats, floor: Floats, most_count: NDArray[np.bool_]) -> W
 
 
 def quieter(repeats: Whitening, rough: Whitening, never: NDArray[np.bool_]) -> Whitening:
-    """What repeats say, but where they differ from what is not smooth by more than noise, as if a battery emptied.
+    """The whitening of `repeats`, but that of `rough` where it is clearly quieter.
 
-    Where `never`, shape of the last axes, repeats are believed at any rate.
+    `rough` is that of what is not smooth. Repeats that differ by more than noise, e.g. because a
+    battery emptied, overstate it. Where `never`, shape of the last axes, repeats are believed at
+    any rate.
     """
     taken = (rough.spread < CLEARLY_LESS * repeats.spread) & ~never
     return Whitening(

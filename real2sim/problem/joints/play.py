@@ -40,7 +40,10 @@ class Play:
         return position + self._motor_side * self.offset, velocity + self._motor_side * self.rate
 
     def seen(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
-        """What the law sees, which is on the motor's side, for what is logged."""
+        """Angles [rad] and velocities [rad/s] on the motor's side, which the law sees.
+
+        The arguments are those on the logged encoder's side; all have the shape of all simulations.
+        """
         rest = 1.0 - self._motor_side
         return position + rest * self.offset, velocity + rest * self.rate
 

@@ -145,7 +145,7 @@ class JointProblem(Problem):
         )
 
     def _taken(self, place: int, torque: Floats) -> Floats:
-        """What the assumed saturation takes at a place, in the mean of the blocks that have it."""
+        """Torque [Nm] that the assumed saturation takes at a place, mean of blocks that have it."""
         taken = np.zeros(())
         for slopes, corners in self._assumed:
             own = slopes[:, place, 0] != 0.0
@@ -185,7 +185,10 @@ class JointProblem(Problem):
         return np.asarray(apart)
 
     def _claimed_gap(self) -> Floats:
-        """What the claimed model leaves, shape (samples, signals, branches, joints)."""
+        """Measured signals minus those of the claimed model [rad], [rad/s], [Nm].
+
+        The shape is (samples, signals, branches, joints).
+        """
         nothing = np.zeros((1, len(self.blocks), self._candidates.count))
         return self._apart(self._simulate(self._candidates.drives(nothing, self._motion.dt_s)))[..., 0]
 
@@ -272,7 +275,10 @@ def _base_quaternion(log: RunLog) -> Sequence[float]:
 
 
 def _torque_limits(model: Robot | Path, branches: Indices) -> Floats:
-    """Of every joint: for legs of three joints those of one leg, else the smallest."""
+    """Torque limits of all joints [Nm], shape (branches, joints).
+
+    Legs of three joints all have the limits of one leg; joints of other branches have the smallest.
+    """
     limits = torque_limits(model)
     if branches.shape[1] == len(LINKS):
         return np.tile(limits[: len(LINKS)], (len(branches), 1))

@@ -23,7 +23,10 @@ _NONE = np.zeros(())
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """What a log says about a motion, on a uniform grid of instants at which the drives compute their torque."""
+    """Commands of a log and the equation of motion near its motion, on a uniform grid of instants.
+
+    The drives compute their torque at these instants.
+    """
 
     dt_s: float
     """Between instants."""
@@ -38,7 +41,8 @@ class Motion:
     kd: Floats
     """Shape (branches, joints)."""
     inverse_mass: Floats
-    """Of what a step of the midpoint rule has for a mass matrix; shape (instants, branches, joints, joints)."""
+    """Inverse of the matrix that stands for the mass matrix in a step of the midpoint rule
+    [1/(kg m^2)], shape (instants, branches, joints, joints)."""
     offset: Floats
     """Halfway to the next instant [Nm], shape (instants, branches, joints)."""
     feedback: Floats
@@ -48,7 +52,7 @@ class Motion:
     elapsed: Floats
     """Share of the log that is over, shape (instants,)."""
     sway: Sway | None = None
-    """Of the base; None where it is not known what hangs from it."""
+    """Sway of the base; None where it is not known what hangs from it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,7 +115,8 @@ class _FastLoop:
     mean: Floats
     """How late in the step, on average, the stairs know the state [s]."""
     moment: Floats
-    """Of the staircase about the middle of the step [s^3]: an early push moves a joint farther than a late one."""
+    """Moment of the staircase about the middle of the step [s^3]: an early push moves a joint
+    farther than a late one."""
     ahead: Floats
     """From the last step's acceleration to the coming one's, in steps."""
     later: Floats
@@ -156,7 +161,10 @@ class _Simulation:
         self._impulse, self._bent, self._believed = np.zeros((3, *shape))
 
     def measure(self, k: int) -> tuple[Floats, Floats, Floats]:
-        """What encoders read and drives believe at instant k of all windows."""
+        """Angles [rad] and velocities [rad/s] that encoders read, torque [Nm] that drives believe.
+
+        They are those at instant k of all windows, shape (windows, branches, joints, sets).
+        """
         drives = self._drives
         play = self._play
         q, v = (self._q, self._v) if play is None else play.logged(self._q, self._v)

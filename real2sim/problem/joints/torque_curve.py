@@ -15,7 +15,7 @@ Curve = tuple[tuple[float, float], ...]
 """Pairs of commanded and delivered torque at a joint [Nm]."""
 
 DIGITS = 4
-"""Of torques in a profile [Nm]: points that are nearer are one."""
+"""Decimal places of torques in a profile [Nm]: points that are nearer than that are one."""
 BEYOND_NM = 5.0
 """From the last corner to the last point of a curve: it gives the slope with which the curve goes on."""
 
