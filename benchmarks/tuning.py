@@ -106,7 +106,7 @@ def _work_us(count: int, rate_hz: float, is_tuned: bool) -> float:
 
 
 def _pause_ms(repeats: int, _: float, is_tuned: bool) -> float:
-    """How long a full collection takes in a process that has loaded what the controller has."""
+    """Times a full collection of memory in a process that has loaded what the controller has."""
     import saltus.controller.__main__
 
     assert saltus.controller.__main__

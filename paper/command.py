@@ -36,7 +36,7 @@ class Paper:
     """
 
     name: Annotated[tyro.conf.Positional[str], shown("NAME", "none, list them")] = ""
-    """Which row; report: a page of all; train: trains an ablation on a GPU."""
+    """Name of a row; report: a page of all; train: trains an ablation on a GPU."""
     ablation: Annotated[tyro.conf.Positional[str], shown("ABLATION", "none")] = ""
     """After train: which one."""
     trials: int = 100
@@ -44,7 +44,7 @@ class Paper:
     seed: Annotated[int | None, shown("INT", "130000, of a training 0")] = None
     """Seed of the first trial, the others have SEED + 1, SEED + 2, ...; or of a training."""
     processes: Annotated[int | None, shown("INT", "one for each core")] = None
-    """How many share the trials."""
+    """Number of processes that share the trials."""
     out: Path = Path("runs/paper")
     """Folder for the files."""
     trained: Annotated[Path | None, shown("PATH", "to train runs/paper-train, to measure the published ones")] = None
@@ -52,7 +52,7 @@ class Paper:
     minutes: float = 30.0
     """Time limit of a policy's training, which goes on where it was interrupted."""
     commit: Annotated[str | None, shown("STR", "as git says")] = None
-    """Which code trains, where this machine has no repository."""
+    """Commit of the code that trains, where this machine has no repository."""
     json: Flag = False
     """Print the result as one JSON object on the last line."""
 

@@ -49,7 +49,7 @@ class CameraCoverage:
     invalid: float
     """Share of the network's image that is invalid."""
     visible: NDArray[np.bool_]
-    """Which points of the heightmap are in the network's view and behind nothing, shape (points,)."""
+    """Points of the heightmap that are in the network's view and behind nothing, shape (points,)."""
 
 
 def draw_camera(robot: Robot, grid: HeightGrid, terrain: Terrain, camera: DepthCamera, path: Path) -> CameraCoverage:

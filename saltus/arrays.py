@@ -75,7 +75,7 @@ class ColumnNames:
     def __init__(self, **shapes: tuple[int, ...]) -> None:
         ends = list(itertools.accumulate(math.prod(shape) for shape in shapes.values()))
         self.count = ends[-1]
-        """How many columns all names have together."""
+        """Number of columns of all names together."""
         widths = zip(ends, shapes.values(), strict=True)
         self._places = [slice(end - shape[0], end) if shape else end - 1 for end, shape in widths]
         make: Any = namedtuple  # whose names are known only here

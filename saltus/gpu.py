@@ -1,4 +1,4 @@
-"""Where robots are trained and run by the thousand: on a GPU, if there is one."""
+"""The device on which thousands of robots are trained and run: a GPU, if there is one."""
 
 
 def has_gpu() -> bool:

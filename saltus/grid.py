@@ -92,7 +92,7 @@ HEIGHTMAP_X = np.array(LINE.x)
 
 
 def grid_metadata(grid: HeightGrid) -> dict[str, list[float]]:
-    """How a file states its grid [m]; `stated_grid` reads it."""
+    """The form in which a file states its grid [m]; `stated_grid` reads it."""
     aside = {} if grid.y == (0.0,) else {"grid_y_m": list(grid.y)}
     return {"grid_m": list(grid.x), **aside}
 

@@ -22,7 +22,7 @@ class Setup(Value):
     robot: Robot
     """With its camera where `camera` sits."""
     grid: HeightGrid
-    """Where heights are asked, predicted and sent."""
+    """Points at which heights are asked, predicted and sent."""
     terrain: Terrain
     profile: Profile
     """Hardware as its camera delivers, without what the trial draws."""

@@ -43,7 +43,7 @@ SPLIT = Path("runs/depth_to_heights")
 @dataclass(frozen=True, kw_only=True)
 class _Part:
     processes: Annotated[int | None, shown("INT", "one for each core")] = None
-    """How many share the work. The numbers do not depend on it."""
+    """Number of processes that share the work. The numbers do not depend on it."""
     json: Flag = False
     """Print the result as one JSON object on the last line."""
 

@@ -1,4 +1,4 @@
-"""Which image each of many robots has in hand, and what its camera's effects make of those exposed."""
+"""Images that each of many robots has in hand, and what its camera's effects make of new ones."""
 
 import math
 

@@ -38,7 +38,7 @@ class MapSettings(Value):
     matching: bool = True
     """Correct the odometry's drift by matching new points to the map."""
     looks: int = 2
-    """How often one image is matched, each time from where the look before put it."""
+    """Number of times one image is matched, each time from where the look before put it."""
     step_m: float = 0.004
     """Standard deviation of the drift from one image to the next, as matching expects it [m]."""
     tilt_rad: float = 0.004

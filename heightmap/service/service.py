@@ -77,7 +77,7 @@ class HeightmapService:
 
     @property
     def bad_outputs(self) -> int:
-        """How many outputs of the network in a row were not plausible."""
+        """Number of outputs of the network in a row that were not plausible."""
         return int(self._sight.bad_outputs[0])
 
     @property

@@ -62,7 +62,7 @@ class Network(Protocol):
 
     hidden_size: int
     points: int
-    """How many heights it tells."""
+    """Number of heights that the network tells."""
 
     def tick(self, image: Array, age_s: Array, new: Array, features: Array, hidden: Array) -> Tick:
         """One tick of many robots; arguments are those of `TickInputs`."""

@@ -48,7 +48,7 @@ def value_lines(verdict: Verdict) -> list[str]:
 
 
 def places(effect: FoundEffect) -> Sequence[str]:
-    """Where an effect is, e.g. some joints or one sensor."""
+    """Place of an effect, e.g. some joints or one sensor."""
     return [effect.where] if isinstance(effect.where, str) else effect.where
 
 

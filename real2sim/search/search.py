@@ -186,13 +186,16 @@ class _Search:
         for each in fit.refine(self._evaluate, self._layout, self._split, fresh, stage=stage):
             self._fits[each.model] = each
 
-    def _fit_larger(self, leader: Model, size: int) -> None:
+    def _fit_larger(self, best_so_far: Model, size: int) -> None:
         """Fits models of up to `size` effects that the derivatives at the best model so far propose."""
-        others = self._others(leader, size - 1)
-        for model in (leader, *others):
+        others = self._others(best_so_far, size - 1)
+        for model in (best_so_far, *others):
             self._library(model)
-            self._fit_union(leader, model, size)
-        proposed = [self._propose(leader, size), *(self._propose(other, size)[: PROPOSED // 2] for other in others)]
+            self._fit_union(best_so_far, model, size)
+        proposed = [
+            self._propose(best_so_far, size),
+            *(self._propose(other, size)[: PROPOSED // 2] for other in others),
+        ]
         models = [model for several in proposed for model in several if model not in self._fits]
         models = list(dict.fromkeys(models))
         starts = [start for model in models for part in self._parts(model) for start in self._starts(model, part)]
@@ -207,12 +210,12 @@ class _Search:
                 self._restart(self._best(size), "2 effects")
             self._eliminate(self._best(size))
 
-    def _fit_union(self, leader: Model, other: Model, size: int) -> None:
+    def _fit_union(self, best_so_far: Model, other: Model, size: int) -> None:
         """Fits the union of two good models; where they imitate each other, both have far to go."""
-        model = model_of([*leader, *other])
+        model = model_of([*best_so_far, *other])
         if len(model) != size or model in self._fits:
             return
-        stage, parts = f"{size} effects", [self._fits[part] for part in (leader, other)]
+        stage, parts = f"{size} effects", [self._fits[part] for part in (best_so_far, other)]
         fits = [start for part in parts for start in self._starts(model, part)]
         for patience in range(PATIENCE):
             if patience:
@@ -307,16 +310,18 @@ class _Search:
             self._libraries.pop(each.model, None)
         self._refit([each.model for each in better], "elimination")
 
-    def _propose(self, leader: Model, size: int) -> list[Model]:
+    def _propose(self, best_so_far: Model, size: int) -> list[Model]:
         """Models of `size` effects, and swaps in the best one so far, that fit best by its quadratic."""
-        quadratic = self._library_quadratic(leader)
+        quadratic = self._library_quadratic(best_so_far)
         effects = self._layout.effects
         if size == 2:
             models = [model_of(pair) for pair in combinations(effects, 2)]
         else:
-            rest = [effect for effect in effects if effect not in leader]
-            models = [model_of([*leader, new]) for new in rest]
-            models += [model_of([*kept, new]) for kept in combinations(leader, len(leader) - 1) for new in rest]
+            rest = [effect for effect in effects if effect not in best_so_far]
+            models = [model_of([*best_so_far, new]) for new in rest]
+            models += [
+                model_of([*kept, new]) for kept in combinations(best_so_far, len(best_so_far) - 1) for new in rest
+            ]
         costs = {model: quadratic.fit_cost(quadratic.where(self._layout.of_model(model))) for model in models}
         return sorted(costs, key=costs.__getitem__)[:PROPOSED]
 
@@ -387,13 +392,13 @@ class _Search:
             jacobian=np.stack([each.jacobian for each in fits])[best, blocks],
         )
 
-    def _others(self, leader: Model, size: int) -> list[Model]:
+    def _others(self, best_so_far: Model, size: int) -> list[Model]:
         """Further models from which larger ones are proposed: the second best, and for pairs the empty one.
 
         The best may imitate the whole truth while the second best is a part of it.
         """
         fits = sorted((each for each in self._fits.values() if len(each.model) == size), key=self._cost)
-        next_best = [each.model for each in fits if each.model != leader][:1]
+        next_best = [each.model for each in fits if each.model != best_so_far][:1]
         return [(), *next_best] if size == 1 else next_best
 
     def _best(self, size: int) -> Model:

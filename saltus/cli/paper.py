@@ -19,7 +19,7 @@ class PaperCommand:
     """
 
     arguments: Annotated[tyro.conf.Positional[tuple[str, ...]], shown("...", "none, list them")] = ()
-    """Which one, and its flags."""
+    """Name of the command of the paper, and its flags."""
 
     def run(self) -> int:
         """Runs the command that `read` reads."""

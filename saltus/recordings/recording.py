@@ -92,7 +92,7 @@ class Recording:
 
     @cached_property
     def grid(self) -> HeightGrid:
-        """Where the heights of the run were asked.
+        """Points at which the heights of the run were asked.
 
         Raises:
             ConfigError: it was written by another version.

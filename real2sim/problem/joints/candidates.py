@@ -44,7 +44,7 @@ def _bend() -> Unknown:
 
 @dataclass(frozen=True, kw_only=True)
 class Reach:
-    """How far a log goes at one place of all legs."""
+    """Range that a log covers at one place of all legs."""
 
     speed: float
     """Largest [rad/s]."""
@@ -67,7 +67,7 @@ Starts = tuple[tuple[float, ...], ...]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Places:
-    """How far a log goes at all places of a leg, as `Reach` has it; shapes (joints, 1)."""
+    """Ranges that a log covers at all places of a leg, as `Reach` has it; shapes (joints, 1)."""
 
     middle: Floats
     side: Floats
