@@ -164,7 +164,7 @@ def write_preview(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Pat
 
 def course_figure(terrain: Terrain) -> go.Figure:
     """The ground from the first box to the end of the last, with start and finish."""
-    center, reach = terrain.box_center[:, 0], terrain.arrays.extent[:, 0]
+    center, reach = terrain.arrays.center[:, 0], terrain.arrays.extent[:, 0]
     figure = ground_figure(terrain, (center - reach).min(), (center + reach).max())
     for name, x in (("start", terrain.start_x), ("finish", terrain.finish_x)):
         figure.add_vline(x=x, line={"color": BLUE, "width": 2}, opacity=1.0, annotation_text=name)

@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +14,6 @@ import onnxruntime
 from saltus.errors import ModelError
 from saltus.files import whole_file
 from saltus.models import MODEL_ID_DIGITS
-from saltus.onnx_tensors import external_files
 
 CHECKSUM_SUFFIX = ".sha256"
 """Checksum suffix of the file beside a model that says what it must be, as `sha256sum` writes
@@ -20,6 +21,9 @@ it."""
 MAX_BYTES = 64 << 20
 """Six times what is shipped at most: a larger file is another file."""
 _FLOAT32 = "tensor(float)"  # as ONNX Runtime writes it
+_ELSEWHERE = re.compile(rb"\x6a.{1,2}\x0a\x08location\x12(.)", re.DOTALL)
+"""Bytes before the name of the file in which the values of a tensor lie (`TensorProto` of
+onnx.proto); the last one is the length of the name."""
 _TRIED_ROBOTS = 2  # a network that is exported for one robot only fails with two
 
 
@@ -125,15 +129,16 @@ def _options() -> onnxruntime.SessionOptions:
     options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.add_session_config_entry("session.load_model_format", "ONNX")  # its own format may name other files, too
+    # Weights in a second file would be looked for wherever a program runs: in no folder there are none
+    options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     options.log_severity_level = 4  # what is wrong is raised; the runtime need not print it too
     return options
 
 
 def _refuse_external(path: Path, data: bytes) -> None:
-    try:
-        files = external_files(data)
-    except ValueError as error:
-        raise ModelError(f"{path} is not a model that can be run: {error}") from error
+    """Names the second file of a model that has one, which the runtime would refuse without naming it."""
+    names = {data[found.end() : found.end() + found[1][0]] for found in _ELSEWHERE.finditer(data)}
+    files = [name.decode(errors="replace") for name in sorted(names)]
     if files:
         raise ModelError(
             f"model {path} has weights in another file ({', '.join(map(repr, files))}), which its "

@@ -5,11 +5,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
+from memory_bus import MemoryBus, MemoryHub
 from samples import put_run
 
 from saltus.config import RunConfig
 from saltus.runtime.process import ProcessContext
-from saltus.wire.memory_bus import MemoryBus, MemoryHub
 
 
 class Stage:

@@ -23,7 +23,6 @@ from saltus.config import Value, read_file, read_toml
 from saltus.effects.camera import CameraChain, ViewChain
 from saltus.effects.chain import ActuatorChain, BodyChain, ImuChain
 from saltus.effects.effect import Effect
-from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.registry import EFFECTS
 from saltus.errors import ConfigError, nearest_hint
 from saltus.robots.robot import Robot
@@ -144,9 +143,6 @@ class Profile(Value):
 
 IDEAL = Profile()
 """No effects at all."""
-
-TRAINING_SHIFT = HeightmapShift(x_range=0.08, z_range=0.05)
-"""The shift that a policy must tolerate (paper)."""
 
 SHIPPED = "shipped"
 """Names the profile that a robot has as shipped."""

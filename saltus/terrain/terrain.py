@@ -91,16 +91,6 @@ class Terrain(Value):
         """The boxes as numpy arrays."""
         return Boxes.of(self.boxes)
 
-    @property
-    def box_center(self) -> Floats:
-        """Centre of each box [m], world frame, shape (n, 3)."""
-        return np.asarray(self.arrays.center)
-
-    @property
-    def box_size(self) -> Floats:
-        """Full edge lengths of each box [m], shape (n, 3)."""
-        return 2.0 * np.asarray(self.arrays.half_size)
-
     @cached_property
     def columns(self) -> Columns | None:
         """The boxes as columns, where that is what they are: level, side by side along x, of one width."""

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from memory_bus import MemoryBus, MemoryHub
 from samples import put_run
 
 from saltus.config import RunConfig, TerrainConfig
@@ -17,7 +18,6 @@ from saltus.controller.plans import Plans
 from saltus.errors import StackError
 from saltus.runtime.process import ProcessContext
 from saltus.wire.bus import topic_of, unpack
-from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import (
     ControllerMode,
     Done,

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from memory_bus import MemoryBus
 from samples import setup_of
 
 from saltus.config import TerrainConfig
@@ -10,7 +11,6 @@ from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.shove import HARDEST_NS, Shove
 from saltus.joint_command import JointCommand
 from saltus.robots.loading import load_robot
-from saltus.wire.memory_bus import MemoryBus
 from saltus.wire.messages import OPERATOR, Event
 
 MASS_KG = 12.74  # of the Go1

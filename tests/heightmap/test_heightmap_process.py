@@ -9,6 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from heightmap_inputs import on_time, states
+from memory_bus import MemoryBus, MemoryHub
 from samples import ROBOT, put_run
 
 from saltus.clock import RunClock
@@ -19,7 +20,6 @@ from saltus.heightmap.service.process import HeightmapProcess
 from saltus.heightmap.service.service import HeightmapService
 from saltus.runtime.process import ProcessContext
 from saltus.wire.bus import Publisher
-from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 from saltus.wire.topics import TOPICS
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from memory_bus import MemoryBus, MemoryHub
 from samples import PROFILE, ROBOT, put_run, setups_of
 from test_camera_family import CASES, with_latency
 
@@ -27,7 +28,6 @@ from saltus.runtime.process import ProcessContext
 from saltus.states import state_message
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
-from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import ControllerMode, GroundTruth, RobotState
 
 TRIALS = [Trial.draw(seed) for seed in (3, 4, 5)]

@@ -52,7 +52,7 @@ def course(*pieces: tuple[float, float], last_top: float) -> Terrain:
 
 def astray() -> Trace:
     trace = standing()
-    trace.foot[-5:, 0, 1] = 0.5 * STAIRS.box_size[0, 1] + 0.01
+    trace.foot[-5:, 0, 1] = STAIRS.arrays.half_size[0, 1] + 0.01
     return trace
 
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from memory_bus import MemoryBus
 
 from saltus.depth import MODEL_CAMERA, depth_frame
 from saltus.render.__main__ import LONGEST_COVER_S, Cover
-from saltus.wire.memory_bus import MemoryBus
 from saltus.wire.messages import OPERATOR, Event
 
 S = 1_000_000_000

@@ -24,8 +24,8 @@ NEAR_EDGE = 1e-5  # [m]: Embree counts in float32
 
 def blocked(terrain: Terrain, start: Any, end: Any, margin: float) -> Any:
     """Whether the way from start to end passes through a box that is larger by a margin; shapes (n, 3)."""
-    low = (terrain.box_center - 0.5 * terrain.box_size - margin)[:, None]
-    high = (terrain.box_center + 0.5 * terrain.box_size + margin)[:, None]
+    low = (terrain.arrays.center - terrain.arrays.half_size - margin)[:, None]
+    high = (terrain.arrays.center + terrain.arrays.half_size + margin)[:, None]
     way = np.where(end == start, 1e-12, end - start)
     one, other = (low - start) / way, (high - start) / way
     enters = np.max(np.minimum(one, other), axis=-1)

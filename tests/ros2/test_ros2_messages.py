@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import ros_peer
+from memory_bus import MemoryBus
 from recorded import MS, STEPS, run_messages
 from ros_texts import TEXTS
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -27,7 +28,6 @@ from saltus.ros2.outgoing import ROBOT as OF_ROBOT
 from saltus.ros2.wall_clock import WallClock
 from saltus.rotations import rotation_matrix
 from saltus.wire.codec import depth_on_the_wire, header
-from saltus.wire.memory_bus import MemoryBus
 
 USED = {*TYPES.values(), *(kind for kind, _ in (HEIGHTS | OF_ROBOT).values()), "tf2_msgs/msg/TFMessage"}
 NOW_NS = 10**10

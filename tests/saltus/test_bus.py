@@ -15,6 +15,7 @@ import numpy as np
 import psutil
 import pytest
 import zenoh
+from memory_bus import MemoryBus, MemoryHub
 from samples import message_of
 
 from saltus.config import RunConfig
@@ -24,7 +25,6 @@ from saltus.wire import codec
 from saltus.wire.bus import RING, Bell, Bus, Latest, Publisher, Sample
 from saltus.wire.codec import Envelope
 from saltus.wire.joining import LOCAL, open_session, write_client
-from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import DepthFrame, Done, Event
 from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus

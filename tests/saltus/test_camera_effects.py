@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from memory_bus import MemoryBus, MemoryHub
 from samples import ROBOT, level_truth, put_run
 
 from saltus.config import RunConfig, TerrainConfig
@@ -29,7 +30,6 @@ from saltus.render.embree import EmbreeRenderer
 from saltus.render.exposure import PerfectExposure
 from saltus.runtime.process import ProcessContext
 from saltus.terrain.curriculum import make_terrain
-from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import GroundTruth
 
 TERRAIN = make_terrain(TerrainConfig(terrain="step", height_m=0.2))

@@ -19,7 +19,7 @@ from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.offsets_and_factors import TorqueGain
-from saltus.effects.profile import IDEAL, TRAINING_SHIFT, Profile, load_profile
+from saltus.effects.profile import IDEAL, Profile, load_profile
 from saltus.effects.sample_and_hold import SampleAndHold
 from saltus.effects.signals import DepthImage, Drive, HeightQuery
 from saltus.effects.torque_saturation import TorqueSaturation
@@ -236,9 +236,10 @@ def test_draws_are_uniform_and_independent() -> None:
 
 
 def test_height_shift_reads_elsewhere_and_keeps_to_its_range() -> None:
-    state = TRAINING_SHIFT.init((1000,), np.random.default_rng(0))
+    drawn = HeightmapShift(x_range=0.08, z_range=0.05)
+    state = drawn.init((1000,), np.random.default_rng(0))
     query = HeightQuery(x=np.zeros((1000, 30)), offset=np.zeros((1000, 1)))
-    out, after = TRAINING_SHIFT.apply(query, 0.0, state)
+    out, after = drawn.apply(query, 0.0, state)
     assert after is state
     assert 0.075 < np.abs(out.x).max() <= 0.08
     assert 0.045 < np.abs(out.offset).max() <= 0.05

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from memory_bus import MemoryBus
 
 from saltus import clock as clock_module
 from saltus.config import RunConfig, to_toml
@@ -14,7 +15,6 @@ from saltus.errors import ModelError
 from saltus.runtime.process import EXIT_ERROR, ProcessContext, run_process
 from saltus.runtime.run_folder import RUN_FILE
 from saltus.wire.bus import Latest
-from saltus.wire.memory_bus import MemoryBus
 from saltus.wire.router import open_router
 
 

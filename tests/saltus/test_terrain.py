@@ -162,11 +162,11 @@ def test_a_ramp_family_leads_from_level_ground_to_level_ground(config: TerrainCo
 @pytest.mark.parametrize("config", LEVEL_FAMILY, ids=name_of)
 def test_boxes_tile_the_course_without_crack_or_overlap(config: TerrainConfig) -> None:
     terrain = make_terrain(config)
-    low, high = (terrain.box_center + side * terrain.box_size for side in (-0.5, 0.5))
+    low, high = (terrain.arrays.center + side * terrain.arrays.half_size for side in (-1.0, 1.0))
     np.testing.assert_allclose(low[1:, 0], high[:-1, 0], atol=1e-12)
     np.testing.assert_allclose(high[:, 2], [box.high[2] for box in terrain.boxes], atol=1e-12)
-    assert np.all(terrain.box_size > 0.0)
-    assert np.all(terrain.box_size[:, 1] == 4.0)
+    assert np.all(terrain.arrays.half_size > 0.0)
+    assert np.all(terrain.arrays.half_size[:, 1] == 2.0)
 
 
 ANY = [*map(make_terrain, LEVEL_FAMILY), *map(make_terrain, RAMPS), *map(random_terrain, range(5))]

@@ -1,4 +1,4 @@
-"""A bus inside one process, for tests and replay: the same codec, checks and counters as over Zenoh."""
+"""A bus inside one process: the same codec, checks and counters as over Zenoh."""
 
 import time
 
