@@ -35,9 +35,12 @@ def drift(
     xp = namespace(height)
     residual = new.mean - height
     used = known & (new.count > 0.0) & (xp.abs(residual) < settings.gate_m)
-    weight = xp.where(used, settings.independent / (variance + new.variance + settings.least_m**2), 0.0)
-    batch, one = len(height), xp.ones_like(residual)
     slopes = _slopes(height, known, settings.fine_m)
+    # A point may be off sideways, too: by so much it says less of the height the steeper the map is.
+    steep = settings.sideways_m**2 * (slopes[0] ** 2 + slopes[1] ** 2)
+    total = variance + new.variance + steep + settings.least_m**2
+    weight = xp.where(used, settings.independent / total, 0.0)
+    batch, one = len(height), xp.ones_like(residual)
     columns = [-slopes[0], -slopes[1], one, away[1] * one, -away[0] * one, residual]
     factors = xp.reshape(xp.stack(columns, axis=1), (batch, len(columns), -1))
     products = (factors[:, :-1] * xp.reshape(weight, (batch, 1, -1))) @ xp.matrix_transpose(factors)

@@ -114,7 +114,12 @@ class ScanModel(nn.Module):
             unknown = 2.0 * (1.0 - 2.0 * measured[:, 0])  # begins with the map where measured, else with the memory
             has_told = (memory[:, 1] < WIDEST).float()
             height = height + torch.sigmoid(keep + unknown) * has_told * memory[:, 0]
-        return height, (NARROWEST_M + USUAL_M * functional.softplus(width - 2.0)).clamp(max=WIDEST)
+        half_width = NARROWEST_M + USUAL_M * functional.softplus(width - 2.0)
+        if not self.training:
+            return height, half_width.clamp(max=WIDEST)
+        # The same value, but with a slope at the limit too: without one, widths that reach it stay.
+        beyond = WIDEST + (half_width - half_width.detach())
+        return height, torch.where(half_width < WIDEST, half_width, beyond)
 
     def _shown(self, inputs: Inputs) -> Tensor:
         """Numbers of about 1: heights in `USUAL_M`, half-widths and deviations by their logarithm."""

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from saltus.errors import ConfigError, ModelError
-from saltus.heightmap.scan.elevation import new_map
+from saltus.heightmap.scan.elevation import WIDEST, new_map
 from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.card import card, read_results
@@ -56,6 +56,12 @@ def test_a_training_begins_with_an_exported_network(small, tmp_path):
     wider = replace(small, network=replace(small.network, channels=(16, 8, 8, 8)))
     with pytest.raises(ModelError, match="do not fit"):
         train(wider, tmp_path / "other", updates=3, device=CPU, start=weights)
+
+
+def _shapes(settings):
+    """Shapes of `Inputs` without the batch."""
+    side = settings.map.side
+    return (side, side), (len(MEASURED), side, side), (len(MEMORY), side, side), (len(NUMBERS),)
 
 
 NETWORKS = pytest.mark.parametrize(
@@ -123,6 +129,21 @@ def test_a_new_network_tells_nearly_the_map(small):
     height, half_width = ScanModel(small.network, small.map)(*inputs)
     assert height.abs().median() < 0.02
     assert (half_width > 0.0).all()
+
+
+def test_half_widths_come_back_from_their_limit(small):
+    """Without a slope at the limit a training that has once gone there stays (two of four seeds)."""
+    trainer = Trainer(replace(small, learning_rate=0.02), CPU)
+    width = 3 * small.map.sub**2  # the first bias of the half-widths
+    with torch.no_grad():
+        trainer.model.head.get_parameter("bias")[width : width + small.map.sub**2] = 30.0
+    inputs = [torch.zeros(1, *shape) for shape in _shapes(small)]
+    before = trainer.model.eval()(*inputs)[1]
+    trainer.model.train()
+    for _ in range(8):
+        trainer.round(0.1, 0.1)
+    assert (before == WIDEST).all()
+    assert (trainer.model.eval()(*inputs)[1] < WIDEST).all()
 
 
 @pytest.mark.parametrize("frame", [False, True], ids=["with a map", "by image"])
