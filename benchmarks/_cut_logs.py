@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.moving_logs import jumped
-from saltus.effects.actuator_lag import ActuatorLag
-from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.command_delay import CommandDelay
+from saltus.effects.delay_line import CommandDelay
+from saltus.effects.image_delivery import CameraLatency
+from saltus.effects.motor_limits import ActuatorLag
 from saltus.effects.offsets_and_factors import CameraPitch, ComOffset, CoulombFriction
 from saltus.effects.profile import IDEAL, Profile
 from saltus.real2sim.experiments.menu import experiment_named

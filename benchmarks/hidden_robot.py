@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks._command import Command
-from saltus.effects.actuator_lag import ActuatorLag
-from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.command_delay import CommandDelay
+from saltus.effects.delay_line import CommandDelay
 from saltus.effects.effect import Effect
+from saltus.effects.image_delivery import CameraLatency
+from saltus.effects.motor_limits import ActuatorLag
 from saltus.effects.offsets_and_factors import (
     CameraHeight,
     CameraPitch,

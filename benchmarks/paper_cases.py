@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks._command import Command, progress, tell
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
+from saltus.effects.motor_limits import TorqueSaturation
 from saltus.effects.profile import IDEAL, SHIPPED, Profile, load_profile
-from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.pipeline import find

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from saltus.effects.actuator_lag import ActuatorLag
-from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.effect import Effect
-from saltus.effects.imu_bias import ImuBias
+from saltus.effects.image_delivery import CameraLatency
+from saltus.effects.imu import ImuBias
+from saltus.effects.motor_limits import ActuatorLag
 from saltus.effects.offsets_and_factors import (
     Armature,
     CameraHeight,

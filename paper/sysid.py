@@ -13,9 +13,9 @@ from paper.drawing import OTHER, OURS, legend, subplots
 from paper.motion import Made
 from paper.runs import Effort
 from saltus.arrays import Floats
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
+from saltus.effects.motor_limits import TorqueSaturation
 from saltus.effects.profile import SHIPPED, Profile, load_profile
-from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import SaltusError
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run

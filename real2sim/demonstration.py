@@ -11,15 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from saltus.effects.actuator_lag import ActuatorLag
-from saltus.effects.battery_sag import BatterySag
-from saltus.effects.command_delay import CommandDelay
+from saltus.effects.delay_line import CommandDelay
 from saltus.effects.effect import Effect
+from saltus.effects.encoders import VelocityFilter
+from saltus.effects.joint_loads import Stiction
+from saltus.effects.motor_limits import ActuatorLag, BatterySag, TorqueSaturation
 from saltus.effects.offsets_and_factors import Armature, CoulombFriction, EncoderBias, TorqueGain, ViscousFriction
 from saltus.effects.profile import IDEAL, Profile
-from saltus.effects.stiction import Stiction
-from saltus.effects.torque_saturation import TorqueSaturation
-from saltus.effects.velocity_filter import VelocityFilter
 from saltus.errors import SaltusError
 from saltus.real2sim.cycle.finding import search_until_told
 from saltus.real2sim.experiments.menu import Experiment, experiment_named

@@ -29,12 +29,11 @@ import numpy as np
 import tomli_w
 
 from saltus.config import read_file, read_toml
-from saltus.effects.battery_sag import BatterySag
 from saltus.effects.effect import Effect
 from saltus.effects.image_pixels import to_robot
+from saltus.effects.motor_limits import BatterySag, TorqueSaturation
 from saltus.effects.profile import IDEAL, Profile
 from saltus.effects.registry import EFFECTS
-from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError, nearest_hint
 from saltus.real2sim.problem.joints.torque_curve import as_knee, with_curve
 from saltus.real2sim.search.findings import FoundEffect

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Constant, namespace
 from saltus.config import Value, changed, check_between, read_file, read_toml
 from saltus.depth import BASELINE_M, D435I, MODEL_CAMERA, Intrinsics, model_image, sampled_model_camera
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import Profile
 from saltus.errors import ConfigError, nearest_hint
 from saltus.robots.robot import Robot

@@ -8,8 +8,8 @@ import numpy as np
 
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth_camera import load_camera
+from saltus.effects.motor_limits import TorqueSaturation
 from saltus.effects.profile import IDEAL, Profile, load_profile
-from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.grid import LINE
 from saltus.named_setup import named_setup
 from saltus.policy.evaluation.rollout import batch_of

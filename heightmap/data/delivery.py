@@ -11,7 +11,7 @@ from saltus.arrays import Floats
 from saltus.constants import POLICY_DT
 from saltus.depth_camera import DepthCamera
 from saltus.effects.camera import CameraChain, drawn_around
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.settings import DeliveryName

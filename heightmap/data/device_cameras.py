@@ -9,8 +9,8 @@ from torch import Tensor
 
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera
-from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.effect import map_arrays
+from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.effects.signals import DepthImage

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Singles
 from saltus.effects.camera import NOMINAL_LATENCY
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

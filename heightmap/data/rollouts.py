@@ -11,8 +11,8 @@ from saltus import rotations
 from saltus.arrays import Floats, Singles
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera
-from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.effect import stacked
+from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.grid import LINE, HeightGrid

@@ -20,7 +20,7 @@ from saltus.constants import POLICY_DT
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera, recorded
 from saltus.effects.camera import NOMINAL_LATENCY
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
 from saltus.errors import ConfigError, SaltusError
 from saltus.files import whole_file, write_whole
 from saltus.grid import HEIGHTMAP_X

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
 from saltus.errors import RecordingError
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.service.network import MOUNT_PITCH_ERROR, MOUNT_POSITION_ERROR_M

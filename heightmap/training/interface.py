@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.depth_camera import DepthCamera
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
 from saltus.heightmap.data.delivery import TRAINING, DeliveryModel
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.robots.robot import Robot

@@ -8,9 +8,8 @@ import numpy as np
 
 from saltus.arrays import Array
 from saltus.effects.chain import ActuatorChain
-from saltus.effects.command_delay import CommandDelay
+from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.effect import Drawn, Effect
-from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.offsets_and_factors import CoulombFriction, TorqueGain, ViscousFriction
 from saltus.effects.profile import Profile
 from saltus.policy.env.memory import Memory

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from saltus.config import from_table
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import Profile
 from saltus.errors import ConfigError, RecordingError
 from saltus.files import whole_folder

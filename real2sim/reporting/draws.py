@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import Any
 
 from saltus.constants import POLICY_DT
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import load_profile
 from saltus.errors import SaltusError
 from saltus.real2sim.problem.log import robot_of

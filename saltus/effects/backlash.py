@@ -51,7 +51,6 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
 
     def apply(self, signal: Drive, time_s: Array, state: Play | None) -> tuple[Drive, Play]:
         """Transmits the torque where motor and joint touch; the state is the play over the coming period."""
-        del time_s
         torque = signal.torque
         xp = namespace(torque)
         half = 0.5 * self.value("width", torque)

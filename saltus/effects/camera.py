@@ -7,20 +7,12 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from saltus.arrays import Array
-from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.depth_bias import DepthBias
-from saltus.effects.depth_noise import DepthNoise
-from saltus.effects.depth_scale import DepthScale
-from saltus.effects.edge_holes import EdgeHoles
+from saltus.effects.depth_errors import DepthBias, DepthNoise, DepthScale, EdgeHoles, HoleFill, RangeClip
 from saltus.effects.effect import Effect, PerRobot, Signal
-from saltus.effects.frame_drop import FrameDrop
-from saltus.effects.hole_fill import HoleFill
+from saltus.effects.image_delivery import CameraLatency, FrameDrop, SampleAndHold, TemporalSmear
 from saltus.effects.offsets_and_factors import CameraFov, CameraHeight, CameraPitch
 from saltus.effects.order import Order, SignalChain
-from saltus.effects.range_clip import RangeClip
-from saltus.effects.sample_and_hold import SampleAndHold
 from saltus.effects.signals import DepthImage, chosen, nothing_yet
-from saltus.effects.temporal_smear import TemporalSmear
 from saltus.wire.topics import CAMERA_LATENCY_S
 
 NOMINAL_LATENCY = CameraLatency(latency=CAMERA_LATENCY_S)

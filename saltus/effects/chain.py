@@ -5,17 +5,13 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from saltus.arrays import Array, Floats, namespace
-from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.backlash import Backlash
-from saltus.effects.battery_sag import BatterySag
-from saltus.effects.command_delay import CommandDelay
+from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.effect import Signal
-from saltus.effects.encoder_quantisation import EncoderQuantisation
-from saltus.effects.end_stop import EndStop
-from saltus.effects.feedforward_delay import FeedforwardDelay
-from saltus.effects.imu_bias import ImuBias
-from saltus.effects.imu_latency import ImuLatency
-from saltus.effects.joint_spring import JointSpring
+from saltus.effects.encoders import EncoderQuantisation, VelocityFilter
+from saltus.effects.imu import ImuBias, ImuLatency
+from saltus.effects.joint_loads import EndStop, JointSpring, Stiction
+from saltus.effects.motor_limits import ActuatorLag, BatterySag, TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.offsets_and_factors import (
     Armature,
     BaseInertia,
@@ -33,10 +29,6 @@ from saltus.effects.offsets_and_factors import (
 )  # fmt: skip
 from saltus.effects.order import Chain, Order, SignalChain, applied, chosen_of
 from saltus.effects.signals import Drive, JointState, Resistance
-from saltus.effects.stiction import Stiction
-from saltus.effects.torque_saturation import TorqueSaturation
-from saltus.effects.torque_speed_limit import TorqueSpeedLimit
-from saltus.effects.velocity_filter import VelocityFilter
 from saltus.joint_command import JointCommand
 from saltus.robots.robot import Robot
 

@@ -1,8 +1,8 @@
-"""Fractional delay of a signal that is held between samples, and what effects that delay a command have in common."""
+"""Fractional delay of a signal that is held between samples, and the effects that delay a command."""
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -77,3 +77,41 @@ class LateCommand(Effect[JointCommand], site="command"):
     @cached_property
     def _line(self) -> DelayLine:
         return DelayLine(self.delay, self.dt_s)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandDelay(LateCommand, name="command_delay"):
+    """The whole packet is `delay` old when the drive uses it: targets, gains and feed-forward torque.
+
+    Fields are averaged one by one over a step in which a packet arrives; where gains change in that very step the mean
+    of the products differs from the product of the means, by one step at most.
+    """
+
+    def first(self, signal: JointCommand) -> Array:
+        """The last packets, newest first, shape (..., length, 5, 12)."""
+        return self._line.filled(_packet(signal))
+
+    def apply(self, signal: JointCommand, time_s: Array, state: Array) -> tuple[JointCommand, Array]:
+        """Delays every field by the same time."""
+        late, line = self._line.pushed(_packet(signal), self.first(signal) if state is None else state)
+        position, velocity, kp, kd, torque = (late[..., i, :] for i in range(5))
+        return JointCommand(position=position, velocity=velocity, kp=kp, kd=kd, torque=torque), line
+
+
+def _packet(command: JointCommand) -> Array:
+    fields = [command.position, command.velocity, command.kp, command.kd, command.torque]
+    return namespace(command.torque).stack(fields, axis=-2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeedforwardDelay(LateCommand, name="feedforward_delay"):
+    """Feed-forward torque is `delay` late; the PD law is not. 10 ms (original)."""
+
+    def first(self, signal: JointCommand) -> Array:
+        """The last torques, newest first, shape (..., length, 1, 12): a drive has none before its first packet."""
+        return self._line.filled(namespace(signal.torque).zeros_like(signal.torque)[..., None, :])
+
+    def apply(self, signal: JointCommand, time_s: Array, state: Array) -> tuple[JointCommand, Array]:
+        """Delays the torque alone."""
+        late, line = self._line.pushed(signal.torque[..., None, :], self.first(signal) if state is None else state)
+        return replace(signal, torque=late[..., 0, :]), line

@@ -110,19 +110,16 @@ class Effect(Generic[Signal]):
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
         """State before the first signal, for a batch of robots; None where the effect has no memory."""
-        del batch, rng
         return None
 
     def first(self, signal: Signal) -> Any:
         """State as if a robot's first signal had been there for long; None where the effect has no memory."""
-        del signal
 
     def apply(self, signal: Signal, time_s: Array, state: Any) -> tuple[Signal, Any]:
         """Returns the changed signal and the next state; changes neither argument.
 
         Where a subclass does nothing else, parameters add to, or scale, the fields of the signal that they name.
         """
-        del time_s
         for own, name, axis, null in self._changes:
             array = getattr(signal, name)
             value = self.value(own, array)

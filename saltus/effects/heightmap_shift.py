@@ -33,7 +33,6 @@ class HeightmapShift(Effect[HeightQuery], name="heightmap_shift", site="heightma
 
     def apply(self, signal: HeightQuery, time_s: float, state: Any) -> tuple[HeightQuery, Any]:
         """Moves the places and the heights."""
-        del time_s
         shift = namespace(signal.x).astype(state, signal.x.dtype)
         moved = HeightQuery(x=signal.x + shift[..., 0:1], offset=signal.offset + shift[..., 1:2])
         return moved, state

@@ -7,10 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from saltus.depth import D435I
-from saltus.effects.depth_noise import DepthNoise
-from saltus.effects.edge_holes import EdgeHoles
+from saltus.effects.depth_errors import DepthNoise, EdgeHoles, HoleFill
 from saltus.effects.effect import Effect
-from saltus.effects.hole_fill import HoleFill
 from saltus.effects.profile import Profile
 
 

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import claimed_body
 from saltus.effects.chain import ActuatorChain, BodyChain, ImuChain, Torques
@@ -17,7 +18,7 @@ from saltus.sim import scene
 from saltus.sim.driven_robots import DrivenRobots, Motion
 from saltus.sim.mujoco_batch import MujocoBatch
 from saltus.sim.plant import CLEARANCE, standing_pose
-from saltus.sim.state import Floats, PlantState
+from saltus.sim.state import PlantState
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 

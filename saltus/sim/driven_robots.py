@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.constants import GRAVITY
 from saltus.effects.chain import ActuatorChain, ImuChain, Torques
 from saltus.effects.imu import ImuReading
@@ -13,7 +14,7 @@ from saltus.effects.order import chosen_of
 from saltus.joint_command import JointCommand
 from saltus.robots.robot import Robot
 from saltus.sim import scene
-from saltus.sim.state import Floats, PlantState, sensed
+from saltus.sim.state import PlantState, sensed
 from saltus.states import Sensed
 
 Motion = tuple[float | Floats, Floats, Floats, Floats, Floats, Floats, Floats]

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.robots.robot import LEGS, Robot
 from saltus.sim import scene
 from saltus.sim.mujoco_batch import MujocoBatch
-from saltus.sim.state import Floats
 from saltus.terrain import flat
 from saltus.terrain.boxes import Boxes
 

@@ -17,12 +17,11 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.errors import ModelError, nearest_hint
 from saltus.robots.robot import Robot
 from saltus.sim import scene
 from saltus.terrain import flat
-
-Floats = NDArray[np.float64]
 
 SLOPE = 1e-5  # of an angle or a velocity: finite differences are then good to 1e-5 of their value
 ROLL = "base_roll"  # joint of a base that may

@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.effects.body import BodyModel
 from saltus.robots.robot import JOINTS, LEGS, Robot
 from saltus.sim import free_robots
 from saltus.sim.layout import ModelLayout
-from saltus.sim.state import Floats
 from saltus.terrain.boxes import Boxes
 
 CLEAR_M = 0.005

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from saltus.arrays import Array
+from saltus.arrays import Array, Floats
 from saltus.effects.body import claimed_body
 from saltus.effects.chain import ActuatorChain, BodyChain, ImuChain, Torques
 from saltus.errors import SaltusError
@@ -15,7 +15,7 @@ from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.sim import scene
 from saltus.sim.driven_robots import DrivenRobots, Motion
 from saltus.sim.layout import ModelLayout
-from saltus.sim.state import Floats, PlantState
+from saltus.sim.state import PlantState
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 

@@ -8,14 +8,15 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from saltus.arrays import Floats
 from saltus.robots.robot import Robot
+from saltus.rotations import quaternion_inverse, quaternion_product
 from saltus.sim import scene
 from saltus.sim.appearance import decorate
 from saltus.terrain import flat
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.terrain import Terrain
 
-Floats = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 ROUND = 16  # sides of what is round: enough for shapes of a few centimetres
@@ -86,7 +87,7 @@ class RobotShapes:
         self._data.qpos[3:7], self._data.qpos[7:] = (1.0, 0.0, 0.0, 0.0), joint_position
         mujoco.mj_kinematics(self._model, self._data)
         quaternion, parents = self._data.xquat[self._bodies], self._data.xquat[self._parents]
-        return _product(parents * np.array([1.0, -1.0, -1.0, -1.0]), quaternion)
+        return quaternion_product(quaternion_inverse(parents), quaternion)
 
     def _of_body(self, body: int) -> "list[Shape]":
         geoms = [int(geom) for geom in self._seen if self._model.geom_bodyid[geom] == body]
@@ -208,16 +209,6 @@ def _arc() -> Floats:
     arc = np.stack([np.cos(angle), np.sin(angle)], -1)
     below, above = arc[middle] - [0.0, 1e-6], arc[middle] + [0.0, 1e-6]
     return np.concatenate([arc[:middle], [below, above], arc[middle + 1 :]])
-
-
-def _product(one: Floats, other: Floats) -> Floats:
-    """Product of quaternions (w, x, y, z), shape (n, 4)."""
-    w, x, y, z = np.moveaxis(one, -1, 0)
-    a, b, c, d = np.moveaxis(other, -1, 0)
-    return np.stack(
-        [w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c, w * c - x * d + y * a + z * b,
-         w * d + x * c - y * b + z * a], -1,
-    )  # fmt: skip
 
 
 def _joined(parts: list[tuple[Floats, Faces]], rgba: tuple[float, ...]) -> Shape:

@@ -6,12 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 from array_api_compat import array_namespace
-from numpy.typing import NDArray
 
-from saltus.arrays import Array
+from saltus.arrays import Array, Floats
 from saltus.terrain.boxes import Box
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.terrain.boxes import Boxes
-from saltus.terrain.columns import Floats, column_heights
+from saltus.terrain.columns import column_heights
 from saltus.terrain.terrain import Terrain
 
 SPARE_DEPTH = -100.0  # a box that a terrain does not need lies this deep below its end, out of everything's way [m]

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
+from saltus.arrays import Floats
 from saltus.config import Value, from_table, read_toml
 from saltus.errors import ConfigError
 from saltus.terrain.boxes import Box, Boxes, Point
-from saltus.terrain.columns import Columns, Floats
+from saltus.terrain.columns import Columns
 
 GROUND_START_X = -2.0  # ground behind the robot [m]: the rearmost heightmap point at the start is at -0.6
 FIRST_EDGE_X = 1.5  # beyond the camera's reach of 0.5 m from the start, and room for the first bounds

@@ -13,8 +13,8 @@ from synthetic_motion import gliding_robots
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import SHIPPED
 from saltus.effects.camera import CameraChain, ViewChain
-from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.effect import Effect
+from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.grid import LINE

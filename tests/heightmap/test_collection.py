@@ -11,7 +11,7 @@ from samples import EVERYTHING, PROFILE, ROBOT, setups_of
 
 from saltus.cli.main import main
 from saltus.depth_camera import load_camera
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.offsets_and_factors import CameraPitch
 from saltus.grid import LINE
 from saltus.heightmap import collection as heightmap_collection

@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
 from saltus.heightmap.data.delivery import DELIVERIES, TRAINING, DeliveryModel, deliver
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.settings import DeliveryName

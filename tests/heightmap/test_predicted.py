@@ -12,7 +12,7 @@ from test_camera_family import CASES, with_latency
 
 from saltus.config import RunConfig, TerrainConfig
 from saltus.effects.effect import Effect
-from saltus.effects.frame_drop import FrameDrop
+from saltus.effects.image_delivery import FrameDrop
 from saltus.effects.profile import load_profile
 from saltus.grid import LINE
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory

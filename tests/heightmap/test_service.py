@@ -8,7 +8,7 @@ import pytest
 from heightmap_inputs import MS, WARMUP, frame, on_time, service_of, states
 from samples import ROBOT
 
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import Profile
 from saltus.errors import ModelError
 from saltus.heightmap.service import model_check

@@ -18,8 +18,7 @@ from saltus.config import TerrainConfig
 from saltus.constants import PHYSICS_DT, POLICY_DT
 from saltus.effects.body import NOMINAL_FRICTION
 from saltus.effects.chain import ActuatorChain
-from saltus.effects.command_delay import CommandDelay
-from saltus.effects.feedforward_delay import FeedforwardDelay
+from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.offsets_and_factors import ContactCompliance, PayloadMass, SoftFeet, TorqueGain
 from saltus.effects.profile import Profile

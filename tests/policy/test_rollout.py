@@ -11,7 +11,7 @@ from samples import PROFILE, ROBOT, setups_of
 
 from saltus.arrays import Floats
 from saltus.config import TerrainConfig
-from saltus.effects.imu_bias import ImuBias
+from saltus.effects.imu import ImuBias
 from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.plan import Plan
 from saltus.policy.evaluation.rollout import Rollout, exact_heights

@@ -9,12 +9,10 @@ from standing_robot import Motion, run_log
 from stated_values import check_stated_values
 
 from saltus.effects.effect import Effect
-from saltus.effects.end_stop import EndStop
-from saltus.effects.joint_spring import JointSpring
+from saltus.effects.joint_loads import EndStop, JointSpring
+from saltus.effects.motor_limits import TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.offsets_and_factors import ComOffset, FootFriction, PayloadMass, SoftFeet
 from saltus.effects.profile import Profile
-from saltus.effects.torque_saturation import TorqueSaturation
-from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.problem import BodyProblem
 from saltus.real2sim.problem.body.support import carried_by

@@ -25,7 +25,7 @@ from camera_logs import (
 from stated_values import check_stated_values
 
 from saltus.arrays import Floats
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.camera.edges import edge_counts

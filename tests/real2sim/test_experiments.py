@@ -8,7 +8,7 @@ import pytest
 from samples import ROBOT
 
 from saltus.constants import PHYSICS_DT
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.offsets_and_factors import CoulombFriction
 from saltus.effects.profile import IDEAL, Profile
 from saltus.effects.registry import EFFECTS

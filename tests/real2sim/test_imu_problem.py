@@ -9,8 +9,7 @@ from standing_robot import MOTIONS, run_log
 from stated_values import check_stated_values
 
 from saltus.effects.effect import Effect
-from saltus.effects.imu_bias import ImuBias
-from saltus.effects.imu_latency import ImuLatency
+from saltus.effects.imu import ImuBias, ImuLatency
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.imu.problem import ImuProblem
 from saltus.recordings.run_log import RunLog

@@ -15,11 +15,10 @@ from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.effects.chain import ActuatorChain, BodyChain
 from saltus.effects.effect import Effect
-from saltus.effects.end_stop import EndStop
-from saltus.effects.joint_spring import JointSpring
+from saltus.effects.joint_loads import EndStop, JointSpring
+from saltus.effects.motor_limits import TorqueSaturation
 from saltus.effects.offsets_and_factors import BaseRoll, EncoderBias, VelocityScale
 from saltus.effects.registry import EFFECTS
-from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import RecordingError
 from saltus.joint_command import JointCommand
 from saltus.real2sim.problem.joints import motion as joint_motion

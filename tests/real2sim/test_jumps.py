@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from moving_robot import jumping_log
 
-from saltus.effects.actuator_lag import ActuatorLag
-from saltus.effects.command_delay import CommandDelay
-from saltus.effects.feedforward_delay import FeedforwardDelay
-from saltus.effects.joint_spring import JointSpring
+from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
+from saltus.effects.joint_loads import JointSpring
+from saltus.effects.motor_limits import ActuatorLag, TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.offsets_and_factors import (
     Armature,
     BaseInertia,
@@ -20,8 +19,6 @@ from saltus.effects.offsets_and_factors import (
     ViscousFriction,
 )
 from saltus.effects.profile import Profile
-from saltus.effects.torque_saturation import TorqueSaturation
-from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.jumps.problem import NOT_SHOWN, JumpProblem
 from saltus.real2sim.rebased_problem import RebasedProblem

@@ -7,9 +7,8 @@ import pytest
 from one_joint import WHERES, OneJoint
 
 from saltus.arrays import Floats
-from saltus.effects.actuator_lag import ActuatorLag
+from saltus.effects.motor_limits import ActuatorLag, TorqueSpeedLimit
 from saltus.effects.profile import Profile
-from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.real2sim.problem.problem import Problem, WrappedProblem
 from saltus.real2sim.rebased_problem import RebasedProblem
 from saltus.real2sim.reporting.words import sentence

@@ -8,13 +8,12 @@ import pytest
 from samples import CURVE, PROFILE, ROBOT
 
 from saltus.depth import D435I
-from saltus.effects.command_delay import CommandDelay
-from saltus.effects.depth_noise import DepthNoise
-from saltus.effects.edge_holes import EdgeHoles
+from saltus.effects.delay_line import CommandDelay
+from saltus.effects.depth_errors import DepthNoise, EdgeHoles
 from saltus.effects.image_pixels import to_images
+from saltus.effects.motor_limits import TorqueSaturation
 from saltus.effects.offsets_and_factors import CoulombFriction
 from saltus.effects.profile import IDEAL, Profile
-from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.next_experiment import next_experiment, separations

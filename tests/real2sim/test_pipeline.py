@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from samples import ROBOT
 
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
+from saltus.effects.motor_limits import TorqueSpeedLimit
 from saltus.effects.offsets_and_factors import ViscousFriction
 from saltus.effects.profile import IDEAL, Profile
-from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import RecordingError
 from saltus.real2sim import pipeline
 from saltus.real2sim.experiments import motions

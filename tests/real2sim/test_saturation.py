@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from samples import CURVE, PROFILE, ROBOT
 
+from saltus.effects.motor_limits import TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.profile import Profile
-from saltus.effects.torque_saturation import TorqueSaturation
-from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.run import run

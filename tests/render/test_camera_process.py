@@ -6,8 +6,7 @@ from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, NOTHING, depth_in_millimetres
 from saltus.depth_camera import SHIPPED
 from saltus.effects.camera import CameraChain
-from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.frame_drop import FrameDrop
+from saltus.effects.image_delivery import CameraLatency, FrameDrop
 from saltus.render.backends import make_renderer
 from saltus.render.camera import RobotCamera
 from saltus.render.exposure import PerfectExposure

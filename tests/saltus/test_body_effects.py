@@ -9,8 +9,7 @@ from samples import ROBOT
 from saltus.constants import GRAVITY, PHYSICS_DT
 from saltus.effects.chain import BodyChain, ImuChain
 from saltus.effects.effect import Effect
-from saltus.effects.imu_bias import ImuBias
-from saltus.effects.imu_latency import ImuLatency
+from saltus.effects.imu import ImuBias, ImuLatency
 from saltus.effects.offsets_and_factors import (
     BaseInertia,
     ComOffset,

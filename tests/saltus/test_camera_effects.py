@@ -12,18 +12,12 @@ from samples import ROBOT, level_truth, put_run
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import BASELINE_M, MODEL_CAMERA, intrinsics_of, model_image
 from saltus.effects.camera import CameraChain, ViewChain
-from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.depth_bias import DepthBias
-from saltus.effects.depth_noise import DepthNoise
-from saltus.effects.depth_scale import DepthScale
-from saltus.effects.edge_holes import EdgeHoles
+from saltus.effects.depth_errors import DepthBias, DepthNoise, DepthScale, EdgeHoles, HoleFill, RangeClip
 from saltus.effects.effect import Effect
-from saltus.effects.hole_fill import HoleFill
+from saltus.effects.image_delivery import CameraLatency, TemporalSmear
 from saltus.effects.offsets_and_factors import CameraFov, CameraHeight, CameraPitch
 from saltus.effects.profile import Profile, load_profile
-from saltus.effects.range_clip import RangeClip
 from saltus.effects.signals import DepthImage
-from saltus.effects.temporal_smear import TemporalSmear
 from saltus.render.__main__ import build
 from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer

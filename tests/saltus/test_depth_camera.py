@@ -13,7 +13,7 @@ from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, Intrinsics, depth_in_millimetres, model_image
 from saltus.depth_camera import SHIPPED, DepthCamera, load_camera, recorded
 from saltus.effects.camera import CameraChain
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import ConfigError
 from saltus.render.camera import RobotCamera

@@ -8,22 +8,17 @@ import pytest
 from samples import CURVE, PROFILE, ROBOT
 
 from saltus.constants import PHYSICS_DT
-from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.camera import CameraChain
-from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.chain import ActuatorChain, Torques, proportional_derivative
-from saltus.effects.command_delay import CommandDelay
+from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.draws import draw_keys, uniform
 from saltus.effects.effect import Effect
-from saltus.effects.feedforward_delay import FeedforwardDelay
-from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.heightmap_shift import HeightmapShift
+from saltus.effects.image_delivery import CameraLatency, FrameDrop, SampleAndHold
+from saltus.effects.motor_limits import ActuatorLag, TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.offsets_and_factors import TorqueGain
 from saltus.effects.profile import IDEAL, Profile, load_profile
-from saltus.effects.sample_and_hold import SampleAndHold
 from saltus.effects.signals import DepthImage, Drive, HeightQuery
-from saltus.effects.torque_saturation import TorqueSaturation
-from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import ConfigError
 from saltus.joint_command import JointCommand
 

@@ -8,27 +8,17 @@ import pytest
 import torch
 from samples import CURVE, ROBOT
 
-from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.backlash import Backlash
-from saltus.effects.battery_sag import BatterySag
 from saltus.effects.body import BodyModel
-from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.command_delay import CommandDelay
-from saltus.effects.depth_bias import DepthBias
-from saltus.effects.depth_noise import DepthNoise
-from saltus.effects.depth_scale import DepthScale
-from saltus.effects.edge_holes import EdgeHoles
+from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
+from saltus.effects.depth_errors import DepthBias, DepthNoise, DepthScale, EdgeHoles, HoleFill, RangeClip
 from saltus.effects.effect import Effect, map_arrays
-from saltus.effects.encoder_quantisation import EncoderQuantisation
-from saltus.effects.end_stop import EndStop
-from saltus.effects.feedforward_delay import FeedforwardDelay
-from saltus.effects.frame_drop import FrameDrop
+from saltus.effects.encoders import EncoderQuantisation, VelocityFilter
 from saltus.effects.heightmap_shift import HeightmapShift
-from saltus.effects.hole_fill import HoleFill
-from saltus.effects.imu import ImuReading
-from saltus.effects.imu_bias import ImuBias
-from saltus.effects.imu_latency import ImuLatency
-from saltus.effects.joint_spring import JointSpring
+from saltus.effects.image_delivery import CameraLatency, FrameDrop, SampleAndHold, TemporalSmear
+from saltus.effects.imu import ImuBias, ImuLatency, ImuReading
+from saltus.effects.joint_loads import EndStop, JointSpring, Stiction
+from saltus.effects.motor_limits import ActuatorLag, BatterySag, TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.offsets_and_factors import (
     Armature,
     BaseInertia,
@@ -48,15 +38,8 @@ from saltus.effects.offsets_and_factors import (
     ViscousFriction,
 )
 from saltus.effects.profile import IDEAL, PARTS, Profile
-from saltus.effects.range_clip import RangeClip
 from saltus.effects.registry import EFFECTS
-from saltus.effects.sample_and_hold import SampleAndHold
 from saltus.effects.signals import CameraView, DepthImage, Drive, HeightQuery, JointState, Resistance
-from saltus.effects.stiction import Stiction
-from saltus.effects.temporal_smear import TemporalSmear
-from saltus.effects.torque_saturation import TorqueSaturation
-from saltus.effects.torque_speed_limit import TorqueSpeedLimit
-from saltus.effects.velocity_filter import VelocityFilter
 from saltus.errors import ConfigError
 from saltus.joint_command import JointCommand
 

@@ -10,12 +10,11 @@ from samples import ROBOT
 
 from saltus.constants import PHYSICS_DT
 from saltus.effects.backlash import Backlash
-from saltus.effects.battery_sag import BatterySag
 from saltus.effects.chain import ActuatorChain, BodyChain
 from saltus.effects.effect import Effect
-from saltus.effects.encoder_quantisation import EncoderQuantisation
-from saltus.effects.end_stop import EndStop
-from saltus.effects.joint_spring import JointSpring
+from saltus.effects.encoders import EncoderQuantisation, VelocityFilter
+from saltus.effects.joint_loads import EndStop, JointSpring, Stiction
+from saltus.effects.motor_limits import BatterySag
 from saltus.effects.offsets_and_factors import (
     Armature,
     BaseRoll,
@@ -25,8 +24,6 @@ from saltus.effects.offsets_and_factors import (
     ViscousFriction,
 )
 from saltus.effects.signals import Drive, JointState, Resistance
-from saltus.effects.stiction import Stiction
-from saltus.effects.velocity_filter import VelocityFilter
 from saltus.joint_command import JointCommand
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.batch import BatchPlant

@@ -25,7 +25,7 @@ from paper.stand_in import STAND_IN_SEED, stand_in
 from paper.training import ABLATIONS, FULL, IMITATION, PUBLISHED, config_of
 from saltus.cli.main import main
 from saltus.config import TerrainConfig
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.errors import SaltusError
 from saltus.folders import differences

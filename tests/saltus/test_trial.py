@@ -6,9 +6,9 @@ import pytest
 from samples import PROFILE
 
 from saltus.config import TerrainConfig
-from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.feedforward_delay import FeedforwardDelay
+from saltus.effects.delay_line import FeedforwardDelay
 from saltus.effects.heightmap_shift import HeightmapShift
+from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.offsets_and_factors import TorqueGain
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import ConfigError

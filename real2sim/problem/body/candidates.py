@@ -7,8 +7,8 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.effects.body import LEAST_TURNING_M, NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, claimed_body
+from saltus.effects.motor_limits import LOSS_AT_KNEE, TorqueSaturation
 from saltus.effects.offsets_and_factors import ContactCompliance, FootFriction
-from saltus.effects.torque_saturation import LOSS_AT_KNEE, TorqueSaturation
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.replay import Rig
 from saltus.real2sim.problem.joints.candidates import beside

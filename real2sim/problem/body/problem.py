@@ -16,7 +16,7 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.effects.effect import Effect
-from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.effects.motor_limits import TorqueSaturation
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.candidates import CALF, FRICTION_RANGE, Claims, candidates, on_top_of, rig_of
 from saltus.real2sim.problem.body.ground import finer, likeliest

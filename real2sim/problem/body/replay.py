@@ -10,11 +10,9 @@ from saltus.arrays import Floats, Indices
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import LEAST_TURNING_M, BodyModel
 from saltus.effects.delay_line import held_late
-from saltus.effects.end_stop import EndStop
-from saltus.effects.joint_spring import JointSpring
+from saltus.effects.joint_loads import EndStop, JointSpring
+from saltus.effects.motor_limits import TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.signals import Drive
-from saltus.effects.torque_saturation import TorqueSaturation
-from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.real2sim.problem.body.windows import (
     BLOCK_STEPS,
     BLOCKS,

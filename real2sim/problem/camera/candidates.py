@@ -6,9 +6,7 @@ from functools import partial
 
 from saltus.arrays import Floats
 from saltus.depth import BASELINE_M
-from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.frame_drop import FrameDrop
-from saltus.effects.temporal_smear import TemporalSmear
+from saltus.effects.image_delivery import CameraLatency, FrameDrop, TemporalSmear
 from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate, sought
 
 FLOOR = 1.3e-3  # 1/m: noise of a D435 over z^2 (plane fits on real frames)

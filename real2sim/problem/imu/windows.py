@@ -7,7 +7,7 @@ import numpy as np
 
 from saltus.arrays import Floats, Indices
 from saltus.constants import PHYSICS_DT
-from saltus.effects.imu_latency import ImuLatency
+from saltus.effects.imu import ImuLatency
 from saltus.errors import RecordingError
 from saltus.real2sim.problem import rotations
 from saltus.real2sim.problem.log import sampled

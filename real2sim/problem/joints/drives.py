@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saltus.arrays import Floats, Indices
-from saltus.effects.actuator_lag import lag_weights
 from saltus.effects.delay_line import held_late
-from saltus.effects.velocity_filter import low_pass_weights
+from saltus.effects.encoders import low_pass_weights
+from saltus.effects.motor_limits import lag_weights
 
 Hinges = tuple[tuple[Floats, Floats], ...]
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from saltus.arrays import Floats, Indices
 from saltus.effects.effect import Effect
-from saltus.effects.torque_saturation import TorqueSaturation
-from saltus.effects.torque_speed_limit import TorqueSpeedLimit
+from saltus.effects.motor_limits import TorqueSaturation, TorqueSpeedLimit
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.joints.candidates import JointCandidates, beside
 from saltus.real2sim.problem.joints.drives import Drives, Hinges, lost

@@ -16,7 +16,7 @@ from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import claimed_body
 from saltus.effects.effect import Effect
-from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.effects.motor_limits import TorqueSaturation
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.candidates import Claims, trunk_candidates
 from saltus.real2sim.problem.joints.candidates import LOOP_RATE, JointCandidates, Reach, beside

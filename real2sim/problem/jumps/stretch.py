@@ -9,8 +9,8 @@ from scipy.signal import lfilter
 
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
-from saltus.effects.actuator_lag import lag_weights
 from saltus.effects.body import BodyModel
+from saltus.effects.motor_limits import lag_weights
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.windows import JOINTS, POSE, RATES, VELOCITY, Track, angular_velocity, track
 from saltus.real2sim.problem.joints.drives import Drives, DriveState

@@ -1,14 +1,35 @@
-"""A drive smooths its measured velocity, and so learns of it late."""
+"""Effects between the motion of a joint and what its drive knows of it."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from saltus.arrays import Array, Constant
+from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Effect, Values, parameter, period
 from saltus.effects.signals import JointState
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderQuantisation(Effect[JointState], name="encoder_quantisation", site="joint_state"):
+    """The drive's angle is the nearest multiple of `step`; its velocity is not derived from it."""
+
+    # 0.2 to 1.5 mrad on drives of this class
+    step: Values = parameter(unit="rad", null=0.0, low=0.0, high=0.2, sought=(2e-4, 0.1), per_joint=True)
+
+    @cached_property
+    def _steps(self) -> tuple[Constant, Constant]:
+        """The steps, and those of them that are 0 as 1, to divide by."""
+        return Constant(self.step), Constant(np.where(np.equal(self.step, 0.0), 1.0, self.step))
+
+    def apply(self, signal: JointState, time_s: Array, state: None) -> tuple[JointState, None]:
+        """Rounds the angle where the step is not 0."""
+        exact = signal.position
+        step, divisor = (constant.like(exact) for constant in self._steps)
+        xp = namespace(exact)
+        return replace(signal, position=xp.where(step > 0.0, xp.round(exact / divisor) * divisor, exact)), None
+
 
 SHORTEST = 1e-3
 """Shortest filter, in parts of a period: a shorter one is none, and the weights stay finite."""
@@ -36,7 +57,6 @@ class VelocityFilter(Effect[JointState], name="velocity_filter", site="joint_sta
 
     def apply(self, signal: JointState, time_s: Array, state: Memory | None) -> tuple[JointState, Memory]:
         """Filters the velocity."""
-        del time_s
         newest = signal.velocity
         before, filtered = state or (newest, newest)
         new, old, kept = (weight.like(newest) for weight in self._weights)
