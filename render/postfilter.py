@@ -9,14 +9,15 @@ smoothing. Only holes are filled.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 from saltus.arrays import namespace
 from saltus.depth import MILLIMETRE
-from saltus.effects.effect import Effect, Site, parameter
+from saltus.effects.effect import Effect, parameter
 from saltus.effects.signals import DepthImage
 from saltus.render.devices import on_host
 from saltus.render.holes import filled_along_rows, filled_from_around
+from saltus.render.single_image import SingleImageEffect
 
 ROUNDED_AWAY = 0.5  # a change below half a unit
 HALF = 0.5  # depths are whole units, so that "less than n units" is "less than n - 1/2"
@@ -31,38 +32,31 @@ def _unit() -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HoleFilling(Effect[DepthImage]):
+class HoleFilling(SingleImageEffect[DepthImage], name="hole_filling"):
     """An invalid pixel takes the nearest depth among its neighbours above, to the left and below left.
 
     Pixels are visited row by row, so filled ones fill others. The pixel above must be valid, or filled: holes that
     begin in the top row stay. The first column, the top and the bottom row are not filled.
     """
 
-    name: ClassVar[str] = "hole_filling"
-    site: ClassVar[Site] = "depth"
-
     # 2 is "nearest from around" (original)
     mode: float = parameter(unit="", null=0.0, low=2.0, high=2.0)
 
-    def apply(self, signal: DepthImage, time_s: float, state: None) -> tuple[DepthImage, None]:
+    def changed(self, signal: DepthImage) -> DepthImage:
         """Fills holes."""
-        del time_s, state
-        if self.is_null() or min(signal.depth.shape[-2:]) < 3:
-            return signal, None
-        return replace(signal, depth=filled_from_around(signal.depth)), None
+        if min(signal.depth.shape[-2:]) < 3:
+            return signal
+        return replace(signal, depth=filled_from_around(signal.depth))
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpatialFilter(Effect[DepthImage]):
+class SpatialFilter(SingleImageEffect[DepthImage], name="spatial_filter"):
     """Edge-preserving exponential smoothing, forth and back along rows, then along columns, `magnitude` times.
 
     Along rows a pixel is blended with the one before it where they differ by at most `delta` units, along columns
     where they differ by less. On the way along rows, holes take the value before them, up to a radius from the last
     valid pixel.
     """
-
-    name: ClassVar[str] = "spatial_filter"
-    site: ClassVar[Site] = "depth"
 
     # original: 5
     magnitude: float = parameter(unit="", null=0.0, low=1.0, high=5.0)
@@ -74,18 +68,17 @@ class SpatialFilter(Effect[DepthImage]):
     holes_fill: float = parameter(unit="", null=0.0, low=0.0, high=5.0)
     unit: float = _unit()
 
-    def apply(self, signal: DepthImage, time_s: float, state: None) -> tuple[DepthImage, None]:
+    def changed(self, signal: DepthImage) -> DepthImage:
         """Smooths and fills."""
-        del time_s, state
         if self.magnitude == 0.0 or signal.depth.shape[-1] < 3:
-            return signal, None
+            return signal
         reach, passes = HOLE_RADIUS[round(self.holes_fill)] - 1, round(self.magnitude)
         if (1.0 - self.alpha) * self.delta < ROUNDED_AWAY:
-            return replace(signal, depth=filled_along_rows(signal.depth, reach, passes)), None
+            return replace(signal, depth=filled_along_rows(signal.depth, reach, passes))
         depth = signal.depth
         for _ in range(passes):
             depth = self._smoothed(filled_along_rows(depth, reach))
-        return replace(signal, depth=depth), None
+        return replace(signal, depth=depth)
 
     def _smoothed(self, depth: Any) -> Any:
         """One pass forth and back along rows and columns."""
@@ -109,15 +102,12 @@ class SpatialFilter(Effect[DepthImage]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TemporalFilter(Effect[DepthImage]):
+class TemporalFilter(Effect[DepthImage], name="temporal_filter", site="depth"):
     """Exponential smoothing in time where a pixel changed by less than `delta` units; holes take an older value.
 
     A hole is filled where the last values agreed within `delta` in two of the last four frames (librealsense's default
     persistence). The blend is cut to whole units, not rounded.
     """
-
-    name: ClassVar[str] = "temporal_filter"
-    site: ClassVar[Site] = "depth"
 
     # weight of the new frame (original: 0.75)
     alpha: float = parameter(unit="", null=1.0, low=0.0, high=1.0)

@@ -12,7 +12,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Reals
-from saltus.depth import RANGE_M, depth_in_millimetres, model_image
+from saltus.depth import RANGE_M, Intrinsics, depth_in_millimetres, model_image
 from saltus.depth_camera import DepthCamera
 from saltus.errors import SaltusError
 from saltus.grid import HeightGrid
@@ -49,6 +49,11 @@ class Picture(NamedTuple):
     """A data URL."""
     is_narrow: bool = False
 
+    @classmethod
+    def of(cls, title: str, text: str, colours: NDArray[np.uint8]) -> "Picture":
+        """A picture (BGR) as it is."""
+        return cls(title, text, _source(colours, LOSSLESS), colours.shape[1] < colours.shape[0])
+
 
 _NO_HEIGHTS = HeightGrid(x=(0.0,))
 """No heights of pictures without a heightmap."""
@@ -80,7 +85,7 @@ class Scale:
 
     def picture(self, title: str, text: str, depth: Depth) -> Picture:
         """Depth in colours, with its caption."""
-        return Picture(title, text, _source(self.coloured(depth), LOSSLESS), depth.shape[1] < depth.shape[0])
+        return Picture.of(title, text, self.coloured(depth))
 
     def legend(self) -> list[tuple[float, tuple[int, int, int]]]:
         """Depths [m] from the nearest to the farthest, and their colours (red, green, blue)."""
@@ -193,13 +198,25 @@ def effect_stages(depth: Depth, hidden: NDArray[np.bool_], camera: DepthCamera) 
     config, optics = StereoConfig.of(camera), Optics.behind(camera.matching, camera)
     names = [effect.name for effect in config.effects if not effect.is_null()]
     for count in range(1, len(names) + 1):
-        stereo = StereoCamera(config.only(names[:count]), optics)
-        state = stereo.init((), np.random.default_rng(0))  # the same noise at every stage
-        for k in range(EXPOSURES):
-            image, state = stereo.step(depth, hidden, np.asarray(FRAME_S * k), state)
+        stage = settled(config.only(names[:count]), optics, depth, hidden)
         effect = next(effect for effect in config.effects if effect.name == names[count - 1])
         meaning = (type(effect).__doc__ or "").strip().splitlines()[0].replace("`", "")
-        yield names[count - 1].replace("_", " "), meaning, np.asarray(image.depth, dtype=np.float32)
+        yield names[count - 1].replace("_", " "), meaning, stage
+
+
+def settled(config: StereoConfig, optics: Optics, depth: Depth, hidden: NDArray[np.bool_]) -> Depth:
+    """The image of a stereo camera that has stood still for a while [m]; its noise is always the same."""
+    stereo = StereoCamera(config, optics)
+    state = stereo.init((), np.random.default_rng(0))
+    for k in range(EXPOSURES):
+        image, state = stereo.step(depth, hidden, np.asarray(FRAME_S * k), state)
+    return np.asarray(image.depth, dtype=np.float32)
+
+
+def for_network(depth: Depth, camera: Intrinsics) -> Depth:
+    """The pixels of an image that a network gets [m], 0 where invalid, shape (48, 16)."""
+    near, valid = model_image(depth_in_millimetres(depth), camera)
+    return np.where(valid > 0.0, RANGE_M * near, np.float32(0.0))
 
 
 def cloud_figure(wide: StereoEmbree, camera: DepthCamera, robots: Poses, true: Depth, reported: Depth) -> go.Figure:
@@ -252,7 +269,5 @@ def _clean(view: View, scale: Scale, wide: Depth, narrow: Depth) -> list[Picture
 def _for_model(scale: Scale, camera: DepthCamera, true: Depth, reported: Depth) -> list[Picture]:
     pictures = []
     for title, depth in (("true", true), ("as reported", reported)):
-        near, valid = model_image(depth_in_millimetres(depth), camera.matching)
-        pixels = camera.for_model(np.where(valid > 0.0, RANGE_M * near, np.float32(0.0)))
-        pictures.append(scale.picture(title, "", pixels))
+        pictures.append(scale.picture(title, "", camera.for_model(for_network(depth, camera.matching))))
     return pictures

@@ -1,7 +1,7 @@
 """Occlusion: what only one of the two imagers sees cannot be matched."""
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -13,15 +13,13 @@ from saltus.render.stereo.random_effect import RandomStereoEffect
 
 
 @dataclass(frozen=True, kw_only=True)
-class BaselineOcclusion(RandomStereoEffect):
+class BaselineOcclusion(RandomStereoEffect, name="baseline_occlusion"):
     """Points that the right imager does not see are invalid: a shadow to the left of every near object.
 
     The shadow comes from a second view (`saltus.render.renderer.StereoRenderer`), so geometry makes its width:
     f B (1 / z_near - 1 / z_far) pixels. `rejected` is the share of such pixels that the camera's left-right check
     finds; it finds all of them, which is what the check is for (D4 vision processor datasheet).
     """
-
-    name: ClassVar[str] = "baseline_occlusion"
 
     rejected: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)
 

@@ -1,32 +1,26 @@
 """A camera sends depth in whole units."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, Site, parameter
+from saltus.effects.effect import parameter
 from saltus.effects.signals import DepthImage
+from saltus.render.single_image import SingleImageEffect
 
 LARGEST = 65535  # of the 16 bits of a pixel; what is farther is sent as 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class DepthUnit(Effect[DepthImage]):
+class DepthUnit(SingleImageEffect[DepthImage], name="depth_unit"):
     """Rounds depth [m] to whole units; 0 is invalid, and so is what is farther than 16 bits can say."""
-
-    name: ClassVar[str] = "depth_unit"
-    site: ClassVar[Site] = "depth"
 
     # 1 mm (librealsense: default of the D400 family)
     unit: float = parameter(unit="m", null=0.0, low=0.0, high=0.1)
 
-    def apply(self, signal: DepthImage, time_s: float, state: None) -> tuple[DepthImage, None]:
+    def changed(self, signal: DepthImage) -> DepthImage:
         """Rounds."""
-        del time_s, state
-        if self.unit == 0.0:
-            return signal, None
         xp = namespace(signal.depth)
         count = xp.round(signal.depth * (1.0 / self.unit))
         fits = count < LARGEST
         count *= self.unit
-        return replace(signal, depth=xp.where(fits, count, xp.zeros_like(count[..., :1, :1]))), None
+        return replace(signal, depth=xp.where(fits, count, xp.zeros_like(count[..., :1, :1])))

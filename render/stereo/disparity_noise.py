@@ -2,13 +2,13 @@
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from saltus.arrays import namespace
 from saltus.effects.draws import draw_keys
-from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
+from saltus.effects.effect import Effect, PerRobot, parameter, per_image
 from saltus.effects.fields import gaussian, samples
 from saltus.render.stereo.image import StereoImage
 
@@ -17,15 +17,12 @@ Memory = tuple[Any, Any, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
-class DisparityNoise(Effect[StereoImage]):
+class DisparityNoise(Effect[StereoImage], name="disparity_noise", site="depth"):
     """Adds to the disparity a Gaussian field that is correlated in the image and in time.
 
     Depth then has the standard deviation z^2 sigma / (f B). Neighbouring pixels share most of their matching window, so
     the correlation falls linearly, to 1/e at `correlation`. From frame to frame it falls exponentially.
     """
-
-    name: ClassVar[str] = "disparity_noise"
-    site: ClassVar[Site] = "depth"
 
     # 0.08 px in practice, 0.03 px at best (Intel on the D4xx)
     sigma: PerRobot = parameter(unit="px", null=0.0, low=0.0, high=2.0)

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +15,11 @@ from saltus.render.stereo.random_effect import RandomStereoEffect
 
 
 @dataclass(frozen=True, kw_only=True)
-class StereoEdgeHoles(RandomStereoEffect):
+class StereoEdgeHoles(RandomStereoEffect, name="edge_holes"):
     """A share `fraction` of the pixels within `reach` of a depth edge, on its far side, is invalid, in patches.
 
     The near side usually wins the match, so it keeps its pixels.
     """
-
-    name: ClassVar[str] = "edge_holes"
 
     # a D435 frame of smooth surfaces (librealsense's tests) loses 12 % of the pixels right beside an edge, 3 % of those
     # within 4.5 px; frames of clutter lose several times that

@@ -1,7 +1,7 @@
 """At an edge a matcher may find something between near and far."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 from saltus.arrays import namespace
 from saltus.effects.effect import PerRobot, parameter, per_image
@@ -12,10 +12,8 @@ from saltus.render.stereo.random_effect import RandomStereoEffect
 
 
 @dataclass(frozen=True, kw_only=True)
-class FlyingPixels(RandomStereoEffect):
+class FlyingPixels(RandomStereoEffect, name="flying_pixels"):
     """A share `fraction` of the pixels next to a depth edge has a disparity anywhere between both sides."""
-
-    name: ClassVar[str] = "flying_pixels"
 
     # not published; one in five makes the thin veil at edges that recordings show
     fraction: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)

@@ -2,21 +2,19 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from saltus.effects.draws import draw_keys
-from saltus.effects.effect import Effect, Site
+from saltus.effects.effect import Effect
 from saltus.effects.fields import gaussian, samples
 from saltus.render.stereo.image import StereoImage
 
 
 @dataclass(frozen=True, kw_only=True)
-class RandomStereoEffect(Effect[StereoImage]):
+class RandomStereoEffect(Effect[StereoImage], site="depth"):
     """Draws from a key for each image and the capture time: the key is all its state."""
-
-    site: ClassVar[Site] = "depth"
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
         """A key for each image."""

@@ -1,7 +1,7 @@
 """Surfaces that return too little of the projected pattern cannot be matched: far ones and grazing ones."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -12,14 +12,12 @@ from saltus.render.stereo.random_effect import RandomStereoEffect
 
 
 @dataclass(frozen=True, kw_only=True)
-class WeakSignal(RandomStereoEffect):
+class WeakSignal(RandomStereoEffect, name="weak_signal"):
     """The pattern's return falls as cos(incidence) / z^2; below a threshold a pixel is invalid.
 
     At `reach` and normal incidence half of the pixels are lost; texture and reflectance vary by `spread` (standard
     deviation of the logarithm). What is not hit at all returns nothing.
     """
-
-    name: ClassVar[str] = "weak_signal"
 
     # 10 m (D435i datasheet: depth up to about 10 m)
     reach: PerRobot = parameter(unit="m", null=np.inf, low=0.1, high=1e3)

@@ -32,7 +32,7 @@ class Camera:
     """Name, or path of an MJCF or of a folder with a robot.toml."""
     course: CourseOptions = field(default_factory=SizedCourse)
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-camera")] = None
-    """Folder for camera.png, and for camera.toml, which says all of it."""
+    """Folder for camera.html, and for camera.toml, which says all of it."""
     json: Flag = False
     """Print the values as one JSON object on the last line."""
 
@@ -45,8 +45,9 @@ class Camera:
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
         terrain, grid = make_terrain(self.course), load_grid(DEFAULT_GRID)
         folder = run_directory("camera", self.out)
+        page = folder / "camera.html"
         (folder / "camera.toml").write_text(camera.to_toml(), encoding="utf-8")
-        coverage = draw_camera(robot, grid, terrain, camera, folder / "camera.png")
+        coverage = draw_camera(robot, grid, terrain, camera, page)
         image = camera.image
         sides = ((image.width, image.fx), (image.height, image.fy))
         table: dict[str, Any] = {
@@ -62,7 +63,7 @@ class Camera:
             "network_view_covered": coverage.covered,
             "network_image_invalid": coverage.invalid,
             "points_in_view_m": grid.points[coverage.visible, 0].tolist(),
-            "picture": str(folder / "camera.png"),
+            "page": str(page),
         }
         print_figures(table)
         if self.json:
@@ -72,7 +73,7 @@ class Camera:
         print(
             f"saltus: this camera sees none of the {grid.size} points of the heightmap, from {grid.x[0]:g} "
             f"to {grid.x[-1]:g} m ahead: does it look down, and wide enough? camera_pitch is "
-            f"{coverage.pitch:.3g} rad, positive where it looks down; {table['picture']} shows its view",
+            f"{coverage.pitch:.3g} rad, positive where it looks down; {page} shows its view",
             file=sys.stderr,
         )
         return 1
