@@ -22,6 +22,9 @@ USUAL_M = 0.1
 """A usual residual [m]."""
 NARROWEST_M = 5e-4
 """The narrowest half-width [m]."""
+_USUAL_WIDTH_M = 0.01
+"""The half-width that a new network tells [m]; it learns the logarithm of the ratio to it."""
+_WIDTHS = math.log(NARROWEST_M / _USUAL_WIDTH_M), math.log(0.99 * WIDEST / _USUAL_WIDTH_M)
 _SHOWN = 3.0  # a difference of heights is shown as this many times USUAL_M at most
 _NUMBERS = (0.005, 0.005, 0.005, 0.002, 0.002, MOST_IMAGES, 36.0)  # what usual `NUMBERS` are
 _OUTPUTS = 4  # of a height: residual, its gate, the memory's gate, half-width
@@ -114,12 +117,10 @@ class ScanModel(nn.Module):
             unknown = 2.0 * (1.0 - 2.0 * measured[:, 0])  # begins with the map where measured, else with the memory
             has_told = (memory[:, 1] < WIDEST).float()
             height = height + torch.sigmoid(keep + unknown) * has_told * memory[:, 0]
-        half_width = NARROWEST_M + USUAL_M * functional.softplus(width - 2.0)
-        if not self.training:
-            return height, half_width.clamp(max=WIDEST)
-        # The same value, but with a slope at the limit too: without one, widths that reach it stay.
-        beyond = WIDEST + (half_width - half_width.detach())
-        return height, torch.where(half_width < WIDEST, half_width, beyond)
+        kept = width.clamp(*_WIDTHS)
+        if self.training:  # the same value with a slope at the limits: without one, widths that reach them stay
+            kept = kept + (width - width.detach())
+        return height, _USUAL_WIDTH_M * kept.exp()
 
     def _shown(self, inputs: Inputs) -> Tensor:
         """Numbers of about 1: heights in `USUAL_M`, half-widths and deviations by their logarithm."""
