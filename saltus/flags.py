@@ -23,6 +23,14 @@ AT_LEAST_ONE = tyro.conf.arg(metavar="PATH [PATH ...]", help_behavior_hint="(at 
 
 
 @dataclass(frozen=True, kw_only=True)
+class EndpointOption:
+    """Flag of a command that joins a run."""
+
+    endpoint: Annotated[str | None, shown("STR", "the one that the folder names")] = None
+    """Zenoh router, e.g. tcp/127.0.0.1:7447."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class CommandGroup:
     """A command that consists of others."""
 

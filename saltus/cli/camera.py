@@ -8,15 +8,14 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from saltus.cli.output import print_figures, print_json, run_directory
-from saltus.cli.run_options import CourseOptions, SizedCourse, mounted_camera
-from saltus.flags import Flag, shown
+from saltus.cli.output import JsonOption, print_figures, run_directory
+from saltus.cli.run_options import CourseOptions, RobotOption, SizedCourse, mounted_camera
+from saltus.flags import shown
 from saltus.grid import DEFAULT_GRID, load_grid
-from saltus.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True, kw_only=True)
-class Camera:
+class Camera(RobotOption, JsonOption):
     """Draws what a camera sees from a robot that stands, and from beside it; prints where it sits and what it is.
 
     For example:
@@ -28,13 +27,9 @@ class Camera:
     """The command to run."""
     camera: tyro.conf.Positional[str] = "d435i"
     """Name, ideal or d435i, or a TOML file."""
-    robot: str = DEFAULT_ROBOT
-    """Name, or path of an MJCF or of a folder with a robot.toml."""
     course: CourseOptions = field(default_factory=SizedCourse)
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-camera")] = None
     """Folder for camera.html, and for camera.toml, which says all of it."""
-    json: Flag = False
-    """Print the values as one JSON object on the last line."""
 
     def run(self) -> int:
         """Draws and prints; 1 where it sees no point of the heightmap."""
@@ -66,8 +61,7 @@ class Camera:
             "page": str(page),
         }
         print_figures(table)
-        if self.json:
-            print_json(table)
+        self.tell_json(table)
         if coverage.visible.any():
             return 0
         print(

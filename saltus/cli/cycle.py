@@ -7,9 +7,9 @@ from typing import Annotated
 import tyro
 
 from saltus.cli.heightmap_train import SettingsCommand, training_packages
-from saltus.cli.output import Bar, print_json
+from saltus.cli.output import Bar, JsonOption
 from saltus.cli.run_options import mounted_camera
-from saltus.flags import Flag, shown
+from saltus.flags import shown
 from saltus.grid import DEFAULT_GRID
 from saltus.heightmap.settings import ClosedLoop
 from saltus.real2sim.cycle.settings import CycleSettings
@@ -18,7 +18,7 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cycle(SettingsCommand):
+class Cycle(JsonOption, SettingsCommand):
     """Logs a robot, finds what the simulator lacks, trains with it, and measures the robot before and after.
 
     Goes on where it was stopped: a stage that is done is not repeated. Without a GPU the predictor alone is trained.
@@ -41,8 +41,6 @@ class Cycle(SettingsCommand):
     nothing is trained here."""
     take_training: Annotated[Path | None, shown("PATH", "none, train here")] = None
     """Such a folder with the models that were trained there."""
-    json: Flag = False
-    """Print the results as one JSON object on the last line."""
 
     def last(self) -> CycleSettings | None:
         """Those of the cycle that goes on."""
@@ -64,6 +62,5 @@ class Cycle(SettingsCommand):
         with Bar() as bar:
             Stages(folder=folder, settings=settings, observer=bar).run(self.export_training, self.take_training)
         print(folder.report)
-        if self.json:
-            print_json(results(folder))
+        self.tell_json(results(folder))
         return 0

@@ -4,7 +4,7 @@ import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from saltus.cli.output import follow, print_json, run_directory
+from saltus.cli.output import JsonOption, follow, print_json, run_directory
 from saltus.cli.run_options import RunOptions
 from saltus.cli.watch import ask_for_viser, watching
 from saltus.config import Pace, RunConfig
@@ -15,7 +15,7 @@ BAR = "{desc}: {percentage:3.0f} % |{bar}| {n:.1f} of {total:.1f} m"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Demo(RunOptions):
+class Demo(JsonOption, RunOptions):
     """Runs the whole stack on one terrain; leaves a recording, a report and a video.
 
     For example:
@@ -31,8 +31,6 @@ class Demo(RunOptions):
     """Make an MP4 of the robot with the predicted heightmap on the terrain."""
     watch: Flag = False
     """Show the run on a page in the browser, and then its recording until Ctrl-C; see saltus watch."""
-    json: Flag = False
-    """Print the result as one JSON object on the last line."""
 
     def run(self) -> int:
         """Runs it; 0 where the robot crossed the terrain, else 1."""

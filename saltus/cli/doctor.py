@@ -10,8 +10,7 @@ from importlib.metadata import requires
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from saltus.cli.output import print_json
-from saltus.flags import Flag
+from saltus.cli.output import JsonOption, print_json
 from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.provenance import commit, package_version
 
@@ -38,14 +37,11 @@ class CheckResult:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Doctor:
+class Doctor(JsonOption):
     """Checks the installation: versions, models, renderers, transport; names the cure for what is missing.
 
     Example: saltus doctor --json
     """
-
-    json: Flag = False
-    """Print the findings as one JSON object on the last line."""
 
     def run(self) -> int:
         """Prints every finding; 0 where nothing that all commands need is wrong, else 1."""

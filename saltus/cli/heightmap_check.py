@@ -6,15 +6,15 @@ from typing import Annotated
 
 import tyro
 
-from saltus.cli.output import print_json
+from saltus.cli.output import JsonOption
 from saltus.cli.record import record
 from saltus.config import check_between
 from saltus.errors import RecordingError, SaltusError
-from saltus.flags import Flag, shown
+from saltus.flags import EndpointOption, shown
 
 
 @dataclass(frozen=True, kw_only=True)
-class Check:
+class Check(EndpointOption, JsonOption):
     """Says whether the heights of a robot can be trusted; it must stand on level ground with nothing ahead.
 
     Rates, delays, where the camera sits, and the heights themselves: ahead, the ground is as high as under the feet.
@@ -29,12 +29,8 @@ class Check:
     """A recorded run (.mcap) in which the robot stands for a second or more."""
     run_dir: Annotated[Path | None, shown("PATH", "none: a recording")] = None
     """Folder of a running stack, with its run.toml."""
-    endpoint: Annotated[str | None, shown("STR", "the one that the folder names")] = None
-    """Zenoh router, e.g. tcp/127.0.0.1:7447."""
     seconds: float = 3.0
     """With --run-dir: how long to listen."""
-    json: Flag = False
-    """Print what was measured as one JSON object on the last line."""
 
     def run(self) -> int:
         """Prints one line for each thing that heights rest on, and a verdict."""
@@ -71,6 +67,5 @@ class Check:
                 print(f"      {finding.cure}")
         bad = [finding.name for finding in findings if not finding.good]
         print(f"do not trust these heights: {', '.join(bad)}" if bad else "these heights can be trusted")
-        if self.json:
-            print_json({"trusted": not bad, "findings": [vars(finding) for finding in findings]})
+        self.tell_json({"trusted": not bad, "findings": [vars(finding) for finding in findings]})
         return 1 if bad else 0

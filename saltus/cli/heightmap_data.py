@@ -11,11 +11,11 @@ import tyro
 from tyro.conf import subcommand
 
 from saltus.cli.heightmap_train import QUIET_S, SettingsCommand, training_packages
-from saltus.cli.output import print_json
+from saltus.cli.output import JsonOption, print_json
 from saltus.cli.run_options import mounted_camera
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import SHIPPED, load_profile
-from saltus.flags import AT_LEAST_ONE, CommandGroup, Flag, Subcommands, shown
+from saltus.flags import AT_LEAST_ONE, CommandGroup, Subcommands, shown
 from saltus.grid import DEFAULT_GRID
 from saltus.heightmap.settings import ClosedLoop, DaggerConfig, DeviceCollection, DeviceLoop, ProcessorCollection
 from saltus.robots.loading import load_robot
@@ -79,7 +79,7 @@ class OnProcessors(SettingsCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class OnDevice(SettingsCommand):
+class OnDevice(JsonOption, SettingsCommand):
     """Episodes of thousands of robots at once on a GPU; falls and finishes make more of them.
 
     The settings can also stand in a TOML file (--config), those of the loop as loop.ticks = 300. A flag wins over it.
@@ -96,8 +96,6 @@ class OnDevice(SettingsCommand):
     )
     commit: Annotated[str | None, shown("STR", "as git says")] = None
     """Which code collects, where this machine has no repository."""
-    json: Flag = False
-    """Print how many labelled steps of 10 ms came a second, with and without writing, as JSON on the last line."""
 
     def run(self) -> int:
         """Writes the shards; of those that are interrupted the batches that are whole."""
@@ -119,8 +117,7 @@ class OnDevice(SettingsCommand):
 
             found = collect(self.settings, outputs, progress.tick, done, self.commit)
         _tell(outputs.values(), found)
-        if self.json:
-            print_json(speeds[-1].table)
+        self.tell_json(speeds[-1].table)
         return 0
 
 
@@ -260,7 +257,7 @@ class _Bars:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Info:
+class Info(JsonOption):
     """Says what a dataset holds.
 
     Example: saltus heightmap dataset info runs/dataset
@@ -268,8 +265,6 @@ class Info:
 
     data: tyro.conf.Positional[Path]
     """Folder of the dataset."""
-    json: Flag = False
-    """Print one JSON object on the last line."""
 
     def run(self) -> int:
         """Prints a line for each shard."""

@@ -3,13 +3,12 @@
 import sys
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Any
 
 from saltus.cli.heightmap_train import QUIET_S
-from saltus.cli.output import print_json, table_lines
-from saltus.cli.run_options import mounted_camera
-from saltus.flags import Flag, shown
+from saltus.cli.output import JsonOption, table_lines
+from saltus.cli.run_options import ModelOptions, mounted_camera
+from saltus.flags import shown
 from saltus.grid import DEFAULT_GRID
 from saltus.models import model_id, model_path
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -30,7 +29,7 @@ BAR = "{l_bar}{bar}| {elapsed}<{remaining}{postfix}"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Eval:
+class Eval(ModelOptions, JsonOption):
     """Measures a predictor in held-out runs, with policy and predictor in the loop, beside deprojection alone.
 
     For example:
@@ -38,10 +37,6 @@ class Eval:
       saltus heightmap eval --heightmap-model runs/heightmap/heightmap.onnx --seed 5 --json
     """
 
-    heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
-    """ONNX file of the predictor."""
-    policy_model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None
-    """ONNX file of the learned policy, which drives every other batch."""
     runs: int = 200
     """How many, in batches of 20: half of a batch on courses that both planners master, half on harder ones. The
     learned policy and the scripted planner drive a batch in turns."""
@@ -58,8 +53,6 @@ class Eval:
     """Time limit of a run."""
     processes: Annotated[int | None, shown("INT", "one for each core")] = None
     """How many share the runs. The numbers do not depend on it."""
-    json: Flag = False
-    """Print the result as one JSON object on the last line."""
 
     def run(self) -> int:
         """Runs them all and prints how far robots went, and a table, in millimetres."""
@@ -90,12 +83,11 @@ class Eval:
         table = scores(measured)
         warning = way_warning(table)
         _print_table(table, warning)
-        if self.json:
-            print_json(
-                table
-                | {"warning": warning}
-                | {"models": {kind: model_id(path.read_bytes()) for kind, path in models.items()}}
-            )
+        self.tell_json(
+            table
+            | {"warning": warning}
+            | {"models": {kind: model_id(path.read_bytes()) for kind, path in models.items()}}
+        )
         return 0
 
 

@@ -6,12 +6,12 @@ from typing import Annotated
 
 import tyro
 
-from saltus.cli.output import print_json, run_directory
-from saltus.flags import AT_LEAST_ONE, Flag, shown
+from saltus.cli.output import JsonOption, run_directory
+from saltus.flags import AT_LEAST_ONE, shown
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report:
+class Report(JsonOption):
     """Measures the heightmaps of recorded runs and writes one HTML file.
 
     Example: saltus heightmap report runs/one/recording.mcap --model geometric runs/heightmap/heightmap.onnx
@@ -24,8 +24,6 @@ class Report:
     its map held to the feet that stand)."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-heightmap-report")] = None
     """Folder for report.html."""
-    json: Flag = False
-    """Print all numbers as one JSON object on the last line."""
 
     def run(self) -> int:
         """Writes the file and prints the numbers."""
@@ -52,6 +50,5 @@ class Report:
                 f"90 % intervals cover {100 * row['coverage90']:.0f} %"
             )
         print(f"report    {path}")
-        if self.json:
-            print_json(numbers)
+        self.tell_json(numbers)
         return 0

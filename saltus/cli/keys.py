@@ -6,15 +6,20 @@ from typing import Annotated, Literal
 
 import tyro
 
-from saltus.cli.output import print_json
-from saltus.flags import CommandGroup, Flag, Subcommands
+from saltus.cli.output import JsonOption, print_json
+from saltus.flags import CommandGroup, Subcommands
 
 DAYS = 365
-KEYS = Path("keys")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Init:
+class _KeysOption:
+    keys: Path = Path("keys")
+    """Folder of the authority."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Init(_KeysOption):
     """Makes an authority in a folder, and the certificate of a router.
 
     Example: saltus keys init --address 192.168.123.10:7447
@@ -22,8 +27,6 @@ class Init:
 
     address: str
     """Address of the router's machine, as others reach it: host:port."""
-    keys: Path = KEYS
-    """Folder of the authority."""
     days: int = DAYS
     """For which the router's certificate holds."""
 
@@ -39,7 +42,7 @@ class Init:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Issue:
+class Issue(_KeysOption):
     """Makes a certificate for a role: one file, with which any Zenoh program joins.
 
     A role may publish and subscribe to its own keys only: render, heightmap, policy and controller what the process of
@@ -50,8 +53,6 @@ class Issue:
 
     role: tyro.conf.Positional[Literal["render", "heightmap", "policy", "controller", "recorder", "viewer", "operator"]]
     """The part that its holder has in a run."""
-    keys: Path = KEYS
-    """Folder of the authority."""
     days: int = DAYS
     """For which it holds."""
 
@@ -65,7 +66,7 @@ class Issue:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Revoke:
+class Revoke(_KeysOption):
     """Takes a certificate off the list of those that may do anything; a router reads the list when it starts.
 
     Example: saltus keys revoke viewer-1f3a0b77
@@ -73,8 +74,6 @@ class Revoke:
 
     name: tyro.conf.Positional[str]
     """Name of the certificate, see saltus keys list."""
-    keys: Path = KEYS
-    """Folder of the authority."""
 
     def run(self) -> int:
         """Changes the list; 0."""
@@ -86,16 +85,11 @@ class Revoke:
 
 
 @dataclass(frozen=True, kw_only=True)
-class List:
+class List(_KeysOption, JsonOption):
     """Shows who may join.
 
     Example: saltus keys list --keys keys
     """
-
-    keys: Path = KEYS
-    """Folder of the authority."""
-    json: Flag = False
-    """Print them as one JSON object."""
 
     def run(self) -> int:
         """Prints; 0."""

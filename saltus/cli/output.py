@@ -4,9 +4,11 @@ import json
 import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from saltus.flags import Flag
 from saltus.folders import ask_for_room, new_folder
 
 if TYPE_CHECKING:
@@ -38,6 +40,19 @@ def follow(stack: "Stack") -> Iterator[None]:
             tqdm.write(f"saltus: {stack.too_slow}", file=sys.stderr)
             told = True
         yield
+
+
+@dataclass(frozen=True, kw_only=True)
+class JsonOption:
+    """Flag of a command that measures."""
+
+    json: Flag = False
+    """Print the result as one JSON object on the last line."""
+
+    def tell_json(self, table: dict[str, Any]) -> None:
+        """Prints the result where that is asked for."""
+        if self.json:
+            print_json(table)
 
 
 class Bar:

@@ -6,18 +6,24 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from saltus.cli.output import print_json, run_directory, table_lines
+from saltus.cli.output import JsonOption, run_directory, table_lines
 from saltus.cli.policy_train import Train
-from saltus.cli.run_options import CourseOptions, SizedCourse, mounted_camera
+from saltus.cli.run_options import (
+    CourseOptions,
+    HardwareOptions,
+    ModelOptions,
+    RobotOption,
+    SizedCourse,
+    mounted_camera,
+)
 from saltus.cli.serve import ServeProcess
 from saltus.config import PlannerName
 from saltus.errors import ConfigError, SaltusError
-from saltus.flags import CommandGroup, Flag, Subcommands, shown
+from saltus.flags import CommandGroup, Subcommands, shown
 from saltus.folders import new_folder
 from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.models import model_id, model_path
 from saltus.policy.training.command import TRAINING
-from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.workers import check_processes
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
@@ -29,34 +35,24 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Eval:
+class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
     """Runs trials on one terrain, many robots at once, without the bus; leaves a report.
 
     Example: saltus policy eval --terrain stairs --rise-m 0.2 --trials 100 --seed 92000
     """
 
-    robot: str = DEFAULT_ROBOT
-    """Name, or path of an MJCF or of a folder with a robot.toml."""
     course: CourseOptions = field(default_factory=SizedCourse)
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: a network."""
-    policy_model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None
-    """ONNX file of the learned policy."""
     trials: int = 20
     """Number of trials."""
     seed: int = 0
     """Seed of the first trial; the others have SEED + 1, SEED + 2, ..."""
     heightmap: Literal["true", "true-exact", "predicted"] = "true"
     """true: the terrain, shifted by up to 8 cm ahead and 5 cm up as the trial says. true-exact: the terrain as it is.
-    predicted: what the heightmap service makes of late depth images."""
-    heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
-    """ONNX file of the heightmap service, with --heightmap predicted."""
+    predicted: what the heightmap service makes of late depth images (--heightmap-model)."""
     camera: str = "d435i"
     """With --heightmap predicted. d435i: with the errors of a stereo camera. ideal: true depth. Or a TOML file."""
-    profile: str = "shipped"
-    """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML file."""
-    known: Annotated[str | None, shown("STR", "nothing")] = None
-    """Profile of what is known of the drives: the leg controller makes up for its torque gain and viscous friction."""
     friction: Annotated[float | None, shown("FLOAT", "drawn by each trial from 0.5 to 1")] = None
     """Friction of the ground in all trials."""
     push_ns: float = 0.0
@@ -70,8 +66,6 @@ class Eval:
     """Write an HTML report."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-policy-eval")] = None
     """Folder for the report."""
-    json: Flag = False
-    """Print the result as one JSON object on the last line."""
 
     def run(self) -> int:
         """Runs them; 0 where all succeeded, else 1."""
@@ -113,8 +107,7 @@ class Eval:
             path = directory / "report.html"
             write_evaluation_report(evaluation, result, table, path)
             print(f"report    {path}")
-        if self.json:
-            print_json(table)
+        self.tell_json(table)
         return 0 if result.successes == self.trials else 1
 
     def _heights(self) -> "HeightsFactory":

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from saltus.cli.cycle import Cycle
-from saltus.cli.output import Bar, print_json, run_directory
+from saltus.cli.output import Bar, JsonOption, print_json, run_directory
+from saltus.cli.run_options import RobotOption
 from saltus.config import load
 from saltus.errors import ConfigError, RecordingError
-from saltus.flags import AT_LEAST_ONE, CommandGroup, Flag, Subcommands, shown
+from saltus.flags import AT_LEAST_ONE, CommandGroup, Subcommands, shown
 from saltus.folders import ask_for_room, new_folder
 from saltus.recordings.description import Description, Topics
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -24,7 +25,7 @@ LARGEST_LATENCY_S = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Find:
+class Find(JsonOption):
     """Finds which effects the simulator lacks to explain run logs; writes verdict.json, patch.toml and report.html.
 
     For example:
@@ -45,8 +46,6 @@ class Find:
     """Seed of the bootstrap, which gives the intervals of the compared models."""
     report: bool = True
     """Write report.html, which takes two seconds more."""
-    json: Flag = False
-    """Print the verdict as one JSON object on the last line."""
 
     def run(self) -> int:
         """Prints what was found; 0, or 1 where a log contradicts itself, so that nothing could be looked for."""
@@ -61,8 +60,7 @@ class Find:
         for line in lines(judgement, directory):
             print(line)
         print(f"{directory}: verdict.json, patch.toml{', report.html' if self.report else ''}")
-        if self.json:
-            print_json(judgement.verdict.to_dict())
+        self.tell_json(judgement.verdict.to_dict())
         return 1 if judgement.verdict.verdict == "bad_log" else 0
 
 
@@ -115,7 +113,7 @@ class Import:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Apply:
+class Apply(RobotOption, JsonOption):
     """Adds the effects of a patch to a profile of your own, which other commands then take with --profile.
 
     For example:
@@ -130,10 +128,6 @@ class Apply:
     base: str = "ideal"
     """Profile to begin with if there is none of this name yet: shipped (the robot's), ideal, one of your own, or a TOML
     file. Shipped keeps the effects that your logs cannot show."""
-    robot: str = DEFAULT_ROBOT
-    """Name, or path of an MJCF or of a folder with a robot.toml."""
-    json: Flag = False
-    """Print one JSON object on the last line."""
 
     def run(self) -> int:
         """Writes profiles/NAME.toml."""
@@ -164,7 +158,7 @@ class Apply:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Experiments:
+class Experiments(RobotOption, JsonOption):
     """Lists motions that make effects visible, or runs one on the simulated robot and writes a run log.
 
     For example:
@@ -177,8 +171,6 @@ class Experiments:
         str | None, tyro.conf.arg(name="run", metavar="NAME", help_behavior_hint="(default: none, print the list)")
     ] = None
     """Name of an experiment to run."""
-    robot: str = DEFAULT_ROBOT
-    """Name, or path of an MJCF or of a folder with a robot.toml."""
     profile: str = "shipped"
     """Effects of the robot's hardware: shipped (the robot's), ideal, one of your own, or a TOML file."""
     camera_latency: float = 0.05
@@ -187,8 +179,6 @@ class Experiments:
     """Seed of the sensors' noise and of what effects draw."""
     out: Annotated[Path | None, NEW_FOLDER] = None
     """Folder of the run log; one that holds a log already is refused."""
-    json: Flag = False
-    """Print one JSON object on the last line."""
 
     def run(self) -> int:
         """Runs the experiment; without one, prints the table."""
@@ -248,20 +238,16 @@ def _described(experiment: "Experiment", robot: "Robot") -> dict[str, object]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Demo:
+class Demo(RobotOption, JsonOption):
     """Hides an effect in a simulated robot, finds it in a log, adds it to the simulator and looks again.
 
     Example: saltus real2sim demo --seed 3
     """
 
-    robot: str = DEFAULT_ROBOT
-    """Name, or path of an MJCF or of a folder with a robot.toml."""
     seed: int = 0
     """Decides which effect is hidden, where and how large it is."""
     out: Annotated[Path | None, NEW_FOLDER] = None
     """Folder for logs, verdicts, patch and profile."""
-    json: Flag = False
-    """Print one JSON object on the last line."""
 
     def run(self) -> int:
         """0 where what was hidden was found and the second look finds no gap, else 1."""
@@ -276,15 +262,14 @@ class Demo:
         print(f"found: {sentence(shown.found.verdict)}")
         print(f"with the patch: {sentence(shown.again.verdict, shown.profile)}")
         print(f"{directory}: logs, found, again (each with report.html), profile.toml")
-        if self.json:
-            print_json(
-                {
-                    "hidden": [effect.name for effect in shown.hidden.actuator],
-                    "found": shown.found.verdict.to_dict(),
-                    "again": shown.again.verdict.to_dict(),
-                    "profile": str(directory / "profile.toml"),
-                }
-            )
+        self.tell_json(
+            {
+                "hidden": [effect.name for effect in shown.hidden.actuator],
+                "found": shown.found.verdict.to_dict(),
+                "again": shown.again.verdict.to_dict(),
+                "profile": str(directory / "profile.toml"),
+            }
+        )
         names = {effect.name for effect in shown.found.verdict.effects}
         is_found = names == {effect.name for effect in shown.hidden.actuator}
         return 0 if is_found and shown.again.verdict.verdict == "no_gap" else 1

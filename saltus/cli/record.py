@@ -11,13 +11,13 @@ from typing import Annotated
 import tyro
 
 from saltus.cli.output import run_directory
-from saltus.flags import CommandGroup, Subcommands, shown
+from saltus.flags import CommandGroup, EndpointOption, Subcommands, shown
 
 DRAIN_PERIOD_S = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class Run(EndpointOption):
     """Records a running stack until Ctrl-C or until its router is gone.
 
     Example: saltus record run --run-dir runs/one
@@ -25,8 +25,6 @@ class Run:
 
     run_dir: Path
     """Folder of the run, with run.toml."""
-    endpoint: Annotated[str | None, shown("STR", "the one that the folder names")] = None
-    """Zenoh router, e.g. tcp/127.0.0.1:7447."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-record")] = None
     """Folder for the recording."""
 

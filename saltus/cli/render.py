@@ -6,10 +6,10 @@ from typing import Annotated
 
 import tyro
 
-from saltus.cli.output import print_json, run_directory
+from saltus.cli.output import JsonOption, run_directory
 from saltus.cli.run_options import CourseOptions, SizedCourse, mounted_camera
 from saltus.cli.serve import ServeProcess
-from saltus.flags import CommandGroup, Flag, Subcommands, shown
+from saltus.flags import CommandGroup, Subcommands, shown
 from saltus.robots.shipped import DEFAULT_ROBOT
 
 
@@ -41,7 +41,7 @@ class Preview:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fit:
+class Fit(JsonOption):
     """Estimates the noise of a real stereo camera from a recording of a scene at rest.
 
     Example: saltus render fit wall.bag
@@ -52,8 +52,6 @@ class Fit:
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-render-fit")] = None
     """Folder for camera.toml, which --camera takes and which says what each parameter rests on, and for stereo.html,
     measurements and model."""
-    json: Flag = False
-    """Print the parameters as one JSON object on the last line."""
 
     def run(self) -> int:
         """Writes both files and prints what was found, parameter by parameter."""
@@ -68,13 +66,12 @@ class Fit:
         for name, found in estimates.items():
             print(f"{name:16} {found}")
         print(f"{folder}: camera.toml, stereo.html")
-        if self.json:
-            print_json({name: vars(found) for name, found in estimates.items()})
+        self.tell_json({name: vars(found) for name, found in estimates.items()})
         return 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Calibrate:
+class Calibrate(JsonOption):
     """Finds where a camera really sits: its pitch, roll and height, from a robot that stands on level, free ground.
 
     For example:
@@ -86,8 +83,6 @@ class Calibrate:
     """A recorded run (.mcap) in which the robot stands for a second."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-render-calibrate")] = None
     """Folder for camera.toml, which --camera takes, and for calibration.html, the ground as claimed and as found."""
-    json: Flag = False
-    """Print what was claimed and found as one JSON object on the last line."""
 
     def run(self) -> int:
         """Writes both files and prints what was found."""
@@ -102,8 +97,7 @@ class Calibrate:
             print(f"{row.name:8} {row.found:9.3f} {row.unit:4} +- {row.half_width_90:.3f}, claimed {row.claimed:.3f}")
         print(f"{100 * found.on_ground:.0f} % of the points of {found.frames} images lie on the ground")
         print(f"{folder}: camera.toml, calibration.html")
-        if self.json:
-            print_json({row.name: vars(row) for row in rows_of(found)} | {"on_ground": found.on_ground})
+        self.tell_json({row.name: vars(row) for row in rows_of(found)} | {"on_ground": found.on_ground})
         return 0
 
 

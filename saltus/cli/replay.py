@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import tyro
 
-from saltus.cli.output import finite, print_json
+from saltus.cli.output import JsonOption, finite, print_json
 from saltus.errors import RecordingError
 from saltus.flags import Flag, shown
 from saltus.heightmap.level_robot import LevelRobot
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Replay:
+class Replay(JsonOption):
     """Runs the heightmap service on the depth of a recording again and compares with what was recorded.
 
     For example:
@@ -39,8 +39,6 @@ class Replay:
     assume_level: Flag = False
     """Take the robot to stand still and level. A recording that is shorter than the model's warm-up is repeated."""
     level: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(default_factory=LevelRobot)
-    json: Flag = False
-    """Print the result as one JSON object on the last line."""
 
     def run(self) -> int:
         """Prints the differences; 0 always, for a difference is a result."""

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import tyro
 
-from saltus.cli.output import print_json
-from saltus.flags import CommandGroup, Flag, Subcommands, shown
+from saltus.cli.output import JsonOption, print_json
+from saltus.flags import CommandGroup, Subcommands, shown
 
 if TYPE_CHECKING:
     from saltus.robots.mjcf import Derivation
@@ -24,7 +24,7 @@ WORDS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Show:
+class Show(JsonOption):
     """Says what was derived of a robot, from where, and what is missing.
 
     For example:
@@ -37,8 +37,6 @@ class Show:
     toml: Annotated[Path | None, tyro.conf.Positional, shown("TOML", "that of the robot's folder, or none")] = None
     """A file with what the MJCF cannot say: limits, stand pose, gains, camera mount, ... (that of a
     shipped robot has all)."""
-    json: Flag = False
-    """Print the robot as one JSON object on the last line."""
 
     def run(self) -> int:
         """Prints the robot; 0."""

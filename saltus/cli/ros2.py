@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from saltus.errors import SaltusError
-from saltus.flags import Flag, shown
+from saltus.flags import EndpointOption, Flag, shown
 
 if TYPE_CHECKING:
     from saltus.ros2.dds import DdsNode
@@ -19,7 +19,7 @@ DOMAIN_MAX = 232  # of DDS
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ros2:
+class Ros2(EndpointOption):
     """Joins a ROS 2 graph over rmw_zenoh or DDS: sends heights, depth, joints, odometry, frames of a run, until Ctrl-C.
 
     With --take a robot that speaks ROS 2 is given heights: its depth images, joints, IMU and odometry go to the
@@ -33,8 +33,6 @@ class Ros2:
 
     run_dir: Path
     """Folder of the run: of `saltus up`, or of `saltus router`."""
-    endpoint: Annotated[str | None, shown("STR", "the one that the folder names")] = None
-    """The run's Zenoh router."""
     ros_router: str = "tcp/127.0.0.1:7447"
     """The router of the ROS graph, which rmw_zenohd is."""
     dds: Flag = False

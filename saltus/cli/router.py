@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import Annotated
 
 from saltus.cli.output import run_directory
-from saltus.cli.run_options import NetworkOptions, mounted_camera
+from saltus.cli.run_options import NetworkOptions, RobotOption, mounted_camera
 from saltus.config import RunConfig, TerrainConfig
 from saltus.errors import ModelError
 from saltus.flags import shown
 from saltus.grid import DEFAULT_GRID
-from saltus.robots.shipped import DEFAULT_ROBOT
 
 LOOK_S = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Router(NetworkOptions):
+class Router(RobotOption, NetworkOptions):
     """Starts a Zenoh router, to which services, recorders and your own programs connect, until Ctrl-C.
 
     The folder gets client.json5, a configuration with which any Zenoh program joins, and what the processes of Saltus
@@ -31,8 +30,6 @@ class Router(NetworkOptions):
       saltus record run --run-dir runs/mine
     """
 
-    robot: str = DEFAULT_ROBOT
-    """A robot that Saltus ships, or the path of an MJCF or of a folder with a robot.toml."""
     camera: str = RunConfig.camera
     """Where your camera sits, if not where the robot has its own: a TOML file. Images say their own intrinsics."""
     heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None

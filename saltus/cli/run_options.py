@@ -48,12 +48,38 @@ CourseOptions = tyro.conf.OmitArgPrefixes[SizedCourse]
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunOptions:
+class RobotOption:
+    """Flag of a command for any robot."""
+
+    robot: str = DEFAULT_ROBOT
+    """A robot that Saltus ships, or the path of an MJCF or of a folder with a robot.toml."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelOptions:
+    """Flags of a command that runs both networks."""
+
+    policy_model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None
+    """ONNX file of the learned planner."""
+    heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
+    """ONNX file of the heightmap service."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HardwareOptions:
+    """Flags of a robot's hardware."""
+
+    profile: str = "shipped"
+    """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML file."""
+    known: Annotated[str | None, shown("STR", "nothing")] = None
+    """Profile of what is known of the drives: the leg controller makes up for its torque gain and viscous friction."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(ModelOptions, HardwareOptions, RobotOption):
     """Flags of a run of the whole stack, of `demo` and `up` alike."""
 
     course: CourseOptions = field(default_factory=SizedCourse)
-    robot: str = DEFAULT_ROBOT
-    """A robot that Saltus ships, or the path of an MJCF or of a folder with a robot.toml."""
     seed: int = 0
     """Seed of everything that is drawn."""
     pace: Pace
@@ -66,15 +92,6 @@ class RunOptions:
     """Back end that renders the images; auto: embree, or the fastest for a camera without errors."""
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: a network."""
-    policy_model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None
-    """ONNX file of the learned planner."""
-    heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
-    """ONNX file of the heightmap service."""
-    profile: str = "shipped"
-    """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML file."""
-    known: Annotated[str | None, shown("STR", "nothing")] = None
-    """Profile of what is known of the drives: the leg controller makes up for its torque gain and viscous friction."""
-
     out: Annotated[Path | None, shown("PATH", "a new one under runs/")] = None
     """Folder for everything, in place of what an earlier run left there."""
 

@@ -6,9 +6,9 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
-from saltus.flags import Flag, shown
+from saltus.flags import EndpointOption, Flag
 
 END_S = 5.0  # a robot lands and stands within 1.5 s
 
@@ -40,7 +40,7 @@ def serve(module: str, run_dir: Path, endpoint: str | None, *more: str, peer: bo
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServeProcess:
+class ServeProcess(EndpointOption):
     """The command of a process that needs a running stack and nothing else."""
 
     module: ClassVar[str]
@@ -48,8 +48,6 @@ class ServeProcess:
 
     run_dir: Path
     """Folder of the run: of `saltus up` or `saltus router`."""
-    endpoint: Annotated[str | None, shown("STR", "the one that the folder names")] = None
-    """Zenoh router, e.g. tcp/127.0.0.1:7447."""
     peer: Flag = False
     """Link to the other processes directly; the router must be one of Saltus on this machine."""
 
