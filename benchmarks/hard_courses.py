@@ -47,7 +47,7 @@ class CourseRow:
     """One line of the table."""
 
     course: TerrainConfig
-    effects: tuple[Effect[Any], ...] = ()
+    effects: tuple[Effect, ...] = ()
     """Beyond those of the shipped profile."""
     friction: float | None = None
     push_ns: float = 0.0

@@ -48,13 +48,13 @@ _DRAWS, _WIDE = RandomisationConfig(), WideConfig()
 class Draw:
     """A parameter that is hidden: how far trainings draw it from what is known."""
 
-    effect: Callable[[float], Effect[Any]]
+    effect: Callable[[float], Effect]
     known: float
     furthest: float
     mirrored: bool = False
     """They draw it as far on the other side, too."""
 
-    def beyond(self, rng: np.random.Generator) -> Effect[Any]:
+    def beyond(self, rng: np.random.Generator) -> Effect:
         """The effect with a value that no training draws."""
         side = float(rng.choice([-1.0, 1.0])) if self.mirrored else 1.0
         return self.effect(round(self.known + side * rng.uniform(*BEYOND) * (self.furthest - self.known), 4))

@@ -6,7 +6,6 @@ once, while a torque from outside would come late.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -73,6 +72,6 @@ def compensation_for(known: str | None, robot: Robot) -> Compensation | None:
     return None if known is None else compensation_of(load_profile(known, robot), robot)
 
 
-def _of_joints(effect: Effect[Any] | None, parameter: str, null: float) -> Floats:
+def _of_joints(effect: Effect | None, parameter: str, null: float) -> Floats:
     """A parameter of all joints, shape (12,)."""
     return np.ones(12) * (null if effect is None else getattr(effect, parameter))

@@ -3,8 +3,6 @@
 Its seed was named before any policy had met it. It is the same for all systems.
 """
 
-from typing import Any
-
 import numpy as np
 
 from saltus.effects.effect import Effect
@@ -37,7 +35,7 @@ def stand_in(seed: int = STAND_IN_SEED) -> Profile:
         return round(float(rng.uniform(low, high)), 5)
 
     gains = tuple(round(float(gain), 4) for gain in rng.uniform(0.80, 0.89, 12))  # trainings: 0.9 to 1.1, of all alike
-    effects: tuple[Effect[Any], ...] = (
+    effects: tuple[Effect, ...] = (
         ActuatorLag(time_constant=drawn(0.002, 0.008)),  # what is published of such drives
         CoulombFriction(torque=drawn(0.1, 0.4)),  # to what the wide draws of the shipped policy end at
         ViscousFriction(coefficient=drawn(0.05, 0.3)),  # the same

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -32,7 +31,7 @@ FIRST = "joint_tour"
 CALVES = np.arange(12) % 3 == 2
 KINDS = ("all joints", "hip", "thigh", "calf")
 
-_Draw = Callable[[np.random.Generator, np.ndarray], Effect[Any]]
+_Draw = Callable[[np.random.Generator, np.ndarray], Effect]
 
 
 def _spread(where: np.ndarray, value: float, null: float = 0.0) -> tuple[float, ...]:

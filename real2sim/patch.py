@@ -189,7 +189,7 @@ def _with(profile: Profile, robot: Robot, found: FoundEffect, reach: Applicabili
         raise ConfigError(f"unknown effect '{found.name}': {nearest_hint(found.name, EFFECTS)}")
     kind = EFFECTS[found.name]
     before = profile.effects.get(found.name, kind())
-    after: Effect[Any]
+    after: Effect
     if isinstance(before, TorqueSaturation) and found.curve:
         joints = range(len(JOINTS)) if found.where == "all" else _joints(found)
         after = with_curve(robot, before, joints, found.curve)
@@ -204,7 +204,7 @@ def _with(profile: Profile, robot: Robot, found: FoundEffect, reach: Applicabili
     return profile.having(after)
 
 
-def _values(effect: Effect[Any], found: FoundEffect) -> dict[str, Any]:
+def _values(effect: Effect, found: FoundEffect) -> dict[str, Any]:
     """Parameters of an effect after a finding, for all joints or for those that the finding names."""
     known = {f.name: f.metadata for f in fields(effect) if "low" in f.metadata}
     values: dict[str, Any] = {}

@@ -96,13 +96,13 @@ def _offset(problem: Problem, candidate: Candidate, profile: Profile) -> Floats:
     return offset
 
 
-def _of_body(effect: Effect[Any]) -> list[tuple[str, Any]]:
+def _of_body(effect: Effect) -> list[tuple[str, Any]]:
     """Parameters of an effect on body or ground, which are all of the same thing, with their null values."""
     declared = [(f.name, f.metadata) for f in fields(effect)]
     return [(name, m["null"]) for name, m in declared if effect.site == "model" and "null" in m]
 
 
-def _values(effect: Effect[Any], place: str, candidate: Candidate) -> dict[str, float]:
+def _values(effect: Effect, place: str, candidate: Candidate) -> dict[str, float]:
     """Parameters of the effect at one place, as far as the candidate has them."""
     values: dict[str, float] = {}
     for name in candidate.parameters(np.asarray(candidate.starts[0], dtype=np.float64)):

@@ -12,7 +12,7 @@ from typing import Any, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.arrays import Constant, namespace
+from saltus.arrays import Array, Constant, namespace
 from saltus.config import Value, changed, check_between, read_file, read_toml
 from saltus.depth import BASELINE_M, D435I, MODEL_CAMERA, Intrinsics, model_image, sampled_model_camera
 from saltus.effects.image_delivery import CameraLatency
@@ -122,7 +122,7 @@ class DepthCamera(Value):
         others = [effect for effect in profile.camera if not isinstance(effect, CameraLatency)]
         return replace(profile, camera=(*others, replace(known[0], latency=self.latency_s)))
 
-    def taken_by(self, step: Any) -> Any:
+    def taken_by(self, step: Array) -> Array:
         """How many images it has taken by a step of 10 ms, itself included; the first is taken at step 0."""
         return np.floor(np.asarray(step) * (self.rate_hz / STEP_HZ) + _ROUNDING).astype(np.int64) + 1
 
@@ -135,14 +135,14 @@ class DepthCamera(Value):
         taken = self.taken_by(np.arange(-1, steps))
         return np.flatnonzero(np.diff(taken)).astype(np.int32)
 
-    def in_range(self, depth: Any) -> Any:
+    def in_range(self, depth: Array) -> Array:
         """Depth [m] of any shape and library, 0 (invalid) where this camera measures none."""
         if self.range_m is None:
             return depth
         near, far = self.range_m
         return namespace(depth).where((depth >= near) & (depth <= far), depth, 0.0)
 
-    def for_model(self, depth: Any) -> Any:
+    def for_model(self, depth: Array) -> Array:
         """Images of the model's camera [m], shape (..., 48, 16), 0 where this camera does not look or measure."""
         depth = self.in_range(depth)
         if self._covered is None:

@@ -21,7 +21,7 @@ from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.terrain import Terrain
 from saltus.wire.topics import CAMERA_JITTER_S, CAMERA_LATENCY_S
 
-Effects: TypeAlias = tuple[Effect[Any], ...]
+Effects: TypeAlias = tuple[Effect, ...]
 Cause = Literal["", "trunk_contact", "not_upright", "time_limit", "ended"]
 
 UPRIGHT_LIMIT = np.deg2rad(60.0)  # definition of success: |roll| and |pitch| below it

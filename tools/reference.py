@@ -85,7 +85,7 @@ def null_profile() -> str:
     return tomli_w.dumps({part: effects for part, effects in table.items() if effects})
 
 
-def _effect(kind: type[Effect[Any]]) -> str:
+def _effect(kind: type[Effect]) -> str:
     rows = [_parameter(f) for f in fields(kind) if "low" in f.metadata]
     head = "| parameter | unit | no effect at | from | to | joints |\n|---|---|---|---|---|---|"
     return f"### {kind.name}\n\n{_wrapped(_text(kind))}\n\n{head}\n" + "\n".join(rows)

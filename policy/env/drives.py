@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -21,9 +20,9 @@ from saltus.trial import NOMINAL_FEEDFORWARD_DELAY_S
 def training_drives(robot: Robot, profile: Profile, config: RandomisationConfig, memory: Memory) -> ActuatorChain:
     """The chain of all robots; what is drawn for them is read from `memory` at every use."""
     wide, m = config.wide, memory
-    effects: dict[str, Effect[Any]] = {effect.name: effect.fitted(robot) for effect in profile.actuator}
+    effects: dict[str, Effect] = {effect.name: effect.fitted(robot) for effect in profile.actuator}
 
-    def draw(kind: type[Effect[Any]], parameter: str, around: Callable[[Array], Array], beyond: float = 0.0) -> None:
+    def draw(kind: type[Effect], parameter: str, around: Callable[[Array], Array], beyond: float = 0.0) -> None:
         known = effects.get(kind.name, kind())
         greatest = float(np.max(getattr(known, parameter))) + beyond
         drawn = Drawn(read=lambda array: around(known.value(parameter, array)), greatest=greatest)

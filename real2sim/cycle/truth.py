@@ -131,7 +131,7 @@ def _values(profile: Profile, name: str, parameter: str) -> Floats:
     return np.broadcast_to(np.asarray(getattr(_effect(profile, name), parameter), dtype=np.float64), len(JOINTS))
 
 
-def _effect(profile: Profile, name: str) -> Effect[Any]:
+def _effect(profile: Profile, name: str) -> Effect:
     """Effect of the profile, or the one that changes nothing."""
     return profile.effects.get(name) or EFFECTS[name]()
 

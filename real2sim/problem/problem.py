@@ -252,7 +252,7 @@ class Problem(ABC):
         """By each effect of a profile that the simulator starts with, the problem without it; the unknowns stay."""
         return {}
 
-    def holding(self, effects: Sequence[Effect[Any]]) -> "tuple[Problem, tuple[Effect[Any], ...]]":
+    def holding(self, effects: Sequence[Effect]) -> "tuple[Problem, tuple[Effect, ...]]":
         """The problem on a simulator with what no unknown can represent of a profile, and the rest of its effects.
 
         Raises:

@@ -57,7 +57,7 @@ class StereoConfig:
         return IDEAL_STEREO if camera.ideal else changed(cls(), camera.stereo, "stereo.")
 
     @property
-    def effects(self) -> tuple[Effect[Any], ...]:
+    def effects(self) -> tuple[Effect, ...]:
         """All of them, in order."""
         return tuple(getattr(self, f.name) for f in fields(self))
 

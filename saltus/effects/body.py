@@ -1,9 +1,9 @@
 """The robot's body and the ground under it, as effects change them."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from saltus.arrays import Array
 
@@ -55,13 +55,13 @@ class BodyModel:
 def claimed_body(
     batch: tuple[int, ...] = (),
     *,
-    friction: Any = NOMINAL_FRICTION,
-    payload_kg: Any = 0.0,
-    com_shift: Any = (0.0, 0.0, 0.0),
-    inertia_scale: Any = 1.0,
-    contact_time_constant: Any = NOMINAL_CONTACT_TIME_CONSTANT_S,
-    torsion: Any = LEAST_TURNING_M,
-    rolling: Any = LEAST_TURNING_M,
+    friction: ArrayLike = NOMINAL_FRICTION,
+    payload_kg: ArrayLike = 0.0,
+    com_shift: ArrayLike = (0.0, 0.0, 0.0),
+    inertia_scale: ArrayLike = 1.0,
+    contact_time_constant: ArrayLike = NOMINAL_CONTACT_TIME_CONSTANT_S,
+    torsion: ArrayLike = LEAST_TURNING_M,
+    rolling: ArrayLike = LEAST_TURNING_M,
 ) -> BodyModel:
     """The model without effects, or with values given directly; all broadcast.
 
@@ -90,5 +90,5 @@ def claimed_body(
     )
 
 
-def _filled(value: Any, shape: tuple[int, ...]) -> np.ndarray:
+def _filled(value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
     return np.broadcast_to(np.asarray(value, dtype=np.float64), shape).copy()

@@ -104,12 +104,12 @@ def _forgotten(memory: Any, robots: Array) -> Any:
 
 
 def drawn_around(
-    effects: tuple[Effect[Any], ...],
+    effects: tuple[Effect, ...],
     *,
     latency_s: PerRobot = CAMERA_LATENCY_S,
     jitter_s: PerRobot = 0.0,
     loss: PerRobot = 0.0,
-) -> tuple[Effect[Any], ...]:
+) -> tuple[Effect, ...]:
     """The effects of cameras of which something is drawn, each one number or one a robot, shape (n,).
 
     Args:
@@ -123,7 +123,7 @@ def drawn_around(
     return tuple(_moved(effect, latency_s - CAMERA_LATENCY_S, jitter_s, loss) for effect in effects)
 
 
-def _moved(effect: Effect[Any], latency_s: PerRobot, jitter_s: PerRobot, loss: PerRobot) -> Effect[Any]:
+def _moved(effect: Effect, latency_s: PerRobot, jitter_s: PerRobot, loss: PerRobot) -> Effect:
     if isinstance(effect, FrameDrop):
         return effect.moved(fraction=loss)
     if isinstance(effect, CameraLatency):

@@ -2,11 +2,10 @@
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, namespace
 from saltus.depth import BASELINE_M, D435I
 from saltus.effects.draws import draw_keys
 from saltus.effects.effect import Effect, PerRobot, parameter, per_image, pixels_within
@@ -50,11 +49,11 @@ class DepthNoise(Effect[DepthImage], name="depth_noise", site="depth"):
     # of the image whose pixels `subpixel_sigma` counts (original: D435i at 424x240)
     focal_px: float = field(default=D435I.fx, metadata={"unit": "px", "low": 1.0, "high": 1e4, "per_joint": False})
 
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
+    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Array:
         """A key for each robot."""
         return draw_keys(batch, rng)
 
-    def apply(self, signal: DepthImage, time_s: float, state: Any) -> tuple[DepthImage, Any]:
+    def apply(self, signal: DepthImage, time_s: float, state: Array) -> tuple[DepthImage, Array]:
         """Adds noise to what is valid and finite; an image that comes again has the same noise."""
         if self.is_null():
             return signal, state

@@ -1,11 +1,9 @@
 """Random numbers that depend on nothing but a key and a counter, equal for numpy and torch, batched or one by one."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, namespace
 
 # Constants of a 32-bit integer hash of low bias (hash-prospector, "lowbias32" family). Both are below 2^31, so that
 # their product with 32 bits fits an int64, the widest integer that numpy and torch share.
@@ -19,7 +17,7 @@ def draw_keys(batch: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.in
     return np.asarray(rng.integers(0, 2**32, size=batch, dtype=np.int64))
 
 
-def uniform(keys: Any, time_s: Any) -> Any:
+def uniform(keys: Array, time_s: Array) -> Array:
     """Uniform numbers in [0, 1), one per robot, that belong to an instant.
 
     Args:
@@ -35,7 +33,7 @@ def uniform(keys: Any, time_s: Any) -> Any:
     return xp.astype(_mixed(keys ^ _mixed(counter)), time_s.dtype) / 2.0**32
 
 
-def _mixed(value: Any) -> Any:
+def _mixed(value: Array) -> Array:
     value = value ^ (value >> _SHIFTS[0])
     value = (value * _FACTORS[0]) & _MASK
     value = value ^ (value >> _SHIFTS[1])

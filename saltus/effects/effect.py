@@ -140,7 +140,7 @@ class Effect(Generic[Signal]):
         declared = [(f.name, f.metadata) for f in fields(self) if f.metadata.get("changes")]
         return [(name, m["changes"], m["axis"], m["null"] if m["scales"] else None) for name, m in declared]
 
-    def value(self, parameter: str, array: Array) -> Any:
+    def value(self, parameter: str, array: Array) -> Array:
         """A parameter in the form in which it combines with `array`: a float, or an array of its kind and device."""
         value = getattr(self, parameter)
         if isinstance(value, float | int):
@@ -189,20 +189,20 @@ class Effect(Generic[Signal]):
         return all(_equal(getattr(self, f.name), f.metadata["null"]) for f in fields(self) if "null" in f.metadata)
 
 
-def like(values: PerRobot, array: Any, xp: Any) -> Any:
+def like(values: PerRobot, array: Array, xp: Any) -> Array:
     """A parameter in the form in which it combines with `array`: a float, or an array of its kind, type and device."""
     if isinstance(values, float | int):
         return values
     return xp.asarray(np.asarray(values), dtype=array.dtype, device=array.device)
 
 
-def per_image(value: PerRobot, array: Any, xp: Any) -> Any:
+def per_image(value: PerRobot, array: Array, xp: Any) -> Array:
     """A parameter in the form in which it combines with images: a float, or shape (..., 1, 1)."""
     found = like(value, array, xp)
     return found if isinstance(found, float | int) or found.ndim == 0 else found[..., None, None]
 
 
-def pixels_within(value: PerRobot, images: Any) -> Iterator[tuple[int, Any]]:
+def pixels_within(value: PerRobot, images: Array) -> Iterator[tuple[int, Array]]:
     """1, 2, ... up to the greatest of a parameter in pixels, rounded, each with whether an image's own is as great."""
     reach = per_image(value, images, namespace(images))
     greatest = min(math.floor(float(np.max(value)) + 0.5), images.shape[-1] - 1)

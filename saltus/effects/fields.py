@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, namespace
 from saltus.effects.draws import uniform
 
 # Two rounds of a 32-bit hash of low bias (as in saltus.effects.draws) on int32, whose products wrap. Shifts keep the
@@ -20,7 +20,7 @@ _GOLDEN = 0x9E3779B1  # 2^32 over the golden ratio: spreads consecutive counters
 ENOUGH_TO_ADD = 9  # uniform numbers, for a sum that is normal to 0.3 % of its standard deviation up to three of them
 
 
-def white(keys: Any, time_s: Any, shape: tuple[int, int]) -> Any:
+def white(keys: Array, time_s: Array, shape: tuple[int, int]) -> Array:
     """Independent random int32, shape (..., *shape); upper bits are better than lower ones.
 
     Args:
@@ -32,17 +32,17 @@ def white(keys: Any, time_s: Any, shape: tuple[int, int]) -> Any:
     return _hashed(counters ^ _seeds(keys, time_s)[..., None, None])
 
 
-def unit_uniform(keys: Any, time_s: Any, shape: tuple[int, int], dtype: Any) -> Any:
+def unit_uniform(keys: Array, time_s: Array, shape: tuple[int, int], dtype: Any) -> Array:
     """Independent uniform numbers in (0, 1) of the given type, shape (..., *shape)."""
     return _unit(white(keys, time_s, shape), dtype)
 
 
-def _seeds(keys: Any, time_s: Any) -> Any:
+def _seeds(keys: Array, time_s: Array) -> Array:
     xp = namespace(time_s)
     return xp.astype(uniform(keys, time_s) * 2.0**32 - 2.0**31, xp.int32)
 
 
-def _hashed(value: Any) -> Any:
+def _hashed(value: Array) -> Array:
     """Mixes int32 in place."""
     value ^= value >> 16
     value *= _FACTORS[0]
@@ -51,14 +51,14 @@ def _hashed(value: Any) -> Any:
     return value
 
 
-def _unit(value: Any, dtype: Any) -> Any:
+def _unit(value: Array, dtype: Any) -> Array:
     result = namespace(value).astype(value >> 16, dtype)
     result += 2.0**15 + 0.5
     result *= 2.0**-16
     return result
 
 
-def gaussian(keys: Any, time_s: Any, shape: tuple[int, int], window: tuple[int, int], dtype: Any) -> Any:
+def gaussian(keys: Array, time_s: Array, shape: tuple[int, int], window: tuple[int, int], dtype: Any) -> Array:
     """Normal numbers of mean 0 and variance 1 whose correlation falls linearly to 0 over `window`: a moving average.
 
     A sum of nine uniform numbers or more is as good as normal, so that no normal numbers are drawn; a window that has
@@ -90,7 +90,7 @@ def gaussian(keys: Any, time_s: Any, shape: tuple[int, int], window: tuple[int, 
     return result
 
 
-def windowed_sum(values: Any, size: int, axis: int) -> Any:
+def windowed_sum(values: Array, size: int, axis: int) -> Array:
     """Sums over every window of `size` along an axis, which becomes `size - 1` shorter."""
     length = values.shape[axis] - size + 1
     total, taken, run, block = None, 0, values, 1
@@ -106,7 +106,7 @@ def windowed_sum(values: Any, size: int, axis: int) -> Any:
         block *= 2
 
 
-def windowed_extreme(values: Any, size: int, axis: int, pick: Callable[[Any, Any], Any]) -> Any:
+def windowed_extreme(values: Array, size: int, axis: int, pick: Callable[[Array, Array], Array]) -> Array:
     """Maximum or minimum (`pick`) over every window of `size` along an axis, which becomes `size - 1` shorter."""
     run, block = values, 1
     while 2 * block <= size:
@@ -117,7 +117,7 @@ def windowed_extreme(values: Any, size: int, axis: int, pick: Callable[[Any, Any
     return pick(_cut(run, 0, length, axis), _cut(run, size - block, length, axis)) if size > block else run
 
 
-def around(values: Any, rows: int, columns: int, pick: Callable[[Any, Any], Any]) -> Any:
+def around(values: Array, rows: int, columns: int, pick: Callable[[Array, Array], Array]) -> Array:
     """Extreme within `rows` and `columns` of each sample; what lies beyond the border counts as the border does."""
     for reach, axis in ((rows, -2), (columns, -1)):
         if reach:
@@ -125,14 +125,14 @@ def around(values: Any, rows: int, columns: int, pick: Callable[[Any, Any], Any]
     return values
 
 
-def mean_around(values: Any, rows: int, columns: int) -> Any:
+def mean_around(values: Array, rows: int, columns: int) -> Array:
     """Mean within `rows` and `columns` of each sample; borders as in `around`."""
     total = windowed_sum(padded(values, rows, -2), 2 * rows + 1, -2)
     total = windowed_sum(padded(total, columns, -1), 2 * columns + 1, -1)
     return total * (1.0 / ((2 * rows + 1) * (2 * columns + 1)))
 
 
-def padded(values: Any, count: int, axis: int) -> Any:
+def padded(values: Array, count: int, axis: int) -> Array:
     """Repeats the first and the last row or column `count` times."""
     xp = namespace(values)
     last = values.shape[axis] - 1
@@ -146,13 +146,13 @@ def samples(length_px: float, pitch: float) -> int:
     return max(1, round(length_px / pitch))
 
 
-def _cut(values: Any, start: int, length: int, axis: int) -> Any:
+def _cut(values: Array, start: int, length: int, axis: int) -> Array:
     part = slice(start, start + length)
     return values[..., part, :] if axis == -2 else values[..., part]
 
 
 @lru_cache(maxsize=64)
-def _counters(xp: Any, shape: tuple[int, int], device: Any) -> Any:
+def _counters(xp: Any, shape: tuple[int, int], device: Any) -> Array:
     """A different int32 for every sample, shape `shape`."""
     count = np.arange(shape[0] * shape[1], dtype=np.uint32) * np.uint32(_GOLDEN)
     return xp.asarray(count.view(np.int32).reshape(shape), device=device)

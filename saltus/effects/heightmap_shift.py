@@ -38,12 +38,12 @@ class HeightmapShift(Effect[HeightQuery], name="heightmap_shift", site="heightma
         return moved, state
 
 
-def shift_of(effects: Sequence[Effect[Any]]) -> HeightmapShift:
+def shift_of(effects: Sequence[Effect]) -> HeightmapShift:
     """The shift in the part "heightmap" of a profile; none where it has none."""
     return next((effect for effect in effects if isinstance(effect, HeightmapShift)), HeightmapShift())
 
 
-def refuse_shift(effects: Sequence[Effect[Any]], who: str) -> None:
+def refuse_shift(effects: Sequence[Effect], who: str) -> None:
     """Raises `ConfigError` where true heights are to be shifted and `who`, e.g. "a camera", has no such heights."""
     if not shift_of(effects).is_null():
         raise ConfigError(

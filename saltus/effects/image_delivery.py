@@ -2,11 +2,10 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, namespace
 from saltus.effects.draws import draw_keys, uniform
 from saltus.effects.effect import Effect, PerRobot, parameter, per_image, period
 from saltus.effects.signals import DepthImage, chosen, nothing_yet
@@ -37,20 +36,20 @@ class FrameDrop(Effect[DepthImage], name="frame_drop", site="depth"):
     # 0.5 to 20 % on USB cameras under load
     fraction: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0, sought=(0.0, 0.87))
 
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Any, DepthImage | None]:
+    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Array, DepthImage | None]:
         """A key for each robot and no image."""
         return draw_keys(batch, rng), None
 
     def apply(
-        self, signal: DepthImage, time_s: float, state: tuple[Any, DepthImage | None]
-    ) -> tuple[DepthImage, tuple[Any, DepthImage | None]]:
+        self, signal: DepthImage, time_s: float, state: tuple[Array, DepthImage | None]
+    ) -> tuple[DepthImage, tuple[Array, DepthImage | None]]:
         """Returns the image, or the last one that was not lost."""
         keys, last = state
         kept = namespace(signal.time_s).isfinite(self.arrival_s(signal.time_s, keys))
         image = chosen(kept, signal, nothing_yet(signal) if last is None else last)
         return image, (keys, image)
 
-    def arrival_s(self, captured_s: Any, keys: Any) -> Any:
+    def arrival_s(self, captured_s: Array, keys: Array) -> Array:
         """When images that were captured at `captured_s` arrive [s], shape (...): at once, or never."""
         xp = namespace(captured_s)
         return xp.where(uniform(keys, captured_s) < self.value("fraction", captured_s), math.inf, captured_s)
@@ -87,7 +86,7 @@ class TemporalSmear(Effect[DepthImage], name="temporal_smear", site="depth"):
         return given, given
 
 
-Memory = tuple[Any, tuple[tuple[DepthImage, Any], ...]]
+Memory = tuple[Array, tuple[tuple[DepthImage, Array], ...]]
 """Keys of the robots, and the images of the last samples with their arrivals [s], newest first."""
 
 
@@ -108,7 +107,7 @@ class CameraLatency(Effect[DepthImage], name="camera_latency", site="depth"):
         """A key for each robot and no image."""
         return draw_keys(batch, rng), ()
 
-    def arrival_s(self, captured_s: Any, keys: Any) -> Any:
+    def arrival_s(self, captured_s: Array, keys: Array) -> Array:
         """When images that were captured at `captured_s` arrive [s], shape (...)."""
         xp = namespace(captured_s)
         latency = self.value("latency", captured_s)

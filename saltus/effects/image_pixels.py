@@ -12,7 +12,7 @@ from saltus.effects.effect import Effect
 from saltus.effects.profile import Profile
 
 
-def to_robot(effect: Effect[Any], focal_px: float) -> Effect[Any]:
+def to_robot(effect: Effect, focal_px: float) -> Effect:
     """An effect as images of focal length `focal_px` show it, for the robot's camera.
 
     Noise stays in the pixels in which it was measured, and says which those are.
@@ -27,14 +27,14 @@ def to_images(profile: Profile, focal_px: float) -> Profile:
     return replace(profile, camera=tuple(_seen(effect, focal_px) for effect in profile.camera))
 
 
-def _seen(effect: Effect[Any], focal_px: float) -> Effect[Any]:
+def _seen(effect: Effect, focal_px: float) -> Effect:
     if isinstance(effect, DepthNoise):
         scale = focal_px / effect.focal_px
         return replace(effect, subpixel_sigma=_times(effect.subpixel_sigma, scale), focal_px=focal_px)
     return _scaled(effect, focal_px / D435I.fx)
 
 
-def _scaled(effect: Effect[Any], scale: float) -> Effect[Any]:
+def _scaled(effect: Effect, scale: float) -> Effect:
     if isinstance(effect, EdgeHoles):
         return replace(effect, width=_times(effect.width, scale))
     if isinstance(effect, HoleFill):

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -51,7 +50,7 @@ class ImuBias(Effect[ImuReading], name="imu_bias", site="imu"):
     def _is_askew(self) -> bool:
         return bool(np.any(np.not_equal(self.roll, 0.0)) or np.any(np.not_equal(self.pitch, 0.0)))
 
-    def _mount(self, quaternion: Any) -> Any:
+    def _mount(self, quaternion: Array) -> Array:
         zero = namespace(quaternion).zeros_like(quaternion[..., 0])
         roll, pitch = (zero + self.value(name, quaternion) for name in ("roll", "pitch"))
         return quaternion_from_roll_pitch_yaw(roll, pitch, zero)

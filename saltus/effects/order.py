@@ -9,10 +9,10 @@ from saltus.arrays import Array, namespace
 from saltus.effects.effect import Effect, Signal, map_arrays
 from saltus.errors import ConfigError
 
-Order: TypeAlias = tuple[type[Effect[Any]], ...]
+Order: TypeAlias = tuple[type[Effect], ...]
 
 
-def ordered(effects: tuple[Effect[Any], ...], order: Order, what: str) -> tuple[Effect[Any], ...]:
+def ordered(effects: tuple[Effect, ...], order: Order, what: str) -> tuple[Effect, ...]:
     """Sorts effects as their classes stand in `order` and leaves out those that are null.
 
     Raises:
@@ -35,7 +35,7 @@ class Chain:
         ConfigError: an effect that is given twice, or that does not belong here.
     """
 
-    effects: tuple[Effect[Any], ...] = ()
+    effects: tuple[Effect, ...] = ()
 
     order: ClassVar[Order]
     owner: ClassVar[str]
@@ -54,7 +54,7 @@ class Chain:
         return tuple(effect.init(batch, rng) for effect in self.effects)
 
 
-def applied(effect: Effect[Any], signal: Signal, time_s: Array, memory: Any, fresh: Array | None) -> tuple[Signal, Any]:
+def applied(effect: Effect, signal: Signal, time_s: Array, memory: Any, fresh: Array | None) -> tuple[Signal, Any]:
     """`effect.apply` with a blank memory for robots that are `fresh`, bool, shape (...); None where none is."""
     if fresh is not None and memory is not None:
         memory = chosen_of(fresh, effect.first(signal), memory)

@@ -52,11 +52,11 @@ class Profile(Value):
         ConfigError: an effect that is given twice, or in a part where it does not belong.
     """
 
-    actuator: tuple[Effect[Any], ...] = ()
-    camera: tuple[Effect[Any], ...] = ()
-    heightmap: tuple[Effect[Any], ...] = ()
-    imu: tuple[Effect[Any], ...] = ()
-    body: tuple[Effect[Any], ...] = ()
+    actuator: tuple[Effect, ...] = ()
+    camera: tuple[Effect, ...] = ()
+    heightmap: tuple[Effect, ...] = ()
+    imu: tuple[Effect, ...] = ()
+    body: tuple[Effect, ...] = ()
 
     def __post_init__(self) -> None:
         for part in (f.name for f in fields(self)):
@@ -71,7 +71,7 @@ class Profile(Value):
     def from_toml(cls, text: str) -> Self:
         """Reads a profile; the errors of `load_profile`."""
         known = [f.name for f in fields(cls)]
-        parts: dict[str, tuple[Effect[Any], ...]] = {}
+        parts: dict[str, tuple[Effect, ...]] = {}
         for part, effects in read_toml(text).items():
             if part not in known:
                 raise ConfigError(f"unknown part '{part}' of a profile: {nearest_hint(part, known)}")
@@ -91,7 +91,7 @@ class Profile(Value):
         }
         return tomli_w.dumps(table)
 
-    def having(self, *effects: Effect[Any]) -> "Profile":
+    def having(self, *effects: Effect) -> "Profile":
         """With these effects, each the last of its part, in the place of one of the same name."""
         profile = self
         for effect in effects:
@@ -106,7 +106,7 @@ class Profile(Value):
         return replace(self, **{part: tuple(e for e in getattr(self, part) if e.name not in names) for part in parts})
 
     @property
-    def effects(self) -> dict[str, Effect[Any]]:
+    def effects(self) -> dict[str, Effect]:
         """All effects by their names."""
         return {effect.name: effect for part in fields(self) for effect in getattr(self, part.name)}
 
@@ -198,7 +198,7 @@ def load_profile(name_or_path: str, robot: Robot) -> Profile:
     return read_file(path, Profile.from_toml)
 
 
-def _effect(part: str, name: str, values: Any) -> Effect[Any]:
+def _effect(part: str, name: str, values: Any) -> Effect:
     choices = [kind.name for kind in EFFECTS.values() if PARTS[kind.site] == part]
     if name not in choices:
         raise ConfigError(f"unknown effect '{part}.{name}': {nearest_hint(name, choices)}")
@@ -225,7 +225,7 @@ def _value(where: str, value: Any) -> Any:
     return float(value)
 
 
-def _parameters(effect: Effect[Any]) -> dict[str, Any]:
+def _parameters(effect: Effect) -> dict[str, Any]:
     values = {f.name: getattr(effect, f.name) for f in fields(effect)}
     for name, value in values.items():
         if isinstance(value, np.ndarray):

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 from saltus.arrays import Array, Floats, namespace
 
@@ -80,7 +79,7 @@ def nothing_yet(like: DepthImage) -> DepthImage:
     return DepthImage(depth=xp.zeros_like(like.depth), time_s=never)
 
 
-def chosen(condition: Any, image: DepthImage, otherwise: DepthImage) -> DepthImage:
+def chosen(condition: Array, image: DepthImage, otherwise: DepthImage) -> DepthImage:
     """For each robot, `image` where `condition`, shape (...), else `otherwise`."""
     xp = namespace(image.depth)
     time_s = xp.where(condition, image.time_s, otherwise.time_s)

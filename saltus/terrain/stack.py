@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from saltus.arrays import Floats
+from saltus.arrays import Array, Floats
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.columns import column_heights
 from saltus.terrain.terrain import Terrain
@@ -32,7 +31,7 @@ class TerrainStack:
         """[m], shape (robots,)."""
         return np.array([terrain.finish_x for terrain in self.terrains])
 
-    def height_at(self, x: Any, y: Any) -> Any:
+    def height_at(self, x: Array, y: Array) -> Array:
         """Height of each robot's terrain [m], as `Terrain.height_at`.
 
         Args:

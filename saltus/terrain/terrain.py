@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from saltus.arrays import Floats
+from saltus.arrays import Array, Floats
 from saltus.config import Value, from_table, read_toml
 from saltus.errors import ConfigError
 from saltus.terrain.boxes import Box, Boxes, Point
@@ -97,7 +97,7 @@ class Terrain(Value):
         """The boxes as columns, where that is what they are: level, side by side along x, of one width."""
         return Columns.of(self.boxes)
 
-    def height_at(self, x: Any, y: Any) -> Any:
+    def height_at(self, x: Array, y: Array) -> Array:
         """Height of the terrain [m] at a place [m]: exact; at an edge, the higher side.
 
         Beyond its ends and sides the outermost boxes go on.

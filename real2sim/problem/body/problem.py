@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -114,7 +113,7 @@ class BodyProblem(Problem):
         self._replay = self._replayed(self._ground)
         self._prepare(noise, has_gyro=log.imu is not None)
 
-    def holding(self, effects: Sequence[Effect[Any]]) -> tuple[Problem, tuple[Effect[Any], ...]]:
+    def holding(self, effects: Sequence[Effect]) -> tuple[Problem, tuple[Effect, ...]]:
         """See `Problem`: limits and pulls of the drives; a fitted saturation adds to theirs."""
         problem = copy(self)
         problem._held = tuple(

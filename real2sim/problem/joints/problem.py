@@ -121,7 +121,7 @@ class JointProblem(Problem):
         problem.candidates = problem._with_saturations()
         return problem
 
-    def holding(self, effects: Sequence[Effect[Any]]) -> tuple[Problem, tuple[Effect[Any], ...]]:
+    def holding(self, effects: Sequence[Effect]) -> tuple[Problem, tuple[Effect, ...]]:
         """See `Problem`: no unknown can represent a measured curve; the plant limits speeds once a step."""
         problem = copy(self)
         for saturation in (effect for effect in effects if isinstance(effect, TorqueSaturation)):

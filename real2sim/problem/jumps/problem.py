@@ -8,7 +8,6 @@ shows them beside payload, centre of mass and inertia.
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -118,7 +117,7 @@ class JumpProblem(Problem):
         problem._set_candidates(tuple(self.untestable))
         return problem
 
-    def holding(self, effects: Sequence[Effect[Any]]) -> tuple[Problem, tuple[Effect[Any], ...]]:
+    def holding(self, effects: Sequence[Effect]) -> tuple[Problem, tuple[Effect, ...]]:
         """See `Problem`: no unknown can represent a measured curve."""
         problem = self
         for saturation in (effect for effect in effects if isinstance(effect, TorqueSaturation)):
