@@ -40,6 +40,8 @@ bool[4] leg_trusted
 int64 cycle
 uint8 mode
 int64 depth_due
+float64[] position_base_in_odometry
+float64[] standing_feet
 """,
     "saltus_msgs/msg/DepthFrame": """std_msgs/Header header
 sensor_msgs/Image image
@@ -57,6 +59,10 @@ uint8 status
 float64 depth_age_s
 int64 frame_id
 string model_id
+float64 seen_share
+float64[] age_s
+string dialect
+float64[] observation
 """,
 }
 STATUS = ("ok", "warming up", "degraded", "invalid")
@@ -145,6 +151,8 @@ def standing() -> dict[str, object]:
         "cycle": 0,
         "mode": 0,
         "depth_due": -1,
+        "position_base_in_odometry": np.zeros(0),  # or x, y, z, if your odometry has them
+        "standing_feet": np.zeros(0),  # or x, y, z of the ground under each, if the legs are not a Go1's
     }
 
 

@@ -156,7 +156,7 @@ def message_of(kind: type[Message], seed: int = 0) -> Any:
 def _heights(kind: type[Message], rng: np.random.Generator) -> dict[str, Any]:
     """Heights on a grid, by their fields; nothing for messages without heights."""
     names = [field.name for field in schemas.FIELDS[kind] if field.shape == (schemas.ANY,)]
-    if not names:
+    if "x" not in names:
         return {}
     x, y = (np.cumsum(rng.uniform(0.01, 0.1, rng.integers(1, most))) - 1.0 for most in (40, 12))
     return {name: rng.uniform(0.0, 1.0, x.size * y.size) for name in names} | {"x": x, "y": y}

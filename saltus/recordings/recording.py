@@ -72,7 +72,7 @@ class Recording:
     _channels: dict[int, Channel] = field(default_factory=dict, repr=False)
     _chunks: list[Chunk] = field(default_factory=list, repr=False)
     _unpacked: dict[int, list[Arrival]] = field(default_factory=dict, repr=False)
-    _former: dict[int, bool] = field(default_factory=dict, repr=False)
+    _former: dict[int, int | None] = field(default_factory=dict, repr=False)
 
     @property
     def known_config(self) -> RunConfig:
@@ -207,27 +207,28 @@ class Recording:
             written, known = (
                 _fields(text) for text in (schema.data.decode(errors="replace"), codec.definition_of(schema.name))
             )
-            if written != known and not self._is_former(channel):
+            if written != known and self._former_of(channel) is None:
                 other = next((line for line in written if line not in known), "fewer fields")
                 raise RecordingError(
                     f"{self.path}: {topic} was written by another version of saltus ('{other}' is not in its messages "
                     "today): read it with that version, or record the run anew"
                 )
 
-    def _is_former(self, channel: Channel) -> bool:
-        """True where its messages are of before they carried their grid."""
+    def _former_of(self, channel: Channel) -> int | None:
+        """Place of its messages in `codec.former_definitions_of`; None where they are those of today."""
         schema, row = self._schemas.get(channel.schema_id), topic_of(channel.topic[1:])
         if schema is None or row is None:
-            return False
-        former = codec.former_definition_of(row.message)
-        return former is not None and _fields(schema.data.decode(errors="replace")) == _fields(former)
+            return None
+        written = _fields(schema.data.decode(errors="replace"))
+        known = [_fields(text) for text in codec.former_definitions_of(row.message)]
+        return known.index(written) if written in known else None
 
     def _payload(self, number: int, key: str, payload: bytes) -> bytes:
         """The payload of a message of a channel as messages are today."""
         if number not in self._former:
-            self._former[number] = self._is_former(self._channels[number])
-        row = topic_of(key)
-        return codec.with_grid(row.message, payload) if self._former[number] and row is not None else payload
+            self._former[number] = self._former_of(self._channels[number])
+        row, former = topic_of(key), self._former[number]
+        return payload if former is None or row is None else codec.of_today(row.message, former, payload)
 
     def _channels_of(self, topic: str) -> dict[int, Channel]:
         found = {}

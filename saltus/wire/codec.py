@@ -4,6 +4,8 @@
 bytes. The envelope is the attachment of rmw_zenoh: sequence, capture time and the identity of the sender.
 """
 
+import dataclasses
+import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -39,9 +41,12 @@ _NANO = 10**9
 STORE = get_typestore(Stores.EMPTY)
 for _name, _definition in {**schemas.STANDARD, **schemas.DEFINITIONS}.items():
     STORE.register(get_types_from_msg(_definition, _name))
-_FORMER = {kind: f"{TYPE_NAME[kind]}OnALine" for kind in schemas.FORMER}
-for _kind, _name in _FORMER.items():
-    STORE.register(get_types_from_msg(schemas.FORMER[_kind], _name))
+_FORMER = {
+    kind: tuple(f"{TYPE_NAME[kind]}Former{i}" for i in range(len(texts))) for kind, texts in schemas.FORMER.items()
+}
+for _kind, _names in _FORMER.items():
+    for _name, _definition in zip(_names, schemas.FORMER[_kind], strict=True):
+        STORE.register(get_types_from_msg(_definition, _name))
 _HEADER: Any = STORE.types["std_msgs/msg/Header"]
 _TIME: Any = STORE.types["builtin_interfaces/msg/Time"]
 _IMAGE: Any = STORE.types["sensor_msgs/msg/Image"]
@@ -125,22 +130,21 @@ def decode(kind: type[M], data: bytes) -> M:
         raise MessageError("malformed", f"{kind.__name__}: {error}") from error
 
 
-def former_definition_of(kind: type[Message]) -> str | None:
-    """The `ros2msg` schema text of a message in recordings of before it carried its grid; None where it has none."""
-    return definition_of(_FORMER[kind]) if kind in _FORMER else None
+def former_definitions_of(kind: type[Message]) -> list[str]:
+    """The `ros2msg` schema texts of a message in older recordings, the newest first."""
+    return [definition_of(name) for name in _FORMER.get(kind, ())]
 
 
-def with_grid(kind: type[Message], data: bytes) -> bytes:
-    """The bytes of today for those of a message of before it carried its grid.
+def of_today(kind: type[Message], former: int, data: bytes) -> bytes:
+    """The bytes of today for those of a message of an older recording, `former` in `former_definitions_of`.
 
     Raises:
         MessageError: they are none.
     """
-    grid = {"x": np.array(schemas.FORMER_GRID.x), "y": np.array(schemas.FORMER_GRID.y)}
     try:
-        former, table = _parse(_FORMER[kind], data), _TABLES[kind]
-        values = [getattr(former, f.name) if hasattr(former, f.name) else grid[f.name] for f in table.fields]
-        return bytes(STORE.serialize_cdr(table.wire_type(former.header, *values), TYPE_NAME[kind]))
+        old, table = _parse(_FORMER[kind][former], data), _TABLES[kind]
+        values = [getattr(old, f.name) if hasattr(old, f.name) else table.lacking(f.name) for f in table.fields]
+        return bytes(STORE.serialize_cdr(table.wire_type(old.header, *values), TYPE_NAME[kind]))
     except MessageError:
         raise
     except Exception as error:  # the parser's errors on hostile bytes are of many types
@@ -199,9 +203,17 @@ class _TableCodec:
         self.arrays = [f for f in self.fields if f.wire == "float64" and f.shape is not None]
         self.array_places = [i for i, f in enumerate(self.fields) if f in self.arrays]
         self.has_grid = any(f.name == "y" for f in self.arrays)
-        self.in_rows = any(f.shape is not None and len(f.shape) > 1 for f in self.arrays)
-        sizes = [f.shape[0] for f in self.arrays if f.shape is not None]
-        self.low, self.high = self._bounds(() if self.has_grid or self.in_rows else tuple(sizes))
+        shapes = [f.shape for f in self.arrays if f.shape is not None]
+        self.in_rows = bool(shapes) and all(len(shape) > 1 for shape in shapes)
+        self.varies = not self.in_rows and any(f.may_lack or schemas.ANY in (f.shape or ()) for f in self.arrays)
+        self.low, self.high = self._bounds(() if self.varies or self.in_rows else tuple(map(math.prod, shapes)))
+
+    def lacking(self, name: str) -> Any:
+        """The value of a field, as it travels, that a message of before does not have."""
+        if name == "x":
+            return np.array(schemas.FORMER_GRID.x)
+        known = next(f for f in dataclasses.fields(self.kind) if f.name == name)
+        return np.ravel(known.default_factory()) if callable(known.default_factory) else known.default
 
     def encode(self, message: Any) -> Any:
         values = [write(value) for write, value in zip(self.writers, self.values_of(message), strict=True)]
@@ -224,7 +236,11 @@ class _TableCodec:
 
     def _check_points(self, arrays: list[Any]) -> None:
         """Refuses heights that do not stand on the grid of their message; arrays as in `self.arrays`."""
-        sizes = {f.name: array.size for f, array in zip(self.arrays, arrays, strict=True) if f.shape == (schemas.ANY,)}
+        sizes = {
+            f.name: array.size
+            for f, array in zip(self.arrays, arrays, strict=True)
+            if f.shape == (schemas.ANY,) and (array.size or not f.may_lack)
+        }
         rows, columns = sizes.pop("x"), sizes.pop("y")
         points = rows * columns
         if not 1 <= points <= schemas.POINTS_MAX:
@@ -245,8 +261,9 @@ class _TableCodec:
         else:
             if self.has_grid:
                 self._check_points(arrays)
-                low, high = self._bounds(tuple(map(len, arrays)))
-            flat = np.concatenate(arrays)
+            if self.varies:
+                low, high = self._bounds(tuple(array.size for array in arrays))
+            flat = np.concatenate([array.ravel() for array in arrays])
         inside = flat >= low
         inside &= flat <= high
         if np.count_nonzero(inside) < inside.size:
@@ -268,6 +285,8 @@ def _writer(field: Field) -> Callable[[Any], Any]:
 
     def write(value: Any) -> Any:
         array: NDArray[Any] = np.ascontiguousarray(value, dtype)
+        if field.may_lack and not array.size:
+            return array.reshape(-1)
         if array.shape != shape and not (rows and array.ndim == len(shape) and array.shape[1:] == shape[1:]):
             raise MessageError("shape", f"{field.name} has shape {array.shape} instead of {shape}")
         return array.reshape(-1) if rows else array
@@ -279,6 +298,8 @@ def _from_wire(field: Field, value: Any) -> Any:
     if field.shape is not None:
         if field.wire == "bool" and max(value.tobytes()) > 1:
             raise MessageError("range", f"{field.name} is neither true nor false")
+        if field.may_lack and value.size and -1 not in field.shape and value.shape != field.shape:
+            raise MessageError("shape", f"{field.name} has {value.size} values, not {field.shape[0]} or none")
         if -1 not in field.shape or len(field.shape) == 1:
             return value
         if value.size % field.shape[1]:
@@ -302,7 +323,9 @@ def _check_rows(arrays: list[Any]) -> None:
 
 
 def _check_values(field: Field, array: Any) -> None:
-    if not np.isfinite(array).all():
+    if not array.size:
+        return
+    if not (np.isfinite(array) | (array == field.high)).all():
         raise MessageError("not_finite", field.name)
     low, high = float(array.min()), float(array.max())
     if low < field.low or high > field.high:

@@ -83,6 +83,14 @@ class DepthFrame:
     """Intrinsics [px]: pixel (u, v) looks through ((u + 0.5 - cx) / fx, (v + 0.5 - cy) / fy)."""
 
 
+def _nothing() -> Floats:
+    return np.zeros(0)
+
+
+def _no_feet() -> Floats:
+    return np.zeros((0, 3))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotState:
     """Measurements and estimates of a robot about itself at one instant."""
@@ -117,6 +125,12 @@ class RobotState:
     mode: ControllerMode
     depth_due: int
     """Lockstep: the newest `DepthFrame.frame_id` that is due at this step; -1 where none is, or in real time."""
+    position_base_in_odometry: Floats = field(default_factory=_nothing)
+    """Position by the robot's odometry, along the world's axes from any origin [m], shape (3,); (0,) where it has none,
+    and velocities are added up."""
+    standing_feet: Floats = field(default_factory=_no_feet)
+    """Points of the ground under feet that surely stand, base frame [m], shape (n, 3): of robots whose legs are not
+    those of a known model. The others have `leg_trusted`."""
 
 
 def _on_the_axis() -> Floats:
@@ -152,6 +166,16 @@ class Heightmap:
     """The image that was used; -1 where there is none yet."""
     model_id: str
     """First 16 hexadecimal digits of the model file's sha256."""
+    seen_share: float = -1.0
+    """Share of the points that any image has shown since the service began, 0 to 1; -1 where nobody counts."""
+    age_s: Reals = field(default_factory=_nothing)
+    """Time since a point was last in an image [s], infinite where it never was, shape (points,); (0,) where nobody
+    counts."""
+    dialect: str = ""
+    """Name of the dialect of `observation` (`saltus.dialects`); empty where there is none."""
+    observation: Reals = field(default_factory=_nothing)
+    """The heights as a policy reads them: in its dialect's order, with its offset, clip and scale, shape (points,);
+    (0,) without a dialect."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

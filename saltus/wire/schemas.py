@@ -41,13 +41,15 @@ class Field:
     low: float = -math.inf
     high: float = math.inf
     enum: type[IntEnum] | None = None
+    may_lack: bool = False
+    """A vector may also have no values: nobody knows them."""
 
     @property
     def definition(self) -> str:
         """The field's line in a ROS 2 message definition."""
         if self.shape is None:
             return f"{self.wire} {self.name}"
-        count = "" if -1 in self.shape else math.prod(self.shape)
+        count = "" if -1 in self.shape or self.may_lack else math.prod(self.shape)
         return f"{self.wire}[{count}] {self.name}"
 
 
@@ -85,6 +87,7 @@ GAIN = 1e4
 FORCE = 1e6  # [N]
 FREQUENCY = 20.0  # [Hz]; the original's gait lies between 1 and 4
 PLAN_VELOCITY = 10.0  # [m/s], [rad/s]
+OBSERVATION = 1e5  # a height, times the largest scale that a dialect may have
 FOOT_RESIDUAL = 1.0  # [m]; onto a step of 0.75 m a foot is lifted by 0.8 m from its path on the ground
 
 FIELDS: dict[type[Message], tuple[Field, ...]] = {
@@ -104,6 +107,8 @@ FIELDS: dict[type[Message], tuple[Field, ...]] = {
         _index("cycle"),
         Field("mode", "uint8", enum=messages.ControllerMode),
         _index("depth_due", low=-1),
+        Field("position_base_in_odometry", "float64", (3,), -POSITION, POSITION, may_lack=True),
+        Field("standing_feet", "float64", (ANY, 3), -HEIGHT, HEIGHT),
     ),
     messages.Heightmap: (
         _index("step"),
@@ -115,6 +120,10 @@ FIELDS: dict[type[Message], tuple[Field, ...]] = {
         _scalar("depth_age_s", -1.0, math.inf),
         _index("frame_id", low=-1),
         Field("model_id", "string"),
+        _scalar("seen_share", -1.0, 1.0),
+        Field("age_s", "float64", (ANY,), 0.0, may_lack=True),
+        Field("dialect", "string"),
+        Field("observation", "float64", (ANY,), -OBSERVATION, OBSERVATION, may_lack=True),
     ),
     messages.MotionPlan: (
         _index("step"),
@@ -246,10 +255,25 @@ DEFINITIONS: dict[str, str] = {
 }
 """ROS 2 message definitions of the types that are our own."""
 
-_ADDED: dict[type[Message], tuple[str, ...]] = {messages.Heightmap: ("y",), messages.GroundTruth: ("x", "y")}
-FORMER_GRID = load_grid(UNNAMED["grid"])
-FORMER: dict[type[Message], str] = {
-    kind: "\n".join(["std_msgs/Header header", *(_former(f) for f in FIELDS[kind] if f.name not in added)]) + "\n"
-    for kind, added in _ADDED.items()
+_ON_A_LINE: dict[type[Message], tuple[str, ...]] = {messages.Heightmap: ("y",), messages.GroundTruth: ("x", "y")}
+_OF_THE_LINE: dict[type[Message], tuple[str, ...]] = {
+    messages.Heightmap: ("seen_share", "age_s", "dialect", "observation"),
+    messages.RobotState: ("position_base_in_odometry", "standing_feet"),
 }
-"""Definitions in recordings of before messages carried their grid: all heights stood on `FORMER_GRID`."""
+FORMER_GRID = load_grid(UNNAMED["grid"])
+
+
+def _without(kind: type[Message], added: tuple[str, ...], *, line: bool) -> str:
+    kept = (f for f in FIELDS[kind] if f.name not in added)
+    return "\n".join(["std_msgs/Header header", *(_former(f) if line else f.definition for f in kept)]) + "\n"
+
+
+FORMER: dict[type[Message], tuple[str, ...]] = {
+    kind: (
+        *([_without(kind, _OF_THE_LINE[kind], line=False)] if kind in _OF_THE_LINE else []),
+        *([_without(kind, _OF_THE_LINE.get(kind, ()) + _ON_A_LINE[kind], line=True)] if kind in _ON_A_LINE else []),
+    )
+    for kind in dict.fromkeys([*_OF_THE_LINE, *_ON_A_LINE])
+}
+"""Definitions in older recordings, the newest first: of before there were scans, and of before messages carried their
+grid, when all heights stood on `FORMER_GRID`."""

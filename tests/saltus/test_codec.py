@@ -14,7 +14,7 @@ from saltus.errors import MessageError
 from saltus.grid import LINE
 from saltus.wire import codec, messages, schemas
 from saltus.wire.codec import Envelope, decode, encode
-from saltus.wire.messages import Message
+from saltus.wire.messages import GroundTruth, Heightmap, Message, RobotState
 
 
 def assert_equal(a: Any, b: Any) -> None:
@@ -198,25 +198,63 @@ def test_other_attachments_are_refused(data: bytes) -> None:
         Envelope.from_bytes(data)
 
 
-@pytest.mark.parametrize("kind", schemas.FORMER)
+FORMER = [(kind, place) for kind, texts in schemas.FORMER.items() for place in range(len(texts))]
+
+
+@pytest.mark.parametrize(("kind", "place"), FORMER)
 @pytest.mark.parametrize("seed", range(3))
-def test_messages_of_before_they_carried_their_grid_have_that_of_then(kind: type[Message], seed: int) -> None:
-    former = codec.STORE.types[codec._FORMER[kind]]
+def test_messages_of_before_lack_nothing_today(kind: type[Message], place: int, seed: int) -> None:
+    """Heights of before messages carried their grid stood on the line; what is new is as if nobody knew it."""
+    name = codec._FORMER[kind][place]
+    former: Any = codec.STORE.types[name]
+    kept = {f.name for f in dataclasses.fields(former) if f.init} - {"header"}
     message = message_of(kind, seed)
-    heights = {f.name: np.resize(getattr(message, f.name), LINE.size) for f in schemas.FIELDS[kind] if f.shape == (-1,)}
-    message = dataclasses.replace(message, **(heights | {"x": np.array(LINE.x), "y": np.array(LINE.y)}))
-    table = codec._TABLES[kind]
-    wire = table.encode(message)
-    data = codec.STORE.serialize_cdr(
-        former(**{f.name: getattr(wire, f.name) for f in dataclasses.fields(former) if f.init}), codec._FORMER[kind]
-    )
-    assert codec.with_grid(kind, bytes(data)) == encode(message)
+    lacking = {
+        f.name: f.default_factory() if callable(f.default_factory) else f.default
+        for f in dataclasses.fields(kind)
+        if f.name not in kept and f.name not in ("time_ns", "x")
+    }
+    if kind is not RobotState and "y" not in kept:
+        on_points = ("height", "half_width_90")
+        heights = {n: np.resize(getattr(message, n), LINE.size) for n in on_points if hasattr(message, n)}
+        lacking |= heights | {"x": np.array(LINE.x)}
+    message = dataclasses.replace(message, **lacking)
+    wire = codec._TABLES[kind].encode(message)
+    data = codec.STORE.serialize_cdr(former(wire.header, **{n: getattr(wire, n) for n in kept}), name)
+    assert codec.of_today(kind, place, bytes(data)) == encode(message)
 
 
-@pytest.mark.parametrize("kind", schemas.FORMER)
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_a_position_has_three_coordinates_or_none(count: int) -> None:
+    state = message_of(RobotState)
+    for known in (np.zeros(0), np.ones(3)):
+        sent = dataclasses.replace(state, position_base_in_odometry=known)
+        np.testing.assert_array_equal(decode(RobotState, encode(sent)).position_base_in_odometry, known)
+    with pytest.raises(MessageError, match="shape"):
+        encode(dataclasses.replace(state, position_base_in_odometry=np.ones(count)))
+
+
+@given(st.integers(0, 20))
+def test_any_number_of_feet_stands(count: int) -> None:
+    feet = np.random.default_rng(count).normal(size=(count, 3))
+    state = dataclasses.replace(message_of(RobotState), standing_feet=feet)
+    np.testing.assert_array_equal(decode(RobotState, encode(state)).standing_feet, feet)
+
+
+def test_points_that_no_image_has_shown_are_infinitely_old() -> None:
+    heightmap = message_of(Heightmap)
+    ages = np.full(len(heightmap.height), np.inf)
+    assert np.isinf(decode(Heightmap, encode(dataclasses.replace(heightmap, age_s=ages))).age_s).all()
+    for wrong in (-ages, np.full(len(ages), np.nan), ages[1:]):
+        with pytest.raises(MessageError):
+            decode(Heightmap, encode(dataclasses.replace(heightmap, age_s=wrong)))
+
+
+@pytest.mark.parametrize("kind", [Heightmap, GroundTruth])
 def test_heights_that_stand_on_no_grid_are_refused(kind: type[Message]) -> None:
     message = dataclasses.replace(message_of(kind), x=np.array([0.0, 0.1]), y=np.array([0.0]))
-    heights = {f.name: np.zeros(2) for f in schemas.FIELDS[kind] if f.shape == (-1,)} | {"x": message.x, "y": message.y}
+    points = (f.name for f in schemas.FIELDS[kind] if f.shape == (-1,))
+    heights = {name: np.zeros(2) for name in points} | {"x": message.x, "y": message.y}
     assert len(decode(kind, encode(dataclasses.replace(message, **heights))).height) == 2
     for wrong in (
         {"height": np.zeros(3)},
