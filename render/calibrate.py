@@ -19,8 +19,9 @@ from saltus.depth import BASELINE_M, NOTHING, intrinsics_of
 from saltus.depth_camera import DepthCamera
 from saltus.errors import RecordingError
 from saltus.recordings.recording import read_recording
-from saltus.render.camera import Mount, ray_directions
+from saltus.render.camera import ray_directions
 from saltus.render.stereo.camera import StereoConfig
+from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix
 from saltus.wire.messages import ControllerMode, DepthFrame, RobotState

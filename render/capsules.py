@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.depth import Intrinsics
-from saltus.render.legs import Capsules
+from saltus.robots.leg_shapes import Capsules
 
 NEAREST = 1e-3  # what is nearer to the image plane than this is taken to be this far [m]: bounds the window it is in
 PIXELS_PER_PASS = 1 << 14  # pixels that are worked on together: their numbers stay in the processor's cache

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.errors import SaltusError
 from saltus.render.camera import RobotCamera
-from saltus.render.legs import LegShapes
 from saltus.render.stereo.optics import Optics
+from saltus.robots.leg_shapes import LegShapes
 from saltus.terrain.terrain import Terrain
 
 

@@ -10,10 +10,10 @@ from saltus.depth import Intrinsics
 from saltus.render.camera import RobotCamera, camera_pose
 from saltus.render.capsules import Quadrics, capsules_in_camera, windows
 from saltus.render.embree import RAYS_PER_CAST, EmbreeRenderer, open3d
-from saltus.render.legs import Capsules
 from saltus.render.renderer import StereoRenderer
 from saltus.render.stereo.doubt import doubtful
 from saltus.render.stereo.optics import Optics
+from saltus.robots.leg_shapes import Capsules
 from saltus.terrain.terrain import Terrain
 
 FARTHEST_M = 20.0  # what is farther has a disparity of half a pixel: both imagers see it alike

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Array, Floats
 from saltus.errors import SaltusError
-from saltus.render.camera import Mount, RobotCamera, camera_pose
+from saltus.render.camera import RobotCamera, camera_pose
 from saltus.render.capsules import capsules_in_camera
-from saltus.render.legs import LegShapes
 from saltus.render.renderer import Renderer, StereoRenderer, check_poses
 from saltus.render.stereo.optics import Optics
 from saltus.render.warp_kernels import WarpScene, cast_kernel, hide_kernel
+from saltus.robots.leg_shapes import LegShapes
+from saltus.robots.mount import Mount
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain

@@ -32,11 +32,11 @@ from saltus.heightmap.service.features import proprioception_of_states
 from saltus.models import model_id, model_path
 from saltus.policy.evaluation.rollout import Rollout, RolloutStep, batch_of, shifted_heights
 from saltus.policy.planner import make_planner
-from saltus.render.camera import Mount
 from saltus.render.randomisation import STRENGTH, of_strength
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
+from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.setup import Setup

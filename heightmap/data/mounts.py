@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from saltus.render.camera import Mount
+from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
 
 POSITION_ERROR_M, PITCH_ERROR = 0.02, np.deg2rad(2.5)

@@ -18,7 +18,8 @@ from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import Predictor, replay_predictor
 from saltus.heightmap.service.service import HeightmapService
 from saltus.recordings.recording import Recording
-from saltus.render.camera import Mount, camera_pose
+from saltus.render.camera import camera_pose
+from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
 from saltus.wire.messages import ControllerMode, DepthFrame, GroundTruth, Heightmap, HeightmapStatus, RobotState
 

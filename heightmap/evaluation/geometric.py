@@ -20,8 +20,9 @@ from saltus.depth import NOTHING, RANGE_M, intrinsics_of
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.odometry import OdometryPose, VelocityOdometry
 from saltus.heightmap.service.quantiles import INTERVAL90, UNKNOWN_HALF_WIDTH_M
-from saltus.render.camera import Mount, camera_pose, ray_directions
+from saltus.render.camera import camera_pose, ray_directions
 from saltus.robots.legs import LegKinematics
+from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import TOPICS

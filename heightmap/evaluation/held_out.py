@@ -37,10 +37,10 @@ from saltus.heightmap.service.replay import Predictor, replay_predictor
 from saltus.heightmap.service.service import HeightmapService
 from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout, RolloutStep, batch_of
 from saltus.policy.planner import make_planner
-from saltus.render.camera import Mount
 from saltus.render.randomisation import drawn_cameras
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.loading import load_robot
+from saltus.robots.mount import Mount
 from saltus.setup import Setup
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates, state_message

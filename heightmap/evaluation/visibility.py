@@ -8,7 +8,8 @@ from saltus.arrays import Floats
 from saltus.grid import HeightGrid
 from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.evaluation.comparison import in_view
-from saltus.render.camera import Mount, camera_pose
+from saltus.render.camera import camera_pose
+from saltus.robots.mount import Mount
 from saltus.terrain.terrain import Terrain
 
 VISIBLE, REMEMBERED, UNSEEN = 0, 1, 2

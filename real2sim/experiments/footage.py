@@ -10,8 +10,9 @@ from saltus.depth import D435I, Intrinsics
 from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.recordings.run_log import DepthTable
-from saltus.render.camera import Mount, RobotCamera
+from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
+from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
 

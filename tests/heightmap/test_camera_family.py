@@ -22,10 +22,11 @@ from saltus.heightmap.data import device_cameras
 from saltus.heightmap.data.delivery import TICK_S, DeliveryModel, deliver
 from saltus.heightmap.data.device_cameras import DeviceCameras, late_images
 from saltus.heightmap.data.rollouts import Trajectory, filmed
-from saltus.render.camera import Mount, RobotCamera
+from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.exposure import PerfectExposure
 from saltus.render.process import CameraProcess
+from saltus.robots.mount import Mount
 from saltus.terrain.boxes import Box, Boxes
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import GroundTruth

@@ -24,7 +24,8 @@ from saltus.heightmap.evaluation.report import APART_S, WORST, WORST_M, measure,
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import replay_frames, replay_predictor
 from saltus.recordings.recording import Recording
-from saltus.render.camera import Mount, camera_pose, ray_directions
+from saltus.render.camera import camera_pose, ray_directions
+from saltus.robots.mount import Mount
 from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus
 
 CELL = float(HEIGHTMAP_X[1] - HEIGHTMAP_X[0])

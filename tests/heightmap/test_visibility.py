@@ -9,8 +9,9 @@ from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.heightmap.evaluation.visibility import BIN_M, REMEMBERED, UNSEEN, VISIBLE, seen_by_rays, visibility
-from saltus.render.camera import Mount, RobotCamera, camera_pose, ray_directions
+from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.embree import EmbreeRenderer
+from saltus.robots.mount import Mount
 from saltus.terrain.curriculum import make_terrain
 
 KINDS: tuple[str, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")

@@ -16,10 +16,11 @@ from saltus.depth import D435I, MODEL_CAMERA, Intrinsics
 from saltus.errors import ConfigError, SaltusError
 from saltus.render._gl import gl_platform
 from saltus.render.backends import make_renderer, preference, present
-from saltus.render.camera import Mount, RobotCamera, camera_pose, ray_directions
+from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.renderer import Renderer
 from saltus.render.warp import WarpRenderer
+from saltus.robots.mount import Mount
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import RUN_OUT, WIDTH, Terrain
 

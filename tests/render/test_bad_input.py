@@ -15,9 +15,10 @@ from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA
 from saltus.errors import SaltusError
 from saltus.render.backends import make_renderer
-from saltus.render.camera import Mount, RobotCamera
+from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.renderer import Renderer
+from saltus.robots.mount import Mount
 from saltus.terrain.curriculum import make_terrain
 
 FLAT = make_terrain(TerrainConfig(terrain="flat"))

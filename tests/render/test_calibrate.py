@@ -13,8 +13,9 @@ from saltus.depth import BASELINE_M, Intrinsics, depth_frame
 from saltus.depth_camera import SHIPPED, load_camera
 from saltus.errors import RecordingError
 from saltus.render.calibrate import FEWEST_FRAMES, SIGMA_PX, Calibration, CameraPlace, fit_place, standing_pairs
-from saltus.render.camera import Mount, ray_directions
+from saltus.render.camera import ray_directions
 from saltus.robots.loading import load_robot
+from saltus.robots.mount import Mount
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
 

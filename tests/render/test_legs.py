@@ -5,9 +5,10 @@ from samples import ROBOT
 
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics
-from saltus.render.camera import Mount, camera_pose, ray_directions
+from saltus.render.camera import camera_pose, ray_directions
 from saltus.render.capsules import capsule_depth, capsules_in_camera, draw_capsules
-from saltus.render.legs import Capsules, LegShapes
+from saltus.robots.leg_shapes import Capsules, LegShapes
+from saltus.robots.mount import Mount
 from saltus.robots.robot import LEGS
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.sim.scene import build_spec

@@ -11,7 +11,8 @@ from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import SHIPPED, DepthCamera
 from saltus.recordings import ros_messages as ros
 from saltus.render.backends import make_renderer
-from saltus.render.camera import Mount, RobotCamera, camera_pose, ray_directions
+from saltus.render.camera import RobotCamera, camera_pose, ray_directions
+from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.terrain.curriculum import make_terrain

@@ -11,10 +11,11 @@ from stereo_scenes import poses, wall_and_panel
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, sampled_model_camera
 from saltus.render.backends import make_renderer, make_stereo
-from saltus.render.camera import Mount, RobotCamera
+from saltus.render.camera import RobotCamera
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo.windows import ARRAY_WINDOWS
 from saltus.render.stereo_pyrender import NEAREST_M
+from saltus.robots.mount import Mount
 from saltus.terrain.boxes import Box
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain

@@ -12,11 +12,12 @@ from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, Intrinsics, sampled_model_camera
 from saltus.errors import SaltusError
-from saltus.render.camera import Mount, RobotCamera
+from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.render.warp import WarpCaster, WarpRenderer
+from saltus.robots.mount import Mount
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.batch import BOXES, DRAWS, draw_courses
 from saltus.terrain.boxes import Boxes

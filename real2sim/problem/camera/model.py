@@ -9,7 +9,7 @@ from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.candidates import CameraEffects
 from saltus.real2sim.problem.camera.pose import BaseMotion, ClaimedCamera
 from saltus.real2sim.problem.camera.rays import VisibleScene
-from saltus.render.camera import Mount
+from saltus.robots.mount import Mount
 from saltus.rotations import skew
 
 

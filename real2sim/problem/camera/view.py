@@ -8,7 +8,7 @@ from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.pose import claimed_camera
 from saltus.real2sim.problem.camera.rays import claimed_scenes
 from saltus.real2sim.problem.rotations import unit
-from saltus.render.camera import Mount
+from saltus.robots.mount import Mount
 from saltus.rotations import rotation_matrix
 
 
