@@ -1,13 +1,15 @@
 """The heightmap service of several robots: one hidden state each, one call of the network for all that ask at once."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from saltus.heightmap.service.images import DEPTH, worse
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.service.service import DEPTH, HeightmapService, worse
+from saltus.heightmap.service.service import HeightmapService
 from saltus.heightmap.service.sight import Tick, TickInputs
+from saltus.wire.bus import Sample
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 from saltus.wire.topics import Topic
 
@@ -29,6 +31,16 @@ class RobotRequest:
     """The same for the process that sends the frames; None without a frame."""
     now_ns: int
     """The clock of the robot's run."""
+    others: Mapping[str, Sample] = field(default_factory=dict)
+    """Images of further cameras that have arrived since, by camera."""
+
+    @property
+    def images(self) -> Iterator[tuple[str, DepthFrame, bytes]]:
+        """Name, image and start of the process of each camera that has sent one; the first has no name."""
+        if self.frame is not None and self.camera_boot is not None:
+            yield "", self.frame, self.camera_boot
+        for name, sample in self.others.items():
+            yield name, sample.message, sample.envelope.boot_id
 
 
 class _Robot:

@@ -1,16 +1,13 @@
 """The heightmap service: robot states and depth frames in, one heightmap with a status for every state out."""
 
-import math
-from dataclasses import dataclass, replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from saltus.depth import MODEL_CAMERA, intrinsics_of, model_image
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.service.features import proprioception_of
-from saltus.heightmap.service.frame_loss import WINDOW_NS, FrameLoss
 from saltus.heightmap.service.frozen_output import FrozenOutput
+from saltus.heightmap.service.images import DEPTH, NO_FRAME, ImageWatch, worse
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.sight import (
     BAD_OUTPUTS_TO_FORGET,
@@ -19,32 +16,10 @@ from saltus.heightmap.service.sight import (
     TickInputs,
 )
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
-from saltus.wire.topics import TOPICS, Topic
+from saltus.wire.topics import Topic
 
-NO_FRAME = -1
-DEGRADED_INVALID_PIXELS = 0.3
-MAX_FUTURE_S = 0.005  # clocks of one machine agree; more than this is not a clock that can be trusted
-DEGRADED_LOST_SHARE = 0.2  # of the images of the last second; the model is trained with 8 % at most
-LOSS_MARGIN_S = 0.020
-"""Two ticks of 100 Hz: an image may have arrived a tick before it is taken, and what would be too late at the next tick
-is said at this one."""
-
-DEPTH = TOPICS["camera/depth"]
-_TRUST = (HeightmapStatus.OK, HeightmapStatus.DEGRADED, HeightmapStatus.WARMING, HeightmapStatus.INVALID)
-"""From good to bad, unlike their numbers: heights of poor images are of some use, of an empty hidden state of none."""
 _BLANK = np.zeros((1, MODEL_CAMERA.height, MODEL_CAMERA.width), np.uint16)
 _ONE = np.ones(1, np.bool_)
-_DEGRADED_LOST = DEGRADED_LOST_SHARE * DEPTH.rate_hz * 1e-9 * WINDOW_NS
-
-
-@dataclass(frozen=True, eq=False)
-class _View:
-    """An image that has arrived."""
-
-    invalid_fraction: float
-    time_ns: int
-    frame_id: int
-    arrival_ns: int
 
 
 class HeightmapService:
@@ -87,21 +62,15 @@ class HeightmapService:
 
     def reset(self) -> None:
         """Forgets everything: for a robot that has started anew."""
-        self._view: _View | None = None  # what the network is shown
-        self._newest: _View | None = None  # the same, unless hardly a pixel of it is valid
+        self._images = ImageWatch(self._depth)
         self._started_ns: int | None = None
         self._last: Heightmap | None = None
         self._frozen = FrozenOutput()
-        self._loss = FrameLoss()
         self._sight.reset(_ONE)
 
     def new_camera(self) -> None:
         """Counts images anew, of a camera that has started anew. What was seen holds on: pauses are judged as ever."""
-        if self._newest is not None:
-            renumbered = replace(self._newest, frame_id=NO_FRAME)
-            self._view = renumbered if self._view is self._newest else self._view
-            self._newest = renumbered
-        self._loss = FrameLoss()
+        self._images.new_camera()
 
     def step(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Heightmap:
         """Advances by one tick; returns the heightmap at the time of `state`, an old answer for a state that has one.
@@ -126,6 +95,7 @@ class HeightmapService:
             return None
         if self._started_ns is None:
             self._started_ns = now_ns
+        self._images.begin(now_ns)
         new = ~_ONE if frame is None else self._accept(frame, now_ns)
         features = proprioception_of(state, self._network.legs)[None]
         return self._sight.inputs(self._time_s(state.time_ns), new, features)
@@ -147,52 +117,29 @@ class HeightmapService:
 
     def _accept(self, frame: DepthFrame, now_ns: int) -> NDArray[np.bool_]:
         """Takes a frame in if it is news; whether it is in use now, shape (1,)."""
-        age_s = (now_ns - frame.time_ns) * 1e-9
-        if not -MAX_FUTURE_S <= age_s <= self._depth.invalid_age_s:
-            return ~_ONE
-        newest = self._newest
-        if newest is not None and (frame.frame_id == newest.frame_id or frame.time_ns <= newest.time_ns):
+        if not self._images.is_news(frame, now_ns):
             return ~_ONE
         image = model_image(frame.depth, intrinsics_of(frame), frame.depth_unit_m)
         invalid_fraction = 1.0 - np.count_nonzero(image[1]) / image[1].size
-        self._newest = _View(invalid_fraction, frame.time_ns, frame.frame_id, now_ns)
         new, forgets = self._sight.show(_ONE, image[None], np.array([self._time_s(frame.time_ns)]))
-        if new[0]:
-            self._view = self._newest
         if forgets[0]:
-            self._loss = FrameLoss()  # what was lost before does not count for a state that begins now
-        self._loss.accept(frame.frame_id, frame.time_ns)
+            self._images.forgive()
+        self._images.take(frame, invalid_fraction, now_ns, used=bool(new[0]))
         return new
 
     def _input_status(self, state: RobotState, now_ns: int) -> HeightmapStatus:
-        """The worst of what is known about the input."""
-        extra = self._depth.max_extra_age_s
-        newest, view = self._newest, self._view
-        if newest is None:
-            waiting_s = (now_ns - (self._started_ns or 0)) * 1e-9
-            return HeightmapStatus.INVALID if waiting_s > self._depth.invalid_age_s else HeightmapStatus.WARMING
-        if view is None or view is not newest:
-            return HeightmapStatus.INVALID
-        age_s = (max(now_ns, state.time_ns) - view.time_ns) * 1e-9
-        silent_s = (now_ns - view.arrival_ns) * 1e-9
-        if age_s > self._depth.invalid_age_s or silent_s > extra - LOSS_MARGIN_S:
-            return HeightmapStatus.INVALID
-        if not self.warm:
-            return HeightmapStatus.WARMING
-        late = age_s > self._depth.degraded_age_s or silent_s > 0.5 * extra
-        patchy = view.invalid_fraction > DEGRADED_INVALID_PIXELS or self._loss.count(now_ns) > _DEGRADED_LOST
-        return HeightmapStatus.DEGRADED if late or patchy else HeightmapStatus.OK
+        return self._images.status(state.time_ns, now_ns, warm=self.warm)
 
     def _status_of_bad_output(self, state: RobotState, now_ns: int) -> HeightmapStatus:
         """Status of bad output of heights that stand in for those of an output that cannot be used."""
         if self.bad_outputs < BAD_OUTPUTS_TO_FORGET and self._last is not None:
             return worse(HeightmapStatus.DEGRADED, self._input_status(state, now_ns))
         if self.bad_outputs == BAD_OUTPUTS_TO_FORGET:
-            self._loss = FrameLoss()
+            self._images.forgive()
         return HeightmapStatus.INVALID
 
     def _heightmap(self, state: RobotState, status: HeightmapStatus) -> Heightmap:
-        view = self._view
+        view = self._images.view
         return Heightmap(
             time_ns=state.time_ns,
             step=state.step,
@@ -200,12 +147,7 @@ class HeightmapService:
             height=self._sight.height[0],
             half_width_90=self._sight.half_width_90[0],
             status=status,
-            depth_age_s=math.inf if view is None else (state.time_ns - view.time_ns) * 1e-9,
+            depth_age_s=self._images.age_s(state.time_ns),
             frame_id=NO_FRAME if view is None else view.frame_id,
             model_id=self._network.model_id,
         )
-
-
-def worse(one: HeightmapStatus, other: HeightmapStatus) -> HeightmapStatus:
-    """The one of two that is less to be trusted."""
-    return max(one, other, key=_TRUST.index)

@@ -12,7 +12,7 @@ from saltus.config import RunConfig, TerrainConfig
 from saltus.constants import POLICY_DT
 from saltus.controller.watchdog import WatchdogConfig
 from saltus.errors import StackError
-from saltus.heightmap.service.service import LOSS_MARGIN_S
+from saltus.heightmap.service.images import LOSS_MARGIN_S
 from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.programs import WITH_STANDBYS
 from saltus.wire.codec import Envelope
