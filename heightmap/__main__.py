@@ -6,13 +6,20 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
+from saltus.depth_camera import load_camera
+from saltus.errors import ConfigError
+from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.heightmap.service.process import HeightmapProcess
+from saltus.heightmap.service.scan_fleet import ROBOT_BODY, ScanChoice
 from saltus.runtime.process import PEER_FLAG, ProcessContext, run_process
 from saltus.wire.zenoh_bus import ZenohBus
 
 
-def body(context: ProcessContext, robots: Sequence[str], endpoint: str, *, peer: bool) -> None:
+def body(
+    context: ProcessContext, robots: Sequence[str], endpoint: str, *, peer: bool, scan: ScanChoice | None = None
+) -> None:
     """Serves `robots`, each on a bus of its own (`peer`: see `ZenohBus`); run.toml's robot where there are none."""
     own = context.config.prefix
     with contextlib.ExitStack() as buses:
@@ -24,10 +31,24 @@ def body(context: ProcessContext, robots: Sequence[str], endpoint: str, *, peer:
             config = replace(context.config, prefix=robot)
             bus = buses.enter_context(ZenohBus.of_run(endpoint, config, peer=peer, bell=context.bus.bell))
             contexts.append(ProcessContext(context.name, config, context.run_dir, bus))
-        process = HeightmapProcess(contexts)
+        process = HeightmapProcess(contexts, scan)
         for each in contexts:
             each.ready()
         process.run(lambda: context.stopped)
+
+
+def _run(context: ProcessContext, own: argparse.Namespace) -> None:
+    """Reads what the arguments name: where something is wrong with it, the process says so."""
+    grid, scan = own.grid or context.config.grid, None
+    if grid != DEFAULT_GRID:
+        scan = ScanChoice(
+            grid=load_grid(grid), dialect=own.dialect, cameras=tuple(map(load_camera, own.cameras)), body=own.body,
+            model=own.model,
+        )  # fmt: skip
+        sys.stdout.write(f"heightmap: {scan.missing(context.setup.robot)}\n")
+    elif own.dialect or own.cameras or own.model or own.body != ROBOT_BODY:
+        raise ConfigError("--dialect, --cameras, --body and --model need a grid: --grid scan")
+    body(context, own.robots, own.endpoint, peer=own.peer, scan=scan)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -36,8 +57,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--robots", nargs="+", default=[])
     parser.add_argument("--endpoint", default="")
     parser.add_argument(PEER_FLAG, action="store_true")
+    parser.add_argument("--grid", default="")
+    parser.add_argument("--dialect", default="")
+    parser.add_argument("--cameras", nargs="+", default=[])
+    parser.add_argument("--body", default=ROBOT_BODY)
+    parser.add_argument("--model", type=Path)
     own, others = parser.parse_known_args(arguments)
-    run = partial(body, robots=own.robots, endpoint=own.endpoint, peer=own.peer)
+    run = partial(_run, own=own)
     shared = [*(["--endpoint", own.endpoint] if own.endpoint else []), *([PEER_FLAG] if own.peer else [])]
     return run_process("heightmap", run, [*others, *shared])
 

@@ -82,10 +82,11 @@ SCAN = HeightGrid(x=tuple(np.linspace(-0.8, 0.8, 17).tolist()), y=tuple(np.linsp
 LINE = HeightGrid(x=tuple(np.linspace(-0.4, 0.8, 30).tolist()))
 """The original's: 30 points on one line along the yaw."""
 
-GRIDS = {"line": LINE}
+GRIDS = {"line": LINE, "scan": SCAN}
 """Grids by name."""
 DEFAULT_GRID = "line"
-"""The grid that a command takes where none is named; nothing below the command line reads it."""
+"""The grid that a command takes where none is named, of the network of one robot; nothing below entry points reads
+it."""
 
 HEIGHTMAP_X = np.array(LINE.x)
 """Distance of each height of `LINE` ahead of the base [m]."""

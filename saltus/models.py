@@ -8,7 +8,7 @@ from saltus.config import RunConfig
 from saltus.errors import ModelError
 from saltus.resources import resource
 
-ModelKind = Literal["heightmap", "policy"]
+ModelKind = Literal["heightmap", "policy", "scan"]
 MODEL_ID_DIGITS = 16
 
 

@@ -1,6 +1,7 @@
 """Heights around one robot as they are deployed: the map in numpy, the network in ONNX Runtime."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,15 +9,28 @@ from saltus.arrays import Floats, Singles
 from saltus.errors import ConfigError, ModelError
 from saltus.grid import HeightGrid
 from saltus.heightmap.scan.cells import places, sampled
-from saltus.heightmap.scan.elevation import Measurement, Pose, advanced, new_map
-from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS, Heights, Inputs, inputs_of, remembered
+from saltus.heightmap.scan.elevation import NEVER_S, ElevationMap, Measurement, Pose, advanced, new_map
+from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS, REACH_M, Heights, Inputs, inputs_of, remembered
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.model_file import ModelFile
 
 FORMAT = "saltus scan 1"
 INPUTS = ("filled", "measured", "memory", "numbers")
 OUTPUTS = ("height", "half_width")
+FARTHEST_M = 2.0 * REACH_M
+"""From a filled height no plausible one is farther, and no half-width is larger."""
 _NAMES = {"measured": MEASURED, "memory": MEMORY, "numbers": NUMBERS}
+
+
+class Ground(NamedTuple):
+    """Points of a grid, each of shape (points,)."""
+
+    height: Floats
+    """Relative to the base [m]."""
+    half_width: Floats
+    """Half of the 90 % interval [m]."""
+    seen_s: Floats
+    """Exposure of the last image with a point within 3 cm [s]; minus infinity where there was none."""
 
 
 class ScanNetwork:
@@ -59,31 +73,40 @@ class ScanNetwork:
 class ScanPredictor:
     """Heights of the ground around one robot, from images of any depth cameras and somebody's odometry.
 
-    `see` takes each image once; `heights` answers for any grid, at every state.
+    `see` takes each image once; `heights` answers for any grid, at every state, also from another
+    thread while an image is taken in: then it tells what was known before.
     """
 
     def __init__(self, network: ScanNetwork) -> None:
         self._network = network
-        self._map = new_map(1, network.settings, np.zeros(1, np.float32))
-        self._told: Heights | None = None
+        self.reset()
 
     @property
     def images(self) -> int:
         """How many images the map was made from since the last `reset`."""
-        return int(self._map.images[0])
+        return int(self._known[0].images[0])
 
     def reset(self) -> None:
         """Forgets everything: the robot was carried elsewhere, or its odometry jumped."""
-        self._map = new_map(1, self._network.settings, np.zeros(1, np.float32))
-        self._told = None
+        self._known: tuple[ElevationMap, Heights | None] = (
+            new_map(1, self._network.settings, np.zeros(1, np.float32)), None,
+        )  # fmt: skip
 
-    def see(self, measured: Measurement, now_s: float) -> None:
-        """Takes an image; arrays of `measured` are numpy's, of one robot, in single precision."""
-        state, around = advanced(self._map, measured, self._network.settings)
+    def see(self, measured: Measurement, now_s: float) -> bool:
+        """Takes an image; arrays of `measured` are numpy's, of one robot, in single precision.
+
+        Returns:
+            False where the network's answer was not plausible: the image is then forgotten.
+        """
+        state, around = advanced(self._known[0], measured, self._network.settings)
         now = np.full(1, now_s, np.float32)
         height, half_width = self._network(inputs_of(state, around, now, measured.body_height))
-        self._told = Heights(around.filled + height, half_width)
-        self._map = remembered(state, self._told)
+        # no comparison with NaN is true, so that this also asks for finite numbers
+        if not (np.abs(height).max() <= FARTHEST_M and half_width.min() > 0.0 and half_width.max() <= FARTHEST_M):
+            return False
+        told = Heights(around.filled + height, half_width)
+        self._known = (remembered(state, told), told)
+        return True
 
     def heights(self, pose: Pose, yaw: float, grid: HeightGrid) -> tuple[Floats, Floats]:
         """Height relative to the base and half-width [m] of each point of a grid, each of shape (points,).
@@ -96,10 +119,26 @@ class ScanPredictor:
         Raises:
             ModelError: no image has come yet.
         """
-        if self._told is None:
+        found = self.ground(pose, yaw, grid)
+        return found.height, found.half_width
+
+    def ground(self, pose: Pose, yaw: float, grid: HeightGrid) -> Ground:
+        """The same as `heights`, and when each point was last seen."""
+        state, told = self._known
+        if told is None:
             raise ModelError("no image has come yet: heights are told from the first one on")
-        base = pose.position + self._map.correction
+        base = pose.position + state.correction
         x, y = grid.points_in_world(base[0, :2].astype(np.float64), np.asarray(yaw))
-        place = places(np.stack([x, y], -1)[None], self._map.corner, self._network.settings)
-        height = sampled(self._told.height, place)[0] - base[0, 2]
-        return np.asarray(height, np.float64), np.asarray(sampled(self._told.half_width, place)[0], np.float64)
+        place = places(np.stack([x, y], -1)[None], state.corner, self._network.settings)
+        height, half_width = (np.asarray(sampled(values, place)[0], np.float64) for values in told)
+        return Ground(height - base[0, 2], half_width, _last_seen(state.seen_s[0], place[0]))
+
+
+def _last_seen(seen_s: Singles, place: Floats) -> Floats:
+    """When a point last fell into the cell of each place, or one beside it [s]; minus infinity where none ever did."""
+    cell = np.floor(place + 0.5).astype(np.int64)
+    reach = np.arange(-1, 2)
+    rows, columns = ((cell[:, axis, None] + reach).clip(0, len(seen_s) - 1) for axis in (0, 1))
+    newest = seen_s[rows[:, :, None], columns[:, None, :]].max((1, 2)).astype(np.float64)
+    outside = ((cell < 0) | (cell >= len(seen_s))).any(-1)
+    return np.where(outside | (newest <= 0.5 * NEVER_S), -np.inf, newest)

@@ -1,5 +1,7 @@
 """One robot on the bus, as the heightmap process sees it."""
 
+from collections.abc import Iterable
+
 from saltus.heightmap.service.fleet import RobotRequest
 from saltus.runtime.process import ProcessContext
 from saltus.runtime.ticker import Freshness, freshness
@@ -11,14 +13,19 @@ UNANSWERED_NS = 500_000_000  # so that a clock that differs is reported within 1
 
 
 class RobotLink:
-    """Takes a robot's states and frames, whose limits of age `depth` says, and publishes its heightmaps."""
+    """Takes a robot's states and frames, whose limits of age `depth` says, and publishes its heightmaps.
 
-    def __init__(self, context: ProcessContext, depth: Topic) -> None:
+    Further cameras have names: their frames come below the first one's key.
+    """
+
+    def __init__(self, context: ProcessContext, depth: Topic, cameras: Iterable[str] = ()) -> None:
         self.context, self._depth = context, depth
         self.ticks = 0
         """Heightmaps so far."""
         self._states = context.bus.latest("controller/state")
         self._frames = context.bus.latest("camera/depth")
+        self._others = {name: context.bus.latest("camera/depth", name) for name in cameras}
+        self._other_frames: dict[str, Sample] = {}
         self._heightmaps = context.bus.publisher("heightmap/heightmap")
         self._done = context.bus.publisher("done", context.name)
         self._lockstep = context.config.pace == "lockstep"
@@ -53,6 +60,7 @@ class RobotLink:
             self._robot = boot
             if self._lockstep:  # an image of the last run is not the one that is due
                 self._frame, self._frame_id = None, -1
+                self._other_frames.clear()
         self._take_frame()
         if self._lockstep:
             if self._frame_id < state.depth_due:
@@ -66,12 +74,14 @@ class RobotLink:
             return None
         self._refused_ns, self._told = None, False
         frame, self._frame = self._frame, None
+        others, self._other_frames = self._other_frames, {}
         return RobotRequest(
             state=state,
             robot_boot=boot,
             frame=None if frame is None else frame.message,
             camera_boot=None if frame is None else frame.envelope.boot_id,
             now_ns=now_ns,
+            others=others,
         )
 
     def _refuse(self, state: RobotState, why: Freshness, now_ns: int) -> None:
@@ -90,6 +100,10 @@ class RobotLink:
         newest = self._frames.take()
         if newest is not None:
             self._frame, self._frame_id = newest, newest.message.frame_id
+        for name, frames in self._others.items():
+            other = frames.take()
+            if other is not None:
+                self._other_frames[name] = other
 
     def answer(self, heightmap: Heightmap) -> None:
         """Publishes; says once when the status changes."""

@@ -8,6 +8,7 @@ from saltus.heightmap.service.fleet import FleetService
 from saltus.heightmap.service.link import RobotLink
 from saltus.heightmap.service.model_inbox import FILE, ModelInbox
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.scan_fleet import ScanChoice, ScanFleet
 from saltus.models import model_path
 from saltus.runtime.process import STATUS_PERIOD_S, ProcessContext
 
@@ -22,31 +23,40 @@ class HeightmapProcess:
 
     Configuration and folder are those of the first. A model that is put into the folder
     (`saltus.heightmap.service.model_inbox`) replaces the one in use, in real time only: a lockstep run must repeat.
+    With a `scan` its grid is served in place of the line, by the network of any grid, which is not replaced.
     """
 
-    def __init__(self, contexts: Sequence[ProcessContext]) -> None:
+    def __init__(self, contexts: Sequence[ProcessContext], scan: ScanChoice | None = None) -> None:
         first = contexts[0]
-        network = HeightmapNetwork(first.setup.robot, model_path("heightmap", first.config.heightmap_model))
-        self._bus = first.bus
-        depth = first.setup.profile.depth_topic
-        self._links = {context.bus.prefix: RobotLink(context, depth) for context in contexts}
-        self._fleet = FleetService(network, self._links, depth)
+        setup, self._bus, depth = first.setup, first.bus, first.setup.profile.depth_topic
         self._lockstep = first.config.pace == "lockstep"
-        self._inbox = ModelInbox(first.setup.robot, first.run_dir / FILE)
         self._next_look_s = 0.0
         self._told = (0, 0)
+        self._inbox: ModelInbox | None = None
+        names = [context.bus.prefix for context in contexts]
+        if scan is not None:
+            rig = scan.rig(setup.robot, setup.camera)
+            self._fleet: FleetService | ScanFleet = ScanFleet(scan.network(), rig, names, depth, at_once=self._lockstep)
+            cameras = [camera for camera in rig.cameras if camera]
+        else:
+            network = HeightmapNetwork(setup.robot, model_path("heightmap", first.config.heightmap_model))
+            self._fleet, cameras = FleetService(network, names, depth), []
+            self._inbox = ModelInbox(setup.robot, first.run_dir / FILE)
+        self._links = {context.bus.prefix: RobotLink(context, depth, cameras) for context in contexts}
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Answers until it is told to stop. Without robot states it only shows that it is alive."""
         while not (stopped() or any(link.context.stopped for link in self._links.values())):
             for link in self._links.values():
                 link.context.beat(ticks=link.ticks)
-            if not self._lockstep and not self._bus.muted:
-                self._look_for_model()
+            if self._inbox is not None and not self._lockstep and not self._bus.muted:
+                self._look_for_model(self._inbox)
             heard = self._bus.bell.rings
             if not self._answer():
                 self._bus.bell.wait(heard, WAIT_S)
-        self._inbox.close()
+        for part in (self._inbox, self._fleet):
+            if isinstance(part, ModelInbox | ScanFleet):
+                part.close()
 
     def _answer(self) -> bool:
         """Answers whoever asks; returns whether anybody did."""
@@ -63,16 +73,17 @@ class HeightmapProcess:
                 self._links[name].answer(heightmap)
         return bool(arrivals)
 
-    def _look_for_model(self) -> None:
+    def _look_for_model(self, inbox: ModelInbox) -> None:
         """Twice a second: whether a model was given, and what became of the last one."""
         if time.monotonic() < self._next_look_s:
             return
         self._next_look_s = time.monotonic() + STATUS_PERIOD_S
         try:
-            network = self._inbox.poll()
+            network = inbox.poll()
         except ModelError as error:
             self._tell("model_refused", str(error), refused=True)
             return
+        assert isinstance(self._fleet, FleetService)  # noqa: S101 - it alone has an inbox
         if network is not None:
             self._fleet.use(network)
             self._tell("model_accepted", f"model {network.model_id} warms up")

@@ -30,11 +30,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Serve:
-    """Runs the heightmap service: against a running stack, or on a RealSense recording.
+    """Runs the heightmap service: against a running stack, or on a recording.
+
+    The line of the Go1 by default. With --grid scan 187 points, 1.6 x 1.0 m, of any robot and any depth cameras.
 
     For example:
       saltus router --out runs/one
       saltus heightmap serve --run-dir runs/one --robots robot/0 robot/1
+      saltus heightmap serve --run-dir runs/one --grid scan --dialect isaaclab --cameras front.toml --body none
+      saltus heightmap serve --recording runs/one/recording.mcap --grid scan
       saltus heightmap serve --recording desk.bag --assume-level --base-height-m 0.3
     """
 
@@ -44,8 +48,20 @@ class Serve:
     """Zenoh router, e.g. tcp/127.0.0.1:7447."""
     run_dir: Annotated[Path | None, shown("PATH", "none, which --recording alone allows")] = None
     """Folder of the run: of `saltus up` or `saltus router`."""
+    grid: Annotated[str | None, shown("STR", "that of run.toml: line, of the Go1's network")] = None
+    """Points whose heights are told: scan, or a TOML file (`x` and `y`, lists of metres that ascend)."""
+    dialect: Annotated[str | None, shown("STR", "none: heights alone")] = None
+    """Beside the heights, the observation of a policy that was trained with isaaclab, legged_gym or mjlab."""
+    cameras: Annotated[tuple[Path, ...], shown("PATH [PATH ...]", "the one of run.toml")] = ()
+    """With a grid: TOML files that say where each camera sits. The first sends under camera/depth, others under
+    camera/depth/NAME."""
+    body: str = "robot"
+    """With a grid: what is taken out of the images. robot: legs and trunk of the run's robot; none; or a box of length,
+    width and height around the base, as 0.6x0.4x0.5. With the last two states tell `standing_feet`, if any."""
+    model: Annotated[Path | None, shown("PATH", "the shipped network")] = None
+    """With a grid: ONNX file of its network."""
     recording: Annotated[Path | None, shown("PATH", "none: a running stack")] = None
-    """A RealSense recording (.bag, .db3) in place of a camera; needs --assume-level."""
+    """With a grid a run (.mcap), else a RealSense recording (.bag, .db3) in place of a camera, with --assume-level."""
     assume_level: Flag = False
     """With --recording: take the robot to stand still and level."""
     level: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(default_factory=LevelRobot)
@@ -62,8 +78,14 @@ class Serve:
             return self._serve_recording(self.recording)
         if self.run_dir is None:
             raise SaltusError("heightmap serve needs --run-dir (see saltus router), or --recording")
-        robots = ("--robots", *self.robots) if self.robots else ()
-        return serve("saltus.heightmap", self.run_dir, self.endpoint, *robots, peer=self.peer)
+        named = {
+            "--robots": self.robots, "--grid": self.grid, "--dialect": self.dialect, "--cameras": self.cameras,
+            "--body": self.body, "--model": self.model,
+        }  # fmt: skip
+        more = [
+            [flag, *map(str, value if isinstance(value, tuple) else (value,))] for flag, value in named.items() if value
+        ]
+        return serve("saltus.heightmap", self.run_dir, self.endpoint, *itertools.chain(*more), peer=self.peer)
 
     def _serve_recording(self, recording: Path) -> int:
         """Publishes depth and heightmaps of a recording at its own pace, image by image."""

@@ -34,6 +34,8 @@ class Router(RobotOption, NetworkOptions):
     """Where your camera sits, if not where the robot has its own: a TOML file. Images say their own intrinsics."""
     heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
     """ONNX file of the heightmap service: your own, where your camera sits elsewhere."""
+    grid: str = DEFAULT_GRID
+    """Points of the heights: line, of the network of one robot; scan, of any robot; or a TOML file."""
     prefix: str = RunConfig.prefix
     """Prefix of the keys."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-router")] = None
@@ -52,13 +54,15 @@ class Router(RobotOption, NetworkOptions):
         _, robot = mounted_camera(self.camera, load_robot(self.robot))
         model = None if self.heightmap_model is None else str(self.heightmap_model.absolute())
         try:  # what is wrong with it is said at once
-            HeightmapNetwork(robot, model_path("heightmap", self.heightmap_model))
+            if self.grid == DEFAULT_GRID:
+                HeightmapNetwork(robot, model_path("heightmap", self.heightmap_model))
         except ModelError as error:
             if model is not None:
                 raise
-            print(f"saltus: nothing can serve heights here: {error}", file=sys.stderr, flush=True)
+            cure = "heights of 187 points are served of any robot: saltus heightmap serve --grid scan"
+            print(f"saltus: the line cannot be served here: {error}; {cure}", file=sys.stderr, flush=True)
         config = RunConfig(
-            robot=self.robot, grid=DEFAULT_GRID, prefix=self.prefix, terrain=TerrainConfig(terrain="flat"),
+            robot=self.robot, grid=self.grid, prefix=self.prefix, terrain=TerrainConfig(terrain="flat"),
             camera=self.camera, pace="realtime",
             heightmap_model=model,
         )  # fmt: skip

@@ -42,7 +42,7 @@ def test_a_router_for_another_robot_says_that_nothing_serves_heights(
         told = capsys.readouterr().err.splitlines()
         assert len(told) == lines
         assert told[-1] == "saltus: enough"
-    assert told[0].startswith("saltus: nothing can serve heights here: ")
+    assert told[0].startswith("saltus: the line cannot be served here: ")
     assert "trains heights for the Go1 alone" in told[0]
 
 

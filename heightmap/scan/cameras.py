@@ -1,0 +1,74 @@
+"""Points of depth images in the base frame, by each camera's calibration and place."""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from saltus.arrays import Floats, Singles
+from saltus.depth import NOTHING, Intrinsics, intrinsics_of
+from saltus.robots.mount import Mount
+from saltus.wire.messages import DepthFrame
+
+PIXELS = 48 * 64
+"""Number of pixels that are read of an image, about: as many as those of training have (`FlightSettings.rows`,
+`columns`)."""
+REACH_M = 3.0
+"""Nearer ground should be seen: stereo cameras measure it (D435i datasheet: 0.3 to 3 m)."""
+FEWEST = 20
+"""Number of pixels that look at near ground below which nothing is said about them."""
+
+
+class ImagePoints(NamedTuple):
+    """The points of one image; those without depth are left out."""
+
+    points: Singles
+    """Base frame at the exposure [m], shape (n, 3)."""
+    depth: Singles
+    """Along the camera's axis [m], shape (n,)."""
+    missing: float
+    """Share without depth of those pixels that would see level ground within `REACH_M`."""
+
+
+class ScanCamera:
+    """One depth camera on a robot.
+
+    Args:
+        mount: Its pose in the base.
+        range_m: Nearest and farthest depth that is believed [m]; None: all.
+    """
+
+    def __init__(self, mount: Mount, range_m: tuple[float, float] | None = None) -> None:
+        self._position = np.asarray(mount.position, np.float32)
+        self._rotation = np.asarray(mount.rotation, np.float32)
+        self._range_m = range_m
+
+    def points(self, frame: DepthFrame, up: Floats, base_height: float) -> ImagePoints:
+        """Points of an image.
+
+        Args:
+            frame: The image; its intrinsics are its own.
+            up: The world's z axis in the base frame at the exposure, shape (3,).
+            base_height: Of the base above the ground [m], roughly.
+        """
+        rays, step = _rays(intrinsics_of(frame))
+        raw = frame.depth[step // 2 :: step, step // 2 :: step].reshape(-1)
+        depth = raw.astype(np.float32) * np.float32(frame.depth_unit_m)
+        looks = rays @ self._rotation.T  # in the base frame, for each metre of depth
+        valid = (raw > 0) & (raw < NOTHING)
+        if self._range_m is not None:
+            valid &= (depth >= self._range_m[0]) & (depth <= self._range_m[1])
+        fall = looks @ up.astype(np.float32)
+        near = fall * REACH_M < -(base_height + float(self._position @ up))
+        missing = float(np.mean(raw[near] == 0)) if np.count_nonzero(near) >= FEWEST else 0.0
+        kept = depth[valid]
+        return ImagePoints(looks[valid] * kept[:, None] + self._position, kept, missing)
+
+
+@lru_cache(maxsize=16)
+def _rays(lens: Intrinsics) -> tuple[Singles, int]:
+    """Rays of the pixels that are read, with 1 along the optical axis, shape (n, 3); and every which pixel that is."""
+    step = max(1, round((lens.width * lens.height / PIXELS) ** 0.5))
+    u, v = (np.arange(step // 2, size, step) + 0.5 for size in (lens.width, lens.height))
+    x, y = np.meshgrid((u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
+    return np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3).astype(np.float32), step

@@ -1,0 +1,253 @@
+"""The service of any grid: states and images of any depth cameras in, one heightmap with a status for every state out.
+
+No robot, camera or grid is named in it: what is known of them stands in `ScanRig`.
+"""
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from saltus.arrays import Singles
+from saltus.dialects import Dialect
+from saltus.grid import HeightGrid
+from saltus.heightmap.scan.body import NoBody, OwnBody
+from saltus.heightmap.scan.cameras import ScanCamera
+from saltus.heightmap.scan.elevation import Measurement
+from saltus.heightmap.scan.predictor import Ground, ScanNetwork, ScanPredictor
+from saltus.heightmap.scan.trail import Trail, Waypoint
+from saltus.heightmap.service.images import DEPTH, NO_FRAME, ImageWatch, worse
+from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
+from saltus.heightmap.service.sight import BAD_OUTPUTS_TO_FORGET, BLIND_INVALID_PIXELS
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
+from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
+from saltus.wire.topics import Topic
+
+WARM_IMAGES = 10
+"""Images until heights are as good as models/scan.md says: its figures are of what came after a second, in which the
+slowest cameras of training take ten."""
+FIRST = ""
+"""Name of the camera whose images come under `camera/depth` itself."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ScanRig:
+    """All that is known of a robot whose ground is asked for, and the form of the answer."""
+
+    grid: HeightGrid
+    cameras: Mapping[str, ScanCamera]
+    """By name: images of `FIRST` come under `camera/depth`, of others under `camera/depth/NAME`."""
+    dialect: str = ""
+    """Name that the observation is sent under; empty where none is wanted."""
+    spoken: Dialect | None = None
+    """Makes the observation."""
+    robot: Robot | None = None
+    """Robot whose legs say where the feet are that stand (`leg_trusted`); None: states tell `standing_feet`."""
+    body: OwnBody = field(default_factory=NoBody)
+
+
+class Worker(Protocol):
+    """Does what it is given, at once or in a thread of its own."""
+
+    def submit(self, work: "Callable[[], _Look]", /) -> "Future[_Look]":
+        """Begins with it."""
+        ...
+
+
+class AtOnce:
+    """Does what it is given before it returns."""
+
+    def submit(self, work: "Callable[[], _Look]", /) -> "Future[_Look]":
+        """See `Worker`."""
+        done: Future[_Look] = Future()
+        done.set_result(work())
+        return done
+
+
+class _Shown(NamedTuple):
+    """An image that waits to be looked at, or was."""
+
+    camera: str
+    frame: DepthFrame
+    arrival_ns: int
+    exposed: Waypoint
+
+
+class _Look(NamedTuple):
+    """Outcome of looking at some images."""
+
+    shown: list[_Shown]
+    missing: list[float]
+    """Share of pixels without depth that should have one, of each."""
+    plausible: bool
+
+
+class ScanService:
+    """Sight of one robot on any grid; one call of `step` for each robot state.
+
+    Images that have come are looked at together, moved to where the newest was taken. While a
+    `worker` looks at some, states are answered from what was known before, and the newest image of
+    each camera waits. Ages and statuses are those of `ImageWatch`, the best of all cameras; where
+    one of several is lost, heights are DEGRADED.
+    """
+
+    def __init__(self, network: ScanNetwork, rig: ScanRig, depth: Topic = DEPTH, worker: Worker | None = None) -> None:
+        self._network, self._rig, self._depth = network, rig, depth
+        self._worker: Worker = worker or AtOnce()
+        self._legs = None if rig.robot is None else LegKinematics(rig.robot)
+        self.reset()
+
+    @property
+    def last(self) -> Heightmap | None:
+        """The newest answer."""
+        return self._last
+
+    def reset(self) -> None:
+        """Forgets everything: for a robot that has started anew."""
+        self._watches = {name: ImageWatch(self._depth) for name in self._rig.cameras}
+        self._trail = Trail()
+        self._waiting: dict[str, _Shown] = {}
+        self._last: Heightmap | None = None
+        self._started_ns = 0
+        self._forget()
+
+    def new_camera(self, camera: str) -> None:
+        """Counts the images of a camera anew that has started anew; what was seen holds on."""
+        self._watches[camera].new_camera()
+
+    def step(self, state: RobotState, frames: DepthFrame | Mapping[str, DepthFrame] | None, now_ns: int) -> Heightmap:
+        """Goes on to a state; returns the heightmap at its time, an old answer for a state that has one.
+
+        Args:
+            state: Of the robot.
+            frames: Frames that have arrived since the last call, by camera, or that of the only one.
+            now_ns: The run's clock.
+        """
+        if self._last is not None and state.step <= self._last.step:
+            return self._last
+        if self._last is None:
+            self._started_ns = now_ns
+        if self._trail.add(state):
+            self._waiting.clear()
+            self._forget()
+        for watch in self._watches.values():
+            watch.begin(now_ns)
+        by_camera = {FIRST: frames} if isinstance(frames, DepthFrame) else frames or {}
+        for camera, frame in by_camera.items():
+            self._accept(camera, frame, now_ns)
+        self._look(state)
+        self._last = self._heightmap(state, self._status(state, now_ns))
+        return self._last
+
+    def _forget(self) -> None:
+        """Empties the map; what is being looked at counts no more."""
+        self._predictor = ScanPredictor(self._network)
+        self._looking: Future[_Look] | None = None
+        self._bad_outputs = 0
+
+    def _accept(self, camera: str, frame: DepthFrame, now_ns: int) -> None:
+        exposed = self._trail.at(frame.time_ns)
+        before = self._waiting.get(camera)
+        newer = before is None or frame.time_ns > before.frame.time_ns
+        if exposed is not None and newer and self._watches[camera].is_news(frame, now_ns):
+            self._waiting[camera] = _Shown(camera, frame, now_ns, exposed)
+
+    def _look(self, state: RobotState) -> None:
+        """Takes in what was seen, and looks at what has come; at once where nobody else does it."""
+        self._take_in()
+        if self._looking is None and self._waiting:
+            shown = sorted(self._waiting.values(), key=lambda each: each.frame.time_ns)
+            self._waiting.clear()
+            predictor, feet, now = self._predictor, self._feet(state), self._trail.now
+            self._looking = self._worker.submit(lambda: self._seen(predictor, shown, feet, now, state))
+            self._take_in()
+
+    def _take_in(self) -> None:
+        if self._looking is None or not self._looking.done():
+            return
+        look, self._looking = self._looking.result(), None
+        for shown, missing in zip(look.shown, look.missing, strict=True):
+            used = missing <= BLIND_INVALID_PIXELS and look.plausible
+            self._watches[shown.camera].take(shown.frame, missing, shown.arrival_ns, used=used)
+        self._bad_outputs = 0 if look.plausible else self._bad_outputs + 1
+        if self._bad_outputs >= BAD_OUTPUTS_TO_FORGET:
+            self._forget()
+
+    def _seen(
+        self, predictor: ScanPredictor, shown: list[_Shown], feet: Singles, now: Waypoint, state: RobotState
+    ) -> _Look:
+        """Looks at images with a robot's map; changes nothing else."""
+        newest, points, depths, missing = shown[-1].exposed, [], [], []
+        height = _body_height(self._rig.robot, state)
+        for each in shown:
+            there = each.exposed
+            found = self._rig.cameras[each.camera].points(each.frame, there.rotation[2], height)
+            kept = ~self._rig.body.holds(found.points, there.joint_position)
+            turn = (newest.rotation.T @ there.rotation).astype(np.float32)
+            away = (newest.rotation.T @ (there.position - newest.position)).astype(np.float32)
+            missing.append(found.missing)
+            if found.missing <= BLIND_INVALID_PIXELS:
+                points.append(found.points[kept] @ turn.T + away)
+                depths.append(found.depth[kept])
+        if not points:
+            return _Look(shown, missing, plausible=True)
+        measured = Measurement(
+            points=np.concatenate(points)[None], depth=np.concatenate(depths)[None], exposed=newest.pose,
+            now=now.pose, feet=feet[None], standing=np.ones((1, len(feet)), np.bool_),
+            body_height=np.full(1, height, np.float32), exposed_s=np.full(1, self._time_s(newest.time_ns), np.float32),
+        )  # fmt: skip
+        return _Look(shown, missing, plausible=predictor.see(measured, self._time_s(now.time_ns)))
+
+    def _feet(self, state: RobotState) -> Singles:
+        """Ground under the feet that surely stand, base frame [m], shape (n, 3)."""
+        told = np.asarray(state.standing_feet, np.float32)
+        if self._legs is None or self._rig.robot is None:
+            return told
+        centres = self._legs.position(np.asarray(state.joint_position, np.float64))[np.asarray(state.leg_trusted)]
+        under = centres - self._rig.robot.foot_radius * self._trail.now.rotation[2]
+        return np.concatenate([under.astype(np.float32), told])
+
+    def _time_s(self, time_ns: int) -> float:
+        """A time on the clock of the map, which begins where the service did: single precision holds it for days."""
+        return 1e-9 * (time_ns - self._started_ns)
+
+    def _status(self, state: RobotState, now_ns: int) -> HeightmapStatus:
+        warm = self._predictor.images >= WARM_IMAGES
+        found = [watch.status(state.time_ns, now_ns, warm=warm) for watch in self._watches.values()]
+        worst = best = found[0]
+        for status in found[1:]:
+            worst = worse(worst, status)
+            best = best if worse(best, status) == status else status
+        status = best if best == worst else worse(best, HeightmapStatus.DEGRADED)
+        return worse(status, HeightmapStatus.DEGRADED) if self._bad_outputs else status
+
+    def _heightmap(self, state: RobotState, status: HeightmapStatus) -> Heightmap:
+        rig, grid = self._rig, self._rig.grid
+        views = [watch.view for watch in self._watches.values() if watch.view is not None]
+        newest = max(views, key=lambda view: view.time_ns, default=None)
+        ground = self._ground(state)
+        age_s = self._time_s(state.time_ns) - ground.seen_s
+        return Heightmap(
+            time_ns=state.time_ns, step=state.step, x=np.array(grid.x), y=np.array(grid.y), height=ground.height,
+            half_width_90=ground.half_width, status=status,
+            depth_age_s=np.inf if newest is None else 1e-9 * (state.time_ns - newest.time_ns),
+            frame_id=NO_FRAME if newest is None else newest.frame_id, model_id=self._network.model_id,
+            seen_share=float(np.mean(np.isfinite(age_s))), age_s=age_s.clip(0.0), dialect=rig.dialect,
+            observation=np.zeros(0) if rig.spoken is None else rig.spoken.observation(ground.height, grid),
+        )  # fmt: skip
+
+    def _ground(self, state: RobotState) -> Ground:
+        """The answer of the map; level ground that nobody knows before the first image."""
+        grid, now = self._rig.grid, self._trail.now
+        if not self._predictor.images:
+            level = np.full(grid.size, -_body_height(self._rig.robot, state))
+            return Ground(level, np.full(grid.size, UNKNOWN_HALF_WIDTH_M), np.full(grid.size, -np.inf))
+        return self._predictor.ground(now.pose, float(np.arctan2(now.rotation[1, 0], now.rotation[0, 0])), grid)
+
+
+def _body_height(robot: Robot | None, state: RobotState) -> float:
+    """About how high above the ground the base is when the robot stands [m]."""
+    return float(state.base_height) if robot is None else robot.stand_height
