@@ -17,16 +17,18 @@ from numpy.typing import NDArray
 
 from benchmarks._command import Command
 from benchmarks._measuring import Stopwatch
-from saltus.controller.estimator import Estimator
+from saltus.controller.braking import BrakingState
 from saltus.controller.law import LegController
 from saltus.controller.signals import Reference, observe, reference_of
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
+from saltus.controller.tick import CompiledTick, Tick
 from saltus.plan import Plan
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.states import RobotStates
+from saltus.wire.messages import ControllerMode
 
 try:
     import quadprog
@@ -42,7 +44,7 @@ class Benchmark(Command):
     problems: int = 1000
     """Random stances whose forces are computed."""
     ticks: int = 5000
-    """Steps of the leg controller of one robot."""
+    """Ticks of the control loop of one robot."""
     robots: int = 1024
     """Number of robots whose controllers make one step together."""
 
@@ -73,18 +75,24 @@ class Benchmark(Command):
         return {"worst_difference_n": worst, "build": build.percentiles(), "solve": solve.percentiles()}
 
     def _law(self, rng: np.random.Generator) -> dict[str, Any]:
-        """The whole step of one robot, of a batch, and the estimator beside it."""
-        controller, estimator = LegController(ROBOT), Estimator(ROBOT)
+        """A tick of one robot, on numpy and compiled in turns, and of a batch."""
+        ticks = {"numpy": Tick(ROBOT), "compiled": CompiledTick(ROBOT)}
         plans, robots = random_robots(rng, (self.ticks,))
-        state, estimate = controller.init((), ROBOT.stand_pose), estimator.init((), ROBOT.stand_pose)
-        one, filtering = Stopwatch(), Stopwatch()
+        law, estimate = (
+            ticks["numpy"].law.init((), ROBOT.stand_pose),
+            ticks["numpy"].estimator.init((), ROBOT.stand_pose),
+        )
+        law, ground = replace(law, mode=ControllerMode.RUN), BrakingState(foothold=law.liftoff)
+        sensing, acting = {name: Stopwatch() for name in ticks}, {name: Stopwatch() for name in ticks}
         for k in range(self.ticks):
-            sensed = row(robots, k)
-            _, state, diagnostics = one(controller.step, row(plans, k), sensed, state)
-            estimate = filtering(estimator.step, sensed, diagnostics.gait.trusted, estimate)
+            plan, sensed = row(plans, k), row(robots, k)
+            for name, tick in ticks.items():
+                sensed_now = sensing[name](tick.sense, sensed, sensed.leg_trusted, estimate)
+                acted = acting[name](tick.act, plan, sensed, law, ground, ControllerMode.RUN)
+            law, ground, estimate = acted.law, acted.ground, sensed_now.estimate
         return {
-            "law_step": one.percentiles(),
-            "estimator_step": filtering.percentiles(),
+            "sense": {name: watch.percentiles() for name, watch in sensing.items()},
+            "act": {name: watch.percentiles() for name, watch in acting.items()},
             "batch": {"robots": self.robots, "cpu_us_per_robot": round(self._batch_us(rng), 1)},
         }
 

@@ -7,12 +7,12 @@ from dataclasses import asdict
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.compensation import compensation_for
 from saltus.controller.course import Course, CourseState
-from saltus.controller.law import LegController
 from saltus.controller.lockstep import Lockstep
 from saltus.controller.loop import ControlLoop
 from saltus.controller.plans import Plans
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.shove import Shove
+from saltus.controller.tick import CompiledTick, Tick
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import Ticker
 from saltus.tuning import freeze
@@ -51,7 +51,8 @@ class ControllerRun:
         self._robot = robot
         kind = context.setup.robot
         compensation = compensation_for(context.config.known, kind)
-        self._loop = ControlLoop(kind, LegController(kind, compensation=compensation))
+        lockstep = context.config.pace == "lockstep"  # nobody is late there: the reference itself, to the bit
+        self._loop = ControlLoop(kind, (Tick if lockstep else CompiledTick)(kind, compensation))
         self._course = Course(robot.terrain, context.config.time_limit_s)
         self._progress = CourseState(outcome=None, halt=False, over=False)
         self._plans = Plans(context)

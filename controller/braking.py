@@ -7,10 +7,11 @@ the ground is taken to be the plane through the places where its feet last stood
 """
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT
-from saltus.controller.gait import GaitConfig
+from saltus.controller.gait import GaitConfig, GaitSignal
 from saltus.controller.law import Diagnostics
 from saltus.controller.signals import Reference, reference_of
 from saltus.plan import Plan, swing_lift
@@ -75,6 +76,34 @@ class BrakingState:
     """
 
 
+class Motion(Protocol):
+    """How the body moves; `saltus.controller.signals.Body` says so, and more."""
+
+    @property
+    def pitch(self) -> Array:
+        """[rad], shape (...)."""
+
+    @property
+    def velocity(self) -> Array:
+        """Yaw frame [m/s], shape (..., 3)."""
+
+    @property
+    def angular_velocity(self) -> Array:
+        """Yaw frame [rad/s], shape (..., 3)."""
+
+
+class LastTick(Protocol):
+    """Parts of the last tick that a braking plan follows from; `Diagnostics` has them."""
+
+    @property
+    def body(self) -> Motion:
+        """The robot."""
+
+    @property
+    def gait(self) -> GaitSignal:
+        """Its schedule."""
+
+
 class Braking:
     """Makes plans that brake; for any leading batch dimensions."""
 
@@ -105,23 +134,23 @@ class Braking:
         moved = state.foothold - body.velocity[..., None, :] * PHYSICS_DT
         return BrakingState(foothold=xp.where(diagnostics.gait.trusted[..., None], body.foot_yaw, moved))
 
-    def is_slow(self, diagnostics: Diagnostics) -> Array:
+    def is_slow(self, last: LastTick) -> Array:
         """True where sprung legs can catch the body. Bool, shape (...)."""
-        body = diagnostics.body
+        body = last.body
         x, y, hips = body.velocity[..., 0], body.velocity[..., 1], self._hip_x[_FRONT] * body.angular_velocity[..., 1]
         return x * x + y * y + hips * hips < self.config.slow_mps**2
 
-    def reference(self, diagnostics: Diagnostics, base_height: Array, heading: Array, state: BrakingState) -> Reference:
+    def reference(self, last: LastTick, base_height: Array, heading: Array, state: BrakingState) -> Reference:
         """The reference of the braking plan.
 
         Args:
-            diagnostics: of the last tick.
+            last: Its tick.
             base_height: over the feet in stance [m], shape (...).
             heading: yaw to hold [rad], shape (...).
             state: the ground.
         """
         xp = namespace(base_height)
-        config, body, contact = self.config, diagnostics.body, diagnostics.gait.contact
+        config, body, contact = self.config, last.body, last.gait.contact
         slope = self._slope(state)
         front = contact[..., _FRONT]
         zero = xp.zeros_like(slope)
@@ -134,8 +163,8 @@ class Braking:
             velocity_x=zero,
             velocity_z=config.height_gain * (config.height_m - height) + config.climb_gain * slope * forward,
             pitch_rate=push - config.pitch_gain * (body.pitch + slope),  # nose down is positive
-            foot_residual_front=self._residual(diagnostics, base_height, slope, state, _FRONT, 0.0),
-            foot_residual_rear=self._residual(diagnostics, base_height, slope, state, _REAR, config.rear_reach_m),
+            foot_residual_front=self._residual(last, base_height, slope, state, _FRONT, 0.0),
+            foot_residual_rear=self._residual(last, base_height, slope, state, _REAR, config.rear_reach_m),
         )
         return reference_of(plan, heading)
 
@@ -153,12 +182,12 @@ class Braking:
         return xp.clip(ahead[..., 2] / xp.clip(ahead[..., 0], self._shortest_base, None), -limit, limit)
 
     def _residual(
-        self, diagnostics: Diagnostics, base_height: Array, slope: Array, state: BrakingState, leg: int, shift: float
+        self, last: LastTick, base_height: Array, slope: Array, state: BrakingState, leg: int, shift: float
     ) -> Array:
         """Residual of one pair of feet, shape (..., 3)."""
         xp = namespace(slope)
-        config, swing = self.config, diagnostics.gait.progress[..., leg]
-        forward = diagnostics.body.velocity[..., 0]
+        config, swing = self.config, last.gait.progress[..., leg]
+        forward = last.body.velocity[..., 0]
         period = 1.0 / config.stepping_frequency_hz
         limit = self._landing_limit
         step = xp.clip(forward * (0.5 * (1.0 - self._swing_ratio) * period), -limit, limit)

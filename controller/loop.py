@@ -1,23 +1,21 @@
 """The 500 Hz loop of one robot as a pure class: sense, decide, act. It knows no bus and no clock."""
 
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
 from saltus.constants import PHYSICS_DT
-from saltus.controller.braking import Braking
-from saltus.controller.estimator import Estimator
 from saltus.controller.gait import GaitSignal, standing
-from saltus.controller.law import Diagnostics, LegController
 from saltus.controller.robot.backend import Reading
 from saltus.controller.signals import Reference, reference_of
+from saltus.controller.tick import Acting, Tick
 from saltus.controller.watchdog import WatchdogConfig, WatchdogInput, WatchdogState, watch
 from saltus.errors import SaltusError
 from saltus.joint_command import JointCommand
 from saltus.plan import REST, plan_message, plan_of
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
-from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.states import RobotStates, state_message, states_of
 from saltus.wire.messages import ControllerMode, JointLog, MotionPlan, PlanStatus, RobotState
 
@@ -37,21 +35,18 @@ class ControlLoop:
     def __init__(
         self,
         robot: Robot,
-        law: LegController | None = None,
-        estimator: Estimator | None = None,
+        tick: Tick | None = None,
         watchdog: WatchdogConfig | None = None,
     ) -> None:
-        self._law = law or LegController(robot)
-        self._estimator = estimator or Estimator(robot)
+        self._tick = tick or Tick(robot)
         self._watchdog = watchdog or WatchdogConfig()
-        self._estimate = self._estimator.init((), robot.stand_pose)
-        self._law_state = self._law.init((), robot.stand_pose)
+        self._estimate = self._tick.estimator.init((), robot.stand_pose)
+        self._law_state = self._tick.law.init((), robot.stand_pose)
         self._watch = WatchdogState()
         self._gait: GaitSignal = standing((), robot.stand_pose)
-        self._settled = False
-        self._braking = Braking(robot)
-        self._ground = self._braking.init(LegKinematics(robot).position(robot.stand_pose))
-        self._diagnostics: Diagnostics | None = None
+        self._settled = self._finite = False
+        self._ground = self._tick.braking.init(LegKinematics(robot).position(robot.stand_pose))
+        self._last: Acting | None = None
         self._caught = False
         self._ticks = 0
         self._reading: Reading | None = None
@@ -68,12 +63,12 @@ class ControlLoop:
     def sense(self, reading: Reading) -> None:
         """Takes in what the robot measures now. The yaw of the first reading is the heading that it will hold."""
         measured = reading.measurement
-        roll, pitch, yaw = roll_pitch_yaw(rotation_matrix(measured.quaternion_base_in_world))
+        sensing = self._tick.sense(measured, self._gait.trusted, self._estimate)
         if self._reading is None:
-            self._heading = float(yaw)
+            self._heading = float(sensing.yaw)
         self._reading = reading
-        self._attitude = (float(roll), float(pitch))
-        self._estimate = self._estimator.step(measured, self._gait.trusted, self._estimate)
+        self._attitude = (float(sensing.roll), float(sensing.pitch))
+        self._estimate, self._finite = sensing.estimate, isfinite(sensing.total)
 
     def act(self, plan: MotionPlan | None, plan_age_s: float) -> JointCommand:
         """Decides the mode and computes the command; before the first plan there is none, and its age is infinite."""
@@ -85,7 +80,7 @@ class ControlLoop:
                 plan_status=PlanStatus.STAND if plan is None else plan.status,
                 roll=self._attitude[0],
                 pitch=self._attitude[1],
-                finite=_all_finite(reading) and bool(np.isfinite(self._estimate.mean).all()),
+                finite=self._finite,
                 settled=self._settled,
                 may_start=self._ticks * PHYSICS_DT >= FIRST_STAND_S,
             ),
@@ -143,35 +138,22 @@ class ControlLoop:
 
     def _step_law(self, reference: Reference) -> JointCommand:
         mode, reference = self._own_reference(reference)
-        command, self._law_state, diagnostics = self._law.step(reference, self._states(), self._law_state, mode)
-        self._diagnostics, self._ground = diagnostics, self._braking.observe(diagnostics, self._ground)
-        self._gait = diagnostics.gait
-        self._settled = bool(self._law.settled(self._law_state, diagnostics))
-        return command
+        acting = self._tick.act(reference, self._states(), self._law_state, self._ground, mode)
+        self._law_state, self._ground, self._last = acting.law, acting.ground, acting
+        self._gait, self._settled = acting.gait, bool(acting.settled)
+        return acting.command
 
     def _own_reference(self, reference: Reference) -> tuple[ControllerMode, Reference]:
         """Returns what the law is to do: while plans are late and until the robot is slow it bounds on and brakes."""
-        last = self._diagnostics
+        last = self._last
         if last is None or self.mode not in (ControllerMode.COAST, ControllerMode.LANDING):
             self._caught = False
             return self.mode, reference
-        self._caught = self.mode == ControllerMode.LANDING and (self._caught or bool(self._braking.is_slow(last)))
+        self._caught = self.mode == ControllerMode.LANDING and (self._caught or bool(self._tick.braking.is_slow(last)))
         if self._caught:
-            return ControllerMode.LANDING, self._braking.catching(reference, self._ground)
+            return ControllerMode.LANDING, self._tick.braking.catching(reference, self._ground)
         height = np.asarray(self._estimate.base_height)
-        return ControllerMode.COAST, self._braking.reference(last, height, np.asarray(self._heading), self._ground)
+        return ControllerMode.COAST, self._tick.braking.reference(last, height, np.asarray(self._heading), self._ground)
 
 
 _NO_PLAN = plan_message(REST, PlanStatus.STAND, reason="no plan yet")
-
-
-def _all_finite(reading: Reading) -> bool:
-    measured = reading.measurement
-    total = (
-        measured.joint_position.sum()
-        + measured.joint_velocity.sum()
-        + measured.acceleration_base.sum()
-        + measured.angular_velocity_base.sum()
-        + measured.quaternion_base_in_world.sum()
-    )
-    return bool(np.isfinite(total))
