@@ -1,10 +1,8 @@
-"""Cost of a run's being watched: ages of its messages with and without a page that somebody looks at, or Foxglove.
+"""Cost of a run's being watched: ages of its messages with and without a page that somebody looks at.
 
 saltus bench watch -- --runs 3 --speed 0.5
-saltus bench watch -- --runs 3 --speed 0.5 --foxglove
 """
 
-import json
 import multiprocessing
 import os
 import re
@@ -26,8 +24,6 @@ from websockets.typing import Subprotocol
 
 from benchmarks._command import Command, progress, tell
 from saltus.config import RunConfig, TerrainConfig
-from saltus.flags import Flag
-from saltus.recordings import viewer
 from saltus.recordings.recording import rates_and_ages, read_recording
 from saltus.runtime.stack import Stack
 
@@ -47,8 +43,6 @@ class Benchmark(Command):
     """Speed in parts of real time."""
     terrain: str = "flat"
     """Terrain that the robot crosses."""
-    foxglove: Flag = False
-    """With Foxglove's connection in place of a page, and all derived channels, of which its layout shows most."""
 
     def measure(self) -> dict[str, Any]:
         """Ages, and by what factor they are longer in a run that is watched than in the one next to it."""
@@ -80,7 +74,7 @@ class Benchmark(Command):
             speed=self.speed,
             camera="d435i",
         )
-        page_of_run = WatchedPage(run_dir, foxglove=self.foxglove) if watched else nullcontext()
+        page_of_run = WatchedPage(run_dir) if watched else nullcontext()
         with page_of_run as page, Stack(config, run_dir) as stack:
             if page is not None:
                 page.begin()
@@ -102,27 +96,25 @@ def _compared(ages: dict[bool, list[dict[str, tuple[float, float]]]], topic: str
 class WatchedPage:
     """`saltus watch` and a reader that draws nothing, each in a process of its own."""
 
-    def __init__(self, run_dir: Path, *, foxglove: bool) -> None:
+    def __init__(self, run_dir: Path) -> None:
         command = [sys.executable, "-P", "-m", "saltus.cli.main", "watch", str(run_dir), "--port", "0"]
         self._server = subprocess.Popen(
-            [*command, *(["--foxglove"] if foxglove else [])],
+            command,
             stdout=subprocess.PIPE,
             text=True,
             encoding="utf-8",
         )
         assert self._server.stdout is not None
-        found = re.search(r"(http|ws)://\S+", self._server.stdout.readline())
+        found = re.search(r"http://\S+", self._server.stdout.readline())
         assert found is not None
         spawn = multiprocessing.get_context("spawn")
         self._count = spawn.Value("q", 0)
-        self._waits_for_messages = not foxglove  # which has none before the run begins
-        reader = read_derived if foxglove else read
-        self._reader = spawn.Process(target=reader, args=(found[0], self._count), daemon=True)
+        self._reader = spawn.Process(target=read, args=(found[0], self._count), daemon=True)
         self._reader.start()
         self._begun = (0.0, 0, 0.0)
 
     def __enter__(self) -> "WatchedPage":
-        while self._waits_for_messages and self._count.value == 0:
+        while self._count.value == 0:
             time.sleep(0.05)
         return self
 
@@ -158,21 +150,5 @@ def read(address: str, count: Any) -> None:
             while True:
                 link.recv()
                 count.value += 1
-        except ConnectionClosed:
-            return
-
-
-def read_derived(address: str, count: Any) -> None:
-    """Subscribes to the derived channels of Foxglove's connection and counts the messages."""
-    with connect(address, subprotocols=[Subprotocol("foxglove.sdk.v1")], max_size=None) as link:
-        try:
-            while True:
-                frame = link.recv()
-                if isinstance(frame, bytes):
-                    count.value += 1
-                elif json.loads(frame)["op"] == "advertise":
-                    channels = [c for c in json.loads(frame)["channels"] if c["topic"] in viewer.TOPICS]
-                    wanted = [{"id": channel["id"], "channelId": channel["id"]} for channel in channels]
-                    link.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
         except ConnectionClosed:
             return

@@ -157,7 +157,7 @@ def _derived() -> list[str]:
     numbers = [f"| `{name}` | {kind} | {meaning} |" for kind, name, meaning in viewer.NUMBERS]
     return [
         "## Derived for viewers",
-        "Recordings hold these too, and `saltus watch --foxglove` serves them; they are not on the bus. Made by "
+        "Recordings hold these too; they are not on the bus. Made by "
         "`saltus/recordings/viewer.py`, in ROS 2's own types. 20 Hz where the table says nothing else.",
         "| topic | type | what |\n|---|---|---|\n" + "\n".join(rows),
         f"Fields of `{viewer.NUMBERS_TYPE}` after its header; NaN where nobody knows, 255 for a status that nobody has "

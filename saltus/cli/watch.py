@@ -13,13 +13,11 @@ from typing import Annotated
 import tyro
 
 from saltus.errors import SaltusError
-from saltus.flags import Flag, shown
+from saltus.flags import shown
 from saltus.tuning import stand_back
 
 PORT = 8080
-FOXGLOVE_PORT = 8765  # of its apps
 VISER = "pip install 'saltus[watch]'"
-FOXGLOVE = "pip install 'saltus[foxglove]'"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +29,6 @@ class Watch:
       saltus watch runs/one
       saltus watch runs/one/recording.mcap runs/two/recording.mcap
       saltus watch runs/fleet --robots robot/0 robot/1
-      saltus watch --foxglove runs/one
     """
 
     runs: Annotated[tyro.conf.Positional[tuple[Path, ...]], shown("PATH", "none, start one on the page")] = ()
@@ -39,17 +36,13 @@ class Watch:
     beside each other."""
     robots: Annotated[tuple[str, ...], shown("PREFIX", "the one that each folder names")] = ()
     """Prefixes of the robots' keys, where several share the router of one folder."""
-    port: Annotated[int | None, shown("INT", f"{PORT}, the next free one where it is taken; {FOXGLOVE_PORT}")] = None
-    """Port of the page, or of Foxglove's connection, on this machine only."""
-    foxglove: Flag = False
-    """Serve one run or recording to Foxglove in place of a page."""
+    port: Annotated[int | None, shown("INT", f"{PORT}, the next free one where it is taken")] = None
+    """Port of the page, on this machine only."""
 
     def run(self) -> int:
         """Prints the address, and keeps the page up to date until Ctrl-C."""
         if self.port is not None and not 0 <= self.port < 65536:
             raise SaltusError(f"port = {self.port}: it must be from 0 (any that is free) to 65535")
-        if self.foxglove:
-            return self._serve_foxglove()
         ask_for_viser()
         if self.robots and len(self.runs) != 1:
             raise SaltusError(f"--robots names robots of one folder, and {len(self.runs)} are given")
@@ -71,27 +64,6 @@ class Watch:
             finally:
                 watcher.close()
                 server.stop()
-        return 0
-
-    def _serve_foxglove(self) -> int:
-        if importlib.util.find_spec("foxglove") is None:
-            raise SaltusError("--foxglove needs the package 'foxglove-sdk', which is not installed: " + FOXGLOVE)
-        if len(self.runs) != 1 or len(self.robots) > 1:
-            raise SaltusError("--foxglove shows one robot: name one run or recording, and one of its --robots")
-        from saltus.watch.foxglove import LAYOUT, Studio
-        from saltus.watch.source import Source
-
-        source = Source(self.runs[0], *self.robots)
-        stand_back()
-        studio = Studio(source, FOXGLOVE_PORT if self.port is None else self.port)
-        tell_of_no_run(self.runs)
-        print(f"open the connection {studio.address} in Foxglove, and import the layout {LAYOUT}")
-        print("every program and web page on this machine can read it; Ctrl-C ends it", flush=True)
-        try:
-            studio.run()
-            print(f"the run has ended; its recording: saltus watch --foxglove {self.runs[0]}")
-        finally:
-            studio.close()
         return 0
 
 

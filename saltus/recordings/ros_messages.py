@@ -1,4 +1,4 @@
-"""Messages in ROS 2's own types, made of ours: what viewers of recordings and of live runs read, and other robots."""
+"""Messages in ROS 2's own types, made of ours: what viewers of recordings read, and other robots."""
 
 import math
 from collections.abc import Sequence

@@ -1,9 +1,9 @@
-"""Derived messages in ROS 2's own types, so that a viewer shows a recording or a live run at once.
+"""Derived messages in ROS 2's own types, so that a viewer shows a recording at once.
 
-`TOPICS` is the table of them. They hold nothing that the messages on the bus and the metadata do not: recorder and live
-server make them by these same lines. Where no simulator says the truth, the robot stands at the origin, as IMU and
-estimated height have it. An image was taken at a time at which there is a transform, so that each of its points has a
-place in the world.
+`TOPICS` is the table of them. They hold nothing that the messages on the bus and the metadata do
+not. Where no simulator says the truth, the robot stands at the origin, as IMU and estimated height
+have it. An image was taken at a time at which there is a transform, so that each of its points has
+a place in the world.
 """
 
 import math

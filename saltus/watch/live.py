@@ -53,16 +53,7 @@ class LiveRun:
         """True where the run still answers."""
         return self._bus.connected()
 
-    def hear(self) -> list[Arrival]:
-        """Messages since the last call."""
-        arrivals = [arrival for raw in self._onlooker.drain() if (arrival := self._arrival(raw)) is not None]
-        self._arrivals.extend(arrivals)
-        now_ns = self.now_ns()
-        while self._arrivals and self._arrivals[0].arrival_ns <= now_ns - LOOK_BACK_NS:
-            self._arrivals.popleft()
-        return arrivals
-
-    def now_ns(self) -> int:
+    def _now_ns(self) -> int:
         """Until which moment of the run's clock it has heard what was said [ns]; in lockstep the newest step."""
         if self._clock.lockstep:
             return self._simulated_ns
@@ -70,12 +61,15 @@ class LiveRun:
 
     def now(self) -> Scene:
         """The scene of this moment; in lockstep of the newest step."""
-        self.hear()
-        return self._maker.make(self._arrivals, self.now_ns(), tuple(self._events))
+        self._arrivals.extend(a for raw in self._onlooker.drain() if (a := self._arrival(raw)) is not None)
+        now_ns = self._now_ns()
+        while self._arrivals and self._arrivals[0].arrival_ns <= now_ns - LOOK_BACK_NS:
+            self._arrivals.popleft()
+        return self._maker.make(self._arrivals, now_ns, tuple(self._events))
 
     def ask(self, code: str, detail: str = "") -> None:
         """Says as the operator what shall be done, see `saltus.runtime.stack`."""
-        self._operator.put(Event(time_ns=self.now_ns(), process=OPERATOR, code=code, detail=detail))
+        self._operator.put(Event(time_ns=self._now_ns(), process=OPERATOR, code=code, detail=detail))
 
     def _arrival(self, raw: RawSample) -> Arrival | None:
         topic = topic_of(raw.key)

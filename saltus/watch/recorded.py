@@ -1,10 +1,9 @@
 """A recorded run, any moment of it."""
 
 from bisect import bisect_right
-from collections.abc import Iterator
 from pathlib import Path
 
-from saltus.recordings.recording import Arrival, Recording, read_recording
+from saltus.recordings.recording import Recording, read_recording
 from saltus.watch.scene import LOOK_BACK_NS, Scene, SceneMaker, World
 from saltus.wire.messages import DepthFrame, Event, GroundTruth, Heightmap, MotionPlan, ProcessStatus, RobotState
 from saltus.wire.topics import TOPICS
@@ -26,9 +25,7 @@ class RecordedRun:
             if topic.message in DRAWN:
                 next(recording.messages(name), None)  # refuses fields of another version
         self._recording = recording
-        self.span_ns = recording.span_ns
-        """Arrival of the first and of the last message, in the run's clock [ns]."""
-        self._start_ns, end_ns = self.span_ns
+        self._start_ns, end_ns = recording.span_ns
         self.duration_s = 1e-9 * (end_ns - self._start_ns)
         """From the first message to the last [s]."""
         self.world = World(
@@ -41,10 +38,6 @@ class RecordedRun:
         self._maker = SceneMaker(self.world)
         found = [(ns, event) for ns, _, event in recording.messages("event") if isinstance(event, Event)]
         self._event_ns, self._events = [ns for ns, _ in found], tuple(event for _, event in found)
-
-    def arrivals(self, after_ns: int, until_ns: int) -> Iterator[Arrival]:
-        """Messages after one time and until another, in the run's clock."""
-        return self._recording.arrivals(after_ns, until_ns)
 
     def at(self, time_s: float) -> Scene:
         """The scene so long after the first message [s]."""
