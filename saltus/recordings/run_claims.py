@@ -8,6 +8,7 @@ from typing import Any
 
 from saltus.errors import RecordingError
 from saltus.recordings.units import stated_units
+from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import shipped_robots
 
@@ -51,8 +52,12 @@ SIZE: Range = (1e-6, 1e5, "m")
 
 
 def claim_of(robot: Robot) -> str:
-    """Claim of meta.json about a robot: its name, or its model beside it where Saltus does not ship it."""
-    return robot.name if robot.name in shipped_robots() else f"{robot.name}.xml"
+    """Claim of meta.json about a robot: its name where Saltus ships it, else its model beside meta.json.
+
+    A robot of one's own that has a shipped one's name is that one only with the same model, wherever its camera sits.
+    """
+    is_shipped = robot.name in shipped_robots() and robot.mjcf == load_robot(robot.name).mjcf
+    return robot.name if is_shipped else f"{robot.name}.xml"
 
 
 def check_claims(meta: dict[str, Any]) -> None:

@@ -29,7 +29,6 @@ from saltus.recordings.columns import read_archive, read_parquet, read_text
 from saltus.recordings.run_claims import check_claims, claim_of
 from saltus.recordings.units import FARTHEST_MM, in_si, stated_units
 from saltus.robots.robot import LEGS, Robot
-from saltus.robots.shipped import shipped_robots
 
 AXES = ("x", "y", "z")
 QUATERNION = ("qw", "qx", "qy", "qz")
@@ -149,8 +148,8 @@ def write_run_log(log: RunLog, directory: Path, robot: Robot | None = None) -> N
                 _write(directory / f"{name}.csv", names, table)
         if log.depth is not None:
             _write_depth(directory / "depth.npz", log.depth)
-        if robot is not None and robot.name not in shipped_robots():
-            (directory / claim_of(robot)).write_text(robot.mjcf, encoding="utf-8")
+        if robot is not None and (claim := claim_of(robot)) != robot.name:
+            (directory / claim).write_text(robot.mjcf, encoding="utf-8")
         # last: without it a folder is no run log, so that one that could not be finished is not taken for one
         (directory / "meta.json").write_text(json.dumps(log.meta, indent=2), encoding="utf-8")
     except OSError as error:

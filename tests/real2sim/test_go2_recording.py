@@ -1,6 +1,5 @@
 """The recording of a real Go2, a table that holds one of every few states, becomes a log of each leg."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +43,8 @@ def go2(tmp_path: Path) -> Robot:
     (tmp_path / "go2" / "go2.xml").write_text(f"""<mujoco><worldbody><body name="base"><freejoint/>
       <inertial pos="0 0 0" mass="6.9" diaginertia="0.02 0.1 0.1"/> <geom type="box" size="0.19 0.05 0.06"/>
       {legs}</body></worldbody></mujoco>""")
-    shutil.copy(GO2 / "robot.toml", tmp_path / "go2")
+    rotors = "reduction = [6.33, 6.33, 12.13461]\narmature = [0.0044797, 0.0044797, 0.0164624]\n"
+    (tmp_path / "go2" / "robot.toml").write_text(rotors)
     return load_robot(str(tmp_path / "go2"))
 
 
@@ -102,6 +102,7 @@ def test_every_leg_has_a_log_without_what_its_end_stop_disturbs(go2: Robot, tmp_
         assert all(segment.end_s - segment.start_s >= 1.0 for segment in segments_of(log))
         assert log.joints.q[:, 2].max() <= -0.93
         assert log.joints.dq is not None
+        assert Path(log.meta["robot"]).name == "go2.xml"  # not the shipped one, of which it has the name
         model = (path / "go2.xml").read_text()
         assert not any(word in model for word in ("damping", "frictionloss"))
         bare = load_robot(str(path / "go2.xml"))
