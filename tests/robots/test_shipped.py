@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from saltus.constants import GRAVITY
+from saltus.effects.motor_limits import TorqueSpeedLimit
 from saltus.effects.profile import load_profile
 from saltus.effects.signals import Drive
-from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.joint_command import JointCommand
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import derive_robot, load_robot
