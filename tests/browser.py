@@ -22,7 +22,7 @@ FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader", "--hide-scrollbars", "--remote-debugging-port=0", "--no-first-run",
 )  # fmt: skip
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 TEN_FRAMES = "new Promise(done => { let left = 10; const f = () => left-- ? requestAnimationFrame(f) : done(); f(); })"
 CODES = {"End": 35, "Home": 36}
 

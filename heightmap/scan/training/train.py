@@ -30,9 +30,9 @@ GROUPS = 4
 """Flights of so many groups of robots begin one after the other, so that every batch has young and old maps."""
 WARM_UP = 0.03
 """Share of a training in which its rate grows."""
-MOMENTA = (0.9, 0.98)
+MOMENTA = (0.9, 0.99)
 """Of Adam: with the usual 0.999 one rare gradient moves every weight by up to 30 learning rates and
-then slows all of them for thousands of updates; two of three trainings from nothing ended so."""
+then slows all of them for thousands of updates."""
 NEAR_M = 1.0
 """Cells that are farther than this from the base count half."""
 UNSEEN = 0.5
