@@ -10,6 +10,7 @@ the steadier figure on a shared machine; cores over it are the frames per second
     saltus bench render -- --backend warp --seconds 2
 """
 
+import contextlib
 import itertools
 import time
 from collections.abc import Callable, Iterator
@@ -24,7 +25,8 @@ from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, model_image, sampled_model_camera
 from saltus.effects.effect import map_arrays
-from saltus.render.backends import make_renderer, make_stereo, present
+from saltus.errors import SaltusError
+from saltus.render.backends import NAMES, has_driver, make_renderer, make_stereo
 from saltus.render.camera import RobotCamera
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
@@ -46,6 +48,18 @@ WARMING = 3  # calls: what is compiled and cached is there
 SETTLING = 8  # calls
 
 Poses = tuple[Any, Any, Any]
+
+
+def present() -> list[str]:
+    """Names of the back ends that can be loaded; Warp only where there is a GPU, without which it is no use."""
+    found: list[str] = []
+    for name in NAMES:
+        if name == "auto" or (name == "warp" and not has_driver()):
+            continue
+        with contextlib.suppress(SaltusError):
+            make_renderer(name, TERRAIN, RobotCamera.on(ROBOT))
+            found.append(name)
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)

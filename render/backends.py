@@ -69,19 +69,6 @@ def preference(intrinsics: Intrinsics) -> list[str]:
     return [*(["warp"] if has_driver() else []), "pyrender", "embree"]
 
 
-def present() -> list[str]:
-    """Names of the back ends that can be loaded; Warp only where there is a GPU, without which it is no use."""
-    names = []
-    for name, load in _LOADERS.items():
-        try:
-            load()
-        except (ImportError, OSError, SaltusError):
-            continue
-        if name != "warp" or has_driver():
-            names.append(name)
-    return names
-
-
 def has_driver() -> bool:
     """True where the driver of an NVIDIA GPU is installed; asked of the linker, since loading Warp takes a second."""
     return ctypes.util.find_library("cuda") is not None

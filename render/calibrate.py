@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from saltus.arrays import Floats
+from saltus.arrays import Floats, Reals
 from saltus.config import Value
 from saltus.depth import BASELINE_M, NOTHING, intrinsics_of
 from saltus.depth_camera import DepthCamera
@@ -58,6 +58,19 @@ class CameraPlace(Value):
     """Roll of the image, right side down positive [rad]."""
     height: float
     """Height of the optical centre over the base's origin [m], base frame."""
+
+    @property
+    def numbers(self) -> Floats:
+        """Pitch, roll and height, shape (3,)."""
+        return np.array(list(vars(self).values()))
+
+    def by(self, change: Reals) -> "CameraPlace":
+        """The place with pitch, roll and height changed by so much, shape (3,)."""
+        return CameraPlace(**dict(zip(vars(self), (self.numbers + change).tolist(), strict=True)))
+
+
+NOWHERE = CameraPlace(pitch=0.0, roll=0.0, height=0.0)
+STEP = 1e-6  # of pitch and roll [rad] and of height [m], for derivatives
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,12 +153,12 @@ def fit_place(pairs: Sequence[tuple[DepthFrame, RobotState]], robot: Robot, came
         )
     blocks = np.array_split(np.arange(len(views)), min(BLOCKS, len(views)))
     parts = [_fit(_View.joined([views[i] for i in block]), found) for block in blocks]
-    spread = np.std([_numbers(part) for part in parts], axis=0, ddof=1) / np.sqrt(len(parts))
+    spread = np.std([part.numbers for part in parts], axis=0, ddof=1) / np.sqrt(len(parts))
     position = (float(robot.camera_position[0]), float(robot.camera_position[1]), found.height)
     return Calibration(
         claimed=claimed,
         found=found,
-        half_width_90=_place(float(stdtrit(len(parts) - 1, 0.95)) * spread),
+        half_width_90=NOWHERE.by(float(stdtrit(len(parts) - 1, 0.95)) * spread),
         on_ground=on_ground,
         frames=len(views),
         camera=replace(
@@ -230,10 +243,7 @@ class _View:
 def _begin(view: _View, claimed: CameraPlace) -> CameraPlace:
     """Place with the most points on the ground, of many about the claimed one."""
     few = replace(view, points=view.points[::20], up=view.up[::20], base_height=view.base_height[::20])
-    places = [
-        replace(claimed, pitch=float(claimed.pitch + pitch), height=float(claimed.height + height))
-        for pitch in PITCHES for height in HEIGHTS_M
-    ]  # fmt: skip
+    places = [claimed.by(np.array([pitch, 0.0, height])) for pitch in PITCHES for height in HEIGHTS_M]
     return max(places, key=lambda place: int((np.abs(few.over_ground(place)) < 0.5 * GATES_M[0]).sum()))
 
 
@@ -245,28 +255,15 @@ def _fit(view: _View, place: CameraPlace) -> CameraPlace:
         # Slopes where the ground is expected: those of measured points have noise that goes with the error's
         ground = replace(view, points=view.points * np.where(counts, depth / view.points[:, 2], 1.0)[:, None])
         here = ground.over_ground(place)
-        slopes = np.stack([(ground.over_ground(near) - here) / STEP for near in _beside(place)], axis=-1)
+        slopes = np.stack(
+            [(ground.over_ground(near) - here) / STEP for near in map(place.by, STEP * np.eye(3))], axis=-1
+        )
         weight = counts * np.minimum(1.0, HUBER * sigma / np.maximum(np.abs(error), 1e-9)) / sigma**2
         normal = (slopes * weight[:, None]).T @ slopes + 1e-9 * np.eye(3)
-        place = _place(_numbers(place) - np.linalg.solve(normal, (slopes * weight[:, None]).T @ error))
+        place = place.by(-np.linalg.solve(normal, (slopes * weight[:, None]).T @ error))
     return place
 
 
 def in_range(depth: Floats) -> NDArray[np.bool_]:
     """True where ground at this depth [m] counts."""
     return (depth > RANGE_M[0]) & (depth < RANGE_M[1])
-
-
-STEP = 1e-6  # of pitch and roll [rad] and of height [m], for derivatives
-
-
-def _beside(place: CameraPlace) -> list[CameraPlace]:
-    return [_place(_numbers(place) + STEP * row) for row in np.eye(3)]
-
-
-def _numbers(place: CameraPlace) -> Floats:
-    return np.array([place.pitch, place.roll, place.height])
-
-
-def _place(numbers: Floats) -> CameraPlace:
-    return CameraPlace(pitch=float(numbers[0]), roll=float(numbers[1]), height=float(numbers[2]))

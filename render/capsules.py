@@ -43,21 +43,6 @@ def draw_capsules(depth: NDArray[np.float32], capsules: Capsules, directions: Fl
         np.minimum.at(flat_depth, place, hit[found].astype(np.float32))
 
 
-def capsule_depth(start: Floats, end: Floats, radius: Floats | float, directions: Floats) -> Floats:
-    """Depth at which rays from the origin enter a capsule; infinite where they miss it.
-
-    Args:
-        start: one end of the axis [m], shape (..., 3).
-        end: the other end.
-        radius: [m], shape (...).
-        directions: shape (..., 3), of depth 1: the ray's parameter is the depth.
-
-    Returns:
-        Shape (...), all dimensions broadcast.
-    """
-    return Quadrics.of(start, end, radius).depth(directions[..., 0], directions[..., 1])
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quadrics:
     """Coefficients of the depth at which any ray enters capsules."""

@@ -1,7 +1,7 @@
 """Parameters of the stereo camera from a recording of a scene at rest, each with its error or the reason for none."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -164,47 +164,39 @@ def _parameters(scene: StaticScene, curves: NoiseCurves | str, edges: EdgeCurves
     used = baseline.value or BASELINE_M
     note = "" if baseline.testable else ASSUMED
     noise = _of_noise(scene, curves)
+    # inverse depths [1/m] as disparities [px]
+    pixels = {
+        f"{name}_px": _noted(_scaled(noise.pop(f"{name}_inverse"), scene.fx * used, baseline), note)
+        for name in ("sigma", "step")
+    }
     return StereoParameters(
         baseline_m=baseline,
-        sigma_px=_noted(_scaled(noise.sigma_inverse, scene.fx * used, baseline), note),
-        range_exponent=noise.range_exponent,
-        correlation_px=noise.correlation_px,
-        persistence_s=noise.persistence_s,
-        step_px=_noted(_scaled(noise.step_inverse, scene.fx * used, baseline), note),
+        **pixels,
+        **noise,
         maximum_px=_maximum(scene, used),
         margin_px=margin,
         hole_fraction=hole_fraction(edges) if scene.frames > 1 else untestable("one frame"),
-        flying_fraction=noise.flying_fraction,
         reach_m=_reach(scene),
         depth_unit_m=measured(scene.unit_m, 0.0, "stated by the recording"),
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _OfNoise:
-    """Parameters that need many frames; inverse depths in [1/m]."""
-
-    sigma_inverse: StereoEstimate
-    step_inverse: StereoEstimate
-    correlation_px: StereoEstimate
-    persistence_s: StereoEstimate
-    range_exponent: StereoEstimate
-    flying_fraction: StereoEstimate
+NEED_MANY_FRAMES = (
+    "sigma_inverse", "step_inverse", "range_exponent", "correlation_px", "persistence_s", "flying_fraction",
+)  # fmt: skip
 
 
-def _of_noise(scene: StaticScene, curves: NoiseCurves | str) -> _OfNoise:
+def _of_noise(scene: StaticScene, curves: NoiseCurves | str) -> dict[str, StereoEstimate]:
+    """Estimates of `NEED_MANY_FRAMES`."""
     if isinstance(curves, str):
-        return _OfNoise(**{f.name: untestable(curves) for f in fields(_OfNoise)})
+        return dict.fromkeys(NEED_MANY_FRAMES, untestable(curves))
     spread = curves.variance_inverse**0.5
     step = fit_step(scene, spread)
-    return _OfNoise(
-        sigma_inverse=sigma_inverse(curves, scene, step),
-        step_inverse=step,
-        correlation_px=correlation_px(curves, step),
-        persistence_s=persistence(curves, scene, step),
-        range_exponent=range_exponent(curves),
-        flying_fraction=flying_fraction(scene, spread),
-    )
+    found = (
+        sigma_inverse(curves, scene, step), step, range_exponent(curves), correlation_px(curves, step),
+        persistence(curves, scene, step), flying_fraction(scene, spread),
+    )  # fmt: skip
+    return dict(zip(NEED_MANY_FRAMES, found, strict=True))
 
 
 def _scaled(estimate: StereoEstimate, factor: float, baseline: StereoEstimate) -> StereoEstimate:

@@ -26,7 +26,7 @@ from saltus.reports.page import render, write_page
 from saltus.reports.templates import data_url
 from saltus.robots.robot import Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
-from saltus.sim.video import render_run
+from saltus.sim.video import snapshots
 from saltus.terrain.terrain import Terrain
 
 Depth = NDArray[np.float32]
@@ -247,9 +247,8 @@ def _robots(robot: Robot, terrain: Terrain, shown: Sequence[View], robots: Poses
     """The robot in each pose, seen from aside; or why there is no way to draw it."""
     position, quaternion, joints = robots
     pose, none = np.concatenate([position, quaternion], axis=-1), np.full((len(shown), _NO_HEIGHTS.size), np.nan)
-    time_s = np.arange(float(len(shown)))  # one a second, so that each is a picture of its own
     try:
-        frames = list(render_run(robot, terrain, time_s, pose, joints, _NO_HEIGHTS, none, size=ROBOT_SIZE, fps=1))
+        frames = snapshots(robot, terrain, pose, joints, _NO_HEIGHTS, none, size=ROBOT_SIZE)
     except SaltusError as error:
         return [], str(error)
     sources = [_source(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), ROBOT_QUALITY) for frame in frames]

@@ -135,12 +135,11 @@ class Episodes:
             own = {name: getattr(table, name)[place] for name in ("finish_x", "slope", "floor")}
             store(memory, mask & self._views.is_own, course=place, **own)
         bodies = draw_bodies(ranges, drawn.body)
-        kept = ("friction", "payload_kg", "motor_strength", "com_shift", "delay_s", "plan_delay_s")
-        store(memory, mask, **{name: getattr(bodies, name) for name in kept})
+        store(memory, mask, **bodies)
         self._engine.set_terrain(self._views.courses().boxes())
         if self._wide.share > 0.0:
             mass_kg = self._engine.robot.mass
-            store(memory, mask, **draw_wide(ranges, bodies.friction, mass_kg, self._grown, drawn.wide))
+            store(memory, mask, **draw_wide(ranges, bodies["friction"], mass_kg, self._grown, drawn.wide))
         self._engine.set_bodies(self._bodies())
         start = _START_DRAWS.of(drawn.start)
         self._place(mask, start)

@@ -126,36 +126,22 @@ class RandomisationConfig:
                 raise ConfigError(f"{name} = {(low, high)}: the lowest comes first")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Bodies:
-    """One value for each robot."""
+def draw_bodies(config: RandomisationConfig, draws: Array) -> dict[str, Array]:
+    """Makes bodies from uniform numbers in [0, 1), shape (n, BODY_DRAWS.count).
 
-    friction: Array
-    """Shape (n,)."""
-    payload_kg: Array
-    """Shape (n,)."""
-    motor_strength: Array
-    """Shape (n,)."""
-    com_shift: Array
-    """[m], shape (n, 3)."""
-    delay_s: Array
-    """Delay of feed-forward torque, shape (n,)."""
-    plan_delay_s: Array
-    """Shape (n,)."""
-
-
-def draw_bodies(config: RandomisationConfig, draws: Array) -> Bodies:
-    """Makes bodies from uniform numbers in [0, 1), shape (n, BODY_DRAWS.count)."""
+    Returns:
+        Fields of `saltus.policy.env.memory.Memory`: each of shape (n,), but the centre of mass (n, 3).
+    """
     drawn = BODY_DRAWS.of(draws)
     com = [(2.0 * drawn.com_shift[:, axis] - 1.0) * limit for axis, limit in enumerate(config.com_shift_m)]
-    return Bodies(
-        friction=between(config.friction, drawn.friction),
-        payload_kg=between(config.payload_kg, drawn.payload_kg),
-        motor_strength=between(config.motor_strength, drawn.motor_strength),
-        com_shift=namespace(draws).stack(com, -1),
-        delay_s=between(config.feedforward_delay_s, drawn.delay_s),
-        plan_delay_s=between(config.plan_delay_s, drawn.plan_delay_s),
-    )
+    return {
+        "friction": between(config.friction, drawn.friction),
+        "payload_kg": between(config.payload_kg, drawn.payload_kg),
+        "motor_strength": between(config.motor_strength, drawn.motor_strength),
+        "com_shift": namespace(draws).stack(com, -1),
+        "delay_s": between(config.feedforward_delay_s, drawn.delay_s),
+        "plan_delay_s": between(config.plan_delay_s, drawn.plan_delay_s),
+    }
 
 
 def draw_wide(

@@ -8,7 +8,7 @@ from saltus.errors import SaltusError
 from saltus.policy.evaluation.trace import Trace
 from saltus.reports.templates import data_url
 from saltus.setup import Setup
-from saltus.sim.video import render_run
+from saltus.sim.video import snapshots
 
 MOMENTS = 6
 FIRST_S = 1.2  # the robot stands for 1 s
@@ -21,19 +21,9 @@ def picture_strip(setup: Setup, trace: Trace) -> Markup:
     chosen = np.linspace(min(FIRST_S, trace.time_s[last]), trace.time_s[last], MOMENTS)
     rows = np.searchsorted(trace.time_s, chosen - 1e-9)
     try:
-        frames = list(
-            render_run(
-                setup.robot,
-                setup.terrain,
-                np.arange(float(MOMENTS)),  # one a second, so that each is a frame of its own
-                trace.pose[rows].astype(np.float64),
-                trace.joint_position[rows].astype(np.float64),
-                setup.grid,
-                trace.heights[rows].astype(np.float64),
-                size=SIZE,
-                fps=1,
-            )
-        )
+        poses = trace.pose[rows], trace.joint_position[rows]
+        pose, joints, heights = (array.astype(np.float64) for array in (*poses, trace.heights[rows]))
+        frames = snapshots(setup.robot, setup.terrain, pose, joints, setup.grid, heights, size=SIZE)
     except SaltusError as error:
         return Markup("<p>No pictures: {}</p>").format(error)
     shown = Markup('<img src="{}" alt="robot at {:.2f} s" width="33%">')

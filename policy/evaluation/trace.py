@@ -63,25 +63,17 @@ class Trace:
 def traces_of(steps: Sequence[RolloutStep]) -> list[Trace]:
     """Cuts a roll-out into the traces of its first trials."""
     lengths = np.sum([step.running for step in steps], axis=0)
-    position = np.array([step.truth.position_base_in_world for step in steps])
-    quaternion = np.array([step.truth.quaternion_base_in_world for step in steps])
-    pose = np.concatenate([position, quaternion], axis=-1)
-    joints = np.array([step.truth.joint_position for step in steps])
-    heights = np.array([step.heights for step in steps])
-    foot = np.array([step.truth.foot_position_in_world for step in steps])
-    stance = np.array([step.states.leg_contact for step in steps])
-    loaded = np.array([step.truth.foot_force for step in steps]) > LOADED_N
-    return [
-        Trace(
-            pose=pose[:n, i].astype(np.float32),
-            joint_position=joints[:n, i].astype(np.float32),
-            heights=heights[:n, i].astype(np.float32),
-            foot=foot[:n, i].astype(np.float32),
-            stance=stance[:n, i],
-            loaded=loaded[:n, i],
-        )
-        for i, n in enumerate(lengths)
-    ]
+    truths = [step.truth for step in steps]
+    base = [np.hstack([truth.position_base_in_world, truth.quaternion_base_in_world]) for truth in truths]
+    rows = {
+        "pose": np.array(base, np.float32),
+        "joint_position": np.array([truth.joint_position for truth in truths], np.float32),
+        "heights": np.array([step.heights for step in steps], np.float32),
+        "foot": np.array([truth.foot_position_in_world for truth in truths], np.float32),
+        "stance": np.array([step.states.leg_contact for step in steps]),
+        "loaded": np.array([truth.foot_force for truth in truths]) > LOADED_N,
+    }
+    return [Trace(**{name: row[:n, i] for name, row in rows.items()}) for i, n in enumerate(lengths)]
 
 
 BEFORE_END_S = 0.4  # a gait cycle: what happened before it has been survived

@@ -92,6 +92,21 @@ def render_run(
             yield cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
 
 
+def snapshots(
+    robot: Robot,
+    terrain: Terrain,
+    base_pose: Floats,
+    joint_position: Floats,
+    grid: HeightGrid,
+    heightmap: Floats,
+    *,
+    size: tuple[int, int],
+) -> list[Frame]:
+    """A picture of each pose, as `render_run` draws them; arguments and errors as there."""
+    time_s = np.arange(float(len(base_pose)))  # one a second, so that each is a frame of its own
+    return list(render_run(robot, terrain, time_s, base_pose, joint_position, grid, heightmap, size=size, fps=1))
+
+
 def write_video(path: Path, frames: Iterable[Frame], *, size: tuple[int, int] = SIZE, fps: int = FPS) -> int:
     """Writes frames as H.264 in an MP4 that browsers play; returns how many there were.
 

@@ -6,7 +6,7 @@ from samples import ROBOT
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics
 from saltus.render.camera import camera_pose, ray_directions
-from saltus.render.capsules import capsule_depth, capsules_in_camera, draw_capsules
+from saltus.render.capsules import Quadrics, capsules_in_camera, draw_capsules
 from saltus.robots.leg_shapes import Capsules, LegShapes
 from saltus.robots.mount import Mount
 from saltus.robots.robot import LEGS
@@ -51,7 +51,7 @@ def test_rays_enter_capsules_at_their_surface(seed: int) -> None:
     end = start + (rng.uniform(-0.2, 0.2, 3) if seed % 4 else 0.0)
     radius = 0.02
     directions = ray_directions(MODEL_CAMERA).reshape(-1, 3)
-    depth = capsule_depth(start, end, radius, directions)
+    depth = Quadrics.of(start, end, radius).depth(directions[..., 0], directions[..., 1])
     hit = np.isfinite(depth)
     at_entry = distance_to_axis(depth[hit, None] * directions[hit], start, end)
     np.testing.assert_allclose(at_entry, radius, atol=1e-9)
@@ -72,7 +72,9 @@ def test_nothing_is_missed_outside_the_windows(camera: Intrinsics) -> None:
     for image in range(3):
         expected = np.full(drawn.shape[1:], np.inf)
         for k in range(20):
-            hit = capsule_depth(capsules.start[image, k], capsules.end[image, k], 0.02, directions)
+            hit = Quadrics.of(capsules.start[image, k], capsules.end[image, k], 0.02).depth(
+                directions[..., 0], directions[..., 1]
+            )
             expected = np.minimum(expected, hit)
         np.testing.assert_array_equal(drawn[image], expected.astype(np.float32))
 
