@@ -15,7 +15,8 @@ from typing import Any
 from benchmarks._command import Command
 from benchmarks._parts import Meter, Spent, metered, spent_by
 from saltus.config import RunConfig, TerrainConfig
-from saltus.recordings.recording import Recording, rates_and_ages, read_recording
+from saltus.recordings.recording import Recording, read_recording
+from saltus.recordings.timing import rates_and_ages
 from saltus.runtime.programs import PROGRAMS
 from saltus.runtime.stack import Stack
 from saltus.wire.messages import ProcessStatus

@@ -24,7 +24,8 @@ from websockets.typing import Subprotocol
 
 from benchmarks._command import Command, progress, tell
 from saltus.config import RunConfig, TerrainConfig
-from saltus.recordings.recording import rates_and_ages, read_recording
+from saltus.recordings.recording import read_recording
+from saltus.recordings.timing import rates_and_ages
 from saltus.runtime.stack import Stack
 
 CAMERA = {

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from saltus.arrays import Floats
 from saltus.errors import ConfigError
 from saltus.grid import HeightGrid
+from saltus.models import model_path
 from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
 
 if TYPE_CHECKING:
@@ -123,7 +124,6 @@ def make_predictor(robot: "Robot", model: str | Path | None = None) -> "Heightma
     """
     from saltus.heightmap.service.network import HeightmapNetwork
     from saltus.heightmap.service.service import HeightmapService
-    from saltus.models import model_path
 
     return HeightmapService(HeightmapNetwork(robot, model_path("heightmap", model)))
 
@@ -144,7 +144,6 @@ def predict_heights(
     """
     from saltus.heightmap.service.network import HeightmapNetwork
     from saltus.heightmap.service.replay import replay_frames
-    from saltus.models import model_path
 
     return replay_frames(HeightmapNetwork(robot, model_path("heightmap", model)), frames, states)
 
@@ -185,7 +184,6 @@ def roll_out(
     """
     from saltus.depth_camera import load_camera
     from saltus.effects.profile import SHIPPED, load_profile
-    from saltus.models import model_path
     from saltus.policy.actor import grid_of
     from saltus.policy.evaluation.evaluate import HEIGHTS
     from saltus.policy.evaluation.rollout import Rollout, batch_of

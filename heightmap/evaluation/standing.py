@@ -15,7 +15,8 @@ from saltus.effects.image_delivery import CameraLatency
 from saltus.errors import RecordingError
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.service.network import MOUNT_PITCH_ERROR, MOUNT_POSITION_ERROR_M
-from saltus.recordings.recording import Recording, TopicTiming, rates_and_ages
+from saltus.recordings.recording import Recording
+from saltus.recordings.timing import TopicTiming, rates_and_ages
 from saltus.render.calibrate import FEWEST_FRAMES, fit_place, standing_pairs, stands
 from saltus.runtime.ticker import freshness
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState

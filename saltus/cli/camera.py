@@ -12,6 +12,7 @@ from saltus.cli.output import JsonOption, print_figures, run_directory
 from saltus.cli.run_options import CourseOptions, RobotOption, SizedCourse, mounted_camera
 from saltus.flags import shown
 from saltus.grid import DEFAULT_GRID, load_grid
+from saltus.robots.loading import load_robot
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +35,6 @@ class Camera(RobotOption, JsonOption):
     def run(self) -> int:
         """Draws and prints; 1 where it sees no point of the heightmap."""
         from saltus.render.camera_plot import draw_camera
-        from saltus.robots.loading import load_robot
         from saltus.terrain.curriculum import make_terrain
 
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))

@@ -5,6 +5,7 @@ import re
 import shutil
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from importlib.metadata import requires
 from pathlib import Path
@@ -12,7 +13,10 @@ from typing import TYPE_CHECKING
 
 from saltus.cli.output import JsonOption, print_json
 from saltus.grid import DEFAULT_GRID, load_grid
+from saltus.models import model_path
 from saltus.provenance import commit, package_version
+from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 
 if TYPE_CHECKING:
     from saltus.robots.robot import Robot
@@ -109,16 +113,14 @@ def _attempts() -> list[CheckResult]:
 
 def _model() -> str:
     from saltus.heightmap.service.network import HeightmapNetwork
-    from saltus.resources import resource
 
-    return f"sha256 {HeightmapNetwork(_robot(), resource('models/heightmap.onnx')).model_id}, loads"
+    return f"sha256 {HeightmapNetwork(_robot(), model_path('heightmap')).model_id}, loads"
 
 
 def _policy() -> str:
     from saltus.policy.actor import PolicyActor
-    from saltus.resources import resource
 
-    return f"sha256 {PolicyActor(_robot(), load_grid(DEFAULT_GRID), resource('models/policy.onnx')).model_id}, loads"
+    return f"sha256 {PolicyActor(_robot(), load_grid(DEFAULT_GRID), model_path('policy')).model_id}, loads"
 
 
 def _render(backend: str) -> str:
@@ -145,16 +147,19 @@ def _mujoco_frame() -> str:
 
 
 def _robot() -> "Robot":
-    from saltus.robots.loading import load_robot
-    from saltus.robots.shipped import DEFAULT_ROBOT
-
     return load_robot(DEFAULT_ROBOT)
 
 
 def _zenoh() -> str:
-    from saltus.runtime.round_trip import local_round_trip
+    from saltus.errors import StackError
+    from saltus.wire.router import open_router
+    from saltus.wire.zenoh_bus import ZenohBus
 
-    return f"round trip {1e3 * local_round_trip():.1f} ms"
+    endpoint, router = open_router()
+    with closing(router), ZenohBus(endpoint, "saltus") as bus:
+        if not bus.connected():
+            raise StackError("a router that was opened does not answer")
+    return "a router answers"
 
 
 def _encoder() -> str:

@@ -1,7 +1,7 @@
 """`saltus heightmap collect`, `dagger` and `dataset`: the data that predictors learn from."""
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
@@ -11,7 +11,7 @@ import tyro
 from tyro.conf import subcommand
 
 from saltus.cli.heightmap_train import QUIET_S, SettingsCommand, training_packages
-from saltus.cli.output import JsonOption, print_json
+from saltus.cli.output import Bar, JsonOption, print_json
 from saltus.cli.run_options import mounted_camera
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import SHIPPED, load_profile
@@ -23,8 +23,6 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.workers import check_processes
 
 if TYPE_CHECKING:
-    from tqdm import tqdm
-
     from saltus.heightmap.data.shards import Collection
     from saltus.heightmap.device_collection import DeviceSpeed
     from saltus.heightmap.training.train import TrainingProgress
@@ -198,11 +196,21 @@ class Dagger(SettingsCommand):
         check_processes(self.processes)
         mounted_camera(self.settings.loop.camera, load_robot(self.settings.loop.robot))
         refuse_shift(load_profile(self.settings.profile, load_robot(self.settings.loop.robot)).heightmap, "a predictor")
-        with _Bars(self.settings.batches, self.settings.updates, cache(self.print_differences)) as bars:
-            observer = Observer(collected=bars.collected, trained=bars.trained)
+        begin = cache(self.print_differences)
+        with Bar() as bar:
+
+            def collected(index: int, batches: int, ticks: int) -> None:
+                begin()
+                bar.at(f"round {index} collect, {ticks} steps", batches / self.settings.batches)
+
+            def trained(index: int, progress: "TrainingProgress") -> None:
+                begin()
+                half = "calibrate" if progress.calibrates else f"train, loss {progress.loss:.3f}"
+                bar.at(f"round {index} {half}", progress.update / self.settings.updates)
+
             model = dagger(
-                self.out, self.settings, observer, start=self.start, base=self.base, processes=self.processes,
-                cluster=self.ray,
+                self.out, self.settings, Observer(collected=collected, trained=trained), start=self.start,
+                base=self.base, processes=self.processes, cluster=self.ray,
             )  # fmt: skip
         print(model)
         return 0
@@ -215,45 +223,6 @@ class Dagger(SettingsCommand):
             from saltus.heightmap.training.dagger import begun_settings
 
         return begun_settings(self.out)
-
-
-class _Bars:
-    """One progress bar at a time: of a round's collection, then of its training."""
-
-    def __init__(self, batches: int, updates: int, begin: Callable[[], None]) -> None:
-        self._begin = begin
-        self._totals = {"collect": batches, "train": updates}
-        self._bar: tqdm[None] | None = None
-        self._name = ""
-
-    def __enter__(self) -> "_Bars":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.close()
-
-    def collected(self, index: int, batches: int, ticks: int) -> None:
-        """One more batch of a round."""
-        self._at(index, "collect", batches).set_postfix(steps=ticks)
-
-    def trained(self, index: int, progress: "TrainingProgress") -> None:
-        """Some more updates."""
-        bar = self._at(index, "train", progress.update)
-        if progress.calibrates:
-            bar.set_description(f"round {index} calibrate, export, measure")
-        bar.set_postfix(loss=f"{progress.loss:.3f}", mae_cm=f"{100 * progress.mae_m:.2f}")
-
-    def _at(self, index: int, half: str, done: int) -> "tqdm[None]":
-        from tqdm import tqdm
-
-        name = f"round {index} {half}"
-        if self._bar is None or self._name != name:
-            self._begin()
-            self.__exit__()
-            self._bar, self._name = tqdm(total=self._totals[half], desc=name, file=sys.stderr), name
-        self._bar.update(done - self._bar.n)
-        return self._bar
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ from saltus.cli.run_options import ModelOptions, mounted_camera
 from saltus.flags import shown
 from saltus.grid import DEFAULT_GRID
 from saltus.models import model_id, model_path
+from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 
 COLUMNS = (
@@ -62,7 +63,6 @@ class Eval(ModelOptions, JsonOption):
         from saltus.heightmap.evaluation.scores import scores
         from saltus.heightmap.evaluation.way import way_warning
         from saltus.heightmap.service.network import HeightmapNetwork
-        from saltus.robots.loading import load_robot
         from saltus.workers import in_order
 
         config = HeldOutRuns(

@@ -24,6 +24,7 @@ from saltus.folders import new_folder
 from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.models import model_id, model_path
 from saltus.policy.training.command import TRAINING
+from saltus.robots.loading import load_robot
 from saltus.workers import check_processes
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
@@ -74,7 +75,6 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
         from saltus.effects.heightmap_shift import refuse_shift
         from saltus.policy.evaluation.evaluate import Evaluation, collect, evaluate
         from saltus.policy.planner import make_planner
-        from saltus.robots.loading import load_robot
 
         planner = partial(make_planner, self.planner, model=self.policy_model)
         robot = load_robot(self.robot)
@@ -115,7 +115,6 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
         if self.heightmap == "predicted":
             from saltus.heightmap.data.predicted import PredictedHeightsFactory
             from saltus.heightmap.service.network import HeightmapNetwork
-            from saltus.robots.loading import load_robot
 
             _, robot = mounted_camera(self.camera, load_robot(self.robot))
             HeightmapNetwork(robot, model_path("heightmap", self.heightmap_model))

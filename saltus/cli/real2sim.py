@@ -14,6 +14,7 @@ from saltus.errors import ConfigError, RecordingError
 from saltus.flags import AT_LEAST_ONE, CommandGroup, Subcommands, shown
 from saltus.folders import ask_for_room, new_folder
 from saltus.recordings.description import Description, Topics
+from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 
 if TYPE_CHECKING:
@@ -91,7 +92,6 @@ class Import:
         """Writes the logs and says where they are, and what is not in them."""
         from saltus.real2sim.importers.importing import import_recording
         from saltus.recordings.run_log_export import as_run_log, is_run
-        from saltus.robots.loading import load_robot
 
         if not self.recording.exists():
             raise RecordingError(f"cannot read {self.recording}: there is no such file")
@@ -133,7 +133,6 @@ class Apply(RobotOption, JsonOption):
         """Writes profiles/NAME.toml."""
         from saltus.effects.profile import SHIPPED, load_profile, profiles_folder, save_profile
         from saltus.real2sim.patch import load_patch
-        from saltus.robots.loading import load_robot
 
         patch, robot = load_patch(self.patch), load_robot(self.robot)
         exists = (profiles_folder() / f"{self.profile}.toml").is_file()
@@ -183,7 +182,6 @@ class Experiments(RobotOption, JsonOption):
     def run(self) -> int:
         """Runs the experiment; without one, prints the table."""
         from saltus.real2sim.experiments.menu import EXPERIMENTS, experiment_named
-        from saltus.robots.loading import load_robot
 
         if self.run_ is None:
             return self._table(load_robot(self.robot), tuple(EXPERIMENTS.values()))
@@ -205,7 +203,6 @@ class Experiments(RobotOption, JsonOption):
         from saltus.real2sim.experiments.footage import FootageCamera
         from saltus.real2sim.experiments.run import run
         from saltus.recordings.run_log import refuse_run_log, write_run_log
-        from saltus.robots.loading import load_robot
 
         if not 0.0 <= self.camera_latency <= LARGEST_LATENCY_S:
             raise ConfigError(f"--camera-latency {self.camera_latency}: allowed is 0 to {LARGEST_LATENCY_S:g} s")
@@ -253,7 +250,6 @@ class Demo(RobotOption, JsonOption):
         """0 where what was hidden was found and the second look finds no gap, else 1."""
         from saltus.real2sim.demonstration import demonstrate
         from saltus.real2sim.reporting.words import sentence
-        from saltus.robots.loading import load_robot
 
         directory = run_directory("real2sim-demo", self.out)
         with Bar() as bar:

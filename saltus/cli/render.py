@@ -10,6 +10,7 @@ from saltus.cli.output import JsonOption, run_directory
 from saltus.cli.run_options import CourseOptions, SizedCourse, mounted_camera
 from saltus.cli.serve import ServeProcess
 from saltus.flags import CommandGroup, Subcommands, shown
+from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 
 
@@ -31,7 +32,6 @@ class Preview:
     def run(self) -> int:
         """Writes the file and says where it is."""
         from saltus.render.preview import write_preview
-        from saltus.robots.loading import load_robot
         from saltus.terrain.curriculum import make_terrain
 
         camera, robot = mounted_camera(self.camera, load_robot(DEFAULT_ROBOT))

@@ -150,15 +150,11 @@ def _differences(recording: "Recording", heightmaps: list[Heightmap]) -> dict[st
         "compared": len(pairs),
         "max_difference_m": float(np.max(differences)) if differences else None,
         "mean_difference_m": float(np.mean(differences)) if differences else None,
-        "status": _statuses(heightmaps),
+        "status": dict(Counter(map(_status, heightmaps))),
         "status_differs": sum(new.status != old.status for new, old in pairs),
         "mae_recorded_m": _error(recorded.values(), truths),
         "mae_replayed_m": _error(heightmaps, truths),
     }
-
-
-def _statuses(heightmaps: list[Heightmap]) -> dict[str, int]:
-    return dict(Counter(map(_status, heightmaps)))
 
 
 def _status(heightmap: Heightmap) -> str:

@@ -13,6 +13,7 @@ from saltus.config import RunConfig, TerrainConfig
 from saltus.errors import ModelError
 from saltus.flags import shown
 from saltus.grid import DEFAULT_GRID
+from saltus.robots.loading import load_robot
 
 LOOK_S = 0.2
 
@@ -46,7 +47,6 @@ class Router(RobotOption, NetworkOptions):
         from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.models import model_path
         from saltus.named_setup import named_setup
-        from saltus.robots.loading import load_robot
         from saltus.runtime.run_folder import CLIENT_FILE, write_run
         from saltus.wire.joining import write_client
         from saltus.wire.router import open_router

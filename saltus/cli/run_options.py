@@ -9,6 +9,7 @@ import tyro
 from saltus.config import Pace, PlannerName, Renderer, RunConfig, TerrainConfig
 from saltus.flags import shown
 from saltus.grid import DEFAULT_GRID, load_grid
+from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.curriculum import FAMILIES
 
@@ -107,7 +108,6 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
         from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.models import model_path
         from saltus.policy.planner import make_planner
-        from saltus.robots.loading import load_robot
         from saltus.terrain.curriculum import make_terrain
 
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))

@@ -97,7 +97,7 @@ def names_in_archive(path: Path) -> list[str]:
     Raises:
         RecordingError: it is none.
     """
-    with _opened(path) as archive:
+    with opened_archive(path) as archive:
         return list(archive.files)
 
 
@@ -108,7 +108,7 @@ def read_archive(path: Path, wanted: Sequence[str] | None = None) -> FileColumns
         RecordingError: it is none or damaged, lacks an array, or one holds something else than rows
             of numbers.
     """
-    with _opened(path) as archive:
+    with opened_archive(path) as archive:
         names = list(archive.files)
         if missing := [name for name in wanted or () if name not in names]:
             raise RecordingError(
@@ -128,7 +128,8 @@ def read_archive(path: Path, wanted: Sequence[str] | None = None) -> FileColumns
     return FileColumns(values=values)
 
 
-def _opened(path: Path) -> Any:
+def opened_archive(path: Path) -> Any:
+    """An npz that is whole, to be used as a context manager; `RecordingError` where it is none."""
     if not zipfile.is_zipfile(path):
         raise RecordingError(f"cannot read {path}: it is no archive of arrays, as numpy.savez writes it, or is cut off")
     try:

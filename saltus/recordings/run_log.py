@@ -11,7 +11,6 @@ Reading checks the form only: columns and types. Whether the contents make sense
 """
 
 import json
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,10 +21,9 @@ import pyarrow as pa
 import pyarrow.csv
 from numpy.typing import NDArray
 
-from saltus.archive import check_archive
 from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
-from saltus.recordings.columns import read_archive, read_parquet, read_text
+from saltus.recordings.columns import opened_archive, read_archive, read_parquet, read_text
 from saltus.recordings.run_claims import check_claims, claim_of
 from saltus.recordings.units import FARTHEST_MM, in_si, stated_units
 from saltus.robots.robot import LEGS, Robot
@@ -283,14 +281,11 @@ def _read_joints(directory: Path, joints: list[str]) -> JointTable:
 def _read_depth(path: Path) -> DepthTable | None:
     if not path.exists():
         return None
-    if not zipfile.is_zipfile(path):
-        raise RecordingError(f"cannot read {path}: it is no archive of arrays, as numpy.savez writes it, or is cut off")
-    try:
-        check_archive(path)
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+    with opened_archive(path) as archive:
+        try:
             arrays = {name: archive[name] for name in DEPTH_ARRAYS if name in archive}
-    except Exception as error:  # a damaged archive fails in many ways
-        raise RecordingError(f"cannot read {path}: {str(error).splitlines()[0]}") from error
+        except Exception as error:  # a damaged archive fails in many ways
+            raise RecordingError(f"cannot read {path}: {str(error).splitlines()[0]}") from error
     missing = [name for name in DEPTH_ARRAYS if name not in arrays and name != "t_capture"]
     if missing:
         raise RecordingError(f"{path}: array '{missing[0]}' is missing")

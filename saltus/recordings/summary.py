@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from saltus.errors import RecordingError
-from saltus.recordings.recording import Recording, digest, rates_and_ages
+from saltus.recordings.recording import Recording
+from saltus.recordings.timing import digest, rates_and_ages
 from saltus.wire.messages import (
     ControllerMode,
     Event,

@@ -83,7 +83,10 @@ class Drawing:
         """Shows a scene, so that this point of its world [m], shape (3,), is where the browser looks."""
         self._root.position = np.array([0.0, self._aside, 0.0]) - looked_at
         if scene.base_pose is not None:
-            self._draw_robot(scene, scene.base_pose)
+            pose, turns = scene.base_pose, self._shapes.turns(scene.joint_position)
+            self._trunk.position, self._trunk.wxyz, self._trunk.visible = pose[:3], pose[3:], True
+            for body, quaternion in zip(self._bodies[1:], turns[1:], strict=True):
+                body.wxyz = quaternion
         self._draw_heights(scene.heights)
         planned = np.isfinite(scene.planned_feet).all(axis=1) & np.isfinite(scene.feet).all(axis=1)
         self._targets.visible = self._paths.visible = bool(planned.any())
@@ -96,11 +99,6 @@ class Drawing:
             up = np.zeros((int(loaded.sum()), 3))
             up[:, 2] = FORCE_M_PER_N * scene.foot_force[loaded]
             self._forces.points = np.stack([scene.feet[loaded], scene.feet[loaded] + up], axis=1).astype(np.float32)
-
-    def _draw_robot(self, scene: Scene, pose: Floats) -> None:
-        self._trunk.position, self._trunk.wxyz, self._trunk.visible = pose[:3], pose[3:], True
-        for body, quaternion in zip(self._bodies[1:], self._shapes.turns(scene.joint_position)[1:], strict=True):
-            body.wxyz = quaternion
 
     def _draw_heights(self, heights: HeightsInWorld | None) -> None:
         self._predicted.visible = self._widths.visible = heights is not None

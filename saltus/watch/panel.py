@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 from viser import uplot
 
-from saltus.arrays import Floats
 from saltus.depth import RANGE_M
 from saltus.reports.templates import data_url, template_beside
 from saltus.watch.pictures import NEAR_M, PALETTE, PLOTTED_M, curves, picture
@@ -60,21 +59,13 @@ class Panel:
             self._plot.data = curves(scene.heights, scene)
 
 
-def _picture(frame: DepthFrame) -> str:
-    return data_url("png", cv2.imencode(".png", picture(frame)[..., ::-1])[1])
-
-
-def _mean_error_cm(predicted: Floats, true: Floats) -> float:
-    return 100.0 * float(np.abs(predicted - true)[:, 2].mean())
-
-
 _MACROS = template_beside(__file__).make_module(
     {
-        "picture": _picture,
+        "picture": lambda frame: data_url("png", cv2.imencode(".png", picture(frame)[..., ::-1])[1]),
         "image_height": IMAGE_HEIGHT,
         "palette": PALETTE[::15].tolist(),
         "marks": np.geomspace(RANGE_M, NEAR_M, 5).tolist(),
-        "mean_error_cm": _mean_error_cm,
+        "mean_error_cm": lambda predicted, true: 100.0 * float(np.abs(predicted - true)[:, 2].mean()),
         "status_colour": {HeightmapStatus.OK: GOOD, HeightmapStatus.INVALID: BAD},
         "colour": COLOUR,
         "fair": FAIR,

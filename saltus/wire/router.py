@@ -54,7 +54,8 @@ def open_router(network: NetworkAccess | None = None, speed: float = 1.0) -> tup
         lease_slowed(settings, speed)
         try:
             if network is not None:
-                allow_most_files()
+                # each stranger who connects holds a file until refused
+                setrlimit(RLIMIT_NOFILE, (getrlimit(RLIMIT_NOFILE)[1],) * 2)
                 endpoints.append(network.listen)
                 settings.insert_json5("transport/link/tls", json.dumps(mutual_tls(network.certificate, "listen")))
                 settings.insert_json5("access_control", json.dumps(network.access_control))
@@ -64,9 +65,3 @@ def open_router(network: NetworkAccess | None = None, speed: float = 1.0) -> tup
             reason, places = str(error).split(" at /")[0], " and ".join(endpoints)  # without places in Zenoh's source
             raise StackError(f"cannot host a Zenoh router at {places}: {reason}; is another one there?") from error
         return endpoints[0], resources.pop_all()
-
-
-def allow_most_files() -> None:
-    """Lets this process open as many files as the system allows: each stranger who connects holds one until refused."""
-    _, hard = getrlimit(RLIMIT_NOFILE)
-    setrlimit(RLIMIT_NOFILE, (hard, hard))

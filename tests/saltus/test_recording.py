@@ -38,8 +38,9 @@ from saltus.interrupts import WHOLE
 from saltus.recordings import indexed_writer, recorder
 from saltus.recordings.indexed_writer import IndexedWriter
 from saltus.recordings.recorder import Recorder
-from saltus.recordings.recording import Recording, digest, rates_and_ages, read_recording
+from saltus.recordings.recording import Recording, read_recording
 from saltus.recordings.summary import sentence, summarise
+from saltus.recordings.timing import digest, rates_and_ages
 from saltus.wire import codec, messages
 from saltus.wire.bus import RawSample
 from saltus.wire.codec import Envelope
