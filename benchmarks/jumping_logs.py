@@ -19,8 +19,7 @@ import numpy as np
 from benchmarks._command import Command, progress, tell
 from benchmarks.moving_logs import TERRAINS, jumped, searched
 from saltus.constants import POLICY_DT
-from saltus.effects.profile import IDEAL
-from saltus.effects.registry import EFFECTS
+from saltus.effects.profile import EFFECTS, IDEAL
 
 HIDDEN = (
     ("camera_latency", "latency"),

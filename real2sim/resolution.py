@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import fields, replace
 
-from saltus.effects.registry import EFFECTS
+from saltus.effects.profile import EFFECTS
 from saltus.real2sim.search.findings import Findings, FoundEffect
 
 MARGIN = 1.5

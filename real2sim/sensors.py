@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from saltus.effects.effect import Site
-from saltus.effects.registry import EFFECTS
+from saltus.effects.profile import EFFECTS
 from saltus.errors import SaltusError
 from saltus.real2sim.extent import moving_s, seeing_s, standing_s, turning_s
 from saltus.real2sim.problem.body.support import LEAST_SHARE, carried_by

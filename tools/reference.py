@@ -16,8 +16,7 @@ from typing import Any
 import tomli_w
 
 from saltus.effects.effect import Effect
-from saltus.effects.profile import PARTS
-from saltus.effects.registry import EFFECTS
+from saltus.effects.profile import EFFECTS, PARTS
 from saltus.heightmap.service import features
 from saltus.recordings import viewer
 from saltus.robots.robot import JOINTS

@@ -12,9 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from saltus.archive import check_archive
 from saltus.errors import ConfigError, ModelError
-from saltus.files import whole_file
+from saltus.files import check_archive, whole_file
 from saltus.folders import ask_for_room, differences
 from saltus.gpu import has_gpu
 from saltus.grid import HEIGHTMAP_X

@@ -5,10 +5,9 @@ from typing import Any
 
 import torch
 
-from saltus.archive import check_archive
 from saltus.config import from_toml
 from saltus.errors import ConfigError, SaltusError
-from saltus.files import whole_file
+from saltus.files import check_archive, whole_file
 from saltus.policy.env.settings import TrainConfig
 
 NEEDED = {

@@ -11,8 +11,7 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.effects.effect import Effect
 from saltus.effects.image_pixels import to_images
-from saltus.effects.profile import Profile
-from saltus.effects.registry import EFFECTS
+from saltus.effects.profile import EFFECTS, Profile
 from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.patch import load_patch
 from saltus.real2sim.search.findings import FoundEffect

@@ -14,7 +14,7 @@ import numpy as np
 
 from saltus.arrays import Floats, Indices
 from saltus.effects.effect import Effect
-from saltus.effects.registry import EFFECTS
+from saltus.effects.profile import EFFECTS
 
 LARGEST_RESIDUAL = 100.0
 """Residuals are clipped to +- this value: a diverged simulation says no more than one that is far off."""

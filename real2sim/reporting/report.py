@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from saltus.effects.profile import Profile
-from saltus.effects.registry import EFFECTS
+from saltus.effects.profile import EFFECTS, Profile
 from saltus.provenance import commit, package_version
 from saltus.real2sim.problem.camera.problem import COLUMN, ROW
 from saltus.real2sim.reporting import figures

@@ -23,11 +23,16 @@ from saltus.config import Value, read_file, read_toml
 from saltus.effects.camera import CameraChain, ViewChain
 from saltus.effects.chain import ActuatorChain, BodyChain, ImuChain
 from saltus.effects.effect import Effect
-from saltus.effects.registry import EFFECTS
+from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.errors import ConfigError, nearest_hint
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import shipped_profiles
 from saltus.wire.topics import Topic, depth_topic
+
+_ORDERS = (ActuatorChain.order, CameraChain.order, ViewChain.order, (HeightmapShift,), BodyChain.order, ImuChain.order)
+EFFECTS: dict[str, type[Effect]] = {kind.name: kind for order in _ORDERS for kind in order}
+"""Every effect that Saltus knows, by the name under which logs, profiles and reports speak of it."""
+
 
 PARTS = {
     "command": "actuator",

@@ -16,9 +16,9 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from saltus.archive import check_archive
 from saltus.arrays import Floats
 from saltus.errors import RecordingError, nearest_hint
+from saltus.files import check_archive
 
 HEAD_BYTES = 2**18  # of a text, in which its names and first rows stand
 BYTE_ORDER_MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 from tqdm import tqdm
 
-from saltus.archive import ARCHIVE_MAX
 from saltus.arrays import Floats
 from saltus.depth import NOTHING
 from saltus.errors import MessageError, RecordingError
+from saltus.files import ARCHIVE_MAX
 from saltus.recordings.bag_files import opened
 from saltus.recordings.bag_topics import COMMANDS, choose
 from saltus.recordings.description import Topics

@@ -12,9 +12,9 @@ import pytest
 from benchmarks import _damage
 from benchmarks.damaged_files import Benchmark, outcome_of
 from saltus import archive
-from saltus.archive import check_archive
 from saltus.config import RunConfig, from_toml
 from saltus.errors import ConfigError, SaltusError
+from saltus.files import check_archive
 from saltus.heightmap.data.inventory import validate
 from saltus.wire.topics import TOPICS
 

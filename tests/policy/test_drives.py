@@ -21,8 +21,7 @@ from saltus.effects.chain import ActuatorChain
 from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.offsets_and_factors import ContactCompliance, PayloadMass, SoftFeet, TorqueGain
-from saltus.effects.profile import Profile
-from saltus.effects.registry import EFFECTS
+from saltus.effects.profile import EFFECTS, Profile
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.joint_command import JointCommand

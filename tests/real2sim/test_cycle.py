@@ -20,8 +20,7 @@ from saltus import gpu
 from saltus.cli.main import command_of, main
 from saltus.config import load
 from saltus.effects.offsets_and_factors import CoulombFriction, TorqueGain
-from saltus.effects.profile import PARTS, load_profile
-from saltus.effects.registry import EFFECTS
+from saltus.effects.profile import EFFECTS, PARTS, load_profile
 from saltus.heightmap import collection, device_collection
 from saltus.heightmap.settings import ClosedLoop, DeviceCollection, ProcessorCollection
 from saltus.policy.evaluation.evaluate import Evaluation

@@ -18,7 +18,7 @@ from saltus.effects.effect import Effect
 from saltus.effects.joint_loads import EndStop, JointSpring
 from saltus.effects.motor_limits import TorqueSaturation
 from saltus.effects.offsets_and_factors import BaseRoll, EncoderBias, VelocityScale
-from saltus.effects.registry import EFFECTS
+from saltus.effects.profile import EFFECTS
 from saltus.errors import RecordingError
 from saltus.joint_command import JointCommand
 from saltus.real2sim.problem.joints import motion as joint_motion

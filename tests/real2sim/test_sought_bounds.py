@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from saltus.effects.registry import EFFECTS
+from saltus.effects.profile import EFFECTS
 from saltus.real2sim.problem.body.candidates import Claims, candidates
 from saltus.real2sim.problem.camera.candidates import camera_candidates
 from saltus.real2sim.problem.imu.problem import imu_candidates

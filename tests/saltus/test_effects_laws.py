@@ -37,8 +37,7 @@ from saltus.effects.offsets_and_factors import (
     VelocityScale,
     ViscousFriction,
 )
-from saltus.effects.profile import IDEAL, PARTS, Profile
-from saltus.effects.registry import EFFECTS
+from saltus.effects.profile import EFFECTS, IDEAL, PARTS, Profile
 from saltus.effects.signals import CameraView, DepthImage, Drive, HeightQuery, JointState, Resistance
 from saltus.errors import ConfigError
 from saltus.joint_command import JointCommand

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from saltus.effects.effect import Effect
-from saltus.effects.profile import Profile
-from saltus.effects.registry import EFFECTS
+from saltus.effects.profile import EFFECTS, Profile
 from saltus.wire import schemas
 from saltus.wire.events import CODES
 from saltus.wire.messages import ControllerMode, HeightmapStatus

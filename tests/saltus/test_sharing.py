@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from saltus.config import RunConfig
-from saltus.watch.onlooker import UNSHARED_NS, WAITED_NS, Onlooker
+from saltus.watch.live import UNSHARED_NS, WAITED_NS, Onlooker
 from saltus.wire import codec, sharing
 from saltus.wire.bus import RawSample, sender_of
 from saltus.wire.messages import Done

@@ -6,7 +6,7 @@ from samples import ROBOT
 
 from saltus.config import TerrainConfig
 from saltus.sim import scene
-from saltus.sim.bounds import terrain_nodes, tree_bounds
+from saltus.sim.mujoco_batch import terrain_nodes, tree_bounds
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
