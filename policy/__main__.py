@@ -55,7 +55,8 @@ class PlannerLoop:
         else:
             return None
         self._plans.put(self._process.step(state, heightmap, self._context.clock.now_ns()))
-        self._done.put(Done(time_ns=state.time_ns, step=state.step, process=self._context.name))
+        if self._lockstep:
+            self._done.put(Done(time_ns=state.time_ns, step=state.step, process=self._context.name))
         for notice in self._process.notices:
             self._context.event(notice.code, notice.detail)
         self._process.notices.clear()

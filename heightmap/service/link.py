@@ -108,7 +108,8 @@ class RobotLink:
     def answer(self, heightmap: Heightmap) -> None:
         """Publishes; says once when the status changes."""
         self._heightmaps.put(heightmap)
-        self._done.put(Done(time_ns=heightmap.time_ns, step=heightmap.step, process=self.context.name))
+        if self._lockstep:
+            self._done.put(Done(time_ns=heightmap.time_ns, step=heightmap.step, process=self.context.name))
         self.ticks += 1
         if heightmap.status == self._status:
             return
