@@ -186,6 +186,10 @@ class Effect(Generic[Signal]):
 
     def is_null(self) -> bool:
         """True where every parameter has the value at which nothing changes."""
+        return self._is_null
+
+    @cached_property
+    def _is_null(self) -> bool:
         return all(_equal(getattr(self, f.name), f.metadata["null"]) for f in fields(self) if "null" in f.metadata)
 
 

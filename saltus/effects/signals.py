@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from saltus.arrays import Array, Floats, namespace
 
 
@@ -81,6 +83,8 @@ def nothing_yet(like: DepthImage) -> DepthImage:
 
 def chosen(condition: Array, image: DepthImage, otherwise: DepthImage) -> DepthImage:
     """For each robot, `image` where `condition`, shape (...), else `otherwise`."""
+    if isinstance(condition, np.bool_):  # of one robot nothing need be copied
+        return image if condition else otherwise
     xp = namespace(image.depth)
     time_s = xp.where(condition, image.time_s, otherwise.time_s)
     return DepthImage(depth=xp.where(condition[..., None, None], image.depth, otherwise.depth), time_s=time_s)

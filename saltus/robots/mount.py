@@ -36,7 +36,7 @@ class Mount:
             position=robot.camera_position, pitch=robot.camera_pitch, roll=robot.camera_roll, yaw=robot.camera_yaw
         )
 
-    @property
+    @cached_property
     def rotation(self) -> Floats:
         """Camera frame to base frame, shape (3, 3) or (n, 3, 3)."""
         cr, cp, cy = (np.cos(angle) for angle in np.broadcast_arrays(self.roll, self.pitch, self.yaw))
