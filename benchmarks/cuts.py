@@ -22,7 +22,7 @@ from benchmarks._cut_logs import LOGS, length_s, made
 from benchmarks.moving_logs import searched
 from saltus.errors import ConfigError, nearest_hint
 from saltus.files import write_whole
-from saltus.real2sim.screening.cut import until
+from saltus.real2sim.screening.screen import until
 from saltus.recordings.run_log import read_run_log, write_run_log
 
 SHORTEST_S = 0.2

@@ -10,18 +10,42 @@ simulations of one robot leave (`saltus.real2sim.search.decide.REMAINDER_RMS`).
 
 import json
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import tyro
 
 from benchmarks._command import Command, progress, tell
+from saltus.arrays import Floats
 from saltus.errors import SaltusError
 from saltus.real2sim.pipeline import examine, judge
 from saltus.real2sim.problem.log import load_rigs
+from saltus.real2sim.problem.problem import Problem, WrappedProblem
 from saltus.real2sim.results import Examination
 from saltus.real2sim.search.decide import REMAINDER_RMS
+from saltus.real2sim.sensors import SENSORS, Sensor
+
+
+class NarrowedProblem(WrappedProblem):
+    """`inner` without some of its effects, by name, which stay absent."""
+
+    def __init__(self, inner: Problem, without: Collection[str]) -> None:
+        super().__init__(inner)
+        self.untestable = {name: why for name, why in inner.untestable.items() if name not in without}
+        self.candidates = tuple(c for c in inner.candidates if c.effect not in without)
+        is_kept = [c.effect not in without for c in inner.candidates for _ in c.unknowns]
+        self._kept = np.flatnonzero(is_kept)
+        self.likely = None if inner.likely is None else inner.likely[self._kept]
+
+    def residuals(self, unknowns: Floats) -> Floats:
+        """See `Problem`."""
+        full = np.tile(self._inner.absent, (*unknowns.shape[:2], 1))
+        full[:, :, self._kept] = unknowns
+        return self._inner.residuals(full)
+
 
 LARGE = 3.0
 """Times the size at which an effect's residual is one sigma: from here on it must be found."""
@@ -45,6 +69,11 @@ class Benchmark(Command):
         return {"counts": dict(Counter(result["outcome"] for result in results)), "runs": results}
 
 
+def _without(sensor: Sensor, effect: str) -> Sensor:
+    """The sensor whose library lacks an effect."""
+    return replace(sensor, problem=lambda log: NarrowedProblem(sensor.problem(log), (effect,)))
+
+
 def _counts(truth: Any) -> bool:
     if not isinstance(truth, dict) or truth.get("category") != "one" or truth["quiet"]:
         return False
@@ -52,7 +81,7 @@ def _counts(truth: Any) -> bool:
 
 
 def _searched(log: Path, effect: str) -> dict[str, Any]:
-    (examined,) = examine(load_rigs([log]), without=(effect,))
+    (examined,) = examine(load_rigs([log]), sensors=[_without(sensor, effect) for sensor in SENSORS])
     verdict = judge((examined,), ()).verdict
     outcome: str = verdict.verdict
     if outcome in ("named", "set"):

@@ -22,9 +22,8 @@ from benchmarks._command import Command, tell
 from saltus.arrays import Floats
 from saltus.effects.offsets_and_factors import Armature, CoulombFriction, ViscousFriction
 from saltus.effects.profile import Profile
-from saltus.real2sim.experiments.instruments import SensorNoise
 from saltus.real2sim.experiments.menu import experiment_named
-from saltus.real2sim.experiments.run import run
+from saltus.real2sim.experiments.run import SensorNoise, run
 from saltus.real2sim.pipeline import find
 from saltus.recordings.run_log import RunLog, write_run_log
 from saltus.robots.loading import load_robot

@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from saltus.arrays import Floats
 from saltus.config import read_file, read_toml
 from saltus.effects.effect import Effect
 from saltus.effects.image_pixels import to_robot
@@ -130,7 +131,7 @@ def supported(effects: Sequence[FoundEffect], profile: Profile = IDEAL) -> tuple
     for itself: of an effect that both found in one place the values with the narrower intervals go in.
     """
     certain = [e for e in effects if e.name not in EFFECTS or _is_certain(e, may_be_null=e.name in profile.effects)]
-    narrowest: dict[tuple[Any, ...], FoundEffect] = {}
+    narrowest: dict[tuple[object, ...], FoundEffect] = {}
     for found in sorted(certain, key=_width):
         narrowest.setdefault((found.name, found.where, *found.params), found)
     return tuple(e for e in certain if e in narrowest.values())
@@ -170,16 +171,16 @@ def applicability(log: RunLog) -> Applicability:
     joints = log.joints
     torque = joints.tau_est if joints.tau_est is not None else joints.tau_ff
     return Applicability(
-        torque_nm=None if torque is None else _largest(torque),
-        speed_rad_s=None if joints.dq is None else _largest(joints.dq),
+        torque_nm=_largest(torque),
+        speed_rad_s=_largest(joints.dq),
         depth_m=None if log.depth is None or not log.depth.depth_mm.size else 1e-3 * float(log.depth.depth_mm.max()),
         duration_s=float(joints.time_s[-1] - joints.time_s[0]),
         focal_px=None if log.depth is None or "camera" not in log.meta else float(log.meta["camera"]["fx"]),
     )
 
 
-def _largest(values: Any) -> float:
-    return round(float(np.nanmax(np.abs(values))), 3)
+def _largest(values: Floats | None) -> float | None:
+    return None if values is None else round(float(np.nanmax(np.abs(values))), 3)
 
 
 def _with(profile: Profile, robot: Robot, found: FoundEffect, reach: Applicability) -> Profile:

@@ -6,7 +6,7 @@ Sensors are compared independently: if one of them fails, the verdicts of the ot
 import json
 import logging
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -22,16 +22,13 @@ from saltus.real2sim.problem.log import in_sequence, load_rigs, model_of, quadru
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.progress import ComparisonProgress, Progress
 from saltus.real2sim.rebased_problem import RebasedProblem
-from saltus.real2sim.resolution import resolved
 from saltus.real2sim.results import Examination, Judgement, SensorResult
 from saltus.real2sim.screening.align import align
 from saltus.real2sim.screening.screen import screen
-from saltus.real2sim.search.findings import FoundEffect
-from saltus.real2sim.search.narrowed import NarrowedProblem
 from saltus.real2sim.search.search import search
 from saltus.real2sim.sensors import SENSORS, Sensor
 from saltus.real2sim.stacked_problem import StackedProblem, stackable
-from saltus.real2sim.verdict import Missing, Verdict, merge
+from saltus.real2sim.verdict import Missing, Verdict, merge, resolved
 from saltus.recordings.run_log import RunLog
 
 
@@ -78,13 +75,13 @@ def examine(
     logs: Sequence[RunLog],
     *,
     profile: Profile = IDEAL,
-    without: Collection[str] = (),
+    sensors: Sequence[Sensor] = SENSORS,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[Examination, ...]:
     """Compares logs of one robot on several rigs with the simulator, sensor by sensor; nothing if one log is damaged.
 
-    Effects in `without` are taken out of the library; all else is as in `find`.
+    Arguments are as in `find`.
     """
     if progress is not None:
         progress("screen", 0.0)
@@ -92,11 +89,11 @@ def examine(
     if any(each.is_bad for each in found):
         return tuple(found)
     found = [replace(each, offsets=align(each.log)) for each in found]
-    posed = [sensor for sensor in SENSORS if not all(sensor.lacks(log) for log in logs)]
+    posed = [sensor for sensor in sensors if not all(sensor.lacks(log) for log in logs)]
     shown = ComparisonProgress(progress, posed)
     for sensor in posed:
         shown.begin(f"{sensor.name}: prepare")
-        problems = _problems(sensor, found, profile, without)
+        problems = _problems(sensor, found, profile)
         shown.end(sensor.prepare_s)
         for own, problem in problems:
             seconds = sensor.search_s / len(problems)
@@ -118,9 +115,7 @@ def _screened(log: RunLog) -> Examination:
     return replace(examination, untestable=untestable, lacking={sensor.name: why for sensor, why in lacking.items()})
 
 
-def _problems(
-    sensor: Sensor, found: list[Examination], profile: Profile, without: Collection[str]
-) -> list[tuple[list[int], Problem]]:
+def _problems(sensor: Sensor, found: list[Examination], profile: Profile) -> list[tuple[list[int], Problem]]:
     """Problems of one kind of sensor, each with the indices of its logs.
 
     What goes wrong, and what is too short to be tested, is noted in `found`.
@@ -134,7 +129,7 @@ def _problems(
     problems: list[Problem] = []
     for i in posing:
         try:
-            problems.append(_posed(sensor, found[i].log, profile, without))
+            problems.append(_posed(sensor, found[i].log, profile))
             own.append(i)
         except Exception as error:  # whatever goes wrong with one sensor, the verdicts of the others stand
             found[i] = _failed(found[i], sensor, error)
@@ -188,13 +183,13 @@ def _failed(examination: Examination, sensor: Sensor, error: Exception) -> Exami
     return replace(examination, failures=(*examination.failures, text), untestable=untestable)
 
 
-def _posed(sensor: Sensor, log: RunLog, profile: Profile, without: Collection[str]) -> Problem:
+def _posed(sensor: Sensor, log: RunLog, profile: Profile) -> Problem:
     problem = sensor.problem(log)
-    if profile != IDEAL:
-        if "camera" in log.meta:
-            profile = to_images(profile, float(log.meta["camera"]["fx"]))
-        problem = RebasedProblem(problem, profile)
-    return NarrowedProblem(problem, without) if without else problem
+    if profile == IDEAL:
+        return problem
+    if "camera" in log.meta:
+        profile = to_images(profile, float(log.meta["camera"]["fx"]))
+    return RebasedProblem(problem, profile)
 
 
 def judge(examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...], profile: Profile = IDEAL) -> Judgement:
@@ -215,25 +210,19 @@ def judge(examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...],
             Missing(sensor=s.name, why=brief[s.name], experiment=s.experiment) for s in SENSORS if s.name in brief
         )
         verdict = replace(verdict, log_faults=tuple(remarks), missing=missing)
-        testable = {name for f in findings for name in (*f.minimum_detectable, *_names(f.effects), *_names(f.rivals))}
+        rivals = [rival for f in findings for rival in (*f.rivals, *f.effects)]
+        testable = {rival.name for rival in rivals}.union(*(f.minimum_detectable for f in findings))
         lacking = {name: why for each in examinations for name, why in each.untestable.items()}
         untestable = {name: why for name, why in (lacking | verdict.untestable).items() if name not in testable}
-        rivals = [rival for f in findings for rival in (*f.rivals, *f.effects)]
         rigs = [each.log.meta for each in examinations]
         verdict = replace(
             verdict,
             untestable=untestable,
-            next_experiment=next_experiment(
-                quadruped_of(model_of(examinations[0].log.meta)), verdict.sets, rivals, rigs
-            ),
+            next_experiment=next_experiment(quadruped_of(model_of(examinations[0].log)), verdict.sets, rivals, rigs),
             minimum_detectable={n: e for n, e in verdict.minimum_detectable.items() if math.isfinite(e.value)},
         )
     patch = Patch(effects=supported(verdict.effects, profile), evidence=evidence, range=_range(examinations))
     return Judgement(verdict=verdict, patch=patch, examinations=examinations, evidence=evidence, profile=profile)
-
-
-def _names(effects: Sequence[FoundEffect]) -> list[str]:
-    return [effect.name for effect in effects]
 
 
 def _range(examinations: tuple[Examination, ...]) -> Applicability:

@@ -21,8 +21,7 @@ class RebasedProblem(WrappedProblem):
 
     def __init__(self, inner: Problem, profile: Profile) -> None:
         self._bare, self._profile = inner, profile
-        inner, told = inner.holding(profile.actuator)
-        profile = replace(profile, actuator=told)
+        inner, profile = inner.holding(profile)
         super().__init__(inner)
         found = [_offset(inner, candidate, profile) for candidate in inner.candidates]
         lost = {c.effect for c, offset in zip(inner.candidates, found, strict=True) if np.isnan(offset).any()}

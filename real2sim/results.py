@@ -6,7 +6,7 @@ from saltus.effects.profile import Profile
 from saltus.real2sim.patch import Evidence, Patch
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.screening.align import ClockOffset
-from saltus.real2sim.screening.fault import Fault
+from saltus.real2sim.screening.scales import Fault
 from saltus.real2sim.search.findings import Findings
 from saltus.real2sim.verdict import Verdict
 from saltus.recordings.run_log import RunLog

@@ -1,15 +1,27 @@
-"""Kinds of sensors: which problems a run log poses, and which effects it cannot show."""
+"""Kinds of sensors: which problems a run log poses, how much of a log they need, and which effects it cannot show.
+
+A fit always finds something. What is named must hold on a part of the log that no fit has seen.
+That part, and the parts between which fits are compared, need some seconds each.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from saltus.arrays import Floats
 from saltus.effects.effect import Site
 from saltus.effects.profile import EFFECTS
 from saltus.errors import SaltusError
-from saltus.real2sim.extent import moving_s, seeing_s, standing_s, turning_s
+from saltus.real2sim.problem.body.problem import BodyProblem
 from saltus.real2sim.problem.body.support import LEAST_SHARE, carried_by
-from saltus.real2sim.problem.log import has_changing_gains, robot_of, untold
+from saltus.real2sim.problem.camera.problem import CameraProblem
+from saltus.real2sim.problem.imu import ImuProblem
+from saltus.real2sim.problem.joints.problem import JointProblem
+from saltus.real2sim.problem.jumps.problem import JumpProblem
+from saltus.real2sim.problem.log import clocks, has_changing_gains, robot_of, rows_between, segments_of, untold
 from saltus.real2sim.problem.problem import Problem
+from saltus.real2sim.saturation_curve import with_curves
 from saltus.real2sim.search.findings import Findings
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import JOINTS
@@ -20,17 +32,12 @@ NO_EFFECTS_OF_HARDWARE = ("sample_and_hold", "heightmap_shift")
 DRIVES: tuple[Site, ...] = ("command", "torque", "joint", "joint_state", "stand")
 """Where the effects act that a held robot's joints show."""
 CHANGING_GAINS = "gains change from command to command: replays take one kp and one kd for each joint"
-
-
-def _as_found(problem: Problem, findings: Findings) -> Findings:
-    del problem
-    return findings
-
-
-def _with_curves(problem: Problem, findings: Findings) -> Findings:
-    from saltus.real2sim.saturation_curve import with_curves
-
-    return with_curves(problem, findings)
+STEP_S = 0.1
+"""Over which a joint moves or rests: angles of a noise of 1 mrad then tell 0.05 rad/s."""
+LEAST_RAD = 0.005
+"""In a step, at least: below 0.05 rad/s a joint stands still (`excitation.LEAST_SPEED`)."""
+SETTLING_S = 0.5
+"""After a motion a joint settles, which tells as much: two periods of a leg under PD control."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +63,7 @@ class Sensor:
     search_s: float
     """Typical time of the search [s]."""
 
-    finished: Callable[[Problem, Findings], Findings] = _as_found
+    finished: Callable[[Problem, Findings], Findings] = lambda _, findings: findings
     """Findings with what the log tells of them beyond the unknowns of their problem."""
 
     def is_brief(self, logs: Sequence[RunLog]) -> str:
@@ -97,7 +104,7 @@ def _no_free_base(log: RunLog) -> str:
     if tuple(name.removesuffix("_joint") for name in log.meta["joints"]) != JOINTS:
         return f"the joints are not {JOINTS[0]} to {JOINTS[-1]} in this order: what moves the body is not known"
     try:
-        robot = robot_of(log.meta)
+        robot = robot_of(log)
     except SaltusError as error:
         return f"what stands there is no quadruped that can be replayed: {error}"
     if (robot.joint_sign < 0.0).any():
@@ -117,50 +124,67 @@ def _no_imu(log: RunLog) -> str:
     return "" if is_known else "the base is not held, and no base.csv says how it moves"
 
 
-def _joints(log: RunLog) -> Problem:
-    from saltus.real2sim.problem.joints.problem import JointProblem
-
-    return JointProblem(log)
-
-
-def _camera(log: RunLog) -> Problem:
-    from saltus.real2sim.problem.camera.problem import CameraProblem
-
-    return CameraProblem(log)
-
-
 def _body(log: RunLog) -> Problem:
-    from saltus.real2sim.problem.body.problem import BodyProblem
-    from saltus.real2sim.problem.jumps.problem import JumpProblem
-
     return JumpProblem(log) if has_changing_gains(log) else BodyProblem(log)
 
 
-def _imu(log: RunLog) -> Problem:
-    from saltus.real2sim.problem.imu.problem import ImuProblem
+def moving_s(log: RunLog) -> float:
+    """Seconds in segments in which a joint moves, or has just moved."""
+    between, time_s = rows_between(log.joints.time_s), log.joints.time_s
+    total = 0.0
+    for segment in segments_of(log):
+        rows = between(segment.start_s, np.nextafter(segment.end_s, np.inf))
+        total += _moving_s(time_s[rows], log.joints.q[rows])
+    return total
 
-    return ImuProblem(log)
+
+def _moving_s(time_s: Floats, q: Floats) -> float:
+    """Seconds of one segment, by steps of `STEP_S`."""
+    if len(time_s) < 2:
+        return 0.0
+    step = ((time_s - time_s[0]) / STEP_S).astype(np.int64)
+    starts = np.flatnonzero(np.diff(step, prepend=-1))
+    reach = np.maximum.reduceat(q, starts) - np.minimum.reduceat(q, starts)
+    moves_s = time_s[starts][(reach > LEAST_RAD).any(axis=1)]
+    edges = np.append(time_s[starts], time_s[-1])
+    since = edges[:-1] - np.concatenate([[-np.inf], moves_s])[np.searchsorted(moves_s, edges[:-1], side="right")]
+    return float(np.diff(edges)[since <= SETTLING_S].sum())
+
+
+def _covered_s(table: str) -> Callable[[RunLog], float]:
+    """Seconds in segments that a table of a log covers."""
+
+    def covered(log: RunLog) -> float:
+        time_s = clocks(log).get(table)
+        if time_s is None or not len(time_s):
+            return 0.0
+        first, last = float(time_s[0]), float(time_s[-1])
+        return sum(max(0.0, min(s.end_s, last) - max(s.start_s, first)) for s in segments_of(log))
+
+    return covered
 
 
 LEAST_S = 4.0
 """Two motions of two seconds (`saltus.real2sim.search.split.PIECE_S`): one for the fit, one for the test."""
 SENSORS = (
     Sensor(
-        name="joints", sites=DRIVES, lacks=_no_held_base, problem=_joints, lasts_s=moving_s, least_s=LEAST_S,
+        name="joints", sites=DRIVES, lacks=_no_held_base, problem=JointProblem, lasts_s=moving_s,
+        least_s=LEAST_S,
         needs="motion", experiment="joint_tour", prepare_s=1.0, search_s=30.0,
-        finished=_with_curves,
+        finished=with_curves,
     ),
     Sensor(
-        name="camera", sites=("depth", "view"), lacks=_no_images, problem=_camera, lasts_s=seeing_s, least_s=LEAST_S,
+        name="camera", sites=("depth", "view"), lacks=_no_images, problem=CameraProblem, lasts_s=_covered_s("depth"),
+        least_s=LEAST_S,
         needs="images", experiment="heave_and_pitch", prepare_s=1.0, search_s=4.0,
     ),
     Sensor(
-        name="body", sites=("model",), lacks=_no_free_base, problem=_body, lasts_s=standing_s, least_s=LEAST_S,
+        name="body", sites=("model",), lacks=_no_free_base, problem=_body, lasts_s=_covered_s("base"), least_s=LEAST_S,
         needs="measured poses", experiment="squat", prepare_s=15.0, search_s=10.0,
     ),
     Sensor(
-        name="imu", sites=("imu",), lacks=_no_imu, problem=_imu, lasts_s=turning_s, least_s=LEAST_S,
+        name="imu", sites=("imu",), lacks=_no_imu, problem=ImuProblem, lasts_s=_covered_s("imu"), least_s=LEAST_S,
         needs="readings", experiment="heave_and_pitch", prepare_s=0.1, search_s=0.5,
     ),
 )  # fmt: skip
-"""In the order in which they are compared. Modules of a sensor are imported when a log needs them."""
+"""In the order in which they are compared. Of a body standing shows a weight, too."""

@@ -13,9 +13,8 @@ import numpy as np
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.problem import Candidate, Driver, Problem, Segment
-from saltus.real2sim.search.fit import Evaluator, Fit, refine, slopes
+from saltus.real2sim.search.fit import Evaluator, fitted_null
 from saltus.real2sim.search.layout import Layout
-from saltus.real2sim.search.split import split
 
 Place = tuple[str, str]
 """Effect and where; the names of nuisances carry the number of their log."""
@@ -118,17 +117,11 @@ def stackable(problems: Sequence[Problem]) -> bool:
 
 def _without_effects(problem: Problem) -> Floats:
     """Nuisances fitted to one log alone, so that a fit to all logs starts near them."""
-    layout, evaluate = Layout.of(problem), Evaluator(problem)
+    layout = Layout.of(problem)
     rest = np.zeros((len(problem.blocks), len(layout.scale)))
-    own = layout.nuisances
-    if not len(own):
-        return rest
-    starts = np.tile(problem.absent, (len(problem.blocks), 1))
-    residuals = evaluate("nuisances", starts[np.newaxis])[0]
-    jacobian = slopes(evaluate, layout, starts, residuals, own, "nuisances")
-    start = Fit(model=(), columns=own, unknowns=starts, residuals=residuals, jacobian=jacobian)
-    (fit,) = refine(evaluate, layout, split(problem, residuals), [start], stage="nuisances")
-    rest[:, own] = fit.unknowns[:, own]
+    if len(own := layout.nuisances):
+        null, _ = fitted_null(problem, Evaluator(problem), layout)
+        rest[:, own] = null.unknowns[:, own]
     return rest
 
 

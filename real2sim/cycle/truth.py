@@ -4,11 +4,10 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from saltus.arrays import Floats
+from saltus.arrays import Floats, Indices
 from saltus.effects.effect import Effect
 from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import EFFECTS, Profile
@@ -100,7 +99,7 @@ def _hidden(
                 )  # fmt: skip
 
 
-def _finding(effects: tuple[FoundEffect, ...], name: str, parameter: str, places: Any) -> FoundEffect | None:
+def _finding(effects: tuple[FoundEffect, ...], name: str, parameter: str, places: Indices) -> FoundEffect | None:
     """Finding of an effect at the first of these joints."""
     return next(
         (e for e in effects if e.name == name and parameter in e.params and places[0] in _places(e).tolist()), None
@@ -135,17 +134,17 @@ def _effect(profile: Profile, name: str) -> Effect:
     return profile.effects.get(name) or EFFECTS[name]()
 
 
-def _places(effect: FoundEffect) -> Any:
+def _places(effect: FoundEffect) -> Indices:
     names = (effect.where,) if isinstance(effect.where, str) else effect.where
     joints = [JOINTS.index(name) for name in names if name in JOINTS]
-    return np.array(joints or range(len(JOINTS)))
+    return np.array(joints or range(len(JOINTS)), dtype=np.int64)
 
 
 def _where(effect: FoundEffect) -> str:
     return effect.where if isinstance(effect.where, str) else _names(_places(effect))
 
 
-def _names(places: Any) -> str:
+def _names(places: Indices) -> str:
     if len(places) == len(JOINTS):
         return "all"
     names = [JOINTS[i] for i in places]

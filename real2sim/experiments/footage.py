@@ -1,6 +1,7 @@
 """Images that a depth camera with the effects of a profile delivers of a robot that moves."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,13 @@ from saltus.arrays import Floats
 from saltus.depth import D435I, Intrinsics
 from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
+from saltus.real2sim.problem.camera.rays import claimed_mount
 from saltus.recordings.run_log import DepthTable
 from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
+from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
 
 POOLING = 5  # as many pixels of the D435i as make one of the model's image
@@ -21,23 +24,12 @@ AXIAL_NOISE = 1.3e-3  # standard deviation over squared depth [1/m], plane fits 
 RANGE_MAX_M = 10.0  # D435i datasheet
 
 
-def _pooled_d435i() -> Intrinsics:
-    """420 x 240 pixels of the D435i, pooled by five."""
-    width, height = D435I.width // POOLING, D435I.height // POOLING
-    cut = 0.5 * (D435I.width - POOLING * width)
-    return Intrinsics(
-        width=width, height=height, fx=D435I.fx / POOLING, fy=D435I.fy / POOLING,
-        cx=(D435I.cx - cut) / POOLING, cy=D435I.cy / POOLING,
-    )  # fmt: skip
-
-
-def _pooled(claim: dict[str, Any]) -> Intrinsics:
-    """The image that a log claims, pooled until it is no larger than the D435i's."""
-    by = max(1, -(-int(claim["width"]) // (D435I.width // POOLING)))
-    return Intrinsics(
-        width=int(claim["width"]) // by, height=int(claim["height"]) // by,
-        **{name: float(claim[name]) / by for name in ("fx", "fy", "cx", "cy")},
-    )  # fmt: skip
+WIDTH, HEIGHT = D435I.width // POOLING, D435I.height // POOLING
+POOLED_D435I = Intrinsics(
+    width=WIDTH, height=HEIGHT, fx=D435I.fx / POOLING, fy=D435I.fy / POOLING,
+    cx=(D435I.cx - 0.5 * (D435I.width - POOLING * WIDTH)) / POOLING, cy=D435I.cy / POOLING,
+)  # fmt: skip
+"""420 x 240 pixels of the D435i, pooled by five."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +38,7 @@ class FootageCamera:
 
     rate_hz: float = 50.0
     latency_s: float = 0.0
-    intrinsics: Intrinsics = field(default_factory=_pooled_d435i)
+    intrinsics: Intrinsics = POOLED_D435I
     """Intrinsics of its images."""
     mount: Mount
 
@@ -57,15 +49,17 @@ class FootageCamera:
 
     @classmethod
     def of(cls, claim: dict[str, Any]) -> "FootageCamera":
-        """The camera that a run log claims (`meta.camera`), with images that are quick to render."""
+        """The camera that a run log claims (`meta.camera`), its images pooled until none is larger than the D435i's."""
+        by = max(1, -(-int(claim["width"]) // WIDTH))
+        intrinsics = Intrinsics(
+            width=int(claim["width"]) // by, height=int(claim["height"]) // by,
+            **{name: float(claim[name]) / by for name in ("fx", "fy", "cx", "cy")},
+        )  # fmt: skip
         return cls(
             rate_hz=float(claim["rate"]),
             latency_s=float(claim["latency"]),
-            intrinsics=_pooled(claim),
-            mount=Mount(
-                position=np.asarray(claim["position"], dtype=np.float64),
-                **{name: float(claim.get(name, 0.0)) for name in ("roll", "pitch", "yaw")},
-            ),
+            intrinsics=intrinsics,
+            mount=claimed_mount(claim),
         )
 
     def claim(self) -> dict[str, Any]:
@@ -85,11 +79,8 @@ def film(
     camera: FootageCamera,
     profile: Profile,
     terrain: Terrain,
-    *,
     capture_s: Floats,
-    position: Floats,
-    quaternion: Floats,
-    joints: Floats,
+    states: Sequence[PlantState],
     rng: np.random.Generator,
 ) -> DepthTable:
     """Images as they arrive.
@@ -100,14 +91,15 @@ def film(
         profile: Its camera part.
         terrain: What there is to see.
         capture_s: When images are exposed [s], shape (n,).
-        position: Of the base then [m], world, shape (n, 3).
-        quaternion: (w, x, y, z), base to world, shape (n, 4).
-        joints: [rad], shape (n, 12).
+        states: Of the robot then.
         rng: Of the noise and of what effects draw.
     """
     claimed = RobotCamera(robot=robot, intrinsics=camera.intrinsics, mount=camera.mount)
     renderer = EmbreeRenderer(terrain, claimed.moved(profile.view_chain), threads=1)
-    depth = renderer.render_batch(position, quaternion, joints).astype(np.float64)
+    poses = ("position_base_in_world", "quaternion_base_in_world", "joint_position")
+    depth = renderer.render_batch(*(np.array([getattr(state, name) for state in states]) for name in poses)).astype(
+        np.float64
+    )
     depth += AXIAL_NOISE * np.where(np.isfinite(depth), depth, 0.0) ** 2 * rng.standard_normal(depth.shape)
     depth[~(depth <= RANGE_MAX_M)] = 0.0
     shown, arrival_s = to_images(profile, camera.intrinsics.fx).camera_chain.film(depth, capture_s, rng)

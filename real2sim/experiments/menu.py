@@ -16,7 +16,7 @@ from saltus.terrain import flat, level
 from saltus.terrain.terrain import Terrain
 
 SEPARATIONS = Path(__file__).parent / "separations.json"
-"""Measured separations of each experiment: `saltus.real2sim.experiments.separations` writes it,
+"""Measured separations of each experiment: `tools/separations.py` writes it,
 `next_experiment` reads it."""
 WALL_M = 0.9
 """Height of a step that is a wall: from 1 m it fills the upper half of the image of a camera on a trunk, 30 degrees

@@ -15,30 +15,21 @@ from itertools import combinations
 from typing import Any
 
 from saltus.real2sim.experiments.menu import EXPERIMENTS, SEPARATIONS
-from saltus.real2sim.resolution import largest
 from saltus.real2sim.search.findings import FoundEffect
 from saltus.real2sim.sensors import SENSORS
-from saltus.real2sim.verdict import NextExperiment
+from saltus.real2sim.verdict import NextExperiment, largest
 from saltus.robots.robot import Robot
-
-
-@dataclass(frozen=True, kw_only=True)
-class Visibility:
-    """Visibility of an effect in the log of an experiment."""
-
-    size: float
-    """Size of the effect in its first parameter, as deviation from null, or 0 where that is
-    infinite."""
-    sigma: float
-    """Norm of what this size changes in the whitened residuals, nuisances projected out."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Separations:
     """Separations that one experiment shows."""
 
-    visible: dict[str, Visibility]
-    cosine: dict[tuple[str, str], float]
+    visible: dict[str, tuple[float, float]]
+    """Size of an effect in its first parameter, as deviation from null, or 0 where that is infinite; and the norm of
+    what this size changes in the whitened residuals, nuisances projected out."""
+    cosine: list[list[float]]
+    """Cosines of what effects do, in their order."""
 
     def nats(self, a: str, b: str, sizes: dict[str, float]) -> float:
         """Expected lead of the true one of two rivals over the other, whichever is true.
@@ -53,12 +44,12 @@ class Separations:
         """Cosine of what two effects do, 0 where one of them cannot show; 1 where nothing is known of it."""
         if (a in self.visible) != (b in self.visible):
             return 0.0
-        return self.cosine.get((min(a, b), max(a, b)), 1.0)
+        names = list(self.visible)
+        return self.cosine[names.index(max(a, b))][names.index(min(a, b))] if a in self.visible and a != b else 1.0
 
     def _sigma(self, name: str, sizes: dict[str, float]) -> float:
-        seen = self.visible[name]
-        share = sizes[name] / seen.size if seen.size > 0.0 and sizes.get(name) else 1.0
-        return seen.sigma * share
+        size, sigma = self.visible[name]
+        return sigma * (sizes[name] / size if size > 0.0 and sizes.get(name) else 1.0)
 
 
 def next_experiment(
@@ -105,27 +96,11 @@ def _table(robot: Robot, members: Sequence[str], rigs: Sequence[dict[str, Any]])
     from saltus.real2sim.experiments.separations import measure
 
     seeing = [name for name, experiment in EXPERIMENTS.items() if experiment.camera]
-    return {name: _separations(measure(EXPERIMENTS[name], robot, FootageCamera.of(camera))) for name in seeing}
+    return {name: Separations(**measure(EXPERIMENTS[name], robot, FootageCamera.of(camera))) for name in seeing}
 
 
 @cache
 def separations() -> dict[str, Separations]:
     """The measured table, by experiment."""
-    return {
-        name: _separations(entry)
-        for name, entry in json.loads(SEPARATIONS.read_text(encoding="utf-8"))["experiments"].items()
-    }
-
-
-def _separations(entry: dict[str, dict[str, list[float]] | list[list[float]]]) -> Separations:
-    visible = dict(entry["visible"])  # type: ignore[arg-type]
-    names = list(visible)
-    return Separations(
-        visible={name: Visibility(size=size, sigma=sigma) for name, (size, sigma) in visible.items()},
-        cosine={
-            (min(a, b), max(a, b)): entry["cosine"][i][j]  # type: ignore[index]
-            for i, a in enumerate(names)
-            for j, b in enumerate(names)
-            if i != j
-        },
-    )
+    measured = json.loads(SEPARATIONS.read_text(encoding="utf-8"))["experiments"]
+    return {name: Separations(**entry) for name, entry in measured.items()}

@@ -3,7 +3,7 @@
 The robot is the simulated one with the effects of a profile; its sensors have noise of the usual size.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,15 +15,96 @@ from saltus.effects.imu import ImuReading
 from saltus.effects.profile import Profile
 from saltus.joint_command import JointCommand
 from saltus.real2sim.experiments.footage import FootageCamera, film
-from saltus.real2sim.experiments.instruments import Instruments, SensorNoise
 from saltus.real2sim.experiments.menu import Experiment
 from saltus.real2sim.experiments.motions import Section
+from saltus.real2sim.problem.rotations import turned
 from saltus.recordings.run_claims import SCHEMA, claim_of
-from saltus.recordings.run_log import DepthTable, RunLog
+from saltus.recordings.run_log import JointTable, RunLog, Table
 from saltus.robots.robot import JOINTS, Robot
 from saltus.sim.plant import CLEARANCE, Plant
 from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorNoise:
+    """Standard deviations of white noise, as of small quadrupeds whose base is tracked by motion capture."""
+
+    q_rad: float = 1e-3
+    dq_rad_s: float = 0.05
+    tau_nm: float = 0.2
+    gyro_rad_s: float = 0.01
+    acc_m_s2: float = 0.1
+    orientation_rad: float = 0.002
+    base_position_m: float = 0.0003
+    base_orientation_rad: float = 0.0005
+    velocity_m_s: float = 0.02
+    foot_n: float = 2.0
+
+
+class Instruments:
+    """Sensors with noise."""
+
+    def __init__(self, noise: SensorNoise, rng: np.random.Generator) -> None:
+        self._noise = noise
+        self._rng = rng
+
+    def joints(
+        self, time_s: Floats, states: Sequence[PlantState], sent: Sequence[JointCommand], believed: Sequence[Floats]
+    ) -> JointTable:
+        """Returns what encoders measured, and what commands were sent and what drives believed.
+
+        Args:
+            time_s: Of the rows, shape (n,).
+            states: Of the robot.
+            sent: Commands.
+            believed: Torque by the drives' own law [Nm], each of shape (12,).
+        """
+        return JointTable(
+            time_s=time_s,
+            q=self._noisy(_stacked(states, "joint_position"), self._noise.q_rad),
+            dq=self._noisy(_stacked(states, "joint_velocity"), self._noise.dq_rad_s),
+            q_des=_stacked(sent, "position"),
+            dq_des=_stacked(sent, "velocity"),
+            tau_ff=_stacked(sent, "torque"),
+            tau_est=self._noisy(np.array(believed), self._noise.tau_nm),
+        )
+
+    def imu(self, time_s: Floats, readings: Sequence[ImuReading]) -> Table:
+        """The table `imu` of a run log."""
+        noise = self._noise
+        columns = [
+            self._tilted(_stacked(readings, "quaternion_base_in_world"), noise.orientation_rad),
+            self._noisy(_stacked(readings, "angular_velocity_base"), noise.gyro_rad_s),
+            self._noisy(_stacked(readings, "acceleration_base"), noise.acc_m_s2),
+        ]
+        return Table(time_s=time_s, values=np.concatenate(columns, axis=1))
+
+    def base(self, time_s: Floats, states: Sequence[PlantState]) -> Table:
+        """The table `base` of a run log: motion capture."""
+        noise = self._noise
+        columns = [
+            self._noisy(_stacked(states, "position_base_in_world"), noise.base_position_m),
+            self._tilted(_stacked(states, "quaternion_base_in_world"), noise.base_orientation_rad),
+            self._noisy(_stacked(states, "velocity_base_in_world"), noise.velocity_m_s),
+        ]
+        return Table(time_s=time_s, values=np.concatenate(columns, axis=1))
+
+    def feet(self, time_s: Floats, states: Sequence[PlantState]) -> Table:
+        """The table `feet` of a run log."""
+        return Table(time_s=time_s, values=self._noisy(_stacked(states, "foot_force"), self._noise.foot_n))
+
+    def _noisy(self, values: Floats, sigma: float) -> Floats:
+        return values + sigma * self._rng.standard_normal(values.shape)
+
+    def _tilted(self, quaternion: Floats, sigma_rad: float) -> Floats:
+        """Quaternions (n, 4) turned by small random rotations."""
+        return turned(quaternion, sigma_rad * self._rng.standard_normal((len(quaternion), 3)))
+
+
+def _stacked(samples: Sequence[PlantState | ImuReading | JointCommand], name: str) -> Floats:
+    return np.array([getattr(sample, name) for sample in samples], dtype=np.float64)
+
 
 SETTLE_S = 0.6  # a robot that was put on its feet has come to rest: three time constants of its slowest mode
 CARRIED_S = 1.0  # time on the log's clock that passes while somebody puts the robot elsewhere
@@ -41,9 +122,8 @@ class _Row:
     time_s: float
     state: PlantState
     imu: ImuReading
+    command: JointCommand
     believed: Floats
-    section: int
-    tick: int
 
 
 @dataclass(kw_only=True, eq=False)
@@ -81,12 +161,14 @@ def run(
     )  # fmt: skip
     tape = _move(plant, experiment, robot, sections, terrain, progress)
     rng = np.random.default_rng([seed, 1])
-    log = _log(tape, experiment, robot, sections, terrain, Instruments(noise or SensorNoise(), rng))
+    log = _log(tape, experiment, robot, terrain, Instruments(noise or SensorNoise(), rng))
     if not experiment.camera:
         return log
     camera = camera or FootageCamera.on(robot)
     log.meta["camera"] = camera.claim()
-    return replace(log, depth=_depth(tape, robot, terrain, camera, profile, rng))
+    rows = tape.rows[:: round(1.0 / (camera.rate_hz * PHYSICS_DT))]
+    true = (np.array([row.time_s for row in rows]), [row.state for row in rows])
+    return replace(log, depth=film(robot, camera, profile, terrain, *true, rng))
 
 
 def _move(
@@ -106,64 +188,39 @@ def _move(
         ticks = np.arange(length)
         if index == 0 or section.ahead_m is not None:
             now += CARRIED_S if index else 0.0
-            _put(plant, section, terrain)
+            ahead = AHEAD_M if section.ahead_m is None else section.ahead_m
+            x = terrain.first_edge_x - ahead if terrain.edges_x.size else 0.0
+            plant.reset(position_x=x, clearance=section.drop_m or CLEARANCE)
             if section.drop_m == 0.0:
                 ticks = np.concatenate([np.zeros(rest, dtype=np.int64), ticks])
         begin = now + (len(ticks) - length) * PHYSICS_DT
-        now = _play(plant, experiment, robot, section, index, ticks, now, tape)
+        for command in _commands(section, ticks, experiment.gains(robot)):
+            state, imu = plant.state, plant.imu
+            pose = state.quaternion_base_in_world
+            experiment.limits.check_state(robot, now, pose, state.joint_position, state.joint_velocity)
+            believed = plant.step(command).joint_torque
+            tape.rows.append(_Row(time_s=now, state=state, imu=imu, command=command, believed=believed))
+            now = round(now + PHYSICS_DT, TIME_DIGITS)
         tape.segments.append({"name": section.name, "t0": begin, "t1": now, "condition": section.condition})
         if progress is not None:
             progress((index + 1) / len(sections))
     return tape
 
 
-def _put(plant: Plant, section: Section, terrain: Terrain) -> None:
-    ahead = AHEAD_M if section.ahead_m is None else section.ahead_m
-    x = terrain.first_edge_x - ahead if terrain.edges_x.size else 0.0
-    plant.reset(position_x=x, clearance=section.drop_m or CLEARANCE)
-
-
-def _play(
-    plant: Plant,
-    experiment: Experiment,
-    robot: Robot,
-    section: Section,
-    index: int,
-    ticks: Indices,
-    now: float,
-    tape: _Tape,
-) -> float:
-    """Sends the commands of `ticks`, one every 2 ms; returns the time afterwards."""
-    kp, kd = (np.full(len(JOINTS), gain) for gain in experiment.gains(robot))
-    commands = section.commands
+def _commands(section: Section, ticks: Indices, gains: tuple[float, float]) -> Iterator[JointCommand]:
+    """The commands of a section at some ticks, with these gains at all joints."""
+    kp, kd = (np.full(len(JOINTS), gain) for gain in gains)
+    of = section.commands
     for tick in ticks:
-        state, imu = plant.state, plant.imu
-        experiment.limits.check_state(
-            robot, now, state.quaternion_base_in_world, state.joint_position, state.joint_velocity
-        )
-        command = JointCommand(
-            position=commands.q_des[tick], velocity=commands.dq_des[tick], kp=kp, kd=kd, torque=commands.tau_ff[tick]
-        )
-        believed = plant.step(command).joint_torque
-        tape.rows.append(_Row(time_s=now, state=state, imu=imu, believed=believed, section=index, tick=int(tick)))
-        now = round(now + PHYSICS_DT, TIME_DIGITS)
-    return now
+        yield JointCommand(position=of.q_des[tick], velocity=of.dq_des[tick], kp=kp, kd=kd, torque=of.tau_ff[tick])
 
 
-def _log(
-    tape: _Tape,
-    experiment: Experiment,
-    robot: Robot,
-    sections: tuple[Section, ...],
-    terrain: Terrain,
-    instruments: Instruments,
-) -> RunLog:
+def _log(tape: _Tape, experiment: Experiment, robot: Robot, terrain: Terrain, instruments: Instruments) -> RunLog:
     rows = tape.rows
     time_s = np.array([row.time_s for row in rows])
     states = [row.state for row in rows]
-    sent = [(sections[row.section].commands, row.tick) for row in rows]
     meta = _meta(tape, experiment, robot, terrain)
-    joints = instruments.joints(time_s, states, sent, [row.believed for row in rows])
+    joints = instruments.joints(time_s, states, [row.command for row in rows], [row.believed for row in rows])
     if experiment.base == "fixed":
         return RunLog(meta=meta, joints=joints)
     return RunLog(
@@ -192,22 +249,3 @@ def _meta(tape: _Tape, experiment: Experiment, robot: Robot, terrain: Terrain) -
     if terrain.edges_x.size:
         meta["terrain"] = terrain.arrays.to_tables()
     return meta
-
-
-def _depth(
-    tape: _Tape, robot: Robot, terrain: Terrain, camera: FootageCamera, profile: Profile, rng: np.random.Generator
-) -> DepthTable:
-    """Images from the true poses at the camera's rate."""
-    rows = tape.rows[:: round(1.0 / (camera.rate_hz * PHYSICS_DT))]
-    states = [row.state for row in rows]
-    return film(
-        robot,
-        camera,
-        profile,
-        terrain,
-        capture_s=np.array([row.time_s for row in rows]),
-        position=np.array([state.position_base_in_world for state in states]),
-        quaternion=np.array([state.quaternion_base_in_world for state in states]),
-        joints=np.array([state.joint_position for state in states]),
-        rng=rng,
-    )

@@ -1,14 +1,10 @@
 """Measures what each experiment of the menu shows of each effect, and how alike effects look there.
 
-    python -m saltus.real2sim.experiments.separations [experiment ...]
-
-writes `separations.json`, which `saltus.real2sim.experiments.next_experiment` reads: each experiment is run once on a
-robot without effects, and every effect is added to the simulator in an amount that matters, at all of its places at
-once. Not in a small one: in the limit a filter and a delay are the same.
+Each experiment is run once on a robot without effects, and every effect is added to the simulator in an amount that
+matters, at all of its places at once. Not in a small one: in the limit a filter and a delay are the same. What was so
+measured on the reference robot stands in `separations.json`, which `tools/separations.py` writes.
 """
 
-import json
-import sys
 from typing import Any
 
 import numpy as np
@@ -16,12 +12,10 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.footage import FootageCamera
-from saltus.real2sim.experiments.instruments import SensorNoise
-from saltus.real2sim.experiments.menu import EXPERIMENTS, SEPARATIONS, Experiment
-from saltus.real2sim.experiments.run import run
+from saltus.real2sim.experiments.menu import Experiment
+from saltus.real2sim.experiments.run import SensorNoise, run
 from saltus.real2sim.problem.problem import Candidate, Problem, Unknown
 from saltus.real2sim.sensors import SENSORS
-from saltus.robots.loading import reference_robot
 from saltus.robots.robot import Robot
 
 SEED = 20
@@ -51,7 +45,9 @@ def measure(experiment: Experiment, robot: Robot, camera: FootageCamera | None =
                 cosine[a, b] = _alignment(mine, theirs)
         signatures |= {name: seen for name, seen in here.items() if name not in signatures}
     names = sorted(signatures)
-    visible = {name: [_short(signatures[name][0]), _short(_norm(signatures[name][1]))] for name in names}
+    visible = {
+        name: [_short(signatures[name][0]), _short(float(np.linalg.norm(signatures[name][1])))] for name in names
+    }
     # sensors see different things: two effects that no sensor sees both of cannot be taken for each other
     return {"visible": visible, "cosine": [[_short(cosine.get((a, b), 0.0)) for b in names] for a in names]}
 
@@ -108,36 +104,12 @@ def _basis(columns: Floats) -> Floats:
     return np.asarray(u[:, s > NOTHING * max(s[0], NOTHING)])
 
 
-def _norm(signature: Floats) -> float:
-    return float(np.linalg.norm(signature))
-
-
 def _alignment(mine: Floats, theirs: Floats) -> float:
     """Cosine of the smallest angle between two spans."""
-    if _norm(mine) == 0.0 or _norm(theirs) == 0.0:
+    if not mine.any() or not theirs.any():
         return 1.0
     return float(min(1.0, np.linalg.svd(_basis(mine).T @ _basis(theirs), compute_uv=False)[0]))
 
 
 def _short(value: float) -> float:
     return float(f"{value:.{DIGITS}g}")
-
-
-def main(names: list[str]) -> None:
-    """Measures experiments, all where none is named, and writes the table."""
-    robot = reference_robot()
-    measured: dict[str, Any] = (
-        json.loads(SEPARATIONS.read_text(encoding="utf-8"))["experiments"] if SEPARATIONS.exists() else {}
-    )
-    for name in names or list(EXPERIMENTS):
-        measured[name] = measure(EXPERIMENTS[name], robot)
-        order = [known for known in EXPERIMENTS if known in measured]
-        table = {
-            "source": "python -m saltus.real2sim.experiments.separations",
-            "experiments": {known: measured[known] for known in order},
-        }
-        SEPARATIONS.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

@@ -4,7 +4,7 @@ import itertools
 import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +15,11 @@ from saltus.arrays import Floats
 from saltus.errors import RecordingError, SaltusError
 from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_claims import segments
-from saltus.recordings.run_log import (
-    JOINT_SIGNALS,
-    DepthTable,
-    JointTable,
-    RunLog,
-    Table,
-    read_claims,
-    read_run_log,
-)
+from saltus.recordings.run_log import JointTable, RunLog, read_claims, read_run_log
 from saltus.robots.loading import load_robot, reference_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import shipped_robots
+from saltus.terrain.boxes import Boxes
 
 PAUSE_S = 1.0  # between runs that are read as one; no state of joints or cameras lasts longer
 BLOCK_S = 5.0  # length of segments in a log that names none and never rests: several periods of any motion
@@ -38,6 +31,9 @@ SHARED_CLAIMS = (
     "motor_strength", "camera",
 )  # fmt: skip
 """Claims that must be equal for runs to be read as one, because the simulator is built from them."""
+TABLES = ("joints", "imu", "base", "feet", "depth")
+CLOCKS = ("time_s", "arrival_s", "capture_s")
+"""Times that tables have."""
 
 
 def load_rigs(paths: Sequence[Path]) -> list[RunLog]:
@@ -94,10 +90,10 @@ def untold(log: RunLog) -> str:
     return "" if "kp" in log.meta else "meta.json claims no gains (kp, kd)"
 
 
-def gains(meta: dict[str, Any]) -> tuple[Floats, Floats]:
+def gains(log: RunLog) -> tuple[Floats, Floats]:
     """Claimed stiffness [Nm/rad] and damping [Nm s/rad] of the drives, shape (joints,) each."""
-    count = len(meta["joints"])
-    kp, kd = (np.broadcast_to(np.asarray(meta[key], dtype=np.float64), (count,)) for key in ("kp", "kd"))
+    shape = (len(log.meta["joints"]),)
+    kp, kd = (np.broadcast_to(np.asarray(log.meta[key], dtype=np.float64), shape) for key in ("kp", "kd"))
     return kp, kd
 
 
@@ -106,32 +102,32 @@ def gains_in_force(log: RunLog) -> tuple[Floats, Floats]:
     own = (log.joints.kp, log.joints.kd)
     kp, kd = (
         np.broadcast_to(claimed, log.joints.q.shape) if column is None else column
-        for column, claimed in zip(own, gains(log.meta), strict=True)
+        for column, claimed in zip(own, gains(log), strict=True)
     )
     return kp, kd
 
 
 def has_changing_gains(log: RunLog) -> bool:
     """True where commands come with other gains than those that are claimed."""
-    return any(np.any(own != claimed) for own, claimed in zip(gains_in_force(log), gains(log.meta), strict=True))
+    return any(np.any(own != claimed) for own, claimed in zip(gains_in_force(log), gains(log), strict=True))
 
 
-def model_of(meta: dict[str, Any]) -> Robot | Path:
+def model_of(log: RunLog) -> Robot | Path:
     """The model that a log names: a robot that Saltus ships, or the path of an MJCF of any kind."""
-    name = str(meta["robot"])
+    name = str(log.meta["robot"])
     return load_robot(name) if name in shipped_robots() else Path(name)
 
 
-def robot_of(meta: dict[str, Any]) -> Robot:
+def robot_of(log: RunLog) -> Robot:
     """The quadruped that a log names; `ModelError` where its MJCF is none."""
-    return load_robot(str(meta["robot"]))
+    return load_robot(str(log.meta["robot"]))
 
 
 def robot_of_runs(runs: Sequence[Path]) -> Robot:
     """The robot of run logs that are not read yet; the default one where they cannot be read, or bring no quadruped."""
     for run in runs[:1]:
         with suppress(SaltusError):
-            return robot_of(_located(read_claims(run), run))
+            return load_robot(str(_located(read_claims(run), run)["robot"]))
     return reference_robot()
 
 
@@ -144,6 +140,12 @@ def torque_limits(model: Robot | Path) -> Floats:
     """Torques to which parameters of a saturation refer [Nm], shape (12,); of the schema where a robot has none."""
     limits = quadruped_of(model).torque_limit
     return np.where(np.isfinite(limits), limits, reference_robot().torque_limit)
+
+
+def clocks(log: RunLog) -> dict[str, Floats]:
+    """Times of the rows of each table that a log has; of images, when they arrived."""
+    there = {name: table for name in TABLES if (table := getattr(log, name)) is not None}
+    return {name: getattr(table, "arrival_s" if name == "depth" else "time_s") for name, table in there.items()}
 
 
 def commanded(log: RunLog) -> Floats:
@@ -166,10 +168,10 @@ def drive_torque(log: RunLog) -> Floats:
     return np.asarray(commanded(log) - kp * log.joints.q - kd * rates(log.joints))
 
 
-def boxes_of(meta: dict[str, Any]) -> list[dict[str, Any]]:
+def boxes_of(log: RunLog) -> Boxes:
     """Boxes of the claimed terrain; none on flat ground."""
-    terrain = meta.get("terrain")
-    return terrain if isinstance(terrain, list) else []
+    terrain = log.meta.get("terrain")
+    return Boxes.from_tables(terrain if isinstance(terrain, list) else [])
 
 
 def sampled(at_s: Floats, time_s: Floats, values: Floats) -> Floats:
@@ -260,63 +262,31 @@ def _shift(log: RunLog, name: str, shift_s: float) -> RunLog:
         {"name": f"{name}/{s.name}", "t0": s.start_s + shift_s, "t1": s.end_s + shift_s, "condition": s.condition}
         for s in segments_of(log)
     ]
-    depth = log.depth and replace(
-        log.depth,
-        arrival_s=log.depth.arrival_s + shift_s,
-        capture_s=None if log.depth.capture_s is None else log.depth.capture_s + shift_s,
-    )
-    meta: dict[str, Any] = {**log.meta, "segments": named}
-    return RunLog(
-        meta=meta,
-        joints=replace(log.joints, time_s=log.joints.time_s + shift_s),
-        imu=_later(log.imu, shift_s),
-        base=_later(log.base, shift_s),
-        feet=_later(log.feet, shift_s),
-        depth=depth,
-    )
+    tables = {name: _later(getattr(log, name), shift_s) for name in TABLES}
+    return replace(log, meta=log.meta | {"segments": named}, **tables)
 
 
-def _later(table: Table | None, shift_s: float) -> Table | None:
-    return table and replace(table, time_s=table.time_s + shift_s)
+def _later(table: Any, shift_s: float) -> Any:
+    """The rows of a table, if it is there, on a clock that is ahead by so much."""
+    times = {name: getattr(table, name, None) for name in CLOCKS}
+    return table and replace(table, **{name: own + shift_s for name, own in times.items() if own is not None})
 
 
 def _join(logs: Sequence[RunLog]) -> RunLog:
     """One log of runs on consecutive clocks, with the signals that all runs have."""
-    signals: dict[str, Floats | None] = {}
-    for signal in JOINT_SIGNALS:
-        parts = [getattr(log.joints, signal) for log in logs]
-        signals[signal] = None if any(part is None for part in parts) else np.concatenate(parts)
-    joints = JointTable(time_s=np.concatenate([log.joints.time_s for log in logs]), **signals)  # type: ignore[arg-type]
-    meta = {**logs[0].meta, "segments": [s for log in logs for s in log.meta["segments"]]}
-    return RunLog(
-        meta=meta,
-        joints=joints,
-        imu=_join_tables([log.imu for log in logs]),
-        base=_join_tables([log.base for log in logs]),
-        feet=_join_tables([log.feet for log in logs]),
-        depth=_join_depth([log.depth for log in logs if log.depth is not None]),
-    )
+    segments = [segment for log in logs for segment in log.meta["segments"]]
+    tables = {name: _joined([getattr(log, name) for log in logs]) for name in TABLES}
+    return replace(logs[0], meta=logs[0].meta | {"segments": segments}, **tables)
 
 
-def _join_tables(tables: Sequence[Table | None]) -> Table | None:
-    present = [table for table in tables if table is not None]
-    if not present:
+def _joined(tables: Sequence[Any]) -> Any:
+    """The rows of all tables that are there, with the columns that each of them has; images are counted on."""
+    there = [table for table in tables if table is not None]
+    if not there:
         return None
-    return Table(
-        time_s=np.concatenate([table.time_s for table in present]),
-        values=np.concatenate([table.values for table in present]),
-    )
-
-
-def _join_depth(tables: Sequence[DepthTable]) -> DepthTable | None:
-    if not tables:
-        return None
-    captures = [table.capture_s for table in tables if table.capture_s is not None]
-    ends = np.cumsum([0, *(int(table.frame_id[-1] - table.frame_id[0]) + 1 for table in tables)])
-    ids = [table.frame_id - table.frame_id[0] + first for table, first in zip(tables, ends, strict=False)]
-    return DepthTable(
-        arrival_s=np.concatenate([table.arrival_s for table in tables]),
-        capture_s=np.concatenate(captures) if len(captures) == len(tables) else None,
-        frame_id=np.concatenate(ids),
-        depth_mm=np.concatenate([table.depth_mm for table in tables]),
-    )
+    columns = {f.name: [getattr(table, f.name) for table in there] for f in fields(there[0])}
+    ids = columns.get("frame_id", [])
+    ends = np.cumsum([0, *(int(own[-1] - own[0]) + 1 for own in ids)])
+    columns |= {"frame_id": [own - own[0] + first for own, first in zip(ids, ends, strict=False)]} if ids else {}
+    lacking = {name for name, parts in columns.items() if any(part is None for part in parts)}
+    return replace(there[0], **{n: None if n in lacking else np.concatenate(p) for n, p in columns.items()})

@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import Floats, Indices
-from saltus.effects.effect import Effect
-from saltus.effects.profile import EFFECTS
+from saltus.effects.profile import EFFECTS, Profile
 
 LARGEST_RESIDUAL = 100.0
 """Residuals are clipped to +- this value: a diverged simulation says no more than one that is far off."""
+LEAST_SIGMA = 6.0
+"""Norm of the whitened change by an effect of usual size below which nobody could name it: its estimate would have a
+standard error of a sixth of it, and a search over a dozen effects asks for four."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,13 +254,13 @@ class Problem(ABC):
         """By each effect of a profile that the simulator starts with, the problem without it; the unknowns stay."""
         return {}
 
-    def holding(self, effects: Sequence[Effect]) -> "tuple[Problem, tuple[Effect, ...]]":
-        """The problem on a simulator with what no unknown can represent of a profile, and the rest of its effects.
+    def holding(self, profile: Profile) -> "tuple[Problem, Profile]":
+        """The problem on a simulator with what no unknown can represent of a profile, and the rest of the profile.
 
         Raises:
             ConfigError: an effect that the drives of the log's robot cannot have.
         """
-        return self, tuple(effects)
+        return self, profile
 
     @property
     def names(self) -> tuple[str, ...]:

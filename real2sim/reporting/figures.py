@@ -8,8 +8,7 @@ from plotly.subplots import make_subplots
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Driver
-from saltus.real2sim.reporting.localise import Channel
-from saltus.real2sim.reporting.regimes import TIME
+from saltus.real2sim.reporting.localise import TIME, Channel
 from saltus.real2sim.search.findings import Confusion, RankedModel, SignalGap
 from saltus.reports.figures import BLUE, GREEN, GREY, RED
 

@@ -18,11 +18,8 @@ from saltus.effects.profile import EFFECTS, Profile
 from saltus.provenance import commit, package_version
 from saltus.real2sim.problem.camera.problem import COLUMN, ROW
 from saltus.real2sim.reporting import figures
-from saltus.real2sim.reporting.draws import drawn_lines
-from saltus.real2sim.reporting.localise import Channel, Statement, localise
-from saltus.real2sim.reporting.regimes import channels_of
-from saltus.real2sim.reporting.steps import next_steps
-from saltus.real2sim.reporting.words import by_reason, places, sentence
+from saltus.real2sim.reporting.localise import Channel, Statement, channels_of, localise
+from saltus.real2sim.reporting.words import by_reason, drawn_lines, next_steps, places, sentence
 from saltus.real2sim.results import Judgement, SensorResult
 from saltus.real2sim.search.findings import Findings, Residuals
 from saltus.real2sim.verdict import Verdict

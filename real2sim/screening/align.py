@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import t as student
 
 from saltus.arrays import Floats, Indices
-from saltus.real2sim.problem.camera.view import expected_depth
+from saltus.real2sim.problem.camera.rays import expected_depth
 from saltus.real2sim.problem.log import commanded, gains, has_changing_gains, untold
 from saltus.recordings.run_log import RunLog, Table
 
@@ -191,7 +191,7 @@ def _torque_on_command(log: RunLog) -> ClockOffset | None:
     joints = log.joints
     if joints.tau_est is None or joints.dq is None or untold(log) or has_changing_gains(log):
         return None
-    (kp, kd), command = gains(log.meta), commanded(log)
+    (kp, kd), command = gains(log), commanded(log)
     moved = np.ptp(command, axis=0) > 0
     if not moved.any():
         return None
@@ -247,5 +247,5 @@ def _depth_on_base(log: RunLog, *, is_capture: bool) -> ClockOffset | None:
 def _predicted(log: RunLog, base: Table, rows: Indices, columns: Indices) -> MotionSamples:
     """Predicted depth of chosen pixels at poses every `POSES_S`."""
     step = max(1, round(POSES_S / float(np.median(np.diff(base.time_s)))))
-    depth = expected_depth(base.values[::step, :7], log.meta, rows, columns)
+    depth = expected_depth(base.values[::step, :7], log, rows, columns)
     return MotionSamples(name="base", time_s=base.time_s[::step], values=depth.reshape(len(depth), -1))

@@ -8,9 +8,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.log import model_of
-from saltus.real2sim.screening.fault import Fault
-from saltus.real2sim.screening.rates import means
-from saltus.real2sim.screening.scales import RIGHT, by_cause, gears_of, is_off, unit_fault, unit_of
+from saltus.real2sim.screening.scales import RIGHT, Fault, by_cause, gears_of, is_off, means, unit_fault, unit_of
 from saltus.recordings.run_log import JointTable, RunLog
 from saltus.recordings.units import ANGLES
 from saltus.robots.robot import JOINTS, Robot
@@ -145,7 +143,7 @@ def _by_turns(reached: float) -> float:
 
 def _by_limits(log: RunLog, values: Floats, gears: tuple[float, ...]) -> Floats | None:
     """Factors without which all joints are within their limits; None if they are, or none helps."""
-    robot, names = model_of(log.meta), [name.removesuffix("_joint") for name in log.meta["joints"]]
+    robot, names = model_of(log), [name.removesuffix("_joint") for name in log.meta["joints"]]
     if not isinstance(robot, Robot) or not set(names) <= set(JOINTS):
         return None
     index = [JOINTS.index(name) for name in names]
@@ -165,8 +163,13 @@ def _within(values: Floats, low: Floats, high: Floats) -> bool:
     return bool(np.all((values >= low) & (values <= high)))
 
 
-def rate_slopes(time_s: Floats, q: Floats, dq: Floats) -> NDArray[np.float64] | None:
-    """Slopes of dq over the rate of q, shape (joints,), NaN at rest; None of a log too short."""
+def rate_slopes(
+    time_s: Floats, q: Floats, dq: Floats, moving: float = MOVING, barely: float = BARELY
+) -> NDArray[np.float64] | None:
+    """Slopes of dq over the rate of q, shape (joints,), NaN at rest; None of a log too short.
+
+    A rate of this RMS [rad/s] is compared, of the second already where dq shows the very motion of q.
+    """
     width = max(1, round(RATE_S / float(np.median(np.diff(time_s)))))
     if len(time_s) < 4 * width:
         return None
@@ -176,7 +179,7 @@ def rate_slopes(time_s: Floats, q: Floats, dq: Floats) -> NDArray[np.float64] | 
     power, product = np.maximum(np.sum(rate**2, axis=0), tiny), np.sum(rate * mean, axis=0)
     shown = np.abs(product) > FOLLOWS * np.sqrt(power * np.maximum(np.sum(mean**2, axis=0), tiny))
     size = np.sqrt(power / len(rate))
-    return np.where((size > MOVING) | (shown & (size > BARELY)), product / power, np.nan)
+    return np.where((size > moving) | (shown & (size > barely)), product / power, np.nan)
 
 
 def command_rate_faults(log: RunLog) -> Iterator[Fault]:
@@ -184,17 +187,10 @@ def command_rate_faults(log: RunLog) -> Iterator[Fault]:
     joints = log.joints
     if joints.dq_des is None or joints.q_des is None or not joints.dq_des.any():
         return
-    names, gears = log.meta["joints"], gears_of(log)
-    width = max(1, round(RATE_S / float(np.median(np.diff(joints.time_s)))))
-    if len(joints.time_s) < 4 * width:
+    slopes = rate_slopes(joints.time_s, joints.q_des, joints.dq_des, moving=np.inf, barely=0.0)
+    if slopes is None:
         return
-    rate = (joints.q_des[width:] - joints.q_des[:-width]) / (joints.time_s[width:] - joints.time_s[:-width])[:, None]
-    mean = means(joints.dq_des, width)
-    factors = {}
-    for joint in range(len(names)):
-        power, product = float(np.sum(rate[:, joint] ** 2)), float(np.sum(rate[:, joint] * mean[:, joint]))
-        if power > 0.0 and abs(product) > FOLLOWS * np.sqrt(power * np.sum(mean[:, joint] ** 2)):
-            factors[joint] = product / power
+    factors = {joint: float(slope) for joint, slope in enumerate(slopes) if np.isfinite(slope)}
     off = {joint: factor for joint, factor in factors.items() if is_off(factor)}
-    for where, factor in by_cause(names, off) if len(off) > 0.5 * len(factors) else ():
-        yield unit_fault("wrong_rate", "dq_des", f"dq_des of {where}", factor, "the rate of q_des", gears)
+    for where, factor in by_cause(log.meta["joints"], off) if len(off) > 0.5 * len(factors) else ():
+        yield unit_fault("wrong_rate", "dq_des", f"dq_des of {where}", factor, "the rate of q_des", gears_of(log))

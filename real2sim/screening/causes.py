@@ -13,8 +13,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from saltus.arrays import Floats
-from saltus.real2sim.screening.fault import Fault
-from saltus.real2sim.screening.scales import by_cause, is_off, likely, unit_of
+from saltus.real2sim.screening.scales import Fault, by_cause, is_off, likely, unit_of
 from saltus.recordings.units import ANGLES
 
 CAUSES = ("tau_est", "gains", "kp", "kd", "tau_ff")

@@ -1,14 +1,12 @@
 """Faults of depth images: units, clocks, images upside down. They are compared with the claimed terrain."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.arrays import Floats, Indices
-from saltus.real2sim.problem.camera.view import expected_depth
-from saltus.real2sim.screening.fault import Fault
+from saltus.real2sim.problem.camera.rays import expected_depth
+from saltus.real2sim.screening.scales import Fault
 from saltus.recordings.run_log import DepthTable, RunLog, Table
 
 FRAMES = 12  # images that are compared, spread over the log
@@ -31,8 +29,7 @@ def depth_faults(log: RunLog) -> list[Fault]:
     """Faults of `depth.npz`."""
     if log.depth is None or not len(log.depth.arrival_s):
         return []
-    camera = log.meta.get("camera")
-    if not isinstance(camera, dict):
+    if not isinstance(camera := log.meta.get("camera"), dict):
         return [
             Fault(name="no_camera", text="depth: meta.json claims no camera: images cannot be compared", is_fatal=False)
         ]
@@ -40,15 +37,15 @@ def depth_faults(log: RunLog) -> list[Fault]:
     if (camera.get("height"), camera.get("width")) != (height, width):
         text = f"depth: images are {width} x {height}, meta.json claims {camera.get('width')} x {camera.get('height')}"
         return [Fault(name="image_size", text=text)]
-    geometry = [*_geometry(log, log.depth, camera)]
-    units = [fault for fault in geometry if fault.name == "depth_unit"] or [*_beyond(log.depth, camera)]
+    reach = float(camera.get("range_max", np.inf))
+    geometry = [*_geometry(log, log.depth, reach)]
+    units = [fault for fault in geometry if fault.name == "depth_unit"] or [*_beyond(log.depth, reach)]
     return units or [*_clocks(log.depth), *_contents(log.depth, log.base), *geometry]
 
 
-def _beyond(depth: DepthTable, camera: dict[str, Any]) -> Iterator[Fault]:
+def _beyond(depth: DepthTable, reach: float) -> Iterator[Fault]:
     """Images that are farther than the claimed range, whatever they show."""
     seen = depth.depth_mm[depth.depth_mm > 0]
-    reach = float(camera.get("range_max", np.inf))
     ratio = 1e-3 * float(np.median(seen)) / reach if len(seen) >= PIXELS else 0.0
     if ratio > UNIT_OFF:
         text = f"depth: images read {ratio:.3g} times range_max in the middle: {_step(ratio, seen, is_known=False)}"
@@ -90,14 +87,17 @@ def _contents(depth: DepthTable, base: Table | None) -> Iterator[Fault]:
         yield Fault(name="dead_channel", text=f"depth: all images are the same although the base moves {moved:.2f} m")
 
 
-def _geometry(log: RunLog, depth: DepthTable, camera: dict[str, Any]) -> Iterator[Fault]:
+def _geometry(log: RunLog, depth: DepthTable, reach: float) -> Iterator[Fault]:
     """Compares some pixels with the claimed floor and boxes."""
     if log.base is None:
         return
     rows = np.unique(np.linspace(0, len(depth.arrival_s) - 1, FRAMES).astype(int))
-    expected = _expected(log, log.base, camera, rows)
+    when = depth.arrival_s[rows] - float(log.meta["camera"].get("latency", 0.0))  # as claimed
+    nearest = np.clip(np.searchsorted(log.base.time_s, when), 0, len(log.base.time_s) - 1)
+    pixels = [np.arange(size) for size in depth.depth_mm.shape[1:]]
+    expected = expected_depth(log.base.values[nearest, :7], log, *pixels)
     measured = 1e-3 * depth.depth_mm[rows].astype(np.float64)
-    seen = (measured > 0) & np.isfinite(expected) & (expected < float(camera.get("range_max", np.inf)))
+    seen = (measured > 0) & np.isfinite(expected) & (expected < reach)
     if seen.sum() < PIXELS:
         return
     ratio = float(np.median(measured[seen] / expected[seen]))
@@ -115,12 +115,3 @@ def _geometry(log: RunLog, depth: DepthTable, camera: dict[str, Any]) -> Iterato
         yield Fault(
             name="upside_down", text=f"depth: images fit pose and terrain upside down ({turned:.2f}), not upright"
         )
-
-
-def _expected(log: RunLog, base: Table, camera: dict[str, Any], frames: Indices) -> Floats:
-    """Images predicted from pose and terrain at the claimed latency, shape (frames, height, width) [m]."""
-    assert log.depth is not None  # noqa: S101 - the caller looks at its images
-    when = log.depth.arrival_s[frames] - float(camera.get("latency", 0.0))
-    nearest = np.clip(np.searchsorted(base.time_s, when), 0, len(base.time_s) - 1)
-    height, width = log.depth.depth_mm.shape[1:]
-    return expected_depth(base.values[nearest, :7], log.meta, np.arange(height), np.arange(width))

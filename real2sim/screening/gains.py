@@ -6,7 +6,8 @@ come with each command, errors count by their share of the largest one.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +16,7 @@ from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.log import gains_in_force, rates, untold
 from saltus.real2sim.screening.angles import rate_slopes
 from saltus.real2sim.screening.causes import Causes, cause_faults, causes
-from saltus.real2sim.screening.fault import Fault
-from saltus.real2sim.screening.scales import gears_of, unit_fault
+from saltus.real2sim.screening.scales import Fault, gears_of, unit_fault
 from saltus.recordings.run_log import JointTable, RunLog
 
 DELAYS_S = np.linspace(0.0, 0.04, 41)
@@ -80,19 +80,13 @@ EXPLAINED = 0.9
 backlash it was 0.76 to 0.84. A torque in another unit is explained as well as ever."""
 
 
-def gain_faults(log: RunLog) -> list[Fault]:
+def gain_faults(log: RunLog) -> Iterator[Fault]:
     """Faults of kp, kd and of the signs of torques, from `tau_est`; none without it."""
     if log.joints.tau_est is None or untold(log):
-        return []
-    names = log.meta["joints"]
-    told = _Told(log)
-    regressions = told.regressions(log.joints, log.joints.tau_est)
-    if scaled := list(cause_faults(names, told.drives(regressions, log), gears_of(log))):
-        return scaled
-    is_stiff = told.shares[0][_rows(len(log.joints.q))] > 0.0
-    fits = [each.fit(is_stiff[:, joint]) for joint, each in enumerate(regressions)]
-    kp, kd = told.gains
-    return [f for j, name in enumerate(names) for f in _faults(name, fits[j], float(kp[j]), float(kd[j]))]
+        return
+    names, drives = log.meta["joints"], _regressions(log, log.joints.tau_est)
+    scaled = list(cause_faults(names, [drive.causes for drive in drives], gears_of(log)))
+    yield from scaled or chain.from_iterable(map(_faults, names, drives))
 
 
 def angle_scale_faults(log: RunLog) -> Iterator[Fault]:
@@ -106,76 +100,23 @@ def angle_scale_faults(log: RunLog) -> Iterator[Fault]:
     slope = float(np.nanmedian(slopes))
     if slope <= 0.0 or abs(np.log(slope)) < np.log1p(RATE_TOLERANCE):
         return
-    told = _Told(log)
-    drives = told.drives(told.regressions(joints, joints.tau_est), log)
+    drives = [drive.causes for drive in _regressions(log, joints.tau_est)]
     factors = [drive.of["kp"].factor for drive in drives if "kp" in drive.of]
     if len(factors) > 0.5 * len(drives) and abs(float(np.median(factors)) / slope - 1.0) < RATE_TOLERANCE:
         than = "what dq and kp say"
         yield unit_fault("angle_unit", "q", "q and q_des of all joints", 1.0 / slope, than, gears_of(log))
 
 
-class _Told:
-    """Commands of the drives of a log."""
-
-    def __init__(self, log: RunLog) -> None:
-        told = gains_in_force(log)
-        kp, kd = (np.max(each, axis=0) for each in told)
-        self.gains = kp, kd
-        stiff, damped = (
-            each / np.where(top > 0.0, top, np.inf) + (top == 0.0) for each, top in zip(told, (kp, kd), strict=True)
-        )
-        self.shares = stiff, damped
-
-    def regressions(self, joints: JointTable, torque: Floats) -> list["_Regression"]:
-        """One for each joint."""
-        return _regressions(joints, torque, self.gains, self.shares)
-
-    def drives(self, regressions: list["_Regression"], log: RunLog) -> list[Causes]:
-        """Factors that may be wrong, for each joint."""
-        has_rate = log.joints.dq is not None
-        return [
-            each.causes(float(kp), float(kd), has_rate) for each, kp, kd in zip(regressions, *self.gains, strict=True)
-        ]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Fit:
-    """Regression of one drive's torque at the delay that explains most; RMS of all columns without their means."""
-
-    explained: float
-    """Share of the torque's variance."""
-    followed: float
-    """The same where the drive has stiffness."""
-    kp: float
-    kp_margin: float
-    """By how much kp may be off by chance: `STANDARD_ERRORS` of its standard error."""
-    kd: float
-    feedforward: float
-    """Weight of the feed-forward torque, 1 in a healthy log."""
-    error_rad: float
-    rate_rad_s: float
-    torque_nm: float
-    feedforward_nm: float
-
-    @property
-    def residual_nm(self) -> float:
-        """RMS of what the regression leaves."""
-        return self.torque_nm * (1.0 - self.explained) ** 0.5
-
-
-def _rows(count: int) -> Indices:
-    """Rows of a log that are used."""
-    return np.linspace(0, count - 1, min(ROWS, count)).astype(int)
-
-
-def _regressions(
-    joints: JointTable, torque: Floats, gains: tuple[Floats, Floats], shares: tuple[Floats, Floats]
-) -> list["_Regression"]:
-    """One for each joint; arrays of shape (joints, rows), as regressions read them."""
-    rows = _rows(len(torque))
+def _regressions(log: RunLog, torque: Floats) -> list["_Regression"]:
+    """Regressions of the drives, one for each joint; arrays of shape (joints, rows), as regressions read them."""
+    joints, told = log.joints, gains_in_force(log)
+    rows = np.linspace(0, len(torque) - 1, min(ROWS, len(torque))).astype(int)
     row_s = joints.time_s[rows]
     q, dq, torques = (np.ascontiguousarray(each[rows].T) for each in (joints.q, rates(joints), torque))
-    variances = np.var(torques, axis=1)
+    gains = [np.max(each, axis=0) for each in told]
+    shares = [  # of the largest gain
+        each / np.where(top > 0.0, top, np.inf) + (top == 0.0) for each, top in zip(told, gains, strict=True)
+    ]
     kp, kd = (each[:, None] for each in gains)
     stiffness, damping = (_Commands(joints, share) for share in shares)
     position = _Commands(joints, shares[0] * joints.commanded_q)
@@ -184,7 +125,10 @@ def _regressions(
     if joints.tau_ff is not None and np.ptp(joints.tau_ff) > 0:
         feedforward = _Commands(joints, joints.tau_ff)
     columns = np.ones((len(q), 4 + (0 if feedforward is None else len(FEEDFORWARD_DELAYS_S)), len(rows)))
-    best: dict[int, _Regression] = {}
+    drives = [
+        _Regression(torque=own, kp=float(k), kd=float(d), is_stiff=share[rows] > 0.0, has_rate=joints.dq is not None)
+        for own, k, d, share in zip(torques, *gains, shares[0].T, strict=True)
+    ]
     for delay in DELAYS_S:
         sent = _in_force(joints, row_s - delay)
         error = position.mean(sent) - stiffness.mean(sent) * q
@@ -197,8 +141,8 @@ def _regressions(
         if feedforward is not None:
             for i, late in enumerate(FEEDFORWARD_DELAYS_S):
                 columns[:, 4 + i] = feedforward.of_age(row_s - delay - late, delay + late)
-        _keep_best(best, columns, torques, variances)
-    return [best[joint] for joint in range(len(torques))]
+        _keep_best(drives, columns, torques)
+    return drives
 
 
 def _in_force(joints: JointTable, when_s: Floats) -> tuple[Indices, Indices]:
@@ -234,109 +178,85 @@ class _Commands:
         return known[1]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(kw_only=True, eq=False)
 class _Regression:
-    """Least squares of a torque on columns in the order error, rate, side of the backlash, constant, feed-forward."""
+    """Least squares of a drive's torque at the delay that explains most.
 
-    matrix: Floats
-    """The columns, shape (columns, rows)."""
+    The columns are in the order error, rate, side of the backlash, constant, feed-forward.
+    """
+
     torque: Floats
-    inverse: Floats
-    solution: Floats
-    rest: Floats
-    left: float
-    """Variance of the rest."""
-    variance: float
-    """Variance of the torque."""
+    kp: float
+    """Claimed, the largest of the log; so is `kd`."""
+    kd: float
+    is_stiff: NDArray[np.bool_]
+    """Rows in which the drive has stiffness."""
+    has_rate: bool
+    """True where velocities are measured."""
+    matrix: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    """The columns, shape (columns, rows)."""
+    inverse: Floats = field(default_factory=lambda: np.empty(0))
+    solution: Floats = field(default_factory=lambda: np.empty(0))
+    rest: Floats = field(default_factory=lambda: np.empty(0))
+    explained: float = -np.inf
+    """Share of the torque's variance."""
 
     @property
-    def explained(self) -> float:
-        """Share of the torque's variance."""
-        return 1 - self.left / max(self.variance, 1e-12)
-
-    def causes(self, kp: float, kd: float, has_rate: bool) -> Causes:
-        """Factors that may be wrong, with the claimed gains."""
+    def causes(self) -> Causes:
+        """Factors that may be wrong."""
         feedforward = self.matrix[4] if len(self.matrix) > 4 else None
-        return causes(self.torque, kp * self.matrix[0], kd * self.matrix[1], feedforward, is_rate_measured=has_rate)
-
-    def fit(self, is_stiff: NDArray[np.bool_]) -> _Fit:
-        """Returns what it says of the drive."""
-        left, matrix = self.left, self.matrix
-        unfollowed = float(np.var(self.rest[is_stiff])) / max(float(np.var(self.torque[is_stiff])), 1e-12)
-        return _Fit(
-            explained=self.explained,
-            followed=1 - unfollowed,
-            kp=float(self.solution[0]),
-            kp_margin=STANDARD_ERRORS * float(np.sqrt(left * self.inverse[0, 0])),
-            kd=float(self.solution[1]),
-            feedforward=float(self.solution[4:].sum()),
-            error_rad=float(np.std(matrix[0])),
-            rate_rad_s=float(np.std(matrix[1])),
-            torque_nm=self.variance**0.5,
-            feedforward_nm=float(np.std(matrix[4])) if len(matrix) > 4 else 0.0,
-        )
+        error, rate = self.kp * self.matrix[0], self.kd * self.matrix[1]
+        return causes(self.torque, error, rate, feedforward, is_rate_measured=self.has_rate)
 
 
-def _keep_best(best: dict[int, _Regression], columns: Floats, torques: Floats, variances: Floats) -> None:
-    """Puts the regressions that explain more than what is there in its place.
+def _keep_best(drives: list[_Regression], columns: Floats, torques: Floats) -> None:
+    """Takes the regressions that explain more than those of other delays.
 
-    All joints at once: most of the time of small matrices is that of a call.
-
-    Args:
-        best: By joint.
-        columns: Shape (joints, columns, rows).
-        torques: Shape (joints, rows).
-        variances: Of the torques, shape (joints,).
+    All joints at once: most of the time of small matrices is that of a call. Columns have the shape (joints, columns,
+    rows), torques (joints, rows).
     """
     squares = columns @ columns.mT
     inverse = np.asarray(np.linalg.pinv(squares, rcond=SINGULAR, hermitian=True), dtype=np.float64)
     solution = (inverse @ (columns @ torques[..., None]))[..., 0]
     rest = torques - (solution[:, None] @ columns)[:, 0]
-    left = np.var(rest, axis=1)
-    explained = 1 - left / np.maximum(variances, 1e-12)
-    for joint, torque in enumerate(torques):
-        if joint in best and not explained[joint] > best[joint].explained:
-            continue
-        best[joint] = _Regression(
-            matrix=columns[joint].copy(),
-            torque=torque,
-            inverse=inverse[joint],
-            solution=solution[joint],
-            rest=rest[joint],
-            left=float(left[joint]),
-            variance=float(variances[joint]),
-        )
+    explained = 1 - np.var(rest, axis=1) / np.maximum(np.var(torques, axis=1), 1e-12)
+    for joint, drive in enumerate(drives):
+        if explained[joint] > drive.explained or not len(drive.matrix):
+            drive.matrix, drive.explained = columns[joint].copy(), float(explained[joint])
+            drive.inverse, drive.solution, drive.rest = inverse[joint], solution[joint], rest[joint]
 
 
-def _faults(name: str, fit: _Fit, kp: float, kd: float) -> Iterator[Fault]:
-    left = fit.residual_nm
-    is_judged = fit.torque_nm > LEAST_TORQUE_NM and left > LARGEST_RESIDUAL_NM + kp * HALF_BACKLASH_RAD
-    if is_judged and fit.followed < LEAST_EXPLAINED:
-        text = f"q, q_des and gains explain {fit.followed:.0%} of tau_est of {name}: the columns are not of one joint"
+def _faults(name: str, drive: _Regression) -> Iterator[Fault]:
+    torque_nm = float(np.var(drive.torque)) ** 0.5
+    left = torque_nm * (1.0 - drive.explained) ** 0.5
+    stiff = drive.is_stiff
+    followed = 1 - float(np.var(drive.rest[stiff])) / max(float(np.var(drive.torque[stiff])), 1e-12)
+    is_judged = torque_nm > LEAST_TORQUE_NM and left > LARGEST_RESIDUAL_NM + drive.kp * HALF_BACKLASH_RAD
+    if is_judged and followed < LEAST_EXPLAINED:
+        text = f"q, q_des and gains explain {followed:.0%} of tau_est of {name}: the columns are not of one joint"
         yield Fault(name="torque_unexplained", text=text)
         return
-    is_other_encoder = left > max(LARGEST_RESIDUAL_NM, LARGEST_RESIDUAL_SHARE * fit.torque_nm)
-    is_faint = fit.error_rad < LEAST_ERROR_RAD or fit.torque_nm < LEAST_TORQUE_TO_RESIDUAL * left
+    is_other_encoder = left > max(LARGEST_RESIDUAL_NM, LARGEST_RESIDUAL_SHARE * torque_nm)
+    is_faint = np.std(drive.matrix[0]) < LEAST_ERROR_RAD or torque_nm < LEAST_TORQUE_TO_RESIDUAL * left
     if is_other_encoder or is_faint:
         return
-    if fit.kp < -fit.kp_margin:
-        text = f"tau_est of {name} pushes away from q_des (kp {fit.kp:.3g}, claimed {kp:.3g}): a sign is flipped"
+    shown, margin = float(drive.solution[0]), STANDARD_ERRORS * float(np.sqrt(np.var(drive.rest) * drive.inverse[0, 0]))
+    if shown < -margin:
+        text = f"tau_est of {name} pushes away from q_des (kp {shown:.3g}, claimed {drive.kp:.3g}): a sign is flipped"
         yield Fault(name="flipped_sign", text=text)
         return
-    has_feedforward = fit.feedforward_nm > LEAST_FEEDFORWARD * fit.torque_nm
-    is_read = fit.explained > EXPLAINED or fit.feedforward >= FOLLOWED_FEEDFORWARD
+    has_feedforward = len(drive.matrix) > 4 and np.std(drive.matrix[4]) > LEAST_FEEDFORWARD * torque_nm
+    is_read = drive.explained > EXPLAINED or drive.solution[4:].sum() >= FOLLOWED_FEEDFORWARD
     if is_read or not has_feedforward:
-        yield from _wrong_gains(name, fit, kp, kd)
+        yield from _wrong_gains(name, drive, shown, margin)
 
 
-def _wrong_gains(name: str, fit: _Fit, kp: float, kd: float) -> Iterator[Fault]:
-    """A kp beyond its tolerance, or a kd where kp is right."""
-    off_kp, off_kd = abs(fit.kp - kp), abs(fit.kd - kd)
-    if off_kp > KP_TOLERANCE * kp + fit.kp_margin:
-        text = f"tau_est of {name} shows kp {fit.kp:.3g}, meta.json claims {kp:.3g}"
-        yield Fault(name="wrong_gains", text=text)
+def _wrong_gains(name: str, drive: _Regression, shown: float, margin: float) -> Iterator[Fault]:
+    """A kp beyond its tolerance, which is wider by a margin of chance, or a kd where kp is right."""
+    kp, kd, shown_kd = drive.kp, drive.kd, float(drive.solution[1])
+    if abs(shown - kp) > KP_TOLERANCE * kp + margin:
+        yield Fault(name="wrong_gains", text=f"tau_est of {name} shows kp {shown:.3g}, meta.json claims {kp:.3g}")
         return
-    kd_limit = KD_TOLERANCE * max(kd, LEAST_KD) + fit.kp_margin * kd / kp
-    if off_kp < KP_TOLERANCE * kp and fit.rate_rad_s > LEAST_RATE_RAD_S and off_kd > kd_limit:
-        text = f"tau_est of {name} shows kd {fit.kd:.3g}, meta.json claims {kd:.3g}"
-        yield Fault(name="wrong_gains", text=text)
+    is_told = abs(shown - kp) < KP_TOLERANCE * kp and np.std(drive.matrix[1]) > LEAST_RATE_RAD_S
+    if is_told and abs(shown_kd - kd) > KD_TOLERANCE * max(kd, LEAST_KD) + margin * kd / kp:
+        yield Fault(name="wrong_gains", text=f"tau_est of {name} shows kd {shown_kd:.3g}, meta.json claims {kd:.3g}")

@@ -12,7 +12,7 @@ from scipy.ndimage import uniform_filter1d
 from saltus.arrays import Floats
 from saltus.constants import GRAVITY
 from saltus.real2sim.problem.log import gains_in_force, model_of, rates, untold
-from saltus.real2sim.screening.fault import Fault
+from saltus.real2sim.screening.scales import Fault
 from saltus.recordings.run_log import RunLog
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot
@@ -36,7 +36,7 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
     names = list(log.meta["joints"])
     held = _mean_torque(log)
     rows = np.unique(np.linspace(0, len(log.joints.q) - 1, STATES).astype(int))
-    weight = HeldRobot(model_of(log.meta), names).weight(log.joints.q[rows]).mean(axis=0)
+    weight = HeldRobot(model_of(log), names).weight(log.joints.q[rows]).mean(axis=0)
     heavy = np.abs(weight) > MIN_WEIGHT
     opposite = heavy & (np.abs(held + weight) < AGREES * np.abs(weight))
     for joint in np.flatnonzero(opposite):
@@ -86,7 +86,7 @@ def _weight_of_joints(log: RunLog, by_gains: Floats, extra: Floats) -> tuple[Flo
     width = max(1, round(SLOW_S / float(np.median(np.diff(log.joints.time_s)))))
     rows = np.unique(np.linspace(0, len(log.joints.q) - 1, STATES).astype(int))
     q, gained, part = (uniform_filter1d(each, width, axis=0)[rows] for each in (log.joints.q, by_gains, extra))
-    return HeldRobot(model_of(log.meta), list(log.meta["joints"])).weight(q) - gained, part
+    return HeldRobot(model_of(log), list(log.meta["joints"])).weight(q) - gained, part
 
 
 def _weight_on_feet(log: RunLog, by_gains: Floats, extra: Floats) -> tuple[Floats, Floats] | None:
@@ -94,7 +94,7 @@ def _weight_on_feet(log: RunLog, by_gains: Floats, extra: Floats) -> tuple[Float
 
     None where the gains hold it.
     """
-    robot, names = model_of(log.meta), tuple(name.removesuffix("_joint") for name in log.meta["joints"])
+    robot, names = model_of(log), tuple(name.removesuffix("_joint") for name in log.meta["joints"])
     if not isinstance(robot, Robot) or names != JOINTS:
         return None
     rows = np.unique(np.linspace(0, len(log.joints.q) - 1, STATES).astype(int))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +18,9 @@ from saltus.real2sim.screening.angles import (
     posture_faults,
     rate_slopes,
 )
-from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.gains import angle_scale_faults, gain_faults
 from saltus.real2sim.screening.gravity import feedforward_faults, gravity_faults
-from saltus.real2sim.screening.rates import means
-from saltus.real2sim.screening.scales import by_cause, gears_of, is_off, unit_fault
+from saltus.real2sim.screening.scales import Fault, by_cause, gears_of, is_off, means, unit_fault
 from saltus.recordings.run_log import JointTable, RunLog
 from saltus.robots.robot import JOINTS, Robot
 
@@ -47,25 +46,20 @@ def joint_faults(log: RunLog) -> list[Fault]:
     if log.joints.q_des is None:
         return [*unit_faults(log), *_limits(log), *_rates(log)]
     faults: list[Fault] = []
-    for check in (_values, _names, angle_scale_faults, _motions, gain_faults, feedforward_faults, gravity_faults):
-        faults += list(check(log))
+    slow = _SlowMotion(log)
+    for checks in (
+        (_dead(log), unit_faults(log)),
+        (_swapped(slow), _limits(log), _misnamed(slow)),
+        (angle_scale_faults(log),),
+        (_signs(slow), _ratio(slow), _rates(log), command_rate_faults(log)),
+        (gain_faults(log),),
+        (feedforward_faults(log),),
+        (gravity_faults(log),),
+    ):
+        faults += chain.from_iterable(checks)
         if any(fault.is_fatal for fault in faults):
             break
     return faults
-
-
-def _values(log: RunLog) -> list[Fault]:
-    return [*_dead(log), *unit_faults(log)]
-
-
-def _names(log: RunLog) -> list[Fault]:
-    slow = _SlowMotion(log)
-    return [*_swapped(slow), *_limits(log), *_misnamed(slow)]
-
-
-def _motions(log: RunLog) -> list[Fault]:
-    slow = _SlowMotion(log)
-    return [*_signs(slow), *_ratio(slow), *_rates(log), *command_rate_faults(log)]
 
 
 class _SlowMotion:
@@ -90,20 +84,15 @@ def _dead(log: RunLog) -> Iterator[Fault]:
     joints = log.joints
     commanded = np.ptp(joints.commanded_q, axis=0) > MOVES
     moved = np.ptp(joints.q, axis=0) > MOVES
-    dead = commanded & (np.ptp(joints.q, axis=0) == 0)
-    if dead.any():
-        yield Fault(
-            name="dead_channel", text=f"q of {_list(names, dead)} never changes although it is commanded to move"
-        )
-    if joints.dq is not None:
-        dead = moved & (np.ptp(joints.dq, axis=0) == 0)
+    for signal, told, but in (
+        ("q", commanded, "it is commanded to move"),
+        ("dq", moved, "q does; leave the columns out if nobody measured"),
+        ("tau_est", moved, "q does; leave the columns out"),
+    ):
+        values = getattr(joints, signal)
+        dead = told & (np.ptp(values, axis=0) == 0) if values is not None else np.zeros(0, dtype=bool)
         if dead.any():
-            text = f"dq of {_list(names, dead)} never changes although q does; leave the columns out if nobody measured"
-            yield Fault(name="dead_channel", text=text)
-    if joints.tau_est is not None:
-        dead = moved & (np.ptp(joints.tau_est, axis=0) == 0)
-        if dead.any():
-            text = f"tau_est of {_list(names, dead)} never changes although q does; leave the columns out"
+            text = f"{signal} of {_list(names, dead)} never changes although {but}"
             yield Fault(name="dead_channel", text=text)
     yield from _frozen(log.joints, names)
 
@@ -162,7 +151,7 @@ def _time_unit(joints: JointTable) -> Iterator[Fault]:
 def _limits(log: RunLog) -> Iterator[Fault]:
     """Joints of a known robot outside their range: names, signs or offsets are wrong."""
     names = log.meta["joints"]
-    robot = model_of(log.meta)
+    robot = model_of(log)
     if not isinstance(robot, Robot) or not set(names) <= set(JOINTS):
         return
     index = [JOINTS.index(name) for name in names]

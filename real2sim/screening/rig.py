@@ -9,9 +9,7 @@ from scipy.spatial.transform import Rotation
 from saltus.arrays import Floats, Indices
 from saltus.constants import GRAVITY
 from saltus.real2sim.problem.log import boxes_of, model_of, robot_of
-from saltus.real2sim.screening.fault import Fault
-from saltus.real2sim.screening.rates import means
-from saltus.real2sim.screening.scales import by_cause, is_off, likely, unit_fault, unit_of
+from saltus.real2sim.screening.scales import Fault, by_cause, is_off, likely, means, unit_fault, unit_of
 from saltus.recordings.run_log import RunLog, Table
 from saltus.recordings.units import LENGTHS
 from saltus.robots.legs import LegKinematics
@@ -151,8 +149,9 @@ def _turns(time_s: Floats, quaternions: Floats, gyro: Floats) -> tuple[Floats, F
 
 def _base(log: RunLog, base: Table) -> Iterator[Fault]:
     height = float(np.median(base.values[:, 2]))
-    tops = [box["center"][2] + 0.5 * box["size"][2] for box in boxes_of(log.meta)]
-    if not min([0.0, *tops]) - FAR < height < max([0.0, *tops]) + FAR:
+    boxes = boxes_of(log)
+    tops = [0.0, *(boxes.center + boxes.half_size)[:, 2]]
+    if not min(tops) - FAR < height < max(tops) + FAR:
         factor = _length_factor(height)
         text = f"base: position is {factor:.4g} times what it can be: z is {height:.4g}, more than {FAR:.0f} m off the "
         yield Fault(name="base_unit", text=f"{text}ground; {likely('position', factor)}")
@@ -176,9 +175,9 @@ def _length_factor(height: float) -> float:
 def _stands(log: RunLog, base: Table) -> Iterator[Fault]:
     """A base whose height is in a unit other than that of its legs, on flat ground."""
     standing = _feet(log, base)
-    if standing is None or boxes_of(log.meta):
+    if standing is None or len(boxes_of(log).center):
         return
-    robot, (feet, rows) = robot_of(log.meta), standing
+    robot, (feet, rows) = robot_of(log), standing
     turned = feet @ rotation_matrix(base.values[rows, 3:7]).swapaxes(-1, -2)
     legs = robot.foot_radius - turned[..., 2].min(axis=1)
     factor = float(np.median(base.values[rows, 2] / legs))
@@ -189,7 +188,7 @@ def _stands(log: RunLog, base: Table) -> Iterator[Fault]:
 def _feet(log: RunLog, base: Table) -> tuple[Floats, Indices] | None:
     """Feet in the base frame [m], shape (rows, 4, 3), and rows of the base; None if none stand."""
     names = tuple(name.removesuffix("_joint") for name in log.meta["joints"])
-    robot = model_of(log.meta)
+    robot = model_of(log)
     if log.meta.get("base") == "fixed" or names != JOINTS or not isinstance(robot, Robot):
         return None
     if not np.ptp(log.joints.q, axis=0).any():

@@ -5,14 +5,34 @@ has the factor 10.2.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.real2sim.problem.log import model_of
-from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import RunLog
 from saltus.recordings.units import SIGNALS
 from saltus.robots.robot import Robot
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """Something in a log that contradicts its claims or itself."""
+
+    name: str
+    """Kind of fault, e.g. "swapped_joints"."""
+    text: str
+    """One sentence with numbers and the likely cause."""
+    is_fatal: bool = True
+    """True where the log cannot be fitted."""
+
+
+def means(values: Floats, rows: int) -> Floats:
+    """Means over `rows` steps, the ends with half weight; shapes (n, columns) -> (n - rows, columns)."""
+    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(0.5 * (values[1:] + values[:-1]), axis=0)])
+    return np.asarray((total[rows:] - total[:-rows]) / rows)
+
 
 RIGHT = (0.6, 1.6)
 """Factors that an effect or a wrong claim may make: wide backlash takes 0.3 of a drive's stiffness,
@@ -77,7 +97,7 @@ def _apart(factor: float, known: float) -> float:
 
 def gears_of(log: RunLog) -> tuple[float, ...]:
     """Reductions of the log's robot, those of a Go1 where it has none."""
-    robot = model_of(log.meta)
+    robot = model_of(log)
     own = sorted(set(np.round(robot.reduction, 4).tolist())) if isinstance(robot, Robot) else []
     return tuple(own) if any(gear > 1.0 for gear in own) else GEARS
 

@@ -10,14 +10,18 @@ is long enough, and only where it shows a fault without its last second as well.
 show is believed at once.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
+from saltus.effects.effect import map_arrays
+from saltus.real2sim.problem.log import clocks
 from saltus.real2sim.screening.clock import MIN_ROWS, clock_faults
-from saltus.real2sim.screening.cut import cut_faults, until
 from saltus.real2sim.screening.depth import depth_faults
-from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.joints import joint_faults, unit_faults
 from saltus.real2sim.screening.rig import pose_faults, rig_faults
+from saltus.real2sim.screening.scales import Fault
+from saltus.recordings.run_claims import segments
 from saltus.recordings.run_log import RunLog
 
 LEAST_S = 1.5
@@ -73,3 +77,41 @@ def _by_motion(log: RunLog) -> list[Fault]:
     poses = rig_faults(log)
     # images are judged by the measured poses
     return [*joint_faults(log), *poses, *([] if poses else depth_faults(log))]
+
+
+LATE_S = 0.1
+"""By which a segment may go on beyond the last row: a hole in a log (`clock.MAX_GAP_S`)."""
+EARLIER_S = 0.5
+"""By which a table may end before that of the joints: a camera at 5 Hz may be 0.3 s late."""
+
+
+def cut_faults(log: RunLog) -> Iterator[Fault]:
+    """Says that a log is cut, where it shows; never fatal, as what is there may be whole."""
+    end_s = float(log.joints.time_s[-1])
+    if said := log.meta.get("cut"):
+        yield Fault(name="cut", text=f"the recording is cut: {said}", is_fatal=False)
+    planned = segments(log.meta)
+    gone = [s for s in planned if float(s["t0"]) >= end_s]
+    broken = [s for s in planned if float(s["t0"]) < end_s < float(s["t1"]) - LATE_S]
+    if gone or broken:
+        last_s = max(float(s["t1"]) for s in planned)
+        parts = [f"'{s['name']}' breaks off" for s in broken]
+        parts += [f"{len(gone)} of {len(planned)} segments are missing"] if gone else []
+        text = f"the log is cut: it ends at {end_s:.2f} s, its segments at {last_s:.2f} s: {', '.join(parts)}"
+        yield Fault(name="cut", text=text, is_fatal=False)
+    for name, time_s in clocks(log).items():
+        if len(time_s) and end_s - time_s[-1] > EARLIER_S:
+            text = f"{name}: ends {end_s - time_s[-1]:.2f} s before the joints: is it cut?"
+            yield Fault(name="cut", text=text, is_fatal=False)
+
+
+def until(log: RunLog, end_s: float) -> RunLog:
+    """The rows of all tables before a time on the log's clock; another table than that of the joints may be gone."""
+    kept = {name: time_s < end_s for name, time_s in clocks(log).items()}
+    tables: dict[str, Any] = {
+        name: map_arrays(lambda values, own=own: values[own], getattr(log, name))
+        if own.any() or name == "joints"
+        else None
+        for name, own in kept.items()
+    }
+    return replace(log, **tables)

@@ -6,8 +6,7 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Estimate, Problem
-from saltus.real2sim.search import bootstrap, decide, estimates, signature
-from saltus.real2sim.search.cells import Cells
+from saltus.real2sim.search import decide, estimates, signature
 from saltus.real2sim.search.decide import ModelComparison, ScoredFit
 from saltus.real2sim.search.findings import (
     Baselines,
@@ -20,9 +19,9 @@ from saltus.real2sim.search.findings import (
 )
 from saltus.real2sim.search.fit import Evaluator, Fit
 from saltus.real2sim.search.layout import Model, model_of
-from saltus.real2sim.search.misfits import misfits_of, unseen_of
-from saltus.real2sim.search.quadratic import Quadratic
-from saltus.real2sim.search.reported import Groups, stated_model
+from saltus.real2sim.search.quadratic import Quadratic, dispersion, held_out_gains, spread
+from saltus.real2sim.search.reported import Groups, misfits_of, stated_model, unseen_of
+from saltus.real2sim.search.split import Cells
 
 LASTING, UNEVEN = 0.4, 3.0
 """Noise that lasts longer than its level was read from shows in all segments, whatever they move:
@@ -47,13 +46,14 @@ def findings(
     `library` is the quadratic with the unknowns of all effects around a fit; `evaluate` simulates the stated values.
     """
     scored = [comparison.score(each) for each in fits.values()]
-    dispersion = _dispersion(comparison, scored)
-    chosen = decide.choose(comparison, scored, dispersion)
+    best = min(scored, key=lambda each: each.total).fit  # its residuals are closest to noise
+    wide = dispersion(best.quadratic(comparison.layout, comparison.split), np.ones(len(best.columns), dtype=bool))
+    chosen = decide.choose(comparison, scored, wide)
     null = next(each for each in scored if not each.fit.model)
     around = library(chosen.fit.model)
     chosen = comparison.score(fits[chosen.fit.model])  # with the derivatives that `library` has renewed
     confusion = signature.confusion(comparison.layout, around, chosen.fit.model)
-    alike = decide.ambiguities(comparison, chosen, scored, confusion, dispersion, problem.collinear)
+    alike = decide.ambiguities(comparison, chosen, scored, confusion, wide, problem.collinear)
     model = stated_model(problem, comparison, evaluate, null, chosen)
     final = model.residuals
     tested = Cells.of(problem, ~comparison.split.is_fit)
@@ -89,18 +89,10 @@ def findings(
         ),
         misfits=misfits,
         remainder=tested.largest_rms(tested.structure(final)),
-        minimum_detectable=_minimum_detectable(problem, comparison, library(()), fits[()], dispersion, untestable),
+        minimum_detectable=_minimum_detectable(problem, comparison, library(()), fits[()], wide, untestable),
         untestable=untestable,
         baselines=_baselines(comparison, around, scored),
         evaluations=evaluate.evaluations,
-    )
-
-
-def _dispersion(comparison: ModelComparison, scored: Sequence[ScoredFit]) -> float:
-    """Dispersion of the best model, whose residuals are closest to noise."""
-    best = min(scored, key=lambda each: each.total).fit
-    return bootstrap.dispersion(
-        best.quadratic(comparison.layout, comparison.split), np.ones(len(best.columns), dtype=bool)
     )
 
 
@@ -195,8 +187,8 @@ def _sets(alike: dict[str, list[str]]) -> tuple[tuple[str, ...], ...]:
 def _ranking(comparison: ModelComparison, scored: Sequence[ScoredFit], null: ScoredFit) -> tuple[RankedModel, ...]:
     ranked = []
     for each in sorted(scored, key=lambda each: each.total)[:RANKED]:
-        gains = bootstrap.held_out_gains(null.held_out, each.held_out, comparison.split)
-        _, interval = bootstrap.spread(gains, comparison.rng)
+        gains = held_out_gains(null.held_out, each.held_out, comparison.split)
+        _, interval = spread(gains, comparison.rng)
         ranked.append(
             RankedModel(
                 effects=each.fit.model,
@@ -237,7 +229,7 @@ def _minimum_detectable(
     comparison: ModelComparison,
     around: Quadratic,
     null: Fit,
-    dispersion: float,
+    wide: float,
     untestable: Collection[str],
 ) -> dict[str, Estimate]:
     """Smallest size of each effect that would be found, at the place that shows it best.
@@ -258,7 +250,7 @@ def _minimum_detectable(
             if power <= 0.0:
                 continue
             rows = null.residuals.shape[1] / (segments * max(1, len(problem.signals)))
-            size = max(np.sqrt(2.0 * decide.GAIN_NATS * dispersion / power), comparison.size * np.sqrt(rows / power))
+            size = max(np.sqrt(2.0 * decide.GAIN_NATS * wide / power), comparison.size * np.sqrt(rows / power))
             if candidate.effect not in sizes or size < sizes[candidate.effect][0]:
                 sizes[candidate.effect] = (float(size), index)
     return {effect: _physical_size(problem, comparison, around, *found) for effect, found in sizes.items()}

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.search import bootstrap
-from saltus.real2sim.search.cells import Cells
 from saltus.real2sim.search.findings import Confusion
 from saltus.real2sim.search.fit import Fit
 from saltus.real2sim.search.layout import Layout, Model
-from saltus.real2sim.search.split import TEST, Split
+from saltus.real2sim.search.quadratic import downside, held_out_gains
+from saltus.real2sim.search.split import TEST, Cells, Split
 
 GAIN_NATS = 10.0
 """Smallest held-out gain of an effect [nats], after division by the dispersion. Without the effect, twice the gain of k
@@ -110,8 +109,8 @@ class ModelComparison:
 
     def lead(self, before: ScoredFit, after: ScoredFit, dispersion: float) -> bool:
         """True where the held-out gain of `after` over `before` is larger than chance."""
-        gains = bootstrap.held_out_gains(before.held_out, after.held_out, self.split)
-        return self.gain(before, after) > max(GAIN_NATS * dispersion, SPREAD * bootstrap.downside(gains))
+        gains = held_out_gains(before.held_out, after.held_out, self.split)
+        return self.gain(before, after) > max(GAIN_NATS * dispersion, SPREAD * downside(gains))
 
     def closed(self, null: ScoredFit, before: ScoredFit, after: ScoredFit) -> float:
         """Share of the structure after `before` that `after` removes, in the cells that show any."""

@@ -7,10 +7,10 @@ from scipy import stats
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.problem import Candidate, Estimate, Problem
-from saltus.real2sim.search import bootstrap
 from saltus.real2sim.search.decide import ModelComparison
 from saltus.real2sim.search.findings import FoundEffect, Interval
 from saltus.real2sim.search.fit import Fit
+from saltus.real2sim.search.quadratic import covariance
 
 SAME = 0.1
 """Values at several places count as equal if they differ by less than this share beyond their errors: as much as
@@ -61,7 +61,7 @@ def places_of(problem: Problem, comparison: ModelComparison, fit: Fit, effect: s
     free = np.ones(len(fit.columns), dtype=bool)
     found = []
     for block in range(len(problem.blocks)):
-        covariance = bootstrap.covariance(quadratic, block, free)
+        scatter = covariance(quadratic, block, free)
         for index, candidate in enumerate(problem.candidates):
             if candidate.effect != effect:
                 continue
@@ -75,7 +75,7 @@ def places_of(problem: Problem, comparison: ModelComparison, fit: Fit, effect: s
                     candidate=index,
                     name=problem.places[block].get(candidate.where, candidate.where),
                     value=fit.unknowns[block, columns],
-                    covariance=_with_unseen(covariance[np.ix_(own, own)], candidate),
+                    covariance=_with_unseen(scatter[np.ix_(own, own)], candidate),
                     rms=float(np.sqrt(comparison.cells.power(trace).max())),
                 )
             )

@@ -14,7 +14,7 @@ from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.search.layout import STEP, Layout, Model
 from saltus.real2sim.search.quadratic import Quadratic, bounded_minimum
-from saltus.real2sim.search.split import Split
+from saltus.real2sim.search.split import Split, split
 
 BATCH = 64
 """Sets of unknowns in one call of a problem, to bound its memory."""
@@ -98,6 +98,22 @@ def _moves(layout: Layout, unknowns: Floats, columns: Indices) -> tuple[Floats, 
     return sets, step
 
 
+def begun(evaluate: Evaluator, layout: Layout, model: Model, columns: Indices, unknowns: Floats, stage: str) -> Fit:
+    """A model at given unknowns, shape (blocks, unknowns), with residuals and derivatives there."""
+    residuals = evaluate(stage, unknowns[np.newaxis])[0]
+    jacobian = slopes(evaluate, layout, unknowns, residuals, columns, stage)
+    return Fit(model=model, columns=columns, unknowns=unknowns, residuals=residuals, jacobian=jacobian)
+
+
+def fitted_null(problem: Problem, evaluate: Evaluator, layout: Layout) -> tuple[Fit, Split]:
+    """The fit of the nuisances alone, the model without effects, and the split of the log by what it has to explain."""
+    unknowns = np.tile(problem.absent, (len(problem.blocks), 1))
+    start = begun(evaluate, layout, (), layout.nuisances, unknowns, "nuisances")
+    own = split(problem, start.residuals)
+    (null,) = refine(evaluate, layout, own, [start], stage="nuisances")
+    return null, own
+
+
 def renewed(evaluate: Evaluator, layout: Layout, fits: Sequence[Fit], stage: str) -> list[Fit]:
     """The fits with derivatives at where they are now."""
     if not fits:
@@ -113,12 +129,11 @@ def refine(
     split: Split,
     fits: Sequence[Fit],
     *,
-    iterations: int = ITERATIONS,
-    stage: str = "fit",
+    stage: str,
 ) -> list[Fit]:
     """Fits all models together, each from its `Fit` with the Jacobian known there."""
     states = [_Descent(fit, layout, split) for fit in fits]
-    for _ in range(iterations):
+    for _ in range(ITERATIONS):
         active = [(state, trial) for state in states if (trial := state.propose()) is not None]
         if not active:
             break
@@ -131,6 +146,27 @@ def refine(
         for (state, trial), r in zip(shared, residuals, strict=True):
             state.learn(trial, r)
     return [state.fit for state in states]
+
+
+def best_of_each(tried: Sequence[Fit], split: Split) -> list[Fit]:
+    """Fits of several models from several starts, those of a model joined: the best of each block.
+
+    Nothing couples blocks.
+    """
+    found = []
+    for model in dict.fromkeys(each.model for each in tried):
+        own = [each for each in tried if each.model == model]
+        best = np.argmin([np.sum(each.residuals[:, split.is_fit] ** 2, axis=1) for each in own], axis=0)
+        at = best, np.arange(len(best))
+        found.append(
+            replace(
+                own[0],
+                unknowns=np.stack([each.unknowns for each in own])[at],
+                residuals=np.stack([each.residuals for each in own])[at],
+                jacobian=np.stack([each.jacobian for each in own])[at],
+            )
+        )
+    return found
 
 
 class _Descent:

@@ -12,7 +12,7 @@ It knows problems (`saltus.real2sim.problem.problem`), not robots. Steps:
    (`saltus.real2sim.search.signature`), and the gap on test segments.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import combinations
 
@@ -21,12 +21,11 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.search import conclude, decide, fit
-from saltus.real2sim.search.cells import Cells
 from saltus.real2sim.search.findings import Findings
 from saltus.real2sim.search.fit import Evaluator, Fit
 from saltus.real2sim.search.layout import Layout, Model, model_of
 from saltus.real2sim.search.quadratic import Quadratic
-from saltus.real2sim.search.split import Split, split
+from saltus.real2sim.search.split import Cells, Split
 
 REFITTED = 4
 """Number of single effects that are refitted with fresh derivatives; in practice the truth is among the best four."""
@@ -58,7 +57,8 @@ class _Search:
         self._layout = Layout.of(problem)
         self._evaluate = Evaluator(problem, progress)
         self._seed = seed
-        self._rest = np.tile(problem.absent, (len(problem.blocks), 1))
+        self._rest: Floats
+        """All unknowns without any effect, with the shapes that look best, shape (blocks, unknowns)."""
         self._fits: dict[Model, Fit] = {}
         self._libraries: dict[Model, Floats] = {}
         self._choices: dict[str, dict[float, Floats]] = {}
@@ -88,12 +88,7 @@ class _Search:
 
     def _fit_null(self) -> None:
         """Fits the model without effects, splits the log and chooses the shapes of absent effects."""
-        residuals = self._evaluate("replay", self._rest[np.newaxis])[0]
-        self._split = split(self._problem, residuals)
-        nuisances = self._layout.nuisances
-        jacobian = fit.slopes(self._evaluate, self._layout, self._rest, residuals, nuisances, "nuisances")
-        start = Fit(model=(), columns=nuisances, unknowns=self._rest, residuals=residuals, jacobian=jacobian)
-        (null,) = fit.refine(self._evaluate, self._layout, self._split, [start], stage="nuisances")
+        null, self._split = fit.fitted_null(self._problem, self._evaluate, self._layout)
         self._fits[()] = null
         self._rest = null.unknowns.copy()
         self._libraries[()] = self._slopes_of_starts(null)
@@ -155,8 +150,8 @@ class _Search:
         null = self._fits[()]
         starts = [start for effect in self._layout.effects for start in self._starts((effect,), null)]
         tried = fit.refine(self._evaluate, self._layout, self._split, starts, stage="single effects")
-        fits = self._best_of_each(tried)
-        self._fits |= {each.model: each for each in fits}
+        fits = fit.best_of_each(tried, self._split)
+        self._keep(fits)
         best = sorted(fits, key=self._cost)[:REFITTED]
         self._refit([each.model for each in best], "single effects")
         self._restart(self._best(1), "single effects")
@@ -171,9 +166,7 @@ class _Search:
         columns, own = layout.of_model(model), layout.of_effects(model)
         unknowns = null.unknowns.copy()
         unknowns[:, own] = np.clip(likely[own], layout.low[own], layout.high[own])
-        residuals = self._evaluate("single effects", unknowns[np.newaxis])[0]
-        jacobian = fit.slopes(self._evaluate, layout, unknowns, residuals, columns, "single effects")
-        self._fits[model] = Fit(model=model, columns=columns, unknowns=unknowns, residuals=residuals, jacobian=jacobian)
+        self._fits[model] = fit.begun(self._evaluate, layout, model, columns, unknowns, "single effects")
         self._refit([model], "single effects")
         while len(model) > 1:
             self._eliminate(model)
@@ -182,9 +175,8 @@ class _Search:
 
     def _refit(self, models: list[Model], stage: str) -> None:
         """Renews derivatives of fits and continues them."""
-        fresh = self._renewed([self._fits[model] for model in models], stage)
-        for each in fit.refine(self._evaluate, self._layout, self._split, fresh, stage=stage):
-            self._fits[each.model] = each
+        fresh = fit.renewed(self._evaluate, self._layout, [self._fits[model] for model in models], stage)
+        self._keep(fit.refine(self._evaluate, self._layout, self._split, fresh, stage=stage))
 
     def _fit_larger(self, best_so_far: Model, size: int) -> None:
         """Fits models of up to `size` effects that the derivatives at the best model so far propose."""
@@ -192,19 +184,16 @@ class _Search:
         for model in (best_so_far, *others):
             self._library(model)
             self._fit_union(best_so_far, model, size)
-        proposed = [
-            self._propose(best_so_far, size),
-            *(self._propose(other, size)[: PROPOSED // 2] for other in others),
-        ]
-        models = [model for several in proposed for model in several if model not in self._fits]
-        models = list(dict.fromkeys(models))
+        proposed = self._propose(best_so_far, size)
+        for other in others:
+            proposed += self._propose(other, size)[: PROPOSED // 2]
+        models = dict.fromkeys(model for model in proposed if model not in self._fits)
         starts = [start for model in models for part in self._parts(model) for start in self._starts(model, part)]
-        fits = self._best_of_each(
-            fit.refine(self._evaluate, self._layout, self._split, starts, stage=f"{size} effects")
+        fits = fit.best_of_each(
+            fit.refine(self._evaluate, self._layout, self._split, starts, stage=f"{size} effects"), self._split
         )
-        self._fits |= {each.model: each for each in fits}
-        if fits:
-            self._refit([each.model for each in sorted(fits, key=self._cost)[:2]], f"{size} effects")
+        self._keep(fits)
+        self._refit([each.model for each in sorted(fits, key=self._cost)[:2]], f"{size} effects")
         if any(len(model) == size for model in self._fits):
             if size == 2:
                 self._restart(self._best(size), "2 effects")
@@ -219,9 +208,9 @@ class _Search:
         fits = [start for part in parts for start in self._starts(model, part)]
         for patience in range(PATIENCE):
             if patience:
-                fits = self._renewed(fits, stage)
+                fits = fit.renewed(self._evaluate, self._layout, fits, stage)
             fits = fit.refine(self._evaluate, self._layout, self._split, fits, stage=stage)
-        self._fits[model] = self._joined(fits)
+        (self._fits[model],) = fit.best_of_each(fits, self._split)
 
     def _refit_rivals(self) -> None:
         """Continues the best models that explain the gap, and renews their derivatives.
@@ -229,21 +218,18 @@ class _Search:
         The cost on held-out data follows from derivatives; old ones made one of two models that look alike 90 nats
         worse.
         """
-        null = self._fits[()]
-        explain = [
-            each
-            for each in sorted(self._fits.values(), key=self._cost)
-            if each.model and decide.explains(self._comparison, null, each)
-        ]
-        of_size = [[each.model for each in explain if len(each.model) == size] for size in range(1, LARGEST + 1)]
-        models = [model for several in of_size for model in several[:RIVALS]]
+        null, models = self._fits[()], list[Model]()
+        for size in range(1, LARGEST + 1):
+            explain = [each for each in self._of_size(size) if decide.explains(self._comparison, null, each)]
+            models += [each.model for each in explain[:RIVALS]]
         self._refit(models, "rivals")
         # what the descent corrected on its way is not what the derivatives are at its end
-        for each in self._renewed([self._fits[model] for model in models], "rivals"):
-            self._fits[each.model] = each
+        rivals = [self._fits[model] for model in models]
+        self._keep(fit.renewed(self._evaluate, self._layout, rivals, "rivals"))
 
-    def _renewed(self, fits: list[Fit], stage: str) -> list[Fit]:
-        return fit.renewed(self._evaluate, self._layout, fits, stage)
+    def _keep(self, fits: Iterable[Fit]) -> None:
+        """Fits in place of the known ones of the same models."""
+        self._fits |= {each.model: each for each in fits}
 
     def _restart(self, model: Model, stage: str) -> None:
         """Refits a model from all known shapes of its effects, if it leaves structure.
@@ -270,7 +256,8 @@ class _Search:
                 jacobian = here.jacobian.copy()
                 jacobian[:, np.isin(here.columns, columns)] = own
                 starts.append(replace(here, unknowns=unknowns, residuals=r, jacobian=jacobian))
-            self._fits[model] = self._joined(fit.refine(self._evaluate, layout, self._split, starts, stage=stage))
+            tried = fit.refine(self._evaluate, layout, self._split, starts, stage=stage)
+            self._keep(fit.best_of_each(tried, self._split))
             self._libraries.pop(model, None)
             self._refit([model], stage)
 
@@ -300,13 +287,11 @@ class _Search:
             columns = self._layout.of_model(part)
             jacobian = full.jacobian[:, np.isin(full.columns, columns)]
             starts.append(Fit(model=part, columns=columns, unknowns=unknowns, residuals=r, jacobian=jacobian))
-        better = [
-            each
-            for each in fit.refine(self._evaluate, self._layout, self._split, starts, stage="elimination")
-            if each.model not in self._fits or self._cost(each) < self._cost(self._fits[each.model])
-        ]
+        tried = fit.refine(self._evaluate, self._layout, self._split, starts, stage="elimination")
+        known = self._fits
+        better = [each for each in tried if each.model not in known or self._cost(each) < self._cost(known[each.model])]
+        self._keep(better)
         for each in better:
-            self._fits[each.model] = each
             self._libraries.pop(each.model, None)
         self._refit([each.model for each in better], "elimination")
 
@@ -349,11 +334,6 @@ class _Search:
         jacobian[np.ix_(other, np.flatnonzero(np.isin(start.columns, own)))] = slopes[np.ix_(other, own)]
         return replace(start, unknowns=unknowns, jacobian=jacobian)
 
-    def _best_of_each(self, tried: list[Fit]) -> list[Fit]:
-        """Fits of several models from several starts, joined."""
-        models = dict.fromkeys(each.model for each in tried)
-        return [self._joined([each for each in tried if each.model == model]) for model in models]
-
     def _start(self, model: Model, nearest: Fit) -> Fit:
         """Start of a fit: the fit of fewer effects, with derivatives from the nearest library."""
         columns = self._layout.of_model(model)
@@ -380,35 +360,24 @@ class _Search:
             found += [self._fits[effect,] for effect in model]
         return list({each.model: each for each in found}.values())
 
-    def _joined(self, fits: list[Fit]) -> Fit:
-        """Joins fits of one model from several starts: the best of each block, as nothing couples blocks."""
-        costs = np.array([np.sum(each.residuals[:, self._split.is_fit] ** 2, axis=1) for each in fits])
-        best = np.argmin(costs, axis=0)
-        blocks = np.arange(len(best))
-        return replace(
-            fits[0],
-            unknowns=np.stack([each.unknowns for each in fits])[best, blocks],
-            residuals=np.stack([each.residuals for each in fits])[best, blocks],
-            jacobian=np.stack([each.jacobian for each in fits])[best, blocks],
-        )
-
     def _others(self, best_so_far: Model, size: int) -> list[Model]:
         """Further models from which larger ones are proposed: the second best, and for pairs the empty one.
 
         The best may imitate the whole truth while the second best is a part of it.
         """
-        fits = sorted((each for each in self._fits.values() if len(each.model) == size), key=self._cost)
-        next_best = [each.model for each in fits if each.model != best_so_far][:1]
+        next_best = [each.model for each in self._of_size(size) if each.model != best_so_far][:1]
         return [(), *next_best] if size == 1 else next_best
 
     def _best(self, size: int) -> Model:
         """The best-fitting model of this many effects, or of fewer if there is none."""
-        fits = [each for each in self._fits.values() if 1 <= len(each.model) <= size]
-        largest = max(len(each.model) for each in fits)
-        return min((each for each in fits if len(each.model) == largest), key=self._cost).model
+        return self._of_size(max(len(model) for model in self._fits if len(model) <= size))[0].model
+
+    def _of_size(self, size: int) -> list[Fit]:
+        """Fits of this many effects, the best first."""
+        return sorted((each for each in self._fits.values() if len(each.model) == size), key=self._cost)
 
     def _cost(self, each: Fit) -> float:
-        return float(np.sum(each.residuals[:, self._split.is_fit] ** 2))
+        return self._comparison.cost(each.residuals)
 
     def _library(self, model: Model) -> Floats:
         """Derivatives by all unknowns at a fit, shape (blocks, unknowns, m); computed once."""

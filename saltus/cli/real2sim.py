@@ -51,7 +51,7 @@ class Find(JsonOption):
     def run(self) -> int:
         """Prints what was found; 0, or 1 where a log contradicts itself, so that nothing could be looked for."""
         from saltus.api import find_effects
-        from saltus.real2sim.reporting.terminal import lines
+        from saltus.real2sim.reporting.words import lines
 
         directory = self.out or new_folder("real2sim")
         with Bar() as bar:

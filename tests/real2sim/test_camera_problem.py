@@ -34,6 +34,7 @@ from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.problem.camera.rays import claimed_scenes
 from saltus.real2sim.rebased_problem import RebasedProblem
 from saltus.recordings.run_log import DepthTable
+from saltus.terrain.boxes import Boxes
 
 STEP_SHARE = 0.1  # of an unknown's scale, for differences
 
@@ -213,7 +214,7 @@ def test_a_log_that_cannot_be_used_is_refused(missing: str) -> None:
 def test_rays_are_those_of_a_ray_caster() -> None:
     rng = np.random.default_rng(1)
     boxes = [{"center": rng.uniform(-2, 2, 3).tolist(), "size": rng.uniform(0.1, 1.0, 3).tolist()} for _ in range(6)]
-    scene = claimed_scenes(boxes)[1]
+    scene = claimed_scenes(Boxes.from_tables(boxes))[1]
     reference = open3d.t.geometry.RaycastingScene(nthreads=1)
     for low, high in map(corners, boxes):
         mesh = open3d.t.geometry.TriangleMesh.create_box(*(high - low).tolist())
@@ -275,7 +276,7 @@ def test_holes_and_copies_at_edges_are_counted(holes: int, copies: int) -> None:
 
 def test_no_edge_counts_on_flat_ground() -> None:
     assert not edge_counts(np.full((2, 8, 40), 1.5), np.full((2, 8, 40), 1500, dtype=np.uint16), 3.0).frame.size
-    assert claimed_scenes("flat")[0].has_ground
+    assert claimed_scenes(Boxes.from_tables([]))[0].has_ground
     assert FLAT == ()
 
 

@@ -17,18 +17,14 @@ from saltus.constants import POLICY_DT
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.run import run
-from saltus.real2sim.extent import moving_s
 from saltus.real2sim.pipeline import examine, judge
-from saltus.real2sim.reporting.draws import drawn_lines
-from saltus.real2sim.reporting.steps import next_steps
-from saltus.real2sim.reporting.terminal import lines
+from saltus.real2sim.reporting.words import drawn_lines, lines, next_steps
 from saltus.real2sim.results import Judgement
-from saltus.real2sim.screening.cut import until
-from saltus.real2sim.screening.screen import LEAST_S, screen
+from saltus.real2sim.screening.screen import LEAST_S, screen, until
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval, SignalGap
 from saltus.real2sim.search.search import search
 from saltus.real2sim.sensors import LEAST_S as NAMED_FROM_S
-from saltus.real2sim.sensors import SENSORS
+from saltus.real2sim.sensors import SENSORS, moving_s
 from saltus.real2sim.verdict import Gap, Missing, Verdict
 from saltus.recordings.recording import read_recording
 from saltus.recordings.run_log import RunLog, write_run_log

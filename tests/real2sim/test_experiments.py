@@ -14,9 +14,8 @@ from saltus.effects.profile import EFFECTS, IDEAL, Profile
 from saltus.errors import ConfigError
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.footage import FootageCamera
-from saltus.real2sim.experiments.instruments import SensorNoise
 from saltus.real2sim.experiments.menu import EXPERIMENTS, experiment_named
-from saltus.real2sim.experiments.run import run
+from saltus.real2sim.experiments.run import SensorNoise, run
 from saltus.real2sim.experiments.safety import Limits, UnsafeMotionError
 from saltus.real2sim.problem.log import load_rigs, robot_of
 from saltus.real2sim.screening.screen import screen
@@ -136,7 +135,7 @@ def test_a_robot_that_saltus_does_not_ship_comes_with_its_model_and_is_replayed_
     write_run_log(run(experiment, heavy, IDEAL), tmp_path / "log", heavy)
     (log,) = load_rigs([tmp_path / "log"])
     assert log.meta["robot"] == str(tmp_path / "log" / "heavy.xml")
-    assert robot_of(log.meta).mass == pytest.approx(ROBOT.mass + 9.0 - 5.204)
+    assert robot_of(log).mass == pytest.approx(ROBOT.mass + 9.0 - 5.204)
     body = next(sensor for sensor in SENSORS if sensor.name == "body")
     assert not body.lacks(log)
     reversed_legs = {**log.meta, "joints": log.meta["joints"][::-1]}

@@ -18,12 +18,11 @@ from saltus.real2sim.patch import Applicability, Evidence, Patch
 from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.problem.problem import Driver, Problem
 from saltus.real2sim.reporting import figures
-from saltus.real2sim.reporting.localise import Channel
-from saltus.real2sim.reporting.regimes import channels_of
+from saltus.real2sim.reporting.localise import Channel, channels_of
 from saltus.real2sim.reporting.report import report_page
 from saltus.real2sim.reporting.words import sentence
 from saltus.real2sim.results import Examination, Judgement, SensorResult
-from saltus.real2sim.screening.fault import Fault
+from saltus.real2sim.screening.scales import Fault
 from saltus.real2sim.search.findings import Findings, Residuals
 from saltus.real2sim.search.search import search
 from saltus.real2sim.verdict import NextExperiment, Verdict, merge

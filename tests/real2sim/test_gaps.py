@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from saltus.real2sim.screening.gaps import lost_rows
+from saltus.real2sim.screening.clock import lost_rows
 from saltus.recordings.run_log import period_of
 
 ROWS = 3000

@@ -11,7 +11,7 @@ from stated_values import check_stated_values
 from saltus.effects.effect import Effect
 from saltus.effects.imu import ImuBias, ImuLatency
 from saltus.errors import RecordingError
-from saltus.real2sim.problem.imu.problem import ImuProblem
+from saltus.real2sim.problem.imu import ImuProblem
 from saltus.recordings.run_log import RunLog
 
 MOVING = MOTIONS[3:7]

@@ -23,10 +23,11 @@ from saltus.errors import RecordingError
 from saltus.joint_command import JointCommand
 from saltus.real2sim.problem.joints import motion as joint_motion
 from saltus.real2sim.problem.joints.candidates import LOOP_RATE
-from saltus.real2sim.problem.joints.drives import lost
+from saltus.real2sim.problem.joints.drives import Drives, lost
 from saltus.real2sim.problem.joints.excitation import _step
-from saltus.real2sim.problem.joints.friction import rubbed
+from saltus.real2sim.problem.joints.mechanics import rubbed
 from saltus.real2sim.problem.joints.problem import JointProblem
+from saltus.real2sim.problem.joints.replay import replay
 from saltus.real2sim.saturation_curve import _fitted, _Pieces
 from saltus.real2sim.search.search import search
 from saltus.recordings.run_log import JOINT_SIGNALS, JointTable, RunLog
@@ -156,13 +157,18 @@ def name_of(case: Hidden) -> str:
     return case.effect.name
 
 
+def simulated(problem: JointProblem, drives: Drives) -> np.ndarray:
+    """Means of angles, velocities and torques, as the problem replays them."""
+    return replay(problem._motion, problem._windows, drives, problem._averaged)
+
+
 def test_the_replay_is_the_plant() -> None:
     """Without noise what is left is far below what a drive measures: 0.1 mrad."""
     log = motion()
     problem = problem_of()
-    simulated = problem._simulate(problem._candidates.drives(unknowns(problem, {})[None], DT))
+    q, _, _ = simulated(problem, problem._candidates.drives(unknowns(problem, {})[None], DT))
     clean = JointProblem(log)
-    apart = clean._measured[:, 0] - simulated.q.reshape(-1, 4, 3)[problem._sample]
+    apart = clean._measured[:, 0] - q.reshape(-1, 4, 3)[problem._sample]
     assert np.sqrt(np.mean(apart[50:] ** 2)) < 1e-4
 
 
@@ -172,12 +178,12 @@ def test_a_faster_loop_is_what_smaller_steps_make_of_it(stairs: int, monkeypatch
     log = motion()
     coarse = JointProblem(log)
     sets = np.zeros((2, 4, coarse._candidates.count))
-    sets[1, :, coarse._candidates.columns(LOOP_RATE, 0)] = 1.0 - 1.0 / stairs
-    slow, fast = np.moveaxis(coarse._simulate(coarse._candidates.drives(sets, coarse._motion.dt_s)).q, -1, 0)
+    sets[1, :, coarse._candidates.columns[LOOP_RATE, 0]] = 1.0 - 1.0 / stairs
+    slow, fast = np.moveaxis(simulated(coarse, coarse._candidates.drives(sets, coarse._motion.dt_s))[0], -1, 0)
     monkeypatch.setattr(joint_motion, "SLOWEST_LOOP_S", coarse._motion.dt_s / stairs)
     fine = JointProblem(log)
     assert fine._motion.every == stairs * coarse._motion.every
-    true = fine._simulate(fine._candidates.drives(sets[:1], fine._motion.dt_s)).q[..., 0]
+    true = simulated(fine, fine._candidates.drives(sets[:1], fine._motion.dt_s))[0][..., 0]
     assert np.std(fast - true) < 0.1 * np.std(slow - true)
 
 

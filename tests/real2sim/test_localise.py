@@ -5,8 +5,7 @@ import pytest
 from rig_logs import Rig, joints_log
 
 from saltus.real2sim.problem.problem import Driver
-from saltus.real2sim.reporting.localise import Channel, in_words, localise
-from saltus.real2sim.reporting.regimes import drivers_of
+from saltus.real2sim.reporting.localise import Channel, drivers_of, in_words, localise
 from saltus.robots.robot import JOINTS
 
 ROWS = 3000

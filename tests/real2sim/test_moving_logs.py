@@ -18,8 +18,8 @@ from saltus.real2sim.experiments.motions import Section, rest
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.experiments.safety import Limits
 from saltus.real2sim.pipeline import examine, judge
-from saltus.real2sim.problem.camera.pose import BaseMotion
 from saltus.real2sim.problem.camera.problem import CameraProblem
+from saltus.real2sim.problem.camera.rays import BaseMotion
 from saltus.real2sim.screening.screen import screen
 from saltus.real2sim.search.search import search
 from saltus.recordings.run_log import RunLog, write_run_log

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from linear_problem import WHERES, LinearProblem
 
-from saltus.real2sim.search.narrowed import NarrowedProblem
+from benchmarks.left_out import NarrowedProblem
 from saltus.real2sim.search.search import search
 
 BLOCKS = ("FR", "FL")

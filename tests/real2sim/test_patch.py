@@ -195,8 +195,8 @@ def test_every_entry_of_the_measured_table_belongs_to_the_menu() -> None:
     table = separations()
     assert set(table) <= set(EXPERIMENTS)
     for entry in table.values():
-        assert all(0.0 <= cosine <= 1.0 for cosine in entry.cosine.values())
-        assert all(seen.sigma >= 0.0 and seen.size >= 0.0 for seen in entry.visible.values())
+        assert all(0.0 <= cosine <= 1.0 for row in entry.cosine for cosine in row)
+        assert all(size >= 0.0 and sigma >= 0.0 for size, sigma in entry.visible.values())
 
 
 def test_latency_and_smear_on_one_sine_call_for_the_chirp() -> None:

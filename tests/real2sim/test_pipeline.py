@@ -13,7 +13,6 @@ from saltus.effects.motor_limits import TorqueSpeedLimit
 from saltus.effects.offsets_and_factors import ViscousFriction
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import RecordingError
-from saltus.real2sim import pipeline
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.run import run
@@ -107,7 +106,7 @@ def test_a_speed_limit_in_a_profile_is_there_altogether(held: RunLog) -> None:
         if candidate.effect == "torque_speed_limit":
             unknowns[..., at : at + 3] = (1.0, 0.2, 0.8)  # weight, corner, and from there to the no-load speed
         at += len(candidate.unknowns)
-    np.testing.assert_allclose(with_limit, inner.holding(robot.actuator)[0].residuals(unknowns), atol=1e-3)
+    np.testing.assert_allclose(with_limit, inner.holding(robot)[0].residuals(unknowns), atol=1e-3)
     assert np.mean(with_limit**2) > 1.2 * np.mean(inner.residuals(0.0 * unknowns) ** 2)
 
 
@@ -118,23 +117,22 @@ def test_an_effect_that_no_sensor_shows_is_untestable_and_says_why(found: Found)
     assert "viscous_friction" not in untestable
 
 
-def test_a_sensor_that_fails_does_not_lose_the_others(seeing: RunLog, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sensor_that_fails_does_not_lose_the_others(seeing: RunLog) -> None:
     def broken(log: RunLog) -> Problem:
         raise ValueError("a bad day")
 
     kept = {"camera"}
-    sensors = tuple(s if s.name in kept else dataclasses.replace(s, problem=broken) for s in SENSORS)
-    monkeypatch.setattr(pipeline, "SENSORS", sensors)
-    (examined,) = examine([seeing])
+    sensors = [s if s.name in kept else dataclasses.replace(s, problem=broken) for s in SENSORS]
+    (examined,) = examine([seeing], sensors=sensors)
     verdict = judge((examined,), ()).verdict
     assert len(examined.failures) == 2
     assert any("a bad day" in fault for fault in verdict.log_faults)
     assert "a bad day" in verdict.untestable["payload_mass"]
     assert verdict.verdict in ("named", "set")
     assert "camera_latency" in {e.name for e in verdict.effects} | {name for names in verdict.sets for name in names}
-    monkeypatch.setattr(pipeline, "SENSORS", tuple(dataclasses.replace(s, problem=broken) for s in SENSORS))
+    none = [dataclasses.replace(sensor, problem=broken) for sensor in SENSORS]
     with pytest.raises(RecordingError, match="a bad day"):
-        judge(examine([seeing]), ())
+        judge(examine([seeing], sensors=none), ())
 
 
 def test_a_damaged_log_is_judged_by_nothing_else(held: RunLog) -> None:

@@ -7,7 +7,7 @@ from linear_problem import WHERES, ChoiceProblem, LinearProblem
 from one_joint import WHERES as JOINTS
 from one_joint import OneJoint
 
-from saltus.real2sim.search.narrowed import NarrowedProblem
+from benchmarks.left_out import NarrowedProblem
 from saltus.real2sim.search.search import search
 
 BLOCKS = ("FR", "FL")

@@ -8,7 +8,7 @@ import pytest
 from saltus.effects.profile import EFFECTS
 from saltus.real2sim.problem.body.candidates import Claims, candidates
 from saltus.real2sim.problem.camera.candidates import camera_candidates
-from saltus.real2sim.problem.imu.problem import imu_candidates
+from saltus.real2sim.problem.imu import imu_candidates
 from saltus.real2sim.problem.joints.candidates import KINDS
 from saltus.real2sim.problem.problem import Candidate
 

@@ -8,10 +8,10 @@ import pytest
 from linear_problem import WHERES, LinearProblem
 
 from saltus.real2sim.problem.problem import Coordinates, Estimate
-from saltus.real2sim.resolution import resolved
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval, SignalGap
 from saltus.real2sim.search.search import search
 from saltus.real2sim.stacked_problem import StackedProblem, stackable
+from saltus.real2sim.verdict import resolved
 
 HIDDEN = {("e1", where, block): 3.0 for where, block in itertools.product(WHERES, ("FR", "FL"))}
 LATER_S = 20.0

@@ -22,11 +22,11 @@ from saltus.errors import RecordingError
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.screening.causes import cause_faults, causes
-from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.gains import gain_faults
 from saltus.real2sim.screening.gravity import feedforward_faults
 from saltus.real2sim.screening.joints import unit_faults
 from saltus.real2sim.screening.rig import rig_faults
+from saltus.real2sim.screening.scales import Fault
 from saltus.real2sim.screening.screen import screen
 from saltus.recordings.run_log import RunLog, Table, read_run_log, write_run_log
 from saltus.recordings.units import SIGNALS, Units, in_si
@@ -153,11 +153,11 @@ QUIET = {"slow_triangle": 0.7, "heave_and_pitch": 1.3, "pitch_rocking": 1.0, "he
 @pytest.mark.parametrize("name", QUIET)
 def test_a_torque_that_hardly_moves_is_told_by_name_and_factor(name: str) -> None:
     log = run(experiment_named(name), ROBOT, IDEAL.having(TorqueGain(gain=QUIET[name])), seed=11)
-    assert not gain_faults(log)
+    assert not list(gain_faults(log))
     for channel in ("tau_est", "tau_ff") if np.any(log.joints.tau_ff) else ("tau_est",):
         change, factors = HELD[channel]
         for factor in factors:
-            faults = gain_faults(change(log, factor))
+            faults = list(gain_faults(change(log, factor)))
             assert told(faults, channel, factor), (channel, factor, [fault.text for fault in faults])
 
 

@@ -1,7 +1,6 @@
 """Candidates for what may differ from the claims about a robot on the ground; coordinates are 0 where nothing does."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -9,10 +8,10 @@ from saltus.arrays import Floats
 from saltus.effects.body import LEAST_TURNING_M, NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, claimed_body
 from saltus.effects.motor_limits import LOSS_AT_KNEE, TorqueSaturation
 from saltus.effects.offsets_and_factors import ContactCompliance, FootFriction
-from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.replay import Rig
 from saltus.real2sim.problem.joints.candidates import beside
 from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate, sought
+from saltus.recordings.run_log import RunLog
 
 SMALLEST_TIME_CONSTANT_S, LARGEST_TIME_CONSTANT_S = ContactCompliance.sought("time_constant")
 LEAST_SOFTER = 3.0
@@ -44,24 +43,16 @@ class Claims:
     """Delivered over commanded torque."""
 
     @classmethod
-    def of(cls, meta: dict[str, Any]) -> "Claims":
-        """Reads `meta.json`; what it does not say is as in the simulator.
-
-        Raises:
-            RecordingError: a claim that no ground and no robot has.
-        """
-        ground, position = meta.get("ground") or {}, meta.get("payload_position")
-        claims = cls(
-            payload_kg=float(meta.get("payload_kg") or 0.0),
+    def of(cls, log: RunLog) -> "Claims":
+        """Reads what a log claims; what it does not say is as in the simulator."""
+        ground, position = log.meta.get("ground") or {}, log.meta.get("payload_position")
+        return cls(
+            payload_kg=float(log.meta.get("payload_kg") or 0.0),
             friction=float(ground.get("friction", NOMINAL_FRICTION)),
             contact_time_constant=float(ground.get("contact_time_constant", NOMINAL_CONTACT_TIME_CONSTANT_S)),
             payload_position=None if position is None else tuple(float(value) for value in position),
-            motor_strength=float(meta.get("motor_strength") or 1.0),
+            motor_strength=float(log.meta.get("motor_strength") or 1.0),
         )
-        is_placed = claims.payload_position is None or len(claims.payload_position) == 3
-        if not is_placed or min(claims.friction, claims.contact_time_constant) <= 0.0 or claims.payload_kg < 0.0:
-            raise RecordingError(f"meta.json claims a ground or a payload that cannot be: {claims}")
-        return claims
 
     def softness(self, time_constant: float) -> float:
         """The coordinate of a time constant [s]."""

@@ -6,7 +6,6 @@ and turns; ground and soles in slip, touchdown and rebound. Drives are between c
 candidates too, as a weak motor looks like a heavy trunk.
 """
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cache
@@ -14,22 +13,19 @@ from functools import cache
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.effects.effect import Effect
+from saltus.constants import PHYSICS_DT
 from saltus.effects.motor_limits import TorqueSaturation
+from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.candidates import CALF, FRICTION_RANGE, Claims, candidates, on_top_of, rig_of
-from saltus.real2sim.problem.body.ground import finer, likeliest
-from saltus.real2sim.problem.body.noise import SIGNALS, BodyWhitening, Noise, StartNoise, errors, read_noise
-from saltus.real2sim.problem.body.replay import BodyReplay, Limit, Pull, Rig
-from saltus.real2sim.problem.body.starts import Starts
-from saltus.real2sim.problem.body.testable import untestable
+from saltus.real2sim.problem.body.noise import SIGNALS, BodyWhitening, Noise, StartNoise, Starts, errors, read_noise
+from saltus.real2sim.problem.body.replay import BodyReplay, Limit, Pull, Rig, finer, likeliest
 from saltus.real2sim.problem.body.windows import BLOCKS, BodyWindows, cut_windows
 from saltus.real2sim.problem.joints.torque_curve import fitted_to
 from saltus.real2sim.problem.log import boxes_of, model_of, robot_of, segments_of, torque_limits
-from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
+from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, LEAST_SIGMA, Candidate, Problem
 from saltus.recordings.run_log import RunLog
 from saltus.sim.free_robots import Solver
-from saltus.terrain.boxes import Boxes
 
 LATE = BLOCKS * 2 // 3
 """Block from which on errors of the start should have faded."""
@@ -73,6 +69,34 @@ SMALLEST_LESS = 0.02
 """Coefficients this close to the claimed one are not told from it by scanning."""
 SLIP_QUANTILE = 0.97
 """Part of the time under load in which the ground must hold a foot, for the coefficient at which feet would slip."""
+TYPICAL = {
+    "payload_mass.mass": 1.0,
+    "com_offset.x": 0.02,
+    "base_inertia.scale": 0.2,
+    "contact_compliance.softness": 3.0,
+    "soft_feet.rolling": 0.01,
+    "torque_gain.gain": 0.1,
+    "battery_sag.loss_at_end": 0.1,
+    "command_delay.delay": 0.005,
+    "torque_saturation.loss": 0.4,
+    "viscous_friction.coefficient": 0.1,
+    "coulomb_friction.torque": 0.3,
+}
+"""A change of usual size (published ranges of domain randomisation; compliance that doubles the time constant)."""
+IN_WORDS = {
+    "payload_mass": "1 kg",
+    "com_offset": "2 cm",
+    "base_inertia": "20 % of the trunk's inertia",
+    "foot_friction": "half the coefficient",
+    "contact_compliance": "a contact of twice the time constant",
+    "soft_feet": "1 cm of friction against rolling",
+    "torque_gain": "10 % of torque",
+    "battery_sag": "10 % of torque lost by the end",
+    "command_delay": "5 ms",
+    "torque_saturation": "a loss of 40 % beyond 6 Nm",
+    "viscous_friction": "0.1 Nm s/rad",
+    "coulomb_friction": "0.3 Nm",
+}
 
 
 class BodyProblem(Problem):
@@ -101,24 +125,23 @@ class BodyProblem(Problem):
             )
         self.segments = segments_of(log)
         self._windows = cut_windows(log, self.segments)
-        if not len(self._windows.start_s):
-            raise RecordingError("no segment of the log is as long as a window of 0.65 s")
-        self.model, self._held = model_of(log.meta), tuple[Limit | Pull, ...]()
-        self._robot, self._claims = robot_of(log.meta), Claims.of(log.meta)
+        self.model, self._held = model_of(log), tuple[Limit | Pull, ...]()
+        self._robot, self._claims = robot_of(log), Claims.of(log)
         self.candidates = self._candidates(0.5 * self._claims.friction)  # until it is known where feet slip
-        self._boxes, self._span_s = Boxes.from_tables(boxes_of(log.meta)), _span(log)
+        self._boxes = boxes_of(log)
+        self._span_s = float(log.joints.time_s[0]), float(log.joints.time_s[-1])
         self._index()
         noise = read_noise(log)
         self._ground = self._likeliest(noise)
         self._replay = self._replayed(self._ground)
         self._prepare(noise, has_gyro=log.imu is not None)
 
-    def holding(self, effects: Sequence[Effect]) -> tuple[Problem, tuple[Effect, ...]]:
+    def holding(self, profile: Profile) -> tuple[Problem, Profile]:
         """See `Problem`: limits and pulls of the drives; a fitted saturation adds to theirs."""
         problem = copy(self)
         problem._held = tuple(
             fitted_to(effect, self.model) if isinstance(effect, TorqueSaturation) else effect.fitted(self._robot)
-            for effect in effects
+            for effect in profile.actuator
             if isinstance(effect, Limit | Pull)
         )
         problem._replay = problem._replayed(problem._ground)
@@ -127,7 +150,8 @@ class BodyProblem(Problem):
                 on_top_of(saturation, candidate, self._calf_limit) if candidate.effect == saturation.name else candidate
                 for candidate in self.candidates
             )
-        return problem, tuple(effect for effect in effects if not isinstance(effect, Limit | Pull))
+        told = tuple(effect for effect in profile.actuator if not isinstance(effect, Limit | Pull))
+        return problem, replace(profile, actuator=told)
 
     def residuals(self, unknowns: Floats) -> Floats:
         """Whitened residuals, shape (n, 1, m)."""
@@ -162,7 +186,23 @@ class BodyProblem(Problem):
         self.candidates = self._candidates(slips_at)
         self._whiten = self._whitening(noise, has_gyro=has_gyro)
         self.candidates = self._candidates(self._slipperiest(slips_at))
-        self.untestable = untestable(self, self._claims.friction, ratio, normal)
+        self.untestable = self._untestable(ratio, normal)
+
+    def _untestable(self, ratio: Floats, normal: Floats) -> dict[str, str]:
+        """Effects that would not be seen, with the reason.
+
+        Args:
+            ratio: Tangential over normal force of feet under load, 0 where there is none, shape (w, steps, 4).
+            normal: Normal force [N], same shape.
+        """
+        friction = self._claims.friction
+        sizes = self.visibility(TYPICAL | {"foot_friction.less": 0.5 * friction})
+        unseen = {name.partition(".")[0]: sigma for name, sigma in sizes.items() if sigma < LEAST_SIGMA}
+        return {
+            effect: f"{_because(effect, friction, ratio, normal)}{IN_WORDS[effect]} would move all residuals by "
+            f"{sigma:.1f} sigma"
+            for effect, sigma in unseen.items()
+        }
 
     def _slipperiest(self, otherwise: float) -> float:
         """The coefficient of friction below the claimed one with which the log agrees best; `otherwise` if none helps.
@@ -263,5 +303,14 @@ def _finite(error: Floats) -> Floats:
     return np.nan_to_num(error, nan=1e3, posinf=1e3, neginf=-1e3)
 
 
-def _span(log: RunLog) -> tuple[float, float]:
-    return float(log.joints.time_s[0]), float(log.joints.time_s[-1])
+def _because(effect: str, friction: float, ratio: Floats, normal: Floats) -> str:
+    """The physical reason, where there is one."""
+    if effect == "foot_friction":
+        return f"no slip: max |Ft|/Fn {float(ratio.max()):.2f} < {friction}; "
+    flight_s = PHYSICS_DT * float(np.sum(np.all(normal <= 0.0, axis=-1)))
+    if effect == "base_inertia" and flight_s < 0.1:
+        return f"{flight_s:.2f} s of flight; "
+    lifts = int(np.sum(np.diff((normal > 0.0).astype(np.int8), axis=1) > 0))
+    if effect == "contact_compliance" and lifts < 4:
+        return f"{lifts} touchdowns of a foot; "
+    return ""

@@ -1,15 +1,16 @@
 """Replays windows of a log through the simulator, for many sets of effects at once."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
-from saltus.arrays import Floats, Indices
+from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import LEAST_TURNING_M, BodyModel
 from saltus.effects.delay_line import held_late
+from saltus.effects.effect import map_arrays
 from saltus.effects.joint_loads import EndStop, JointSpring
 from saltus.effects.motor_limits import TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.signals import Drive
@@ -23,6 +24,55 @@ from saltus.real2sim.problem.body.windows import (
 from saltus.robots.robot import Robot
 from saltus.sim.free_robots import OWN_SOLVER, FreeRobots, Solver
 from saltus.terrain.boxes import Boxes
+
+SOFTER = (0.9, 0.95)
+"""Impedance of contacts that engines have by default; the scene's own are stiffer, so that feet do not creep."""
+GROUNDS = (
+    OWN_SOLVER,
+    Solver(impedance=SOFTER),
+    Solver(impratio=1.0),
+    Solver(impratio=1.0, impedance=SOFTER),
+    Solver(impratio=1.0, impedance=SOFTER, is_pyramidal=True),
+)
+OTHERWISE = ((1.0, 1.0), (2.0, 1.0), (5.0, 1.0), (1.0, 0.5), (1.0, 0.15))
+"""Time constant and friction, times the claimed ones, which come first: ground that is soft or slippery must not be
+taken for one that creeps."""
+LEAST_ROLLING_M, MOST_ROLLING_M = 0.003, 0.05
+"""Friction against rolling that shows, and five times that of a Go1's feet in MuJoCo Menagerie [m]."""
+
+
+def likeliest(squares: Callable[[Solver, Floats], Floats]) -> Solver:
+    """The way to compute contacts with which a log agrees best, whatever else its robot has.
+
+    Args:
+        squares: Mean square of what is left in each window under a solver, for n robots and grounds together, shape
+            (n, w): multiples of the claimed time constant and friction, and friction against rolling [m], shape (n, 3).
+            Their logarithms are compared: windows with much to explain otherwise do not decide alone.
+    """
+
+    def left(ground: Solver, *others: tuple[float, float, float]) -> Floats:
+        return np.asarray(np.sum(np.log(squares(ground, np.array(others))), axis=1))
+
+    def rolling(ground: Solver, friction: float) -> float:
+        return float(left(ground, (1.0, 1.0, friction))[0])
+
+    def least(ground: Solver) -> float:
+        otherwise = left(ground, *((softer, rougher, 0.0) for softer, rougher in OTHERWISE))
+        best, claimed = float(np.min(otherwise)), float(otherwise[0])
+        if rolling(ground, LEAST_ROLLING_M) > claimed:
+            return best
+        # feet that resist rolling look like ground that creeps, until it is known how much they do
+        bounds = LEAST_ROLLING_M, MOST_ROLLING_M
+        found = minimize_scalar(lambda x: rolling(ground, x), bounds=bounds, method="bounded", options={"maxiter": 8})
+        return min(best, float(found.fun))
+
+    return min(GROUNDS, key=least)
+
+
+def finer(ground: Solver) -> Sequence[Solver]:
+    """The same contacts, computed with half and with a quarter of the step."""
+    return replace(ground, substeps=2), replace(ground, substeps=4)
+
 
 Limit = TorqueSpeedLimit | TorqueSaturation
 Pull = JointSpring | EndStop
@@ -85,6 +135,7 @@ class BodyReplay:
         held: Sequence[Limit | Pull] = (),
     ) -> None:
         self._windows, self._held = windows, sorted(held, key=lambda effect: isinstance(effect, TorqueSaturation))
+        self._made: dict[bool, FreeRobots] = {}
         self._count = len(windows.start_s)
         self._sets = max(1, CHUNK // max(1, self._count))
         self._solver, self._robot, self._boxes, self._payload_position = solver, robot, boxes, payload_position
@@ -110,7 +161,8 @@ class BodyReplay:
         for own in (np.flatnonzero(~resists), np.flatnonzero(resists)):
             for i in range(0, len(own), self._sets):
                 part = own[i : i + self._sets]
-                out[part] = self._run(_taken(rig, part), qpos[part], qvel[part])
+                own_rig = map_arrays(lambda values, part=part: values[part], rig)
+                out[part] = self._run(own_rig, qpos[part], qvel[part])
         return out
 
     def foot_forces(self, rig: Rig) -> tuple[Floats, Floats]:
@@ -120,28 +172,21 @@ class BodyReplay:
         along = forces.transpose(1, 0, 2, 3)
         return np.hypot(along[..., 0], along[..., 1]), along[..., 2]
 
-    @cached_property
-    def _sliding(self) -> FreeRobots:
-        """Robots whose feet slide."""
-        return self._made(self._solver)
-
-    @cached_property
-    def _turning(self) -> FreeRobots:
-        """Robots whose feet resist turning and rolling, too: twice the rows for a contact."""
-        return self._made(replace(self._solver, dimensions=6))
-
-    def _made(self, solver: Solver) -> FreeRobots:
-        robots = FreeRobots(self._robot, self._sets * self._count, self._boxes, solver=solver)
-        if self._payload_position is not None:
-            robots.set_payload_position(np.asarray(self._payload_position))
-        return robots
+    def _robots(self, *, turns: bool) -> FreeRobots:
+        """Robots whose feet slide, or resist turning and rolling, too: twice the rows for a contact."""
+        if turns not in self._made:
+            solver = replace(self._solver, dimensions=6) if turns else self._solver
+            self._made[turns] = FreeRobots(self._robot, self._sets * self._count, self._boxes, solver=solver)
+            if self._payload_position is not None:
+                self._made[turns].set_payload_position(np.asarray(self._payload_position))
+        return self._made[turns]
 
     def _run(self, rig: Rig, qpos: Floats, qvel: Floats, forces: Floats | None = None) -> Floats:
         sets, windows = len(rig.gain), self._windows
-        turns = max(rig.body.torsion.max(), rig.body.rolling.max()) > LEAST_TURNING_M
-        robots = self._turning if turns else self._sliding
+        robots = self._robots(turns=max(rig.body.torsion.max(), rig.body.rolling.max()) > LEAST_TURNING_M)
         sims = sets * self._count
-        robots.set_bodies(_repeated(rig.body, self._count), slice(sims))
+        bodies = map_arrays(lambda values: np.repeat(values, self._count, axis=0), rig.body)
+        robots.set_bodies(bodies, slice(sims))
         robots.set_contacts(*(np.repeat(part, self._count, axis=0) for part in _contacts(self._solver, rig)))
         robots.derive(np.arange(sims))
         drives = _Drives(rig, windows, self._age, self._per_calf, self._held)
@@ -216,12 +261,3 @@ def _contacts(solver: Solver, rig: Rig) -> tuple[Floats, Floats]:
     """Ratio of impedances (n,) and impedance (n, 2) of contacts: their give is (1 - d) / d of the engine's d."""
     give = (1.0 / np.array(solver.impedance) - 1.0) * np.exp(rig.give)[:, None]
     return solver.impratio * np.exp(-rig.creep), 1.0 / (1.0 + give)
-
-
-def _taken(rig: Rig, part: Indices) -> Rig:
-    body = BodyModel(**{f.name: getattr(rig.body, f.name)[part] for f in fields(BodyModel)})
-    return Rig(body=body, **{f.name: getattr(rig, f.name)[part] for f in fields(Rig) if f.name != "body"})
-
-
-def _repeated(body: BodyModel, count: int) -> BodyModel:
-    return BodyModel(**{f.name: np.repeat(getattr(body, f.name), count, axis=0) for f in fields(BodyModel)})

@@ -24,7 +24,7 @@ def carried_by(log: RunLog) -> float:
     Args:
         log: With base "free", its pose measured, and the joints of a quadruped in the order of `JOINTS`.
     """
-    robot, joints, base = robot_of(log.meta), log.joints, log.base
+    robot, joints, base = robot_of(log), log.joints, log.base
     if base is None:
         raise ValueError("the log has no base.csv")
     part = slice(None, None, EVERY)

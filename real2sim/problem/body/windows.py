@@ -12,6 +12,7 @@ from scipy.signal import savgol_filter
 
 from saltus.arrays import Floats, Indices
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
+from saltus.errors import RecordingError
 from saltus.real2sim.problem import rotations
 from saltus.real2sim.problem.log import commanded, gains, sampled
 from saltus.real2sim.problem.problem import Segment
@@ -33,6 +34,8 @@ BUDGET_S = 10.8
 
 POSE, JOINTS, VELOCITY, RATES = slice(0, 7), slice(7, 19), slice(19, 22), slice(22, 34)
 """Columns of a state: base position and quaternion, joints, base velocity in the world, joint velocities."""
+BY_WINDOW = ("start_s", "segment", "qpos", "qvel", "drive", "measured")
+"""Fields of `BodyWindows` that have a value for each."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,8 +65,7 @@ class BodyWindows:
 
     def taken(self, part: slice) -> "BodyWindows":
         """Some of the windows."""
-        names = ("start_s", "segment", "qpos", "qvel", "drive", "measured")
-        return replace(self, **{name: getattr(self, name)[part] for name in names})
+        return replace(self, **{name: getattr(self, name)[part] for name in BY_WINDOW})
 
     @property
     def block_s(self) -> Floats:
@@ -84,8 +86,8 @@ class Track:
 
 
 def cut_windows(log: RunLog, segments: Sequence[Segment]) -> BodyWindows:
-    """Cuts a log with a measured base."""
-    kp, kd = gains(log.meta)
+    """Cuts a log with a measured base; `RecordingError` where no segment of it is long enough."""
+    kp, kd = gains(log)
     drive = commanded(log)
     starts = _starts(segments)
     tracks = {i: track(log, segments[i]) for i in {segment for segment, _ in starts}}
@@ -100,9 +102,10 @@ def cut_windows(log: RunLog, segments: Sequence[Segment]) -> BodyWindows:
         row = np.searchsorted(log.joints.time_s, times + 0.05 * PHYSICS_DT, side="right") - 1
         blocks = now.states[k : k + WINDOW_STEPS].reshape(BLOCKS, BLOCK_STEPS, -1).mean(axis=1)
         parts.append((now.time_s[k], segment, qpos, qvel, drive[np.maximum(row, 0)], blocks))
-    columns = [np.array(column) for column in zip(*parts, strict=True)] if parts else _nothing()
-    names = ("start_s", "segment", "qpos", "qvel", "drive", "measured")
-    return BodyWindows(**dict(zip(names, columns, strict=True)), kp=kp, kd=kd)
+    if not parts:
+        raise RecordingError("no segment of the log is as long as a window of 0.65 s")
+    columns = [np.array(column) for column in zip(*parts, strict=True)]
+    return BodyWindows(**dict(zip(BY_WINDOW, columns, strict=True)), kp=kp, kd=kd)
 
 
 def track(log: RunLog, segment: Segment) -> Track:
@@ -171,8 +174,3 @@ def _state(now: Track, k: int) -> tuple[Floats, Floats]:
         bias = np.mean(now.gyro - angular_velocity(now.states[:, 3:7]), axis=0)
         rate = savgol_filter(now.gyro[part], SMOOTHING_STEPS, 2, axis=0)[k - low] - bias
     return smooth[:19], np.concatenate([smooth[VELOCITY], rate, smooth[RATES]])
-
-
-def _nothing() -> list[Floats]:
-    shapes = ((0,), (0,), (0, 19), (0, 18), (0, HISTORY_STEPS + WINDOW_STEPS, 12), (0, BLOCKS, 34))
-    return [np.zeros(shape, dtype=np.int64 if i == 1 else np.float64) for i, shape in enumerate(shapes)]

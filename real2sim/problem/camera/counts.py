@@ -8,11 +8,18 @@ from numpy.typing import NDArray
 from scipy.special import rel_entr
 
 from saltus.arrays import Floats, Indices
-from saltus.real2sim.problem.camera.alignment import WHOLE
 from saltus.real2sim.problem.camera.candidates import FLOOR, CameraEffects
 from saltus.real2sim.problem.camera.data import CameraData, owners
-from saltus.real2sim.problem.camera.edges import MOST_HOLES, edge_counts
-from saltus.real2sim.problem.camera.fills import FEW_HOLES, SURE, filled, plain_pixels, reach_px
+from saltus.real2sim.problem.camera.edges import (
+    FEW_HOLES,
+    MOST_HOLES,
+    SURE,
+    edge_counts,
+    filled,
+    plain_pixels,
+    reach_px,
+)
+from saltus.real2sim.problem.camera.model import WHOLE
 from saltus.real2sim.problem.camera.noise_parts import NoiseParts, noise_parts
 
 USUAL_SPREAD = 0.3  # of the logarithm of noise from camera to camera: plane fits on real frames differ by as much

@@ -1,6 +1,6 @@
 """A run log's images prepared for comparison: chosen frames, pixels, prediction without effects, noise."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,15 +8,13 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
-from saltus.real2sim.problem.camera.alignment import WHOLE, aligned, misfit
 from saltus.real2sim.problem.camera.candidates import CameraEffects
 from saltus.real2sim.problem.camera.frames import Frames, frames_of
-from saltus.real2sim.problem.camera.model import DepthModel
+from saltus.real2sim.problem.camera.model import WHOLE, DepthModel, aligned, misfit
 from saltus.real2sim.problem.camera.noise import NoiseLaw, fitted_noise, second_differences
 from saltus.real2sim.problem.camera.pixels import PixelGrid, clip_guess, is_broken
-from saltus.real2sim.problem.camera.pose import BaseMotion, ClaimedCamera, claimed_camera
-from saltus.real2sim.problem.camera.rays import VisibleScene, claimed_scenes
-from saltus.real2sim.problem.log import segments_of
+from saltus.real2sim.problem.camera.rays import BaseMotion, ClaimedCamera, VisibleScene, claimed_camera, claimed_scenes
+from saltus.real2sim.problem.log import boxes_of, segments_of
 from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_log import RunLog
 
@@ -58,26 +56,50 @@ class CameraData:
 
 
 def camera_data(log: RunLog) -> CameraData:
-    """Prepares a log; `RecordingError` where it has no claimed camera, or no image within segments and motion."""
+    """Prepares a log; `RecordingError` where it has no image, or none within segments and motion."""
     if log.depth is None or not len(log.depth.frame_id):
         raise RecordingError("the log has no images: depth.npz is missing or empty")
-    camera, motion, frames, segments = claimed_camera(log.meta), BaseMotion(log), frames_of(log.depth), segments_of(log)
-    scenes = claimed_scenes(log.meta.get("terrain"))
+    camera, motion, frames, segments = claimed_camera(log), BaseMotion(log), frames_of(log.depth), segments_of(log)
+    scenes = claimed_scenes(boxes_of(log))
     kept, owner = _choose(frames, segments, motion, camera, scenes[0])
     images = log.depth.depth_mm[frames.index[kept]]
     grid = PixelGrid.of(*images.shape[1:])
-    measured = 1e-3 * grid.of_images(images).astype(np.float64)
-    model = _likeliest(scenes, camera, motion, frames, grid, kept, measured)
+
+    def in_images(pixels: PixelGrid) -> Floats:
+        return 1e-3 * pixels.of_images(images).astype(np.float64)
+
+    def seen_by(pixels: PixelGrid) -> DepthModel:
+        return replace(model, tangents=camera.tangents(pixels.row, pixels.column))
+
+    def difference() -> Floats:
+        return second_differences(grid.as_image(np.where(known & whole, measured - predicted, np.nan)))
+
+    measured = in_images(grid)
+    models = [
+        DepthModel(
+            scene=scene,
+            camera=camera,
+            motion=motion,
+            stamp_s=frames.stamp_s,
+            jitter_s=frames.jitter_s,
+            shown=frames.shown,
+            tangents=camera.tangents(grid.row, grid.column),
+        )
+        for scene in scenes
+    ]
+    model = models[0]
+    if len(models) > 1:  # the reading of the terrain that the images fit best
+        model = min(models, key=lambda each: misfit(each.predict(AS_CLAIMED, kept), measured, camera.range_m))
     model = replace(model, is_hole=log.depth.depth_mm[frames.filtered][:, grid.row, grid.column] == 0)
     view = aligned(model, kept, measured)
     predicted = model.predict(view, kept)
     # at the end of the range noise is cut
     known = (measured > 0.0) & (np.maximum(predicted, measured) < WHOLE * camera.range_m)
-    known &= ~_edge_of_scene(model, camera, grid, kept, predicted, view)
+    known &= ~_near_edge(grid, predicted, np.zeros_like(predicted), lambda side: seen_by(side).predict(view, kept))
     clip_m = clip_guess(images, camera.range_m)
     whole = np.ones_like(known) if clip_m is None else np.maximum(predicted, measured) < WHOLE * clip_m
-    noise = fitted_noise(_middle(grid, predicted), _difference(grid, measured - predicted, known & whole))
-    known &= ~_edge_of_images(images, grid, measured, noise)
+    noise = fitted_noise(grid.as_image(predicted)[..., 1:-1], difference())
+    known &= ~_near_edge(grid, measured, noise.sigma(measured), in_images)
     return CameraData(
         camera=camera,
         motion=motion,
@@ -92,7 +114,7 @@ def camera_data(log: RunLog) -> CameraData:
         view=view,
         predicted=predicted,
         noise=noise,
-        difference=_difference(grid, measured - predicted, known & whole),
+        difference=difference(),
         known=known,
         clip_m=clip_m,
     )
@@ -116,7 +138,7 @@ def _choose(
     owner = owners(frames.stamp_s, segments)
     exposed_s = frames.stamp_s - camera.latency_s
     position, rotation = motion.at(exposed_s)
-    place = (position + rotation @ camera.position)[:, None]
+    place = (position + rotation @ camera.mount.position)[:, None]
     is_within = np.all((place > scene.box_low - BLIND_M) & (place < scene.box_high + BLIND_M), axis=2).any(axis=1)
     is_told = (owner >= 0) & (exposed_s >= motion.start_s) & (exposed_s <= motion.end_s)
     usable = np.flatnonzero(is_told & ~is_within)
@@ -126,66 +148,9 @@ def _choose(
     return kept, owner[kept]
 
 
-def _likeliest(
-    scenes: tuple[VisibleScene, ...],
-    camera: ClaimedCamera,
-    motion: BaseMotion,
-    frames: Frames,
-    grid: PixelGrid,
-    kept: Indices,
-    measured: Floats,
-) -> DepthModel:
-    """The model of the reading of the terrain that the images fit best."""
-    models = [
-        DepthModel(
-            scene=scene,
-            camera=camera,
-            motion=motion,
-            stamp_s=frames.stamp_s,
-            jitter_s=frames.jitter_s,
-            shown=frames.shown,
-            tangents=camera.tangents(grid.row, grid.column),
-        )
-        for scene in scenes
-    ]
-    if len(models) == 1:
-        return models[0]
-    return min(models, key=lambda model: misfit(model.predict(AS_CLAIMED, kept), measured, camera.range_m))
-
-
-def _edge_of_scene(
-    model: DepthModel,
-    camera: ClaimedCamera,
-    grid: PixelGrid,
-    kept: Indices,
-    predicted: Floats,
-    view: CameraEffects,
-) -> NDArray[np.bool_]:
-    """Pixels near an edge of the predicted scene, shape (kept, pixels)."""
-    broken = np.zeros(predicted.shape, dtype=bool)
+def _near_edge(grid: PixelGrid, depth: Floats, sigma: Floats, at: Callable[[PixelGrid], Floats]) -> NDArray[np.bool_]:
+    """Pixels of a grid near an edge, shape (kept, pixels); `at` gives depth [m] at the pixels of another grid."""
+    broken = np.zeros(depth.shape, dtype=bool)
     for one, other in grid.around():
-        before, after = (
-            replace(model, tangents=camera.tangents(side.row, side.column)).predict(view, kept) for side in (one, other)
-        )
-        broken |= is_broken(predicted, before, after, np.zeros_like(predicted))
+        broken |= is_broken(depth, at(one), at(other), sigma)
     return broken
-
-
-def _edge_of_images(
-    images: NDArray[np.uint16], grid: PixelGrid, measured: Floats, noise: NoiseLaw
-) -> NDArray[np.bool_]:
-    """Pixels near an edge of the measured images, shape (kept, pixels)."""
-    sigma = noise.sigma(measured)
-    broken = np.zeros(measured.shape, dtype=bool)
-    for one, other in grid.around():
-        before, after = (1e-3 * side.of_images(images).astype(np.float64) for side in (one, other))
-        broken |= is_broken(measured, before, after, sigma)
-    return broken
-
-
-def _difference(grid: PixelGrid, residual: Floats, known: NDArray[np.bool_]) -> Floats:
-    return second_differences(grid.as_image(np.where(known, residual, np.nan)))
-
-
-def _middle(grid: PixelGrid, depth: Floats) -> Floats:
-    return grid.as_image(depth)[..., 1:-1]

@@ -6,11 +6,10 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.camera.candidates import CameraEffects, camera_candidates
-from saltus.real2sim.problem.camera.counts import counted_rows
-from saltus.real2sim.problem.camera.data import AS_CLAIMED, camera_data
+from saltus.real2sim.problem.camera.counts import COPIES, FILLED, NOISE, CountRows, counted_rows
+from saltus.real2sim.problem.camera.data import AS_CLAIMED, CameraData, camera_data
 from saltus.real2sim.problem.camera.end import end_of_range
-from saltus.real2sim.problem.camera.shake import shake_of
-from saltus.real2sim.problem.camera.testable import untestable_effects
+from saltus.real2sim.problem.camera.model import shake_of
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Driver, Problem
 from saltus.recordings.run_log import RunLog
 
@@ -18,6 +17,8 @@ RANGE, ROW, COLUMN = "range", "row", "column"  # names of drivers
 LINEAR = 30.0  # up to here a residual is as it is; beyond, it is bent towards the limit
 BEYOND = 1.01  # times an end of the range: at least as far goes a scene that it cuts
 PROBE_S = 0.010  # latency by which it is judged whether the scene moves
+FEWEST_FRAMES = 50  # to tell a share of lost images
+STILL = 0.3  # noise units RMS that 10 ms of latency changes: below, a log of some seconds does not show 10 ms
 
 
 class CameraProblem(Problem):
@@ -60,7 +61,7 @@ class CameraProblem(Problem):
         latency_s = data.view.camera_latency + PROBE_S
         later = data.model.predict(replace(data.view, camera_latency=latency_s), data.kept)
         shift = self._depth_residuals(later) - self._depth_residuals(data.predicted)
-        self.untestable = untestable_effects(data, self._counts, shift)
+        self.untestable = _untestable(data, self._counts, shift)
         farthest_m = float(np.max(data.predicted[self._at], initial=1.0))
         clip_m = data.clip_m or farthest_m
         self._ends_m = (clip_m, max(farthest_m, BEYOND * clip_m))
@@ -109,3 +110,31 @@ def _bent(residual: Floats) -> Floats:
     room = LARGEST_RESIDUAL - LINEAR
     bent = LINEAR + room * np.tanh(np.maximum(size - LINEAR, 0.0) / room)
     return np.asarray(np.sign(residual) * np.where(size > LINEAR, bent, size))
+
+
+def _untestable(data: CameraData, counts: CountRows, shift_10ms: Floats) -> dict[str, str]:
+    """Effects that a log cannot show, and why, with numbers.
+
+    `shift_10ms` is what 10 ms of latency change in units of noise, any shape.
+    """
+    why: dict[str, str] = {}
+    moved = float(np.sqrt(np.mean(shift_10ms**2))) if shift_10ms.size else 0.0
+    if moved < STILL:
+        reason = f"the scene hardly moves in the images: 10 ms change depth by {moved:.2f} of its noise, below {STILL}"
+        why["camera_latency"] = why["temporal_smear"] = reason
+    if not np.any(counts.kind == NOISE):
+        reason = f"only {int(np.isfinite(data.difference).sum())} second differences of depth away from edges"
+        why["depth_noise"] = reason
+    if not np.any(counts.kind == COPIES):
+        why["edge_holes"] = "no segment shows enough left edges of near objects in view"
+        if not np.any(counts.kind == FILLED):
+            why["hole_fill"] = why["edge_holes"] + ", nor enough holes or copies elsewhere"
+    if len(data.frames.due_s) < FEWEST_FRAMES:
+        why["frame_drop"] = f"{len(data.frames.due_s)} images, fewer than {FEWEST_FRAMES}"
+    if data.clip_m is None:
+        farthest = float(np.max(data.predicted[data.known], initial=0.0))
+        why["range_clip"] = f"depth does not end early: a maximum beyond {farthest:.2f} m would not show"
+    if not data.known.any():
+        for name in ("camera_pitch", "camera_height", "camera_fov", "depth_scale", "depth_bias"):
+            why[name] = "no pixel that is valid, in range and away from edges"
+    return why

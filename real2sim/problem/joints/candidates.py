@@ -23,23 +23,14 @@ JITTERS = 0.975
 LEAST_CLOSED = 0.9
 """True effects alone close 0.95 or more of what is not chance; a motor that warms up was imitated
 to 0.76 to 0.89 by a lower gain or an emptying battery."""
-LEAST_LEVEL = 1e-6  # Nm: no friction at all
 LOOP_RATE = "drive_rate"
 """Nuisance: how much faster than claimed the drive closes its loop."""
 
 
-def _weight() -> Unknown:
-    """How much of an effect there is that is there or not: a fit may come from absence to presence by degrees."""
-    return Unknown("weight", 0.0, 1.0, 0.2, stated=1.0)
-
-
-def _shape(name: str, low: float, high: float, scale: float) -> Unknown:
-    return Unknown(name, low, high, scale, is_shape=True)
-
-
-def _bend() -> Unknown:
-    """How far bristles of dry friction bend before they give way [rad]; the plant's are rigid."""
-    return Unknown("bend", 0.0, 5e-3, 2e-4, is_shape=True, is_told=False)
+WEIGHT = Unknown("weight", 0.0, 1.0, 0.2, stated=1.0)
+"""How much of an effect there is that is there or not: a fit may come from absence to presence by degrees."""
+BEND = Unknown("bend", 0.0, 5e-3, 2e-4, is_shape=True, is_told=False)
+"""How far bristles of dry friction bend before they give way [rad]; the plant's are rigid."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,9 +130,9 @@ KINDS = (
     _kind("actuator_lag", sought("time_constant", 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
     _kind(  # starts are shares of the largest speed of the log
         "torque_speed_limit",
-        _weight(),
+        WEIGHT,
         sought("corner", 1.0, is_shape=True),
-        _shape("span", 0.3, 60.0, 1.0),
+        Unknown("span", 0.3, 60.0, 1.0, is_shape=True),
         starts=((1.0, 0.0, 1.3), (1.0, 0.3, 0.5), (1.0, 0.5, 0.2), (1.0, 0.6, 0.7)),
         starts_at=lambda starts, reach: tuple((weight, a * reach.speed, b * reach.speed) for weight, a, b in starts),
         coordinates=Coordinates(
@@ -152,8 +143,8 @@ KINDS = (
     _kind(  # the corner's starts are shares of the largest torque
         "torque_saturation",
         Unknown("loss", 0.0, 1.0, 0.05),
-        _shape("corner", 1.0, 34.0, 0.5),
-        _shape("rounding", 0.05, 10.0, 0.5),
+        Unknown("corner", 1.0, 34.0, 0.5, is_shape=True),
+        Unknown("rounding", 0.05, 10.0, 0.5, is_shape=True),
         starts=((0.4, 0.2, 1.0), (0.4, 0.4, 1.0), (0.4, 0.6, 1.0), (0.4, 0.8, 1.0)),
         starts_at=lambda starts, reach: tuple((loss, corner * reach.torque, width) for loss, corner, width in starts),
     ),
@@ -163,7 +154,7 @@ KINDS = (
     _kind(
         "coulomb_friction",
         sought("torque", 0.04),
-        _bend(),
+        BEND,
         starts=((0.2, 0.0), (0.2, 5e-4)),
         resolution=2e-3,
     ),
@@ -171,7 +162,7 @@ KINDS = (
         "stiction",
         sought("breakaway", 0.1),
         sought("stribeck_velocity", 0.02, is_shape=True),
-        _bend(),
+        BEND,
         starts=((0.3, 0.05, 0.0), (0.3, 0.25, 0.0), (0.3, 0.05, 5e-4)),
         model_error=0.12,  # bristles that bend blunt the peak at standstill: the laws differ by 10 to 20 %
         closable_share=0.95,
@@ -195,15 +186,15 @@ KINDS = (
     _kind(  # how far the stop reaches into the range of the log
         "end_stop",
         sought("stiffness", 10.0),
-        _shape("depth", 0.0, 0.4, 0.005),
+        Unknown("depth", 0.0, 0.4, 0.005, is_shape=True),
         starts=((300.0, 0.02), (300.0, 0.06), (300.0, 0.15)),
         coordinates_at=_stop,
         drive=lambda x, places: (places.side, places.end - places.side * x[1], x[0]),
     ),
     _kind(  # between a rigid and a free base lies a resonance
         "base_roll",
-        _weight(),
-        _shape("freedom", 0.0, 0.99, 0.02),
+        WEIGHT,
+        Unknown("freedom", 0.0, 0.99, 0.02, is_shape=True),
         sought("damping", 0.1, is_shape=True),
         starts=((1.0, 0.1, 0.3), (1.0, 0.5, 0.3), (1.0, 0.9, 0.3)),
         model_error=0.05,
@@ -218,7 +209,7 @@ KINDS = (
     _kind("encoder_bias", sought("bias", 2e-3), resolution=4e-3),
     _kind(
         "encoder_quantisation",
-        _weight(),
+        WEIGHT,
         sought("step", 1e-6, is_shape=True),
         starts=((1.0, 0.005),),
         starts_at=lambda starts, reach: tuple((1.0, step) for step in reach.steps) or starts,
@@ -245,7 +236,8 @@ class JointCandidates:
     ) -> None:
         self._places, self._limit = tuple(places), limit
         self._reached = Places.of(reach)
-        self._column: dict[tuple[str, int], slice] = {}
+        self.columns: dict[tuple[str, int], slice] = {}
+        """Where the unknowns of an effect at the joint of a leg stand."""
         listed: list[Candidate] = []
         start = 0
         for kind in (kind for kind in KINDS if kind.effect not in left_out):
@@ -253,7 +245,7 @@ class JointCandidates:
             own = (kind.where,) if kind.where else self._places[:1] if kind.is_nuisance else self._places
             for joint, place in enumerate(own):
                 listed.append(kind.at(place, reach[joint]))
-                self._column[kind.effect, joint] = slice(start, start + len(kind.unknowns))
+                self.columns[kind.effect, joint] = slice(start, start + len(kind.unknowns))
                 start += len(kind.unknowns)
         self.listed = tuple(listed)
         self.count = start
@@ -263,24 +255,19 @@ class JointCandidates:
         found = [(kind, self._values(kind, unknowns)) for kind in KINDS]
         told = {kind.effect: kind.drive(values, self._reached) for kind, values in found if values is not None}
         own: dict[str, Any] = {effect: values[0] if len(values) == 1 else values for effect, values in told.items()}
-        _take_bristles(own)
         return Drives(count=len(unknowns), dt_s=dt_s, limit=self._limit[..., None], **own)
-
-    def columns(self, effect: str, joint: int) -> slice:
-        """Where the unknowns of an effect at the joint of a leg stand."""
-        return self._column[effect, joint]
 
     def has(self, effects: Sequence[str], unknowns: Floats) -> np.ndarray:
         """Which sets have one of the effects anywhere, shape (sets,)."""
         found = np.zeros(len(unknowns), dtype=bool)
-        for (effect, _), columns in self._column.items():
+        for (effect, _), columns in self.columns.items():
             if effect in effects:
                 found |= np.any(unknowns[:, :, columns.start] != 0.0, axis=1)
         return found
 
     def _values(self, kind: Candidate, unknowns: Floats) -> tuple[Floats, ...] | None:
         """Each unknown as (branches, joints, sets); None where the effect is absent from all sets."""
-        columns = [self._column.get((kind.effect, joint)) for joint in range(len(self._places))]
+        columns = [self.columns.get((kind.effect, joint)) for joint in range(len(self._places))]
         present = [columns[0] if c is None else c for c in columns if columns[0] is not None]
         if not present or not np.any(unknowns[:, :, [c.start for c in present]]):
             return None
@@ -290,19 +277,6 @@ class JointCandidates:
             array = np.clip(array, unknown.low, unknown.high) if unknown.is_shape else array
             values.append(np.round(array) if unknown.is_choice else array)
         return tuple(values)
-
-
-def _take_bristles(own: dict[str, Any]) -> None:
-    """Takes from the kinds of dry friction how far their bristles bend, all together as one spring."""
-    levels, bent = [], []
-    for effect in ("coulomb_friction", "stiction"):
-        if effect in own:
-            *rest, bend = own[effect]
-            own[effect] = rest[0] if len(rest) == 1 else tuple(rest)
-            levels.append(rest[0])
-            bent.append(rest[0] * bend)
-    if any(np.any(each) for each in bent):
-        own["bristles"] = sum(bent) / np.maximum(sum(levels), LEAST_LEVEL)
 
 
 def knee_and_plateau(taken: Callable[[Floats], Floats], limit: float) -> dict[str, float]:

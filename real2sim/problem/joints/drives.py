@@ -6,6 +6,7 @@ smoothly.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from saltus.effects.delay_line import held_late
 from saltus.effects.encoders import low_pass_weights
 from saltus.effects.motor_limits import lag_weights
 
+LEAST_LEVEL = 1e-6  # Nm of dry friction: none at all
 Hinges = tuple[tuple[Floats, Floats], ...]
 
 
@@ -50,11 +52,10 @@ class Drives:
     """Less 1."""
     battery_sag: Floats | None = None
     viscous_friction: Floats | None = None
-    coulomb_friction: Floats | None = None
-    stiction: tuple[Floats, Floats] | None = None
-    """Breakaway [Nm] and Stribeck velocity [rad/s]."""
-    bristles: Floats | None = None
-    """How far those of dry friction bend before they give way [rad]; None where they are rigid."""
+    coulomb_friction: tuple[Floats, Floats] | None = None
+    """Torque [Nm], and how far its bristles bend before they give way [rad]."""
+    stiction: tuple[Floats, Floats, Floats] | None = None
+    """Breakaway [Nm], Stribeck velocity [rad/s], and how far its bristles bend [rad]."""
     backlash: tuple[Floats, Floats] | None = None
     """Width [rad] and where the logged encoder sits: 0 at the joint, 1 at the motor."""
     joint_spring: tuple[Floats, Floats] | None = None
@@ -84,6 +85,15 @@ class Drives:
     def is_dry(self) -> bool:
         """True where any set has dry friction."""
         return self.coulomb_friction is not None or self.stiction is not None
+
+    @cached_property
+    def bristles(self) -> Floats | None:
+        """How far those of all dry friction bend together before they give way [rad]; None where they are rigid."""
+        both = [dry for dry in (self.coulomb_friction, self.stiction) if dry is not None]
+        bent = [level * bend for level, *_, bend in both]
+        if not any(np.any(each) for each in bent):
+            return None
+        return np.asarray(sum(bent) / np.maximum(sum(level for level, *_ in both), LEAST_LEVEL))
 
     def twice_as_fine(self) -> "Drives":
         """The same drives where instants are twice as close; a loop at the coarser rate skips every second one."""
@@ -163,9 +173,9 @@ class Drives:
 
     def friction(self, velocity: Floats) -> Floats:
         """Level of dry friction [Nm]."""
-        level = np.zeros(()) if self.coulomb_friction is None else self.coulomb_friction
+        level = np.zeros(()) if self.coulomb_friction is None else self.coulomb_friction[0]
         if self.stiction is not None:
-            breakaway, width = self.stiction
+            breakaway, width, _ = self.stiction
             level = level + breakaway * np.exp(-((velocity / width) ** 2))
         return level
 
@@ -197,6 +207,17 @@ def lost(torque: Floats, slope: Floats, corner: Floats, rounding: Floats) -> Flo
     """
     at_zero = np.logaddexp(0.0, -corner / rounding)
     return np.asarray(slope * rounding * (np.logaddexp(0.0, (torque - corner) / rounding) - at_zero))
+
+
+def taken(hinges: Hinges, place: int, torque: Floats, legs: slice = slice(None)) -> Floats:
+    """Torque [Nm] that a saturation in pieces takes of one >= 0 at a place, mean of those legs that have it."""
+    loss = np.zeros(())
+    for slopes, corners in hinges:
+        slope, corner = slopes[legs, place, 0], corners[legs, place, 0]
+        own = slope != 0.0
+        if own.any():
+            loss = loss + slope[own].mean() * np.maximum(torque - corner[own].mean(), 0.0)
+    return loss
 
 
 def _late(stream: Floats, instants: Indices, steps: Floats, first: Indices, last: Indices) -> Floats:

@@ -1,18 +1,19 @@
 """From a run log to what a replay of its joints needs: uniform instants, commands, the legs' equation of motion."""
 
 import itertools
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from saltus.arrays import Floats, Indices
+from saltus.effects.effect import map_arrays
 from saltus.errors import ModelError, RecordingError
+from saltus.real2sim.problem.joints.mechanics import Sway
 from saltus.real2sim.problem.joints.replay import Motion, Windows
-from saltus.real2sim.problem.joints.sway import Sway
 from saltus.recordings.run_log import RunLog
-from saltus.sim.held_robot import HeldRobot, LinearLegs, RollingBase
+from saltus.sim.held_robot import HeldRobot, LinearLegs
 
 SLOWEST_LOOP_S = 0.002
 """Drives evaluate their law at 500 Hz or faster (schema of run logs)."""
@@ -118,10 +119,9 @@ def _motion(
     rows: Rows, robot: HeldRobot, gains: tuple[Floats, Floats], legs: LinearLegs, sway: Sway | None, every: int
 ) -> Motion:
     (kp, kd), branches = gains, robot.branches
-    between = [
+    mass, offset, stiffness, damping = (
         _halfway(values, rows.stretches, every) for values in (legs.mass, legs.offset, legs.stiffness, legs.damping)
-    ]
-    mass, offset, stiffness, damping = between
+    )
     dt = rows.dt_s / every
     # the midpoint rule: all that resists is taken halfway to the next instant
     mass = mass + 0.5 * dt * damping
@@ -151,25 +151,25 @@ def _sway(rows: Rows, robot: HeldRobot) -> Sway | None:
         base = robot.rolling(*(np.concatenate(part) for part in zip(*motions, strict=True)))
     except ModelError:
         return None
-    halfway = {f.name: _halfway(getattr(base, f.name), rows.stretches, 1) for f in fields(base)}
-    return Sway(base=RollingBase(**halfway), dt_s=rows.dt_s, stretches=rows.stretches)
+    halfway = map_arrays(lambda values: _halfway(values, rows.stretches, 1), base)
+    return Sway(base=halfway, dt_s=rows.dt_s, stretches=rows.stretches)
 
 
 def windows_of(rows: Rows, branches: Indices, every: int, averaged: int) -> Windows:
     """Windows that tile every stretch after its warm-up, each a multiple of `averaged` rows long."""
     warm = round(WARM_UP_S / rows.dt_s)
     length = max(1, round(WINDOW_S / (averaged * rows.dt_s))) * averaged
-    starts, first, last = [], [], []
-    for begin, end in rows.stretches:
-        for start in range(begin, end - warm - averaged + 1, length):
-            starts.append(start)
-            first.append(begin)
-            last.append(end - 1)
-    states = [_state(rows, row, a, b) for row, a, b in zip(starts, first, last, strict=True)]
+    found = [
+        (start, begin, end - 1)
+        for begin, end in rows.stretches
+        for start in range(begin, end - warm - averaged + 1, length)
+    ]
+    states = [_state(rows, *window) for window in found]
+    start, first, last = np.array(found).T * every
     return Windows(
-        start=np.array(starts) * every,
-        first=np.array(first) * every,
-        last=np.array(last) * every + every - 1,
+        start=start,
+        first=first,
+        last=last + every - 1,
         warm_up=warm * every,
         length=length * every,
         position=np.array([q for q, _ in states])[:, branches],
@@ -210,13 +210,11 @@ def _on_grid(time_s: Floats, values: Floats, grid: Floats, dt_s: float, *, held:
 def _legs(rows: Rows, robot: HeldRobot) -> LinearLegs:
     """The equation of motion at every row."""
     every = max(1, int(LINEARISED_EVERY_S / rows.dt_s))
-    parts = [robot.along(*_smooth(rows, *stretch), every) for stretch in rows.stretches]
-    return LinearLegs(
-        mass=np.concatenate([p.mass for p in parts]),
-        offset=np.concatenate([p.offset for p in parts]),
-        stiffness=np.concatenate([p.stiffness for p in parts]),
-        damping=np.concatenate([p.damping for p in parts]),
+    legs: LinearLegs = map_arrays(
+        lambda *parts: np.concatenate(parts),
+        *(robot.along(*_smooth(rows, *stretch), every) for stretch in rows.stretches),
     )
+    return legs
 
 
 def _smooth(rows: Rows, begin: int, end: int) -> tuple[Floats, Floats, Floats]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from saltus.arrays import Floats, Indices
+from saltus.effects.effect import map_arrays
 from saltus.real2sim.problem.problem import Segment
 
 ORDER = 2
@@ -97,11 +98,8 @@ def quieter(repeats: Whitening, rough: Whitening, never: NDArray[np.bool_]) -> W
     any rate.
     """
     taken = (rough.spread < CLEARLY_LESS * repeats.spread) & ~never
-    return Whitening(
-        weights=np.where(taken, rough.weights, repeats.weights),
-        innovation=np.where(taken, rough.innovation, repeats.innovation),
-        spread=np.where(taken, rough.spread, repeats.spread),
-    )
+    found: Whitening = map_arrays(lambda one, other: np.where(taken, one, other), rough, repeats)
+    return found
 
 
 def _lag(pieces: Floats, lag: int) -> Floats:

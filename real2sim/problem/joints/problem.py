@@ -5,21 +5,20 @@ from copy import copy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
-from saltus.effects.effect import Effect
 from saltus.effects.motor_limits import TorqueSaturation, TorqueSpeedLimit
+from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.joints.candidates import JointCandidates, beside
-from saltus.real2sim.problem.joints.drives import Drives, Hinges, lost
-from saltus.real2sim.problem.joints.excitation import encoder_steps, reach_of, untestable
-from saltus.real2sim.problem.joints.grid import Grid
+from saltus.real2sim.problem.joints.drives import Drives, Hinges, lost, taken
+from saltus.real2sim.problem.joints.excitation import Grid, encoder_steps, reach_of, untestable
 from saltus.real2sim.problem.joints.motion import motions_of, twice_as_fine, uniform_rows, windows_of
 from saltus.real2sim.problem.joints.noise import Whitening, quieter, repeated, smooth_left_out, whitening
-from saltus.real2sim.problem.joints.replay import SimulatedMeans, replay
+from saltus.real2sim.problem.joints.replay import SIGNALS, replay
 from saltus.real2sim.problem.joints.torque_curve import corners_of
 from saltus.real2sim.problem.log import gains, model_of, segments_of, torque_limits
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
@@ -60,14 +59,13 @@ class JointProblem(Problem):
     held = (TorqueSaturation.name,)
 
     def __init__(self, log: RunLog) -> None:
-        meta = log.meta
-        if meta.get("base") != "fixed":
-            raise RecordingError(f"the joints need a held base, the log claims base {meta.get('base')!r}")
-        names = list(meta["joints"])
-        self.model = model_of(meta)
+        if log.meta.get("base") != "fixed":
+            raise RecordingError(f"the joints need a held base, the log claims base {log.meta.get('base')!r}")
+        names = list(log.meta["joints"])
+        self.model = model_of(log)
         self._robot = HeldRobot(self.model, names, _base_quaternion(log))
         self._rows = uniform_rows(log)
-        kp, kd = gains(meta)
+        kp, kd = gains(log)
         branches = self._robot.branches
         self._motion, self._finer_motion = motions_of(self._rows, self._robot, kp, kd)
         self._asked = self._rows.q_des + (kd * self._rows.dq_des + self._rows.tau_ff) / np.maximum(kp, 1.0)  # [rad]
@@ -92,10 +90,12 @@ class JointProblem(Problem):
     def residuals(self, unknowns: Floats) -> Floats:
         """Whitened residuals, shape (n, blocks, m), of unknowns of shape (n, blocks, unknowns)."""
         out = np.empty((len(unknowns), len(self.blocks), len(self.segment)))
-        for members in self._groups(unknowns):
+        key = sum(2**i * self._candidates.has(effects, unknowns) for i, effects in enumerate(SLOW))
+        for value in np.unique(key):  # sets that need the same parts of the replay
+            members = np.flatnonzero(key == value)
             for start in range(0, len(members), TOGETHER):
                 part = members[start : start + TOGETHER]
-                out[part] = self._residuals(unknowns[part])
+                out[part] = self._whitened(replace(self._drives(unknowns[part]), hinges=self._assumed))
         return out
 
     def residuals_with_hinges(self, unknowns: Floats, corners: Floats, slopes: Floats) -> Floats:
@@ -121,46 +121,36 @@ class JointProblem(Problem):
         problem.candidates = problem._with_saturations()
         return problem
 
-    def holding(self, effects: Sequence[Effect]) -> tuple[Problem, tuple[Effect, ...]]:
+    def holding(self, profile: Profile) -> tuple[Problem, Profile]:
         """See `Problem`: no unknown can represent a measured curve; the plant limits speeds once a step."""
         problem = copy(self)
-        for saturation in (effect for effect in effects if isinstance(effect, TorqueSaturation)):
+        for saturation in (effect for effect in profile.actuator if isinstance(effect, TorqueSaturation)):
             problem = problem.with_saturation(*corners_of(saturation, self.model, self.places))
-        problem._holds_limit = any(isinstance(effect, TorqueSpeedLimit) for effect in effects)
-        return problem, tuple(effect for effect in effects if not isinstance(effect, TorqueSaturation))
+        problem._holds_limit = any(isinstance(effect, TorqueSpeedLimit) for effect in profile.actuator)
+        told = tuple(effect for effect in profile.actuator if not isinstance(effect, TorqueSaturation))
+        return problem, replace(profile, actuator=told)
 
     def columns_of(self, effect: str, place: str) -> slice:
         """Where the unknowns of an effect at a place of a leg stand."""
-        return self._candidates.columns(effect, list(self.places[0]).index(place))
+        return self._candidates.columns[effect, list(self.places[0]).index(place)]
 
     def _with_saturations(self) -> tuple[Candidate, ...]:
         """The candidates, those of a saturation with knee and plateau of what is fitted and what is assumed."""
         places = list(self.places[0])
         return tuple(
-            beside(c, partial(self._taken, place := places.index(c.where)), lost, float(self.limit[place]))
+            beside(c, partial(taken, self._assumed, place := places.index(c.where)), lost, float(self.limit[place]))
             if c.effect == "torque_saturation"
             else c
             for c in self._candidates.listed
         )
 
-    def _taken(self, place: int, torque: Floats) -> Floats:
-        """Torque [Nm] that the assumed saturation takes at a place, mean of blocks that have it."""
-        taken = np.zeros(())
-        for slopes, corners in self._assumed:
-            own = slopes[:, place, 0] != 0.0
-            if own.any():
-                taken = taken + slopes[own, place, 0].mean() * np.maximum(torque - corners[own, place, 0].mean(), 0.0)
-        return taken
-
-    def _residuals(self, unknowns: Floats) -> Floats:
-        return self._whitened(replace(self._drives(unknowns), hinges=self._assumed))
-
     def _drives(self, unknowns: Floats) -> Drives:
         return replace(self._candidates.drives(unknowns, self._motion.dt_s), holds_limit=self._holds_limit)
 
     def _whitened(self, drives: Drives) -> Floats:
-        apart = self._apart(self._simulate(drives))
-        white = self._whitening.white(apart, self._fresh)[self._kept]  # (samples, signals, branches, joints, sets)
+        white = self._whitening.white(self._apart(drives), self._fresh)[
+            self._kept
+        ]  # (samples, signals, branches, joints, sets)
         if self._grid.exists:
             grid = self._grid.residuals(drives.encoder_quantisation, drives.count)[self._kept]
             white = np.concatenate([white, grid[:, None]], axis=1)
@@ -169,32 +159,18 @@ class JointProblem(Problem):
         white[:, : len(self._signals)][self._missing[self._kept]] = 0.0
         return white.transpose(4, 2, 1, 3, 0).reshape(drives.count, len(self.blocks), -1)
 
-    def _simulate(self, drives: Drives) -> SimulatedMeans:
-        if drives.backlash is None:
-            return replay(self._motion, self._windows, drives, self._averaged)
-        # a rotor alone is ten times as fast as with its leg: it crosses a gap in a few steps
-        return replay(self._finer_motion, self._finer_windows, drives.twice_as_fine(), self._averaged)
-
-    def _apart(self, simulated: SimulatedMeans) -> Floats:
-        """Measured minus simulated, shape (samples, signals, branches, joints, sets)."""
-        made = [getattr(simulated, signal) for signal in self._signals]
+    def _apart(self, drives: Drives) -> Floats:
+        """Measured minus simulated [rad], [rad/s], [Nm], shape (samples, signals, branches, joints, sets)."""
+        motion, windows = self._motion, self._windows
+        if drives.backlash is not None:
+            # a rotor alone is ten times as fast as with its leg: it crosses a gap in a few steps
+            motion, windows, drives = self._finer_motion, self._finer_windows, drives.twice_as_fine()
+        simulated = replay(motion, windows, drives, self._averaged)
+        made = [simulated[SIGNALS.index(signal)] for signal in self._signals]
         flat = np.stack([m.reshape(-1, *m.shape[2:])[self._sample] for m in made], axis=1)
         apart = self._measured[..., None] - flat
         apart[self._missing] = 0.0
         return np.asarray(apart)
-
-    def _claimed_gap(self) -> Floats:
-        """Measured signals minus those of the claimed model [rad], [rad/s], [Nm].
-
-        The shape is (samples, signals, branches, joints).
-        """
-        nothing = np.zeros((1, len(self.blocks), self._candidates.count))
-        return self._apart(self._simulate(self._candidates.drives(nothing, self._motion.dt_s)))[..., 0]
-
-    def _groups(self, unknowns: Floats) -> list[Any]:
-        """Sets that need the same parts of the replay."""
-        key = sum(2**i * self._candidates.has(effects, unknowns) for i, effects in enumerate(SLOW))
-        return [np.flatnonzero(key == value) for value in np.unique(key)]
 
     def _place_samples(self) -> None:
         """Which rows make a sample, what was measured there, and which samples lie in a segment."""
@@ -207,7 +183,7 @@ class JointProblem(Problem):
         start = first[is_whole]
         within = start[:, None] + np.arange(size)
         time_s = rows.time_s[within].mean(axis=1)
-        self._signals = tuple(s for s in ("q", "dq", "tau_est") if getattr(rows, s) is not None)
+        self._signals = tuple(s for s in SIGNALS if getattr(rows, s) is not None)
         branches = self._robot.branches
         measured = {s: getattr(rows, s) for s in self._signals} | {"q": np.where(rows.q_is_known, rows.q, np.nan)}
         signals = [measured[s][within].mean(axis=1)[:, branches] for s in self._signals]
@@ -224,7 +200,7 @@ class JointProblem(Problem):
         self._kept = np.flatnonzero(index >= 0)
         self._segment = index[self._kept]
 
-    def _after_a_stop(self) -> Any:
+    def _after_a_stop(self) -> NDArray[np.bool_]:
         """Samples after a leg has come near a stop of a joint, until its window ends: shape (samples, branches).
 
         The replay has no stops.
@@ -239,7 +215,7 @@ class JointProblem(Problem):
             whole = of_leg[start : start + (windows.warm_up + windows.length) // every]
             hit = np.logical_or.accumulate(whole)[windows.warm_up // every + self._averaged - 1 :: self._averaged]
             behind[i, : len(hit)] = hit[:means]
-        return behind.reshape(-1, of_leg.shape[1])[self._sample]
+        return np.asarray(behind.reshape(-1, of_leg.shape[1])[self._sample])
 
     def _name_samples(self, places: Sequence[str]) -> None:
         kinds = (*self._signals, *(("grid",) if self._grid.exists else ()))
@@ -256,7 +232,9 @@ class JointProblem(Problem):
         pieces = repeated(rows.time_s, np.nan_to_num(signals), self._asked, self.segments, self._averaged)
         # an encoder that hunts between two steps does so differently each time: there all pieces are noise
         is_coarse = np.array([step is not None for step in self._steps])[branches]
-        rough = whitening(smooth_left_out(self._claimed_gap()), floor, is_coarse)
+        nothing = np.zeros((1, len(self.blocks), self._candidates.count))
+        claimed = self._apart(self._candidates.drives(nothing, self._motion.dt_s))[..., 0]
+        rough = whitening(smooth_left_out(claimed), floor, is_coarse)
         self._whitening: Whitening = (
             quieter(whitening(np.concatenate(pieces), floor, is_coarse), rough, is_coarse) if pieces else rough
         )

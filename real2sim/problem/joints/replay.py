@@ -10,14 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats, Indices
-from saltus.real2sim.problem.joints.drives import Drives, DriveState
-from saltus.real2sim.problem.joints.friction import rubbed, with_inertia
-from saltus.real2sim.problem.joints.play import Play
-from saltus.real2sim.problem.joints.sway import Sway
+from saltus.real2sim.problem.joints.drives import LEAST_LEVEL, Drives, DriveState
+from saltus.real2sim.problem.joints.mechanics import Play, Sway, rubbed, with_inertia
 
 DIVERGED = 1e3
 """[rad], [rad/s]: beyond it a simulation is not continued; nothing that moves gets there."""
-LEAST_LEVEL = 1e-6  # Nm of friction: none at all
 _NONE = np.zeros(())
 
 
@@ -75,33 +72,28 @@ class Windows:
     """[rad/s], the same shape."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SimulatedMeans:
-    """Means over `averaged` rows, each of shape (windows, means, branches, joints, sets)."""
-
-    q: Floats
-    dq: Floats
-    tau_est: Floats
+SIGNALS = ("q", "dq", "tau_est")
 
 
-def replay(motion: Motion, windows: Windows, drives: Drives, averaged: int) -> SimulatedMeans:
-    """Simulates every window with every set of effects; `averaged` rows, by which windows divide, make a sample."""
+def replay(motion: Motion, windows: Windows, drives: Drives, averaged: int) -> Floats:
+    """Simulates every window with every set of effects; `averaged` rows, by which windows divide, make a sample.
+
+    Returns:
+        Means of `SIGNALS` over samples, shape (signals, windows, means, branches, joints, sets).
+    """
     simulation = _Simulation(motion, windows, drives)
     per_mean = averaged * motion.every
     means = windows.length // per_mean
     sums = np.zeros((3, len(windows.start), means, *motion.kp.shape, drives.count))
     with np.errstate(over="ignore", invalid="ignore"):  # who diverges is clipped
         for k in range(windows.warm_up + windows.length):
-            q, dq, believed = simulation.measure(k)
+            signals = simulation.measure(k)
             after = k - windows.warm_up
             if after >= 0 and after % motion.every == 0:
-                into = sums[:, :, after // per_mean]
-                into[0] += q
-                into[1] += dq
-                into[2] += believed
+                for into, signal in zip(sums[:, :, after // per_mean], signals, strict=True):
+                    into += signal
             simulation.advance(k)
-    sums /= averaged
-    return SimulatedMeans(q=sums[0], dq=sums[1], tau_est=sums[2])
+    return sums / averaged
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,28 +8,28 @@ shows them beside payload, centre of mass and inertia.
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import claimed_body
-from saltus.effects.effect import Effect
 from saltus.effects.motor_limits import TorqueSaturation
+from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.candidates import Claims, trunk_candidates
 from saltus.real2sim.problem.joints.candidates import LOOP_RATE, JointCandidates, Reach, beside
-from saltus.real2sim.problem.joints.drives import Hinges, lost
+from saltus.real2sim.problem.joints.drives import Hinges, lost, taken
 from saltus.real2sim.problem.joints.excitation import LEAST_SAG_S, MOST
 from saltus.real2sim.problem.joints.torque_curve import corners_of
 from saltus.real2sim.problem.jumps.stretch import BASE, Balance, stretch_of
 from saltus.real2sim.problem.log import boxes_of, drive_torque, rates, robot_of, segments_of, torque_limits
-from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
+from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, LEAST_SIGMA, Candidate, Problem
 from saltus.real2sim.problem.stream_noise import quiet_sigma
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import JOINTS, LEGS, LINKS
 from saltus.sim.measured_robot import MeasuredMotion, MeasuredRobot
-from saltus.terrain.boxes import Boxes
 
 BASE_SIGNALS = ("force_x", "force_y", "force_z", "moment_roll", "moment_pitch", "moment_yaw")
 FLOOR = np.repeat([1.0, 0.3, 0.03], [3, 3, 12])
@@ -49,8 +49,6 @@ NOT_SHOWN = {
     "soft_feet": "the ground's forces are inferred, not simulated: heave_and_pitch shows it",
 }
 """Effects of drives, body and ground that no log of jumps shows, and experiments that do."""
-LEAST_SIGMA = 6.0
-"""Norm of the whitened change by an effect of usual size below which nobody could name it."""
 USUAL = 5.0
 """Scales of an unknown, small changes that matter, that make a usual size where no start says it."""
 SETS = 16
@@ -79,10 +77,10 @@ class JumpProblem(Problem):
     held = (TorqueSaturation.name,)
 
     def __init__(self, log: RunLog) -> None:
-        self.model = robot_of(log.meta)
-        self._claims = Claims.of(log.meta)
+        self.model = robot_of(log)
+        self._claims = Claims.of(log)
         self.segments = segments_of(log)
-        self._robot = MeasuredRobot(self.model, Boxes.from_tables(boxes_of(log.meta)), self._claims.payload_position)
+        self._robot = MeasuredRobot(self.model, boxes_of(log), self._claims.payload_position)
         found = [stretch_of(log, segment, self._robot) for segment in self.segments]
         self._stretches = [stretch for stretch in found if stretch is not None]
         if not self._stretches:
@@ -117,12 +115,13 @@ class JumpProblem(Problem):
         problem._set_candidates(tuple(self.untestable))
         return problem
 
-    def holding(self, effects: Sequence[Effect]) -> tuple[Problem, tuple[Effect, ...]]:
+    def holding(self, profile: Profile) -> tuple[Problem, Profile]:
         """See `Problem`: no unknown can represent a measured curve."""
         problem = self
-        for saturation in (effect for effect in effects if isinstance(effect, TorqueSaturation)):
+        for saturation in (effect for effect in profile.actuator if isinstance(effect, TorqueSaturation)):
             problem = problem.with_saturation(*corners_of(saturation, self.model, self.places))
-        return problem, tuple(effect for effect in effects if not isinstance(effect, TorqueSaturation))
+        told = tuple(effect for effect in profile.actuator if not isinstance(effect, TorqueSaturation))
+        return problem, replace(profile, actuator=told)
 
     def _set_candidates(self, without: Sequence[str]) -> None:
         """Those of the drives for each joint, leg by leg, then those of the trunk."""
@@ -139,11 +138,7 @@ class JumpProblem(Problem):
         placed = replace(candidate, where=f"{LEGS[leg]}_{candidate.where}")
         if candidate.effect != "torque_saturation":
             return placed
-
-        def known(torque: Floats) -> Floats:
-            pieces = ((slope[leg, place], corner[leg, place]) for slope, corner in self._assumed)
-            return sum((slope * np.maximum(torque - corner, 0.0) for slope, corner in pieces), np.zeros(()))
-
+        known = partial(taken, self._assumed, place, legs=slice(leg, leg + 1))
         return beside(placed, known, lost, float(self._limits[leg, place]))
 
     def _left(self, unknowns: Floats) -> Floats:

@@ -1,1 +1,0 @@
-"""The IMU against the measured base."""

@@ -1,0 +1,30 @@
+"""Measures what each experiment of the menu shows of each effect, on the reference robot, and writes the table.
+
+    python tools/separations.py [experiment ...]
+
+`saltus.real2sim.experiments.next_experiment` reads it.
+"""
+
+import json
+import sys
+
+from saltus.real2sim.experiments.menu import EXPERIMENTS, SEPARATIONS
+from saltus.real2sim.experiments.separations import measure
+from saltus.robots.loading import reference_robot
+
+
+def main(names: list[str]) -> None:
+    """Measures experiments, all where none is named; the others stay as they are in the table."""
+    robot = reference_robot()
+    measured = json.loads(SEPARATIONS.read_text(encoding="utf-8"))["experiments"] if SEPARATIONS.exists() else {}
+    for name in names or list(EXPERIMENTS):
+        measured[name] = measure(EXPERIMENTS[name], robot)
+        table = {
+            "source": "python tools/separations.py",
+            "experiments": {known: measured[known] for known in EXPERIMENTS if known in measured},
+        }
+        SEPARATIONS.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
