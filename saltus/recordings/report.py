@@ -196,16 +196,21 @@ def _error_figure(data: RunData) -> go.Figure:
     """Errors of the steps that the headline counts: the robot runs, on a heightmap of status OK."""
     running = [t for t, s in zip(data.truths, data.states, strict=True) if s.mode == ControllerMode.RUN]
     pairs = [(data.heightmaps[t.step], t) for t in running if t.step in data.heightmaps]
-    trusted = [(h, t) for h, t in pairs if h.status == HeightmapStatus.OK]
+    trusted = [(h, t) for h, t in pairs if h.status == HeightmapStatus.OK and len(h.height) == len(t.height)]
     figure = go.Figure()
     if trusted:
-        x = 100 * np.asarray(trusted[0][0].x)
-        error = 100 * np.abs(np.array([np.asarray(h.height) - t.height for h, t in trusted]))
-        claimed = 100 * np.median([np.asarray(h.half_width_90) for h, _ in trusted], axis=0)
+        x, steps_and_columns = 100 * np.asarray(trusted[0][0].x), (0, 2)
+        shape = (len(trusted), len(x), -1)
+        error = 100 * np.abs(np.array([np.asarray(h.height) - t.height for h, t in trusted])).reshape(shape)
+        claimed = 100 * np.array([np.asarray(h.half_width_90) for h, _ in trusted]).reshape(shape)
         for name, values, colour in (
-            ("median error", np.median(error, axis=0), BLUE),
-            ("90 % of errors are below", np.quantile(error, 0.9, axis=0), RED),
-            ("half of the 90 % interval that the model states, median", claimed, GREY),
+            ("median error", np.median(error, axis=steps_and_columns), BLUE),
+            ("90 % of errors are below", np.quantile(error, 0.9, axis=steps_and_columns), RED),
+            (
+                "half of the 90 % interval that the model states, median",
+                np.median(claimed, axis=steps_and_columns),
+                GREY,
+            ),
         ):
             figure.add_scatter(x=x, y=values, name=name, mode="lines+markers", line={"color": colour})
     figure.update_yaxes(rangemode="tozero")

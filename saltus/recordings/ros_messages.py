@@ -48,11 +48,10 @@ _STAMPED: Any = STORE.types["geometry_msgs/msg/TransformStamped"]
 BASE, BASE_YAW, WORLD, CAMERA, ODOM = "base", "base_yaw", "world", "camera", "odom"
 """Frames: of the trunk, the same turned by the yaw alone, of the course, of the depth image (z along its axis), and of
 the start as the robot itself has added up its way."""
-ELEVATION, VARIANCE = "elevation", "variance"
+ELEVATION, VARIANCE, HALF_WIDTH, AGE = "elevation", "variance", "half_width", "age"
 """Layers of a GridMap; viewers and planners look for the first by this name."""
-COLUMNS = 2
-"""Columns of a GridMap: a profile of one line, as wide as two cells, because viewers draw surfaces
-between cells."""
+LINE_CELLS = 2
+"""Cells of a GridMap across a line of heights: viewers draw surfaces between cells."""
 CDR_HEADER = 4  # bytes
 FLOAT32 = 7  # sensor_msgs/msg/PointField
 CUBE, SPHERE, CYLINDER, LINE_LIST, SPHERE_LIST = 1, 2, 3, 5, 7  # visualization_msgs/msg/Marker
@@ -190,48 +189,74 @@ def points(time_ns: int, frame: str, **columns: ArrayLike) -> Any:
 
 
 def height_points(heightmap: Heightmap) -> Any:
-    """Predicted heights as points in the yaw frame, each with half of its 90 % interval."""
+    """Predicted heights as points in the yaw frame, each with half of its 90 % interval, and its age where it is known.
+
+    The age of a point that was never in an image is NaN.
+    """
     x, y = points_of(heightmap).T
+    ages = {"age": _known_ages(heightmap)} if len(heightmap.age_s) else {}
     return points(
-        heightmap.time_ns, BASE_YAW, x=x, y=y, z=usable_heights(heightmap),
-        half_width_90=heightmap.half_width_90,
+        heightmap.time_ns, BASE_YAW, x=x, y=y, z=usable_heights(heightmap), half_width_90=heightmap.half_width_90,
+        **ages,
     )  # fmt: skip
 
 
 def grid_map(heightmap: Heightmap) -> Any:
-    """Predicted heights on a line as a `grid_map_msgs/msg/GridMap` in the yaw frame: elevation, variance.
+    """Predicted heights as a `grid_map_msgs/msg/GridMap` in the yaw frame: elevation, variance, half_width, age.
 
-    Heights are relative to the base. Cells go backwards from the one farthest ahead, as the package has it.
-    Heights between points that are not evenly spaced are interpolated.
+    Heights are relative to the base; age [s] is there where it is known, NaN of what was never in an image. Cells go
+    backwards and to the right from the one farthest ahead at the left, as the package has it. Its cells are squares:
+    values between points that are not as far apart are interpolated.
     """
-    x = np.linspace(heightmap.x[-1], heightmap.x[0], len(heightmap.x))
-    resolution = float(x[0] - x[-1]) / (len(x) - 1)
+    sides = [np.asarray(side, np.float64) for side in (heightmap.x, heightmap.y)]
+    resolution = min(float(side[-1] - side[0]) / (len(side) - 1) for side in sides if len(side) > 1)
+    x, y = (_cells(side, resolution) for side in sides)
     sigma = np.asarray(heightmap.half_width_90) / NORMAL_90
-    layers = {ELEVATION: usable_heights(heightmap), VARIANCE: sigma * sigma}
-    centre = make(
-        "geometry_msgs/msg/Pose", position=point([0.5 * (x[0] + x[-1]), 0.0, 0.0]), orientation=quaternion([1, 0, 0, 0])
-    )
+    layers = {ELEVATION: usable_heights(heightmap), VARIANCE: sigma * sigma, HALF_WIDTH: heightmap.half_width_90}
+    if len(heightmap.age_s):
+        layers[AGE] = _known_ages(heightmap)
+    shape, middle = (len(sides[0]), len(sides[1])), [0.5 * (x[0] + x[-1]), 0.5 * (y[0] + y[-1]), 0.0]
+    tables = [np.asarray(values, np.float64).reshape(shape) for values in layers.values()]
     return make(
         "grid_map_msgs/msg/GridMap",
         header=header(heightmap.time_ns, BASE_YAW),
         info=make(
             "grid_map_msgs/msg/GridMapInfo", resolution=resolution, length_x=resolution * len(x),
-            length_y=resolution * COLUMNS, pose=centre,
+            length_y=resolution * len(y),
+            pose=make("geometry_msgs/msg/Pose", position=point(middle), orientation=quaternion([1, 0, 0, 0])),
         ),
         layers=list(layers),
         basic_layers=[ELEVATION],
-        data=[_column_major(np.interp(x, heightmap.x, values)) for values in layers.values()],
+        data=[_column_major(_between(table, sides, (x, y))) for table in tables],
         outer_start_index=0,
         inner_start_index=0,
     )  # fmt: skip
 
 
-def _column_major(column: Floats) -> Any:
+def _known_ages(heightmap: Heightmap) -> Reals:
+    ages = np.asarray(heightmap.age_s)
+    return np.where(np.isfinite(ages), ages, np.nan)
+
+
+def _cells(side: Floats, resolution: float) -> Floats:
+    """Middles of cells along one side of a grid, descending; `LINE_CELLS` of them across a line."""
+    if len(side) == 1:
+        return np.asarray(side + resolution * (0.5 * (LINE_CELLS - 1) - np.arange(LINE_CELLS)))
+    return np.linspace(side[-1], side[0], round((side[-1] - side[0]) / resolution) + 1)
+
+
+def _between(table: Floats, sides: Sequence[Floats], cells: Sequence[Floats]) -> Floats:
+    """Values (rows, columns) of a grid at the middles of cells, interpolated along x, then along y."""
+    along = np.stack([np.interp(cells[0], sides[0], column) for column in table.T], -1)
+    return np.stack([np.interp(cells[1], sides[1], row) for row in along])
+
+
+def _column_major(table: Floats) -> Any:
     dimension: Any = STORE.types["std_msgs/msg/MultiArrayDimension"]
-    rows = len(column)
-    sizes = [dimension("column_index", COLUMNS, rows * COLUMNS), dimension("row_index", rows, rows)]
+    rows, columns = table.shape
+    sizes = [dimension("column_index", columns, rows * columns), dimension("row_index", rows, rows)]
     layout = make("std_msgs/msg/MultiArrayLayout", dim=sizes, data_offset=0)
-    return make("std_msgs/msg/Float32MultiArray", layout=layout, data=np.tile(column.astype(np.float32), COLUMNS))
+    return make("std_msgs/msg/Float32MultiArray", layout=layout, data=table.T.astype(np.float32).ravel())
 
 
 def marker(

@@ -75,10 +75,13 @@ TOPICS: dict[str, tuple[str, str]] = {
         "sensor_msgs/msg/CameraInfo",
         "of that image: pixel (u, v) looks through ((u - cx) / fx, (v - cy) / fy)",
     ),
-    "/viewer/heightmap": (POINTS, "predicted heights in the yaw frame, and half_width_90; NaN where not to be used"),
+    "/viewer/heightmap": (
+        POINTS,
+        "predicted heights in the yaw frame, half_width_90 and, of a scan, age; NaN where not to be used",
+    ),
     "/viewer/grid_map": (
         "grid_map_msgs/msg/GridMap",
-        "the same as layers elevation and variance; sigma is half of the 90 % interval over 1.645",
+        "the same as layers elevation, variance, half_width, age; sigma is half of the 90 % interval over 1.645",
     ),
     "/viewer/true_heights": (POINTS, "true heights at the same points, where a simulator says them"),
     "/viewer/plan": (MARKERS, "where feet in swing are to stand next, and the way there"),
@@ -175,7 +178,7 @@ class Viewer:
         if not drawn:
             return
         yield _message("/viewer/heightmap", ros.height_points(heightmap))
-        if len(heightmap.y) == 1 and len(heightmap.x) > 1:
+        if len(heightmap.height) > 1:
             yield _message("/viewer/grid_map", ros.grid_map(heightmap))
         if truth is not None:
             x, y = points_of(truth).T

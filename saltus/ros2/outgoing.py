@@ -19,8 +19,11 @@ from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 
 TRANSFORMS = "/tf"
 HEIGHTS = {
-    "elevation_map_raw": ("grid_map_msgs/msg/GridMap", "predicted heights: layers elevation and variance"),
-    "heights": ("sensor_msgs/msg/PointCloud2", "the same as points, each with half_width_90"),
+    "elevation_map_raw": (
+        "grid_map_msgs/msg/GridMap",
+        "predicted heights: layers elevation, variance, half_width; of a scan age",
+    ),
+    "heights": ("sensor_msgs/msg/PointCloud2", "the same as points, each with half_width_90, and of a scan age"),
 }
 """Type and meaning of each topic below the namespace."""
 ROBOT = {

@@ -21,6 +21,10 @@ TOP, WALL, EDGE = (203, 210, 218), (120, 133, 148), (84, 95, 109)
 SKY = ((150, 186, 222), (244, 247, 250))
 LIFT = np.array([0.0, 0.0, 0.004])  # lines float this far above the ground, else they flicker [m]
 DISC_LIFT = np.array([0.0, 0.0, 0.013])  # a disc faces the browser: half of it would be in the ground [m]
+GUESSED = (204, 121, 167)
+GUESS_M = 0.12
+"""Half-width from which on a point of a scan is drawn as guessed: that of ground that was never seen (models/scan.md)
+[m]."""
 GAP_M = 0.5  # between the grounds of two runs
 
 
@@ -107,14 +111,19 @@ class Drawing:
             return
         usable = heights.status in (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
         colour = np.array(PREDICTED if usable else UNTRUSTED, dtype=np.uint8)
+        if usable and heights.shape[1] > 1:
+            sure = np.clip(1.0 - heights.half_width_90 / GUESS_M, 0.0, 1.0)[:, None]
+            colour = _net(sure * PREDICTED + (1.0 - sure) * np.array(GUESSED), heights.shape).astype(np.uint8)
+            self._widths.visible = False  # the colours say it, and lines would hide the surface
         if not np.array_equal(self._predicted.colors, colour):
-            self._predicted.colors = self._widths.colors = colour
+            self._predicted.colors = colour
+            self._widths.colors = colour if colour.ndim == 1 else self._widths.colors
         up = np.zeros_like(heights.predicted)
         up[:, 2] = heights.half_width_90
-        self._predicted.points = _polyline(heights.predicted + 2.0 * LIFT)
+        self._predicted.points = _net(heights.predicted + 2.0 * LIFT, heights.shape)
         self._widths.points = np.stack([heights.predicted - up, heights.predicted + up], axis=1).astype(np.float32)
         if heights.true is not None:
-            self._true.points = _polyline(heights.true + LIFT)
+            self._true.points = _net(heights.true + LIFT, heights.shape)
 
 
 def aside(worlds: list[World]) -> list[float]:
@@ -130,5 +139,9 @@ def aside(worlds: list[World]) -> list[float]:
     return places
 
 
-def _polyline(points: Floats) -> NDArray[np.float32]:
-    return np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+def _net(points: Floats, shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Lines between neighbours of a grid, shape (lines, 2, 3): a curve where it is a line, else a net."""
+    table = points.reshape(*shape, 3)
+    ahead = np.stack([table[:-1], table[1:]], axis=2).reshape(-1, 2, 3)
+    aside = np.stack([table[:, :-1], table[:, 1:]], axis=2).reshape(-1, 2, 3)
+    return np.concatenate([ahead, aside]).astype(np.float32)

@@ -39,13 +39,14 @@ def picture(frame: DepthFrame) -> NDArray[np.uint8]:
 def curves(heights: HeightsInWorld, scene: Scene) -> tuple[NDArray[np.float64], ...]:
     """x, lower and upper end of the 90 % interval, prediction and truth (prediction, where nobody knows it) [m].
 
-    Heights are relative to the base; each of shape (30,).
+    Heights are relative to the base, those of the grid's middle column; each of shape (rows,).
     """
     base = 0.0 if scene.base_pose is None else float(scene.base_pose[2])
     predicted = heights.predicted[:, 2] - base
     true = predicted if heights.true is None else heights.true[:, 2] - base  # a plot holds numbers only
     found = (heights.x, predicted - heights.half_width_90, predicted + heights.half_width_90, predicted, true)
-    return tuple(np.asarray(curve, dtype=np.float64) for curve in found)
+    middle = heights.shape[1] // 2
+    return tuple(np.asarray(curve, dtype=np.float64).reshape(heights.shape)[:, middle] for curve in found)
 
 
 def beside(world: World, scene: Scene) -> Picture:

@@ -80,6 +80,8 @@ class HeightsInWorld:
     """World frame [m], shape (points, 3); None where nobody knows."""
     x: Floats
     """Distance ahead of the base [m], shape (points,)."""
+    shape: tuple[int, int]
+    """Rows and columns of the grid; points stand row after row."""
     status: HeightmapStatus
     depth_age_s: float
 
@@ -230,6 +232,7 @@ def _heights(heightmap: Heightmap, truths: dict[int, Arrival], pose: Floats | No
         half_width_90=np.asarray(heightmap.half_width_90),
         true=None if truth is None else in_world(truth),
         x=points_of(heightmap)[:, 0],
+        shape=(len(heightmap.x), len(heightmap.y)),
         status=HeightmapStatus(heightmap.status),
         depth_age_s=heightmap.depth_age_s,
     )

@@ -15,6 +15,7 @@ from saltus.controller.gait import GaitConfig
 from saltus.controller.signals import observe, reference_of
 from saltus.controller.swing import SwingConfig, SwingLegs
 from saltus.footholds import Footholds
+from saltus.grid import SCAN, HeightGrid
 from saltus.plan import plan_of
 from saltus.recordings import ros_messages as ros
 from saltus.recordings import viewer
@@ -83,7 +84,7 @@ def test_a_grid_map_has_the_heights_where_the_package_looks_for_them(status: Hei
     rows, columns = round(info.length_x / info.resolution), round(info.length_y / info.resolution)
     assert (grid.header.frame_id, grid.layers, grid.basic_layers) == (
         "base_yaw",
-        ["elevation", "variance"],
+        ["elevation", "variance", "half_width"],
         ["elevation"],
     )
     layers = {}
@@ -101,6 +102,32 @@ def test_a_grid_map_has_the_heights_where_the_package_looks_for_them(status: Hei
         wanted = heightmap.height if usable else np.full(rows, np.nan)
         np.testing.assert_allclose(layers["elevation"][::-1, column], wanted, rtol=1e-6)
         np.testing.assert_allclose(layers["variance"][::-1, column], (heightmap.half_width_90 / SIGMA) ** 2, rtol=1e-6)
+
+
+GRIDS = [SCAN, HeightGrid(x=(-0.4, 0.0, 0.4), y=(-0.2, 0.0, 0.2)), HeightGrid(x=(0.3,), y=(-0.1, 0.0, 0.1))]
+
+
+@pytest.mark.parametrize("grid", GRIDS)
+def test_a_grid_map_of_any_grid_has_its_plane_at_every_cell(grid: HeightGrid) -> None:
+    """A plane is the same however it is interpolated."""
+    x, y = grid.points.T
+    heightmap: Any = replace(
+        dict(run_messages(3))["heightmap/heightmap"], x=np.array(grid.x), y=np.array(grid.y),
+        height=0.3 * x - 0.2 * y, half_width_90=0.02 + 0.0 * x, age_s=np.where(x > 0.2, np.inf, 0.5 + y),
+    )  # fmt: skip
+    message = ros.grid_map(heightmap)
+    info, columns, rows = message.info, *(each.size for each in message.data[0].layout.dim)
+    layers = {n: a.data.reshape(columns, rows).T for n, a in zip(message.layers, message.data, strict=True)}
+    assert (rows, columns) == (round(info.length_x / info.resolution), round(info.length_y / info.resolution))
+    x = info.pose.position.x + 0.5 * info.length_x - info.resolution * (np.arange(rows) + 0.5)
+    y = info.pose.position.y + 0.5 * info.length_y - info.resolution * (np.arange(columns) + 0.5)
+    held = np.clip(x, grid.x[0], grid.x[-1])  # a line is as wide as two cells
+    np.testing.assert_allclose(layers["elevation"], 0.3 * held[:, None] - 0.2 * y[None], atol=1e-6)
+    np.testing.assert_allclose(layers["half_width"], 0.02, atol=1e-7)
+    assert np.isnan(layers["age"][x > 0.2 + info.resolution]).all()
+    assert np.isfinite(layers["age"][x < 0.2 - info.resolution]).all()
+    cloud = ros.height_points(heightmap)
+    assert [field.name for field in cloud.fields] == ["x", "y", "z", "half_width_90", "age"]
 
 
 def test_clouds_have_predicted_and_true_heights_at_the_same_points() -> None:
