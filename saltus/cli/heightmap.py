@@ -16,6 +16,7 @@ from saltus.cli.heightmap_data import Collect, Dagger, Dataset
 from saltus.cli.heightmap_eval import Eval
 from saltus.cli.heightmap_report import Report
 from saltus.cli.heightmap_train import Export, Train
+from saltus.cli.scan_options import ScanOptions
 from saltus.cli.serve import serve
 from saltus.config import RunConfig
 from saltus.errors import RecordingError, SaltusError
@@ -26,10 +27,11 @@ from saltus.wire.messages import DepthFrame, HeightmapStatus
 
 if TYPE_CHECKING:
     from saltus.heightmap.service.network import HeightmapNetwork
+    from saltus.heightmap.service.scan_fleet import ScanChoice
 
 
 @dataclass(frozen=True, kw_only=True)
-class Serve:
+class Serve(ScanOptions):
     """Runs the heightmap service: against a running stack, or on a recording.
 
     The line of the Go1 by default. With --grid scan 187 points, 1.6 x 1.0 m, of any robot and any depth cameras.
@@ -48,16 +50,6 @@ class Serve:
     """Zenoh router, e.g. tcp/127.0.0.1:7447."""
     run_dir: Annotated[Path | None, shown("PATH", "none, which --recording alone allows")] = None
     """Folder of the run: of `saltus up` or `saltus router`."""
-    grid: Annotated[str | None, shown("STR", "that of run.toml: line, of the Go1's network")] = None
-    """Points whose heights are told: scan, or a TOML file (`x` and `y`, lists of metres that ascend)."""
-    dialect: Annotated[str | None, shown("STR", "none: heights alone")] = None
-    """Beside the heights, the observation of a policy that was trained with isaaclab, legged_gym or mjlab."""
-    cameras: Annotated[tuple[Path, ...], shown("PATH [PATH ...]", "the one of run.toml")] = ()
-    """With a grid: TOML files that say where each camera sits. The first sends under camera/depth, others under
-    camera/depth/NAME."""
-    body: str = "robot"
-    """With a grid: what is taken out of the images. robot: legs and trunk of the run's robot; none; or a box of length,
-    width and height around the base, as 0.6x0.4x0.5. With the last two states tell `standing_feet`, if any."""
     model: Annotated[Path | None, shown("PATH", "the shipped network")] = None
     """With a grid: ONNX file of its network."""
     recording: Annotated[Path | None, shown("PATH", "none: a running stack")] = None
@@ -75,17 +67,15 @@ class Serve:
     def run(self) -> int:
         """Runs until it is told to stop, or until the recording ends."""
         if self.recording is not None:
-            return self._serve_recording(self.recording)
+            choice = self.scan_choice(self.model)
+            return self._serve_recording(self.recording) if choice is None else self._serve_run(self.recording, choice)
         if self.run_dir is None:
             raise SaltusError("heightmap serve needs --run-dir (see saltus router), or --recording")
-        named = {
-            "--robots": self.robots, "--grid": self.grid, "--dialect": self.dialect, "--cameras": self.cameras,
-            "--body": self.body, "--model": self.model,
-        }  # fmt: skip
-        more = [
-            [flag, *map(str, value if isinstance(value, tuple) else (value,))] for flag, value in named.items() if value
-        ]
-        return serve("saltus.heightmap", self.run_dir, self.endpoint, *itertools.chain(*more), peer=self.peer)
+        self.scan_choice(self.model)  # what is wrong with it is said at once
+        robots = ["--robots", *self.robots] if self.robots else []
+        model = ["--model", str(self.model)] if self.model is not None else []
+        more = (*robots, *self.scan_flags, *model)
+        return serve("saltus.heightmap", self.run_dir, self.endpoint, *more, peer=self.peer)
 
     def _serve_recording(self, recording: Path) -> int:
         """Publishes depth and heightmaps of a recording at its own pace, image by image."""
@@ -93,8 +83,6 @@ class Serve:
         from saltus.recordings.realsense import read_realsense
         from saltus.resources import resource
         from saltus.robots.loading import load_robot
-        from saltus.runtime.run_folder import endpoint_of
-        from saltus.wire.router import open_router
 
         frames = read_realsense(recording)
         first = next(frames, None)
@@ -104,12 +92,39 @@ class Serve:
             raise RecordingError(f"{recording} has no robot state: add --assume-level")
         network = HeightmapNetwork(load_robot(DEFAULT_ROBOT), resource("models/heightmap.onnx"))
         with contextlib.ExitStack() as resources:
-            endpoint = self.endpoint or (endpoint_of(self.run_dir) if self.run_dir is not None else None)
-            if endpoint is None:
-                endpoint, router = open_router()
-                resources.callback(router.close)
-            self._publish(endpoint, network, itertools.chain([first], frames))
+            self._publish(self._endpoint(resources), network, itertools.chain([first], frames))
         return 0
+
+    def _serve_run(self, path: Path, choice: "ScanChoice") -> int:
+        """Publishes states, images and heights of a recorded run at its own pace."""
+        from saltus.heightmap.evaluation.scan_replay import replayed_run
+        from saltus.recordings.recording import read_recording
+        from saltus.wire.zenoh_bus import ZenohBus
+
+        recording = read_recording(path)
+        with contextlib.ExitStack() as resources, ZenohBus(self._endpoint(resources), self.prefix) as bus:
+            topics = ("controller/state", "camera/depth", "heightmap/heightmap")
+            publishers = [bus.publisher(topic) for topic in topics]
+            begun_s, first_ns = time.monotonic(), None
+            for messages in replayed_run(recording, choice):
+                first_ns = messages[0].time_ns if first_ns is None else first_ns
+                time.sleep(max(0.0, begun_s + 1e-9 * (messages[0].time_ns - first_ns) - time.monotonic()))
+                for publisher, message in zip(publishers, messages, strict=True):
+                    if message is not None:
+                        publisher.put(message)
+        return 0
+
+    def _endpoint(self, resources: contextlib.ExitStack) -> str:
+        """The router that was named, or one of its own until `resources` are closed."""
+        from saltus.runtime.run_folder import endpoint_of
+        from saltus.wire.router import open_router
+
+        endpoint = self.endpoint or (endpoint_of(self.run_dir) if self.run_dir is not None else None)
+        if endpoint is None:
+            endpoint, router = open_router()
+            resources.callback(router.close)
+        print(f"serving at {endpoint}, keys under {self.prefix}", flush=True)
+        return endpoint
 
     def _publish(self, endpoint: str, network: "HeightmapNetwork", frames: Iterator[DepthFrame]) -> None:
         from saltus.heightmap.service.replay import replay_level
@@ -120,7 +135,6 @@ class Serve:
         steady = (replace(frame, time_ns=stamps.step(frame.time_ns)) for frame in frames)
         with ZenohBus(endpoint, self.prefix) as bus:
             depth, heights = bus.publisher("camera/depth"), bus.publisher("heightmap/heightmap")
-            print(f"serving at {endpoint}, keys under {self.prefix}")
             before_ns: int | None = None
             for frame, heightmap in replay_level(network, steady, self.level):
                 if before_ns is not None:

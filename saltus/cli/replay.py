@@ -12,6 +12,7 @@ import numpy as np
 import tyro
 
 from saltus.cli.output import JsonOption, finite, print_json
+from saltus.cli.scan_options import ScanOptions
 from saltus.errors import RecordingError
 from saltus.flags import Flag, shown
 from saltus.heightmap.level_robot import LevelRobot
@@ -19,16 +20,18 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.messages import DepthFrame, GroundTruth, Heightmap, HeightmapStatus, RobotState, points_of
 
 if TYPE_CHECKING:
+    from saltus.heightmap.service.scan_fleet import ScanChoice
     from saltus.recordings.recording import Recording
     from saltus.robots.robot import Robot
 
 
 @dataclass(frozen=True, kw_only=True)
-class Replay(JsonOption):
+class Replay(ScanOptions, JsonOption):
     """Runs the heightmap service on the depth of a recording again and compares with what was recorded.
 
     For example:
       saltus replay runs/one/recording.mcap
+      saltus replay runs/one/recording.mcap --grid scan
       saltus replay desk.bag --assume-level --base-height-m 0.3
     """
 
@@ -46,8 +49,11 @@ class Replay(JsonOption):
         from saltus.resources import resource
 
         model = self.model or resource("models/heightmap.onnx")
-        bag = self.recording.suffix in ENDINGS
-        table, standing = self._bag(model) if bag else self._run(model)
+        choice, bag = self.scan_choice(self.model), self.recording.suffix in ENDINGS
+        if choice is None:
+            table, standing = self._bag(model) if bag else self._run(model)
+        else:
+            table, standing = self._scan(choice), list[Heightmap]()
         if self.json:
             print_json(table)
             return 0
@@ -57,6 +63,21 @@ class Replay(JsonOption):
         if standing:
             _print_profile(standing[-1])
         return 0
+
+    def _scan(self, choice: "ScanChoice") -> dict[str, Any]:
+        """Figures of the heights of a grid: how far they are off the simulator's ground."""
+        from saltus.heightmap.evaluation.scan_replay import replayed_run, scan_figures
+        from saltus.recordings.recording import read_recording
+
+        recording, statuses = read_recording(self.recording), Counter[str]()
+
+        def answers() -> Iterator[Heightmap]:
+            for _, _, answer in replayed_run(recording, choice):
+                statuses[_status(answer)] += 1
+                yield answer
+
+        figures = scan_figures(recording, choice.grid, answers())
+        return {"recording": str(self.recording), "lost": recording.lost, "status": dict(statuses), **figures}
 
     def _bag(self, model: Path) -> tuple[dict[str, Any], list[Heightmap]]:
         from saltus.recordings.realsense import read_realsense
