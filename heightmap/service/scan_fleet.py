@@ -83,8 +83,12 @@ class ScanChoice:
                 f"legs and trunk of {robot.name} are taken out of the images, and its feet tell the ground: of another "
                 "robot say --body none, or its box, as --body 0.6x0.4x0.5"
             )
-        body = "the robot's own body stays in the images" if self.body == NO_BODY else "a box stands for the body"
-        return f"{body}; feet are those that states tell in standing_feet: without any, errors are 1 mm larger"
+        body = (
+            "the robot's own body stays in the images: if cameras see it, ground under it is up to 60 mm off for 8"
+            if self.body == NO_BODY
+            else "a box stands for the body: legs outside of it are taken for ground"
+        )
+        return f"{body}; feet are those that states tell in standing_feet: without any, heights are 1 mm worse"
 
 
 class ScanFleet:

@@ -69,9 +69,12 @@ class Serve(ScanOptions):
         if self.recording is not None:
             choice = self.scan_choice(self.model)
             return self._serve_recording(self.recording) if choice is None else self._serve_run(self.recording, choice)
+        from saltus.runtime.run_folder import read_config
+
         if self.run_dir is None:
             raise SaltusError("heightmap serve needs --run-dir (see saltus router), or --recording")
-        self.scan_choice(self.model)  # what is wrong with it is said at once
+        grid = self.grid or read_config(self.run_dir).grid
+        replace(self, grid=grid).scan_choice(self.model)  # what is wrong with it is said at once
         robots = ["--robots", *self.robots] if self.robots else []
         model = ["--model", str(self.model)] if self.model is not None else []
         more = (*robots, *self.scan_flags, *model)
