@@ -33,6 +33,8 @@ class Tick:
 
     state: RobotState
     frame: DepthFrame | None
+    position: np.ndarray
+    """True place of the base [m]."""
     truth: np.ndarray
     """Heights of the grid relative to the base [m]."""
 
@@ -64,7 +66,7 @@ def carried(setup: Setup, grid: HeightGrid, steps: int) -> Iterator[Tick]:
             depth_due=due,
         )  # fmt: skip
         x, y = grid.points_in_world(position, yaw)
-        yield Tick(state=state, frame=frame, truth=np.asarray(terrain.height_at(x, y)) - position[2])
+        yield Tick(state=state, frame=frame, position=position, truth=np.asarray(terrain.height_at(x, y)) - position[2])
 
 
 def _ground(setup: Setup, x: float) -> float:
