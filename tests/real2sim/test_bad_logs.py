@@ -173,6 +173,7 @@ NOT_READ: dict[str, tuple[Damage, str]] = {
     "ground is text": (claim(ground="ice"), "ground"),
     "friction is text": (claim(ground={"friction": "low"}), "friction"),
     "friction zero": (claim(ground={"friction": 0.0}), "friction"),
+    "contact without time": (claim(ground={"contact_time_constant": 0.0}), "contact_time_constant"),
     "terrain unknown": (claim(terrain="stairs"), "terrain"),
     "terrain is a number": (claim(terrain=3), "terrain"),
     "box without size": (claim(terrain=[{"center": [0, 0, 0]}]), "size"),

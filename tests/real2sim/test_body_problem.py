@@ -139,13 +139,6 @@ def test_effects_on_the_ground_count_from_what_the_log_claims() -> None:
     assert by_name["contact_compliance"].parameters(none)["time_constant"].value == pytest.approx(0.01)
 
 
-@pytest.mark.parametrize("ground", [{"friction": -1.0}, {"contact_time_constant": 0.0}])
-def test_a_ground_that_cannot_be_is_an_error(ground: dict[str, float]) -> None:
-    log = run_log(motions=STAND)
-    with pytest.raises(RecordingError, match="ground"):
-        BodyProblem(dataclasses.replace(log, meta={**log.meta, "ground": ground}))
-
-
 def lacks(name: str, log: RunLog) -> str:
     return next(sensor for sensor in SENSORS if sensor.name == name).lacks(log)
 
