@@ -44,7 +44,8 @@ from saltus.robots.robot import JOINTS, Robot
 SCHEMA = "saltus-patch/1"
 PATCH_FILE = "patch.toml"
 AS_CLAIMED = ("camera_latency", "range_clip", "foot_friction", "contact_compliance")
-"""Effects that are absent at the value that the log claims, not at the library's null value (schema of run logs)."""
+"""Effects that are absent at the value that the log claims, not at the library's null value (schema
+of run logs)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,8 +128,9 @@ def load_patch(path: Path) -> Patch:
 def supported(effects: Sequence[FoundEffect], profile: Profile = IDEAL) -> tuple[FoundEffect, ...]:
     """The effects that may go into a profile: with values within their bounds and intervals that exclude null.
 
-    A value may be null where `profile` has the effect: it takes the place of another. Joints and base are searched each
-    for itself: of an effect that both found in one place the values with the narrower intervals go in.
+    A value may be null where `profile` has the effect: it takes the place of another. Joints and
+    base are searched each for itself: of an effect that both found in one place the values with the
+    narrower intervals go in.
     """
     certain = [e for e in effects if e.name not in EFFECTS or _is_certain(e, may_be_null=e.name in profile.effects)]
     narrowest: dict[tuple[object, ...], FoundEffect] = {}

@@ -203,7 +203,8 @@ def judge(examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...],
         if not findings and not any(each.brief for each in examinations):
             lacks = sorted({why for each in examinations for why in each.untestable.values()})
             raise RecordingError("nothing in these logs can be compared: " + "; ".join(remarks or lacks))
-        # without any test nothing is known: neither that the log agrees with the simulator, nor what differs
+        # without any test nothing is known: neither that the log agrees with the simulator, nor
+        # what differs
         verdict = merge(findings) if findings else Verdict(verdict="unexplained")
         brief = {sensor: why for each in examinations for sensor, why in each.brief.items()}
         missing = tuple(

@@ -1,6 +1,7 @@
 """How far a comparison has got: each stage counts for what it typically costs, and within a search more work moves on.
 
-Typical costs were measured on logs of 15 to 30 s, on one core: eight logs of the experiments and of the benchmark.
+Typical costs were measured on logs of 15 to 30 s, on one core: eight logs of the experiments and of
+the benchmark.
 """
 
 import math
@@ -14,9 +15,11 @@ Progress = Callable[[str, float], None]
 SCREEN_S, CONCLUDE_S = 1.5, 3.0
 """Screening and aligning, and the verdict with its report [s]."""
 LEVELS = ("slopes", "single effects", "2 effects", "3 effects", "reported values")
-"""Stages of a search that raise its level; other stages belong to the level that has been reached."""
+"""Stages of a search that raise its level; other stages belong to the level that has been
+reached."""
 REACHED = (0.25, 0.6, 0.85, 0.97, 1.0)
-"""Share of a search at the end of each level. Most logs end after the second: what is then left is jumped over."""
+"""Share of a search at the end of each level. Most logs end after the second: what is then left is
+jumped over."""
 SIMULATIONS = (65, 100, 200, 200, 10)
 """Sets of unknowns that a level typically simulates."""
 

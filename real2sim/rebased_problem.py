@@ -13,7 +13,8 @@ from saltus.robots.robot import JOINTS
 
 NOT_HELD = "the profile's values lie beyond what replays can hold: this search went on without them"
 FITS = 0.02
-"""Largest relative error with which a candidate may represent a value of the profile: well below what a log shows."""
+"""Largest relative error with which a candidate may represent a value of the profile: well below
+what a log shows."""
 
 
 class RebasedProblem(WrappedProblem):
@@ -40,7 +41,8 @@ class RebasedProblem(WrappedProblem):
 
     def leaner(self) -> dict[str, Problem]:
         """See `Problem`."""
-        # what a profile says as the log claims it anyway, or as no replay can hold, is not there to be taken out
+        # what a profile says as the log claims it anyway, or as no replay can hold, is not there to
+        # be taken out
         held = self._bare.held
         there = {candidate.effect for candidate in self.candidates if candidate.base or candidate.effect in held}
         parts = {part: getattr(self._profile, part) for part in PARTS.values()}
@@ -58,7 +60,8 @@ def _moved(candidate: Candidate, offset: Floats) -> Candidate:
     """The candidate with unknowns that are 0 at `offset`, shape (blocks, its unknowns)."""
     if not offset.any():
         return candidate
-    # If the profile has the effect already, its shape matters from the start and is an unknown like the others.
+    # If the profile has the effect already, its shape matters from the start and is an unknown like
+    # the others.
     unknowns = tuple(
         replace(
             u,

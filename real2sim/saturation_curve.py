@@ -31,8 +31,9 @@ EFFECT = "torque_saturation"
 def with_curves(problem: Problem, findings: Findings) -> Findings:
     """Findings whose saturation is stated for each kind of joint, with its curve.
 
-    The curve is the fitted law, or one in pieces where that leaves less of the rows that no fit has seen; then knee and
-    plateau are read off it. Several logs together, and what is beside a profile, have none.
+    The curve is the fitted law, or one in pieces where that leaves less of the rows that no fit has
+    seen; then knee and plateau are read off it. Several logs together, and what is beside a
+    profile, have none.
     """
     if not isinstance(problem, JointProblem):
         return findings

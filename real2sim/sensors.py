@@ -165,7 +165,8 @@ def _covered_s(table: str) -> Callable[[RunLog], float]:
 
 
 LEAST_S = 4.0
-"""Two motions of two seconds (`saltus.real2sim.search.split.PIECE_S`): one for the fit, one for the test."""
+"""Two motions of two seconds (`saltus.real2sim.search.split.PIECE_S`): one for the fit, one for the
+test."""
 SENSORS = (
     Sensor(
         name="joints", sites=DRIVES, lacks=_no_held_base, problem=JointProblem, lasts_s=moving_s,

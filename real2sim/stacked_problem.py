@@ -1,8 +1,8 @@
 """Problems of several logs as one: the effects belong to the robot, the claims to each log.
 
-A robot that is logged twice, the second time on other terrain, with other gains or with a known payload, has the same
-effects both times. Each log is replayed under its own claims and with its own nuisances; the unknowns of the effects
-are shared.
+A robot that is logged twice, the second time on other terrain, with other gains or with a known
+payload, has the same effects both times. Each log is replayed under its own claims and with its own
+nuisances; the unknowns of the effects are shared.
 """
 
 from collections.abc import Sequence
@@ -29,8 +29,8 @@ class StackedProblem(Problem):
     """
 
     collinear = 1.0
-    """With several logs only the evidence counts: effects form a set if both explain all logs, not if they merely look
-    alike."""
+    """With several logs only the evidence counts: effects form a set if both explain all logs, not
+    if they merely look alike."""
 
     def __init__(self, problems: Sequence[Problem], shifts_s: Sequence[float]) -> None:
         first = problems[0]
@@ -76,7 +76,8 @@ class StackedProblem(Problem):
 
     def _merge_candidates(self) -> None:
         self._alone = [_without_effects(problem) for problem in self._problems]
-        """Unknowns of each problem where all unknowns of this one are 0, shape (blocks, unknowns)."""
+        """Unknowns of each problem where all unknowns of this one are 0, shape (blocks,
+        unknowns)."""
         each = enumerate(zip(self._problems, self._alone, strict=True), start=1)
         listed_by_log = [_listed(problem, alone, number) for number, (problem, alone) in each]
         places = list(dict.fromkeys(place for listed in listed_by_log for place in listed))

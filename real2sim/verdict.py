@@ -99,8 +99,9 @@ class Verdict:
 def merge(findings: Sequence[Findings], log_faults: Sequence[str] = ()) -> Verdict:
     """One verdict for a log from what was found for each kind of sensor.
 
-    A damaged log gets no other ruling. An unexplained gap outweighs a set, and a set outweighs names: the verdict is
-    never more certain than its least certain part. The gap pools squared residuals.
+    A damaged log gets no other ruling. An unexplained gap outweighs a set, and a set outweighs
+    names: the verdict is never more certain than its least certain part. The gap pools squared
+    residuals.
     """
     if log_faults:
         return Verdict(verdict="bad_log", log_faults=tuple(log_faults))
@@ -156,15 +157,15 @@ def effect_from_dict(data: dict[str, Any]) -> FoundEffect:
 
 
 MARGIN = 1.5
-"""An effect is ruled out if it would have to be this many times larger than the smallest detectable size, which doubles
-the gain in nats."""
+"""An effect is ruled out if it would have to be this many times larger than the smallest detectable
+size, which doubles the gain in nats."""
 
 
 def resolved(findings: Sequence[Findings]) -> tuple[Findings, ...]:
     """Findings without the effects that other findings rule out; a set of one effect becomes a name.
 
-    If another finding names exactly one effect of a set, that one stays. If another finding would have detected an
-    effect at the size that the set needs, and did not, that effect goes.
+    If another finding names exactly one effect of a set, that one stays. If another finding would
+    have detected an effect at the size that the set needs, and did not, that effect goes.
     """
     named = {effect.name for each in findings for effect in each.effects if each.verdict == "named"}
     result = []

@@ -19,8 +19,8 @@ SEPARATIONS = Path(__file__).parent / "separations.json"
 """Measured separations of each experiment: `tools/separations.py` writes it,
 `next_experiment` reads it."""
 WALL_M = 0.9
-"""Height of a step that is a wall: from 1 m it fills the upper half of the image of a camera on a trunk, 30 degrees
-nose down."""
+"""Height of a step that is a wall: from 1 m it fills the upper half of the image of a camera on a
+trunk, 30 degrees nose down."""
 STEP_M = 0.15
 """A stair."""
 FREE = Limits()
@@ -40,7 +40,8 @@ class Experiment:
     sections: Callable[[Robot], tuple[Section, ...]]
     limits: Limits
     held_gains: tuple[float, float] = (30.0, 0.8)
-    """kp [Nm/rad] and kd [Nm s/rad] of all joints of a held robot; one that stands has its own for standing."""
+    """kp [Nm/rad] and kd [Nm s/rad] of all joints of a held robot; one that stands has its own for
+    standing."""
     terrain: Callable[[], Terrain] = field(default=flat.make)
     camera: bool = False
     payload_kg: float = 0.0

@@ -1,7 +1,8 @@
 """Motions that make effects visible: commands for the joints of a held robot, and for the body of one that stands.
 
-A motion is a value: everything about it is known before the robot moves, so that it can be checked against limits.
-The joints of a held robot move about the pose in which it stands, near the middle of the range of the calf.
+A motion is a value: everything about it is known before the robot moves, so that it can be checked
+against limits. The joints of a held robot move about the pose in which it stands, near the middle
+of the range of the calf.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,8 @@ from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 RAMP_S = 0.5
 """Motions begin and end at rest, over this time."""
 JOINT_PHASE = np.tile([0.0, 2.0, 4.0], 4) + np.repeat([0.0, 0.5, 1.0, 1.5], 3)
-"""Phase of each joint [rad]: joints of a leg do not move in step, so that coupling between them shows."""
+"""Phase of each joint [rad]: joints of a leg do not move in step, so that coupling between them
+shows."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,7 +41,8 @@ class Section:
     """Sections of one condition are repeats."""
     commands: Commands
     ahead_m: float | None = None
-    """The robot is put anew before it, at rest, where the first edge of the terrain lies this far ahead of its base."""
+    """The robot is put anew before it, at rest, where the first edge of the terrain lies this far
+    ahead of its base."""
     drop_m: float = 0.0
     """The height from which it is let fall then."""
 

@@ -1,8 +1,9 @@
 """Which experiment would tell the effects of a set apart.
 
-What one unit of every effect does to the whitened residuals of each experiment, and how alike two effects look there,
-was measured once on a robot without effects (`saltus.real2sim.experiments.separations`). How far two fitted rivals are
-expected to be apart follows without any simulation. For effects of a camera the experiments are measured anew with the
+What one unit of every effect does to the whitened residuals of each experiment, and how alike two
+effects look there, was measured once on a robot without effects
+(`saltus.real2sim.experiments.separations`). How far two fitted rivals are expected to be apart
+follows without any simulation. For effects of a camera the experiments are measured anew with the
 claimed camera: one that looks down hardly sees a wall.
 """
 
@@ -26,8 +27,9 @@ class Separations:
     """Separations that one experiment shows."""
 
     visible: dict[str, tuple[float, float]]
-    """Size of an effect in its first parameter, as deviation from null, or 0 where that is infinite; and the norm of
-    what this size changes in the whitened residuals, nuisances projected out."""
+    """Size of an effect in its first parameter, as deviation from null, or 0 where that is
+    infinite; and the norm of what this size changes in the whitened residuals, nuisances projected
+    out."""
     cosine: list[list[float]]
     """Cosines of what effects do, in their order."""
 
@@ -57,8 +59,8 @@ def next_experiment(
 ) -> NextExperiment | None:
     """The experiment that tells the effects of the first set apart; None where there is no set, or none does.
 
-    `rivals` are fitted values, `rigs` what the logs claim (`meta.json`). A robot that was held is held again, as
-    nothing shows its joints better; one that stood may be hung up.
+    `rivals` are fitted values, `rigs` what the logs claim (`meta.json`). A robot that was held is
+    held again, as nothing shows its joints better; one that stood may be hung up.
     """
     if not sets:
         return None
@@ -67,7 +69,8 @@ def next_experiment(
     table = _table(robot, sets[0], rigs)
 
     def worth(name: str) -> float:
-        # what the simulator does not know grows with the signal: of two equal leads the one on less signal is safer
+        # what the simulator does not know grows with the signal: of two equal leads the one on less
+        # signal is safer
         return min(table[name].nats(*pair, sizes) * (1.0 - table[name].alike(*pair) ** 2) for pair in pairs)
 
     best = max(table, key=worth, default="")

@@ -1,6 +1,7 @@
 """Runs an experiment on a robot through joint commands, and writes down what a robot would log.
 
-The robot is the simulated one with the effects of a profile; its sensors have noise of the usual size.
+The robot is the simulated one with the effects of a profile; its sensors have noise of the usual
+size.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -111,8 +112,8 @@ CARRIED_S = 1.0  # time on the log's clock that passes while somebody puts the r
 TIME_DIGITS = 6  # of a clock that counts microseconds
 BASE_EVERY = 2  # motion capture at 250 Hz, every second tick
 AHEAD_M = 0.6
-"""Where the first edge lies at the start: a camera on a trunk, 30 degrees nose down, sees the ground from 0.5 to 2 m
-before the base."""
+"""Where the first edge lies at the start: a camera on a trunk, 30 degrees nose down, sees the
+ground from 0.5 to 2 m before the base."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -146,8 +147,9 @@ def run(
 ) -> RunLog:
     """Runs an experiment on a simulated robot; returns what it logged.
 
-    The log claims none of the profile's effects but the camera's latency, and of the camera what `camera` says, by
-    default that of the robot. `progress` is called with the share of the motion that is done.
+    The log claims none of the profile's effects but the camera's latency, and of the camera what
+    `camera` says, by default that of the robot. `progress` is called with the share of the motion
+    that is done.
 
     Raises:
         UnsafeMotionError: the motion would leave the experiment's limits, or the robot has left them.

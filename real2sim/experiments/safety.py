@@ -11,8 +11,8 @@ from saltus.robots.robot import JOINTS, Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 
 RUNAWAY = 1.5
-"""Share of a joint's published speed limit at which a robot is stopped: a drive that works cannot exceed its limit by
-that much, one whose sign or gains are wrong does."""
+"""Share of a joint's published speed limit at which a robot is stopped: a drive that works cannot
+exceed its limit by that much, one whose sign or gains are wrong does."""
 
 
 class UnsafeMotionError(SaltusError):
@@ -24,7 +24,8 @@ class Limits:
     """Limits of an experiment for a robot."""
 
     margin_rad: float = 0.05
-    """Kept from the ends of every joint's range: 3 degrees, as the original keeps for swing legs."""
+    """Kept from the ends of every joint's range: 3 degrees, as the original keeps for swing
+    legs."""
     speed_share: float = 1.0
     """Share of the published speed limits of the joints."""
     torque_share: float = 1.0

@@ -1,8 +1,9 @@
 """Measures what each experiment of the menu shows of each effect, and how alike effects look there.
 
-Each experiment is run once on a robot without effects, and every effect is added to the simulator in an amount that
-matters, at all of its places at once. Not in a small one: in the limit a filter and a delay are the same. What was so
-measured on the reference robot stands in `separations.json`, which `tools/separations.py` writes.
+Each experiment is run once on a robot without effects, and every effect is added to the simulator
+in an amount that matters, at all of its places at once. Not in a small one: in the limit a filter
+and a delay are the same. What was so measured on the reference robot stands in `separations.json`,
+which `tools/separations.py` writes.
 """
 
 from typing import Any
@@ -20,7 +21,8 @@ from saltus.robots.robot import Robot
 
 SEED = 20
 STEADY = SensorNoise(base_position_m=1e-6, base_orientation_rad=1e-6)
-"""The noise of the base's pose moves when a latency is added: it would look like a motion that shows one."""
+"""The noise of the base's pose moves when a latency is added: it would look like a motion that
+shows one."""
 DIGITS = 4
 ADDED_SCALES = 10.0
 """Added amount in scales of the unknown: 10 ms of a delay."""
@@ -48,7 +50,8 @@ def measure(experiment: Experiment, robot: Robot, camera: FootageCamera | None =
     visible = {
         name: [_short(signatures[name][0]), _short(float(np.linalg.norm(signatures[name][1])))] for name in names
     }
-    # sensors see different things: two effects that no sensor sees both of cannot be taken for each other
+    # sensors see different things: two effects that no sensor sees both of cannot be taken for each
+    # other
     return {"visible": visible, "cosine": [[_short(cosine.get((a, b), 0.0)) for b in names] for a in names]}
 
 

@@ -106,7 +106,8 @@ def state_times(q: Floats, dq: Floats, row_s: float, state_s: float) -> Floats:
     rate = 0.5 * (dq[1:] + dq[:-1]) / rate_scale(q, dq, row_s)
     weight = np.sum(rate**2, axis=1)
     passed = np.sum(np.diff(q, axis=0) * rate, axis=1) / np.maximum(weight, 1e-12)
-    # the noise of the passed time falls with speed; its level is the distance to the nearest states at high speeds
+    # the noise of the passed time falls with speed; its level is the distance to the nearest states
+    # at high speeds
     fast = weight > np.median(weight)
     off = passed - state_s * np.rint(passed / state_s)
     level = float(np.median(off[fast] ** 2 * weight[fast]) / 0.455)  # median of a squared standard normal variable

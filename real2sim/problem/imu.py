@@ -1,8 +1,8 @@
 """The IMU problem: what an IMU reports against the motion of its base.
 
-Two signals. The tilt that the IMU reports against the measured one shows how it is mounted, and how late it is. Its
-rates, integrated over a second, against how far the base turned show drift and lateness without differentiating noise.
-The heading of an IMU is its own and says nothing.
+Two signals. The tilt that the IMU reports against the measured one shows how it is mounted, and how
+late it is. Its rates, integrated over a second, against how far the base turned show drift and
+lateness without differentiating noise. The heading of an IMU is its own and says nothing.
 """
 
 from collections.abc import Sequence
@@ -42,8 +42,8 @@ LONGEST_DELAY_S = ImuLatency.sought("delay")[1]
 GAP_S = 0.05
 """Windows in which the base is not measured for so long are left out."""
 REST_RATIO = 1.3
-"""A held base that swings is left out: its gyroscope is this much louder than in its quietest second, where noise
-alone varies by a few per cent."""
+"""A held base that swings is left out: its gyroscope is this much louder than in its quietest
+second, where noise alone varies by a few per cent."""
 JUMP = 4.0
 """Times the noise of the mismatch of rates and turning: a foot landed between two samples."""
 SHORTEST_S = 1e-6
@@ -126,8 +126,8 @@ def cut_windows(log: RunLog, segments: Sequence[Segment]) -> ImuWindows:
 def _mismatch(time_s: Floats, gyro: Floats, base: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
     """Rates from sample to sample less those of the base, in two parts [rad/s], shape (n - 1, 3) each.
 
-    The first is noise and bias. The second is what was missed where a foot landed between two samples, of which the log
-    does not say when.
+    The first is noise and bias. The second is what was missed where a foot landed between two
+    samples, of which the log does not say when.
     """
     turned = rotations.unit(sampled(time_s, *base))
     moves = rotations.to_vector(quaternion_product(quaternion_inverse(turned[:-1]), turned[1:]))
@@ -166,7 +166,8 @@ START_RAD = 0.1
 """Where a window starts is not known to the integral of rates: it starts free."""
 SMALLEST_RAD = 1e-5
 SAMPLING_S = 0.0015
-"""Half a step of a simulation at 500 Hz, and some: how far rates and orientation of one row may be apart."""
+"""Half a step of a simulation at 500 Hz, and some: how far rates and orientation of one row may be
+apart."""
 TYPICAL = {"imu_latency.delay": 0.005, "imu_bias.gyro_x": 0.02, "imu_bias.roll": 0.02}
 """Usual sizes: 2 to 15 ms, 0.01 to 0.05 rad/s, 0.5 to 2 degrees."""
 
@@ -246,8 +247,9 @@ class ImuProblem(Problem):
     def _roots(self) -> tuple[Floats, Floats]:
         """Roots that make windows white: tilt and turn about roll and pitch, and turn about yaw alone.
 
-        Inverse Cholesky factors of their covariance, shapes (w, 2, 2 BLOCKS, 2 BLOCKS) and (w, BLOCKS, BLOCKS). Both
-        signals have the noise of the base in common. The integral of the rates has that of a random walk.
+        Inverse Cholesky factors of their covariance, shapes (w, 2, 2 BLOCKS, 2 BLOCKS) and (w,
+        BLOCKS, BLOCKS). Both signals have the noise of the base in common. The integral of the
+        rates has that of a random walk.
         """
         imu, gyro, base = self._windows.noise
         block_s = BLOCK_STEPS * STEP_S

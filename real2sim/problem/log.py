@@ -30,7 +30,8 @@ SHARED_CLAIMS = (
     "robot", "base", "joints", "kp", "kd", "control_dt", "terrain", "ground", "payload_kg", "payload_position",
     "motor_strength", "camera",
 )  # fmt: skip
-"""Claims that must be equal for runs to be read as one, because the simulator is built from them."""
+"""Claims that must be equal for runs to be read as one, because the simulator is built from
+them."""
 TABLES = ("joints", "imu", "base", "feet", "depth")
 CLOCKS = ("time_s", "arrival_s", "capture_s")
 """Times that tables have."""
@@ -67,7 +68,8 @@ def in_sequence(logs: Sequence[RunLog], names: Sequence[str]) -> RunLog:
 def segments_of(log: RunLog) -> tuple[Segment, ...]:
     """Segments of a log: those that it names, else motions separated by rests, else blocks of equal length.
 
-    Named segments are clipped to the time that the log covers. Unnamed ones with equal commands are repeats.
+    Named segments are clipped to the time that the log covers. Unnamed ones with equal commands are
+    repeats.
     """
     start, end = float(np.nanmin(log.joints.time_s)), float(np.nanmax(log.joints.time_s))
     named = [
@@ -206,7 +208,8 @@ def _cut(joints: JointTable) -> tuple[Segment, ...]:
     first_rows = np.array([rows[0] if len(rows) else np.full(rows.shape[1], np.nan) for rows in stretches])
     cut: list[Segment] = []
     for i, (start, end) in enumerate(edges):
-        # Repeats differ by no more than this in any one value, by which thousands of motions are told apart at once.
+        # Repeats differ by no more than this in any one value, by which thousands of motions are
+        # told apart at once.
         most = SAME_COMMAND * np.sqrt(stretches[i].size)
         near = np.flatnonzero(np.abs(first_rows[:i, 0] - first_rows[i, 0]) < most)
         near = near[np.all(np.abs(first_rows[near] - first_rows[i]) < most, axis=1)]

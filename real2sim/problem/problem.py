@@ -1,8 +1,9 @@
 """A problem: residuals in units of noise as a function of unknowns, each of which is 0 where its effect is absent.
 
-A problem belongs to one kind of sensor: joints, camera, body or IMU. It replays a run log in the simulator with effects
-added and returns measured minus simulated, whitened: if the model is right, the residuals are white noise of unit
-variance. The search (`saltus.real2sim.search.search`) knows nothing of robots, and problems know nothing of statistics.
+A problem belongs to one kind of sensor: joints, camera, body or IMU. It replays a run log in the
+simulator with effects added and returns measured minus simulated, whitened: if the model is right,
+the residuals are white noise of unit variance. The search (`saltus.real2sim.search.search`) knows
+nothing of robots, and problems know nothing of statistics.
 """
 
 from abc import ABC, abstractmethod
@@ -16,10 +17,12 @@ from saltus.arrays import Floats, Indices
 from saltus.effects.profile import EFFECTS, Profile
 
 LARGEST_RESIDUAL = 100.0
-"""Residuals are clipped to +- this value: a diverged simulation says no more than one that is far off."""
+"""Residuals are clipped to +- this value: a diverged simulation says no more than one that is far
+off."""
 LEAST_SIGMA = 6.0
-"""Norm of the whitened change by an effect of usual size below which nobody could name it: its estimate would have a
-standard error of a sixth of it, and a search over a dozen effects asks for four."""
+"""Norm of the whitened change by an effect of usual size below which nobody could name it: its
+estimate would have a standard error of a sixth of it, and a search over a dozen effects asks for
+four."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,12 +43,15 @@ class Unknown:
     low: float
     high: float
     scale: float
-    """A small change that matters, e.g. 1 ms of a delay. Finite differences step by a fraction of it."""
+    """A small change that matters, e.g. 1 ms of a delay. Finite differences step by a fraction of
+    it."""
     _: KW_ONLY
     is_shape: bool = False
-    """A shape matters only where another unknown of its candidate is not 0, e.g. the knee of a saturation."""
+    """A shape matters only where another unknown of its candidate is not 0, e.g. the knee of a
+    saturation."""
     stated: float | None = None
-    """The only value other than 0 that a verdict can state; the values between help fits to get there."""
+    """The only value other than 0 that a verdict can state; the values between help fits to get
+    there."""
     is_choice: bool = False
     """True where only 0 and 1 are values: the better of the starts is taken, and nothing between is
     fitted."""
@@ -86,21 +92,23 @@ class Candidate:
     """True where it is fitted with every model, also the empty one, and never reported, e.g. the
     rate of the drive's loop."""
     model_error: float = 0.02
-    """Standard error from differences between two correct models of the effect, e.g. a smooth and a sharp friction law;
-    a share of the parameter or of its distance from the null value."""
+    """Standard error from differences between two correct models of the effect, e.g. a smooth and a
+    sharp friction law; a share of the parameter or of its distance from the null value."""
     resolution: float = 0.0
-    """The same for the first parameter, in its unit and however small the effect is: by how much two correct
-    simulations without effects differ."""
+    """The same for the first parameter, in its unit and however small the effect is: by how much
+    two correct simulations without effects differ."""
     closable_share: float = 1.0
-    """Share of its gap that a correct model closes; below 1 where chance decides, as when a drive hunts."""
+    """Share of its gap that a correct model closes; below 1 where chance decides, as when a drive
+    hunts."""
     least_closed: float = 0.0
-    """Smallest part of `closable_share` that it closes where it alone is hidden; what it closes less
-    of, and leaves a gap, is none of it."""
+    """Smallest part of `closable_share` that it closes where it alone is hidden; what it closes
+    less of, and leaves a gap, is none of it."""
     coordinates: Coordinates | None = None
-    """None where the unknowns that are not `stated` are the parameters of the same names, less their null values
-    (shapes: as they are)."""
+    """None where the unknowns that are not `stated` are the parameters of the same names, less
+    their null values (shapes: as they are)."""
     base: tuple[tuple[float, ...], ...] = ()
-    """For each block, what the unknowns count from: those of a profile that the simulator has; empty where it is 0."""
+    """For each block, what the unknowns count from: those of a profile that the simulator has;
+    empty where it is 0."""
 
     def __post_init__(self) -> None:
         if not self.starts:
@@ -223,27 +231,30 @@ class Problem(ABC):
     time_s: Floats
     untestable: dict[str, str]
     samples_per_residual: float = 1.0
-    """Samples of the log that a residual averages. An effect stands out by the square root of it more than in one
-    sample."""
+    """Samples of the log that a residual averages. An effect stands out by the square root of it
+    more than in one sample."""
     simulator_disagreement: float = 1.0
-    """By how much two correct simulations of one effect differ, relative to simulations of drives and contacts."""
+    """By how much two correct simulations of one effect differ, relative to simulations of drives
+    and contacts."""
 
     held: tuple[str, ...] = ()
     """Effects that its simulator can have as a profile says them, beside fitted ones."""
 
     collinear: float = 0.95
-    """Cosine from which two effects form a set although one of them explains more (schema of run logs)."""
+    """Cosine from which two effects form a set although one of them explains more (schema of run
+    logs)."""
 
     likely: Floats | None = None
-    """Unknowns near which the problem itself sees that the truth lies, shape (unknowns,); nuisances do not count. None
-    where slopes at the absence of all effects lead there."""
+    """Unknowns near which the problem itself sees that the truth lies, shape (unknowns,); nuisances
+    do not count. None where slopes at the absence of all effects lead there."""
 
     @abstractmethod
     def residuals(self, unknowns: Floats) -> Floats:
         """Whitened residuals, measured minus simulated, for several sets of unknowns at once.
 
-        Unknowns of all candidates have the shape (n, blocks, unknowns), residuals (n, blocks, m). They are finite: 0
-        for missing samples, clipped to +-`LARGEST_RESIDUAL` where a simulation diverges.
+        Unknowns of all candidates have the shape (n, blocks, unknowns), residuals (n, blocks, m).
+        They are finite: 0 for missing samples, clipped to +-`LARGEST_RESIDUAL` where a simulation
+        diverges.
         """
 
     def drivers(self) -> tuple[Driver, ...]:

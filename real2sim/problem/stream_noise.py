@@ -9,17 +9,19 @@ from scipy.stats import norm
 from saltus.arrays import Floats
 
 MEAN_S = 0.02
-"""Noise is estimated from means over this time, because residuals are made of such means. Cables and belts ring and
-sensors have filters, so rows say little above 25 Hz about what remains in means."""
+"""Noise is estimated from means over this time, because residuals are made of such means. Cables
+and belts ring and sensors have filters, so rows say little above 25 Hz about what remains in
+means."""
 HIGH_PASS_MEANS, HIGH_PASS_ORDER = 9, 5
-"""Noise is what a quintic through 9 means, 0.18 s, does not follow: frequencies above about 12 Hz."""
+"""Noise is what a quintic through 9 means, 0.18 s, does not follow: frequencies above about 12
+Hz."""
 STRETCH_MEANS = 40
 QUIET_SHARE, QUIET_RATIO = 0.2, 1.3
-"""Only stretches with at most `QUIET_RATIO` times the power at the rank `QUIET_SHARE` count: this leaves out impacts
-and keeps all stretches of pure noise."""
+"""Only stretches with at most `QUIET_RATIO` times the power at the rank `QUIET_SHARE` count: this
+leaves out impacts and keeps all stretches of pure noise."""
 CORRELATION_RANGE = (-0.4, 0.4)
-"""Range of the correlation from mean to mean: a corner frequency of 7 Hz to ringing just above 25 Hz. Slower noise
-cannot be told from motion."""
+"""Range of the correlation from mean to mean: a corner frequency of 7 Hz to ringing just above 25
+Hz. Slower noise cannot be told from motion."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,8 +1,9 @@
 """Where the gap between simulation and measurement lies: by signal, joint and regime, in words.
 
-This is independent of every fit. Residuals are related to their drivers (torque, speed, acceleration, reversals,
-posture, time, contact), and the driver that explains most of their power is named, e.g. "calf joints: q is off by 4.1
-sigma where |tau| is above 15 Nm, by 1.1 elsewhere". A statement must hold in most parts of the log, not in one of them.
+This is independent of every fit. Residuals are related to their drivers (torque, speed,
+acceleration, reversals, posture, time, contact), and the driver that explains most of their power
+is named, e.g. "calf joints: q is off by 4.1 sigma where |tau| is above 15 Nm, by 1.1 elsewhere". A
+statement must hold in most parts of the log, not in one of them.
 """
 
 from collections.abc import Sequence
@@ -44,7 +45,8 @@ class Statement:
     places: tuple[str, ...]
     driver: str
     share: float
-    """Share of the residual's power that it explains, or that lies in the regime beyond the level elsewhere."""
+    """Share of the residual's power that it explains, or that lies in the regime beyond the level
+    elsewhere."""
     t_statistic: float
     """Size of the effect in jackknife standard errors."""
     text: str
@@ -69,8 +71,8 @@ class _Clue:
 def localise(channels: Sequence[Channel]) -> tuple[Statement, ...]:
     """Statements on where the gap lies, those first that explain most power.
 
-    Each channel gives at most one statement on proportionality and one on a regime. Equal statements on channels of one
-    signal are joined.
+    Each channel gives at most one statement on proportionality and one on a regime. Equal
+    statements on channels of one signal are joined.
     """
     clues = [clue for channel in channels for clue in _clues(channel)]
     groups: dict[tuple[str, str, str], list[_Clue]] = {}

@@ -1,7 +1,7 @@
 """`report.html`: what was found, the evidence for it, and what these data cannot show.
 
-It opens without a network. Residuals are in units of noise (sigma) and from test segments, unless the page says
-otherwise.
+It opens without a network. Residuals are in units of noise (sigma) and from test segments, unless
+the page says otherwise.
 """
 
 import json

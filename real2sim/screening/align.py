@@ -1,8 +1,9 @@
 """Offsets and drifts between the clocks of the streams of a run log, with intervals.
 
-If two streams show the same motion, one of them is fitted to the other by its time alone. Between two sensors, the
-offset of their clocks and a latency are the same number; only an event with time stamps of both clocks could separate
-them. Columns of one table have one clock, and their offset is a true delay.
+If two streams show the same motion, one of them is fitted to the other by its time alone. Between
+two sensors, the offset of their clocks and a latency are the same number; only an event with time
+stamps of both clocks could separate them. Columns of one table have one clock, and their offset is
+a true delay.
 """
 
 from dataclasses import dataclass, replace
@@ -94,7 +95,8 @@ class MotionSamples:
 def fit_offset(stream: MotionSamples, reference: MotionSamples, *, is_relative: bool) -> ClockOffset | None:
     """Offset of a stream from a reference with the same motion; None if the motions differ.
 
-    Each channel may have its own scale and mean. The interval comes from the disagreement of blocks of the log.
+    Each channel may have its own scale and mean. The interval comes from the disagreement of blocks
+    of the log.
     """
     stream, reference = _smooth(stream), _smooth(reference)
     low, high = SEARCH_S
@@ -131,7 +133,8 @@ def fit_offset(stream: MotionSamples, reference: MotionSamples, *, is_relative: 
 def _smooth(motion: MotionSamples) -> MotionSamples:
     """The same motion without fast noise.
 
-    A line between noisy samples is less noisy than the samples, which would draw an offset to halfway between them.
+    A line between noisy samples is less noisy than the samples, which would draw an offset to
+    halfway between them.
     """
     half = round(SMOOTH_S / float(np.median(np.diff(motion.time_s)))) if len(motion.time_s) > 1 else 0
     return replace(motion, values=uniform_filter1d(motion.values, 2 * half + 1, axis=0))

@@ -47,7 +47,8 @@ def angle_faults(log: RunLog, q: Floats, q_des: Floats) -> Iterator[Fault]:
         q_des: That of their commands.
     """
     factors = {joint: each for joint in range(q.shape[1]) if is_off(each := _factor(q[:, joint], q_des[:, joint]))}
-    # hips that hardly move may sag by as much as they are told; what is off by a unit is so for more than one joint
+    # hips that hardly move may sag by as much as they are told; what is off by a unit is so for
+    # more than one joint
     moved = [j for j in factors if np.ptp(q_des[:, j]) > MOVES]
     if not moved and len(factors) < 3:
         return
@@ -168,7 +169,8 @@ def rate_slopes(
 ) -> NDArray[np.float64] | None:
     """Slopes of dq over the rate of q, shape (joints,), NaN at rest; None of a log too short.
 
-    A rate of this RMS [rad/s] is compared, of the second already where dq shows the very motion of q.
+    A rate of this RMS [rad/s] is compared, of the second already where dq shows the very motion of
+    q.
     """
     width = max(1, round(RATE_S / float(np.median(np.diff(time_s)))))
     if len(time_s) < 4 * width:

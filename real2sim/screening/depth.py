@@ -13,8 +13,8 @@ FRAMES = 12  # images that are compared, spread over the log
 PIXELS = 400  # smallest number of valid pixels in them
 UNIT_OFF = 1.7  # times the expected depth; a scale off by 5 %, a bias of 5 cm or a clipped range stay below 1.2
 STEPS_M = (1e-6, 1e-5, 1e-4, 1.25e-4, 2e-4, 2.5e-4, 5e-4, 1e-2, 0.0254, 1.0)
-"""Steps of depth images that are in use [m] beside 0.001: micrometres, 0.01, 0.1 (D405), 0.125, 0.2 (TUM's files), 0.25
-(L515) and 0.5 mm, cm, inches, metres."""
+"""Steps of depth images that are in use [m] beside 0.001: micrometres, 0.01, 0.1 (D405), 0.125, 0.2
+(TUM's files), 0.25 (L515) and 0.5 mm, cm, inches, metres."""
 NEAR_STEP = 0.2  # share by which the measured step may differ: errors of depth and of the claimed mount
 COARSE_M = 0.5  # steps that are as far as what legs stand on
 FULL = 65534  # largest distance of 16 bits: larger ones are cut to it

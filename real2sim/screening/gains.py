@@ -1,8 +1,9 @@
 """Compares the gains that a log claims with those that the drives' own torque shows.
 
-`tau_est` of each joint is regressed on what its PD law sees: position error, velocity error and feed-forward torque.
-The command packet may be late, so the regression is repeated for several delays and the best one counts. Where gains
-come with each command, errors count by their share of the largest one.
+`tau_est` of each joint is regressed on what its PD law sees: position error, velocity error and
+feed-forward torque. The command packet may be late, so the regression is repeated for several
+delays and the best one counts. Where gains come with each command, errors count by their share of
+the largest one.
 """
 
 from collections.abc import Iterator
@@ -20,64 +21,73 @@ from saltus.real2sim.screening.scales import Fault, gears_of, unit_fault
 from saltus.recordings.run_log import JointTable, RunLog
 
 DELAYS_S = np.linspace(0.0, 0.04, 41)
-"""Delays of the command packet that are tried [s]: each row of a 500 Hz log and halfway between two, beyond the 25 ms
-that published methods look for."""
+"""Delays of the command packet that are tried [s]: each row of a 500 Hz log and halfway between
+two, beyond the 25 ms that published methods look for."""
 STEP_PARTS_S = (0.0005, 0.0015)
-"""Times within a drive's step of 2 ms at which its command is looked up: a packet that arrives halfway counts for half
-of the step."""
+"""Times within a drive's step of 2 ms at which its command is looked up: a packet that arrives
+halfway counts for half of the step."""
 FEEDFORWARD_DELAYS_S = (0.0, 0.002, 0.005, 0.01, 0.015, 0.02, 0.025)
-"""Delays of the feed-forward torque behind the packet [s]. All of them are columns of one regression."""
+"""Delays of the feed-forward torque behind the packet [s]. All of them are columns of one
+regression."""
 ROWS = 3000
-"""Rows that are used. With torque noise of 0.5 Nm and errors of 0.01 rad the standard error of kp is then
-0.5 / (0.01 sqrt(3000)) = 0.9 Nm/rad, 3 % of a kp of 30."""
+"""Rows that are used. With torque noise of 0.5 Nm and errors of 0.01 rad the standard error of kp
+is then 0.5 / (0.01 sqrt(3000)) = 0.9 Nm/rad, 3 % of a kp of 30."""
 SINGULAR = 1e-10
 """Share of the largest singular value below which a column only repeats others."""
 
 LEAST_ERROR_RAD = 0.01
-"""RMS of the position error from which kp can be read. Noise n of a column with RMS s makes its coefficient too small
-by (n / s)^2: encoder noise of 2 mrad costs 4 %, a third of `KP_TOLERANCE`."""
+"""RMS of the position error from which kp can be read. Noise n of a column with RMS s makes its
+coefficient too small by (n / s)^2: encoder noise of 2 mrad costs 4 %, a third of `KP_TOLERANCE`."""
 LEAST_RATE_RAD_S = 0.3
-"""RMS of the velocity error from which kd can be read: noise of 0.05 rad/s costs 3 % by the same rule."""
+"""RMS of the velocity error from which kd can be read: noise of 0.05 rad/s costs 3 % by the same
+rule."""
 LEAST_TORQUE_NM = 1.0
-"""RMS of a torque from which it can be judged: twice the largest noise of a drive's torque, 0.5 Nm."""
+"""RMS of a torque from which it can be judged: twice the largest noise of a drive's torque, 0.5
+Nm."""
 LEAST_FEEDFORWARD = 0.2
 """Feed-forward torque as a share of the torque, RMS both, from which its weight is read."""
 LEAST_TORQUE_TO_RESIDUAL = 3.0
-"""Ratio of torque to residual below which a false delay may explain as much as the true one. In a quiet chirp of held
-calves, with a ratio of 2.2, commands 37 ms late and a negative kp explained more of the torque than the truth."""
+"""Ratio of torque to residual below which a false delay may explain as much as the true one. In a
+quiet chirp of held calves, with a ratio of 2.2, commands 37 ms late and a negative kp explained
+more of the torque than the truth."""
 
 KP_TOLERANCE = 0.12
-"""Share by which kp may differ from the claim. Healthy logs with strong effects stay within 0.03 (17 logs, of
-experiments and of the benchmark)."""
+"""Share by which kp may differ from the claim. Healthy logs with strong effects stay within 0.03
+(17 logs, of experiments and of the benchmark)."""
 RATE_TOLERANCE = 0.15
-"""Share by which dq must differ from the rate of q, and kp may differ from that, so that angles are told."""
+"""Share by which dq must differ from the rate of q, and kp may differ from that, so that angles are
+told."""
 KD_TOLERANCE = 0.2
 """The same for kd; the same logs stay within 0.05."""
 LEAST_KD = 0.3
-"""Smaller claims are judged like this one [Nm s/rad]: the tolerance is then 0.06, which at a kp of 30 is the damping
-that a delay of one row of 2 ms takes away."""
+"""Smaller claims are judged like this one [Nm s/rad]: the tolerance is then 0.06, which at a kp of
+30 is the damping that a delay of one row of 2 ms takes away."""
 STANDARD_ERRORS = 10.0
 """Standard errors of white noise that are added to the tolerances. Drive noise lasts for several
 samples: kp of the same logs is off by up to 3.3 of them."""
 
 LARGEST_RESIDUAL_NM = 0.5
-"""RMS of the residual from which the drive follows another encoder than the logged one: the largest torque noise."""
+"""RMS of the residual from which the drive follows another encoder than the logged one: the largest
+torque noise."""
 LARGEST_RESIDUAL_SHARE = 0.1
 """The same as a share of the torque's RMS, for strong motions; the larger of the two counts."""
 HALF_BACKLASH_RAD = 0.009
 """Half of one degree: the PD law sees the motor's side of a backlash, the log the joint's side."""
 SIGN_TORQUE_NM = 0.5
-"""Torque beyond which its sign is not noise. The sign says on which side of the backlash the motor pushes."""
+"""Torque beyond which its sign is not noise. The sign says on which side of the backlash the motor
+pushes."""
 LEAST_EXPLAINED = 0.4
-"""Share of the torque's variance below which the columns belong to different joints. In the joint tour the columns of
-another joint explain 0.23 to 0.28 of a torque, a joint's own at least 0.88."""
+"""Share of the torque's variance below which the columns belong to different joints. In the joint
+tour the columns of another joint explain 0.23 to 0.28 of a torque, a joint's own at least 0.88."""
 FOLLOWED_FEEDFORWARD = 0.88
-"""Weight of the feed-forward torque below which gains cannot be read, where the fit explains less than `EXPLAINED` as
-well. A drive adds this torque whatever it measures; in healthy logs its weight is 0.98 or more. Wide backlash takes the
-same share from it and from the gains (0.70 to 0.77 where kp lost 0.17 to 0.25); wrong gains take nothing from it."""
+"""Weight of the feed-forward torque below which gains cannot be read, where the fit explains less
+than `EXPLAINED` as well. A drive adds this torque whatever it measures; in healthy logs its weight
+is 0.98 or more. Wide backlash takes the same share from it and from the gains (0.70 to 0.77 where
+kp lost 0.17 to 0.25); wrong gains take nothing from it."""
 EXPLAINED = 0.9
-"""Share of the torque's variance that gains and feed-forward explain in healthy logs (0.95 or more). Beside wide
-backlash it was 0.76 to 0.84. A torque in another unit is explained as well as ever."""
+"""Share of the torque's variance that gains and feed-forward explain in healthy logs (0.95 or
+more). Beside wide backlash it was 0.76 to 0.84. A torque in another unit is explained as well as
+ever."""
 
 
 def gain_faults(log: RunLog) -> Iterator[Fault]:
@@ -212,8 +222,8 @@ class _Regression:
 def _keep_best(drives: list[_Regression], columns: Floats, torques: Floats) -> None:
     """Takes the regressions that explain more than those of other delays.
 
-    All joints at once: most of the time of small matrices is that of a call. Columns have the shape (joints, columns,
-    rows), torques (joints, rows).
+    All joints at once: most of the time of small matrices is that of a call. Columns have the shape
+    (joints, columns, rows), torques (joints, rows).
     """
     squares = columns @ columns.mT
     inverse = np.asarray(np.linalg.pinv(squares, rcond=SINGULAR, hermitian=True), dtype=np.float64)

@@ -1,7 +1,8 @@
 """Compares the mean torque of each joint with the weight that it holds, which tells left from right.
 
-Over a motion that returns to its start, accelerations and friction average out, and the drive holds the weight of the
-limb. If the torque is opposite to the weight, the joint's columns have the wrong sign or belong to another leg.
+Over a motion that returns to its start, accelerations and friction average out, and the drive holds
+the weight of the limb. If the torque is opposite to the weight, the joint's columns have the wrong
+sign or belong to another leg.
 """
 
 from collections.abc import Iterator

@@ -125,7 +125,8 @@ def _gravity(imu: Table) -> Iterator[Fault]:
             text = f"{told} and points along {up} in the world, not up: {why}wrong axes or quaternion order"
             yield Fault(name="imu_axes", text=text)
         return
-    # if gravity was taken out, the mean is noise in every unit, and the other columns are still useful
+    # if gravity was taken out, the mean is noise in every unit, and the other columns are still
+    # useful
     spread = float(np.std(acceleration, axis=0).max())
     is_twice = bool(unit_of("acc", 1.0 / max(abs(factor), 1e-9))) and size > spread
     is_unit = bool(unit_of("acc", abs(factor))) or abs(factor) > HEAVY or is_twice

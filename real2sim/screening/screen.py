@@ -1,8 +1,9 @@
 """Finds faults of a run log before anything is fitted to it.
 
-A damaged log looks like effects: columns in degrees, swapped joints, or gains other than the claimed ones. Every check
-compares the log with itself or with simple geometry, so that strong effects of the library (delays to 25 ms, gains off
-by 20 %, friction, 0.1 rad of bias) do not trigger it.
+A damaged log looks like effects: columns in degrees, swapped joints, or gains other than the
+claimed ones. Every check compares the log with itself or with simple geometry, so that strong
+effects of the library (delays to 25 ms, gains off by 20 %, friction, 0.1 rad of bias) do not
+trigger it.
 
 A recording may end at any moment, also in the middle of a step, where a joint that lags behind
 looks like one that moves the other way. So what is read off a motion is believed only of a log that

@@ -28,8 +28,9 @@ LASTING, UNEVEN = 0.4, 3.0
 up to this part of the least power that counts as a gap, and in one segment up to so many times as
 much as in most."""
 WORSE = 1.5
-"""Ratio of a signal's gap after to before from which a model does not explain the log, whatever it does for others: a
-dead zone of a drive looks like play in angles, but not in velocities. True effects leave no signal worse by a tenth."""
+"""Ratio of a signal's gap after to before from which a model does not explain the log, whatever it
+does for others: a dead zone of a drive looks like play in angles, but not in velocities. True
+effects leave no signal worse by a tenth."""
 RANKED = 12
 """Number of models in the report."""
 
@@ -43,7 +44,8 @@ def findings(
 ) -> Findings:
     """Findings from all fitted models, by model, with () for the one without effects.
 
-    `library` is the quadratic with the unknowns of all effects around a fit; `evaluate` simulates the stated values.
+    `library` is the quadratic with the unknowns of all effects around a fit; `evaluate` simulates
+    the stated values.
     """
     scored = [comparison.score(each) for each in fits.values()]
     best = min(scored, key=lambda each: each.total).fit  # its residuals are closest to noise
@@ -234,8 +236,8 @@ def _minimum_detectable(
 ) -> dict[str, Estimate]:
     """Smallest size of each effect that would be found, at the place that shows it best.
 
-    Its gain must reach `decide.GAIN_NATS` with nuisances projected out, by the quadratic around the model without
-    effects, and its RMS must reach `comparison.size` on average over a segment.
+    Its gain must reach `decide.GAIN_NATS` with nuisances projected out, by the quadratic around the
+    model without effects, and its RMS must reach `comparison.size` on average over a segment.
     """
     layout = comparison.layout
     nuisances = np.flatnonzero(around.where(layout.nuisances))

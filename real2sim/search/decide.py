@@ -13,34 +13,36 @@ from saltus.real2sim.search.quadratic import downside, held_out_gains
 from saltus.real2sim.search.split import TEST, Cells, Split
 
 GAIN_NATS = 10.0
-"""Smallest held-out gain of an effect [nats], after division by the dispersion. Without the effect, twice the gain of k
-unknowns follows about a chi-squared distribution with k degrees of freedom, minus the loss of fitting on other data.
-With 40 effects of 12 unknowns, 10 nats keep the false-alarm rate of the whole search below 1 %."""
+"""Smallest held-out gain of an effect [nats], after division by the dispersion. Without the effect,
+twice the gain of k unknowns follows about a chi-squared distribution with k degrees of freedom,
+minus the loss of fitting on other data. With 40 effects of 12 unknowns, 10 nats keep the
+false-alarm rate of the whole search below 1 %."""
 SPREAD = 3.0
 """Smallest gain, or lead over a rival, in standard deviations."""
 SIZE_RMS = 0.45
-"""Smallest RMS of an effect in the segment and signal that show it best [sigma of one sample]. Two correct simulations
-of one robot differed by 0.15 to 0.4 because of their integrators and time steps; statistics alone would call that an
-effect."""
+"""Smallest RMS of an effect in the segment and signal that show it best [sigma of one sample]. Two
+correct simulations of one robot differed by 0.15 to 0.4 because of their integrators and time
+steps; statistics alone would call that an effect."""
 TOGETHER = 2.0
-"""Effects that are named together must be larger by this factor: pairs of weak effects imitate what no library
-holds."""
+"""Effects that are named together must be larger by this factor: pairs of weak effects imitate what
+no library holds."""
 BESIDE = 1.1
-"""This factor is enough for one of them if the others reach `TOGETHER` and it closes `CLEAR_SHARE` of what the model
-without it leaves: weak effects that imitate something need each other."""
+"""This factor is enough for one of them if the others reach `TOGETHER` and it closes `CLEAR_SHARE`
+of what the model without it leaves: weak effects that imitate something need each other."""
 CLEAR_SHARE = 0.7
 REMAINDER_SHARE = 0.4
-"""Smallest share that a further effect must close of what the model without it leaves. A false effect picks up a part
-of a misfit, a true one leaves noise."""
+"""Smallest share that a further effect must close of what the model without it leaves. A false
+effect picks up a part of a misfit, a true one leaves noise."""
 FURTHER_SHARE = 0.01
-"""Smallest share of the whole gap that a further effect must close: a tenth of the strength of the others. Correct
-simulations of the others differ by as much; see `WHOLE_SHARE`."""
+"""Smallest share of the whole gap that a further effect must close: a tenth of the strength of the
+others. Correct simulations of the others differ by as much; see `WHOLE_SHARE`."""
 WHOLE_SHARE = 0.85
-"""A further effect that closes this share of what the model without it leaves, down to the disagreement of simulators,
-may close a smaller share of the whole gap."""
+"""A further effect that closes this share of what the model without it leaves, down to the
+disagreement of simulators, may close a smaller share of the whole gap."""
 CLOSED_SHARE = (0.75, 0.98, 0.99)
-"""Smallest share of the gap that models of one, two and three effects must close: more effects imitate others more
-easily. A lag and a lower gain imitate a flexible gear, which no library holds, to 0.97."""
+"""Smallest share of the gap that models of one, two and three effects must close: more effects
+imitate others more easily. A lag and a lower gain imitate a flexible gear, which no library holds,
+to 0.97."""
 CLOSED_WITHIN = (0.75, 0.96, 0.99)
 """The same where no gap is left: what remains is no more than two correct simulations differ by."""
 CERTAIN = 1.645
@@ -128,8 +130,9 @@ def explains(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
 def choose(comparison: ModelComparison, scored: Sequence[ScoredFit], dispersion: float) -> ScoredFit:
     """The smallest model that no larger one beats by more than chance and misfit.
 
-    Starts with the model without effects. A larger model replaces the current one if it leads, closes enough of what
-    the current one leaves, and has no idle effect. Among models of one size the held-out cost decides.
+    Starts with the model without effects. A larger model replaces the current one if it leads,
+    closes enough of what the current one leaves, and has no idle effect. Among models of one size
+    the held-out cost decides.
     """
     null = next(each for each in scored if not each.fit.model)
     held = null
@@ -212,7 +215,8 @@ def explained_share(comparison: ModelComparison, model: Model, *, leaves_gap: bo
 def largest_rms(comparison: ModelComparison, fits: dict[Model, Fit], fit: Fit, effect: str) -> float:
     """RMS of what an effect adds to a model, in the cell that shows it best [sigma].
 
-    Relative to the fit of the model without the effect, if there is one: what the other effects cannot replace.
+    Relative to the fit of the model without the effect, if there is one: what the other effects
+    cannot replace.
     """
     rest = tuple(name for name in fit.model if name != effect)
     if rest in fits:
@@ -234,9 +238,9 @@ def ambiguities(
 ) -> dict[str, list[str]]:
     """For each effect of the chosen model, the other effects that may stand in its place, likeliest first.
 
-    These are effects of models of the same size over which the chosen model has no lead beyond chance and the
-    disagreement of simulators, and effects collinear with the chosen one, if a model with them closes enough of the
-    gap.
+    These are effects of models of the same size over which the chosen model has no lead beyond
+    chance and the disagreement of simulators, and effects collinear with the chosen one, if a model
+    with them closes enough of the gap.
     """
     by_model = {each.fit.model: each for each in scored}
     null = by_model[()]
@@ -248,8 +252,8 @@ def ambiguities(
             continue
         effect, other = gone.pop(), new.pop()
         is_tied = not comparison.lead(rival, chosen, dispersion)
-        # Cosines come from derivatives, in the limit of small effects; at their real sizes a delay and a filter may
-        # differ.
+        # Cosines come from derivatives, in the limit of small effects; at their real sizes a delay
+        # and a filter may differ.
         imitates = comparison.closed(null, null, rival) >= collinear**2 * comparison.closed(null, null, chosen)
         if is_tied or (imitates and confusion.between(effect, other) >= collinear):
             found[effect].append(other)

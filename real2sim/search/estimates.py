@@ -13,8 +13,8 @@ from saltus.real2sim.search.fit import Fit
 from saltus.real2sim.search.quadratic import covariance
 
 SAME = 0.1
-"""Values at several places count as equal if they differ by less than this share beyond their errors: as much as
-friction or gain of equal drives scatter."""
+"""Values at several places count as equal if they differ by less than this share beyond their
+errors: as much as friction or gain of equal drives scatter."""
 CONSISTENT = 1e-3
 """Significance level below which a pattern of places is rejected."""
 ROUNDING = 1e-12
@@ -22,7 +22,8 @@ ROUNDING = 1e-12
 PRESENT = 3.0
 """Smallest size of an effect at a place where it is present, in standard errors."""
 PRESENT_SHARE = 0.1
-"""Smallest share of its RMS at the place that shows it best: joints are coupled, and so are their models."""
+"""Smallest share of its RMS at the place that shows it best: joints are coupled, and so are their
+models."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -92,7 +92,8 @@ class Baselines:
     """Effects that simpler methods would have named, for the benchmark."""
 
     threshold: tuple[str, ...]
-    """All effects whose estimate in one common fit differs from 0 by more than three standard errors."""
+    """All effects whose estimate in one common fit differs from 0 by more than three standard
+    errors."""
     lowest_training_error: tuple[str, ...]
     """The one effect that fits best, without held-out data and thresholds."""
 
@@ -118,7 +119,8 @@ class Findings:
     residuals: Residuals | None = None
     """None where nothing was fitted."""
     remainder: float = 0.0
-    """RMS beyond noise after the chosen model, in the segment and signal that show it best [sigma]."""
+    """RMS beyond noise after the chosen model, in the segment and signal that show it best
+    [sigma]."""
     minimum_detectable: dict[str, Estimate] = field(default_factory=dict)
     misfits: tuple[str, ...] = ()
     """Effects of the profile without which the simulator is much nearer to the log."""

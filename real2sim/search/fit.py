@@ -1,8 +1,8 @@
 """Fits of models to the residuals of a problem: few simulations, many models and all blocks at once.
 
-Levenberg-Marquardt with Broyden's update: a Jacobian is computed once by finite differences, and every trial corrects
-it. All models share one call of the problem per iteration. Blocks accept or reject a step independently, because
-nothing couples them.
+Levenberg-Marquardt with Broyden's update: a Jacobian is computed once by finite differences, and
+every trial corrects it. All models share one call of the problem per iteration. Blocks accept or
+reject a step independently, because nothing couples them.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +19,8 @@ from saltus.real2sim.search.split import Split, split
 BATCH = 64
 """Sets of unknowns in one call of a problem, to bound its memory."""
 CONVERGED_NATS = 0.5
-"""Steps that promise less than this [nats] are not taken: they move no estimate by more than its standard error."""
+"""Steps that promise less than this [nats] are not taken: they move no estimate by more than its
+standard error."""
 ITERATIONS = 5
 
 
@@ -199,8 +200,8 @@ class _Descent:
     def share(self) -> list[Floats]:
         """Unknowns that all blocks try, because one block may be stuck where others are not.
 
-        These are the medians over blocks. If there are shapes, whose minima are far apart, also those of the best
-        block.
+        These are the medians over blocks. If there are shapes, whose minima are far apart, also
+        those of the best block.
         """
         if len(self.fit.unknowns) == 1 or not len(self.fit.columns):
             return []

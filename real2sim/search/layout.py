@@ -9,8 +9,8 @@ from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.problem import Candidate, Problem
 
 STEP = 0.25
-"""Step of finite differences as a fraction of an unknown's scale: small against what matters, large against
-rounding."""
+"""Step of finite differences as a fraction of an unknown's scale: small against what matters, large
+against rounding."""
 
 Model = tuple[str, ...]
 """Effects of a model, sorted; () is the model without effects."""
@@ -28,8 +28,9 @@ class Layout:
     high: Floats
     scale: Floats
     first: Floats
-    """Step of finite differences from 0, shape (unknowns,): half of the smallest start. Some effects show nothing below
-    the time step of a simulation, so that a fraction of the scale would be too small."""
+    """Step of finite differences from 0, shape (unknowns,): half of the smallest start. Some
+    effects show nothing below the time step of a simulation, so that a fraction of the scale would
+    be too small."""
 
     @classmethod
     def of(cls, problem: Problem) -> "Layout":

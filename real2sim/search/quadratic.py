@@ -1,8 +1,8 @@
 """A quadratic approximation of the cost around a point, for each short chunk of the log, and its scatter.
 
-With residuals r and Jacobian J at a point, |r + J d|^2 is the cost of the unknowns at the point plus d. Sums over
-chunks say without simulation which other models would fit, and their gain on held-out data with its scatter, also
-where residuals are not perfectly white.
+With residuals r and Jacobian J at a point, |r + J d|^2 is the cost of the unknowns at the point
+plus d. Sums over chunks say without simulation which other models would fit, and their gain on
+held-out data with its scatter, also where residuals are not perfectly white.
 """
 
 from dataclasses import dataclass
@@ -125,8 +125,9 @@ class Quadratic:
 
 
 LEAN = 0.05
-"""Share of the whole fit's information that is added in fits without one fold. Unknowns that only that fold shows then
-stay where they are, instead of moving to where the quadratic is meaningless."""
+"""Share of the whole fit's information that is added in fits without one fold. Unknowns that only
+that fold shows then stay where they are, instead of moving to where the quadratic is
+meaningless."""
 RIDGE = 1e-9
 """Ridge relative to the diagonal: keeps unknowns without influence where they are."""
 
@@ -134,8 +135,8 @@ RIDGE = 1e-9
 def bounded_minimum(hessian: Floats, gradient: Floats, low: Floats, high: Floats) -> Floats:
     """Minimum of g.d + d.H d / 2 with low <= d <= high.
 
-    Unknowns that would leave their bounds are fixed there one by one, the worst first. This finds the minimum unless
-    unknowns are nearly collinear, where any point near it is as good.
+    Unknowns that would leave their bounds are fixed there one by one, the worst first. This finds
+    the minimum unless unknowns are nearly collinear, where any point near it is as good.
     """
     k = len(gradient)
     size = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
@@ -179,8 +180,9 @@ def spread(gains: Floats, rng: np.random.Generator) -> tuple[float, tuple[float,
 def downside(gains: Floats) -> float:
     """Standard deviation of the sum of gains, estimated from the losses.
 
-    A true effect may show in a few chunks only: gains then scatter although their sum is certain. A sum is uncertain if
-    many chunks contribute losses; if everything were chance, losses would make half of the scatter.
+    A true effect may show in a few chunks only: gains then scatter although their sum is certain. A
+    sum is uncertain if many chunks contribute losses; if everything were chance, losses would make
+    half of the scatter.
     """
     return float(np.sqrt(2.0 * np.sum(np.minimum(gains, 0.0) ** 2)))
 
@@ -188,7 +190,8 @@ def downside(gains: Floats) -> float:
 def covariance(quadratic: Quadratic, block: int, free: Mask) -> Floats:
     """Covariance of the fitted unknowns for residuals of any colour, shape (k, k); 0 where not free.
 
-    The sandwich estimate H^-1 (sum of g g^T over chunks) H^-1, nowhere smaller than that of white noise.
+    The sandwich estimate H^-1 (sum of g g^T over chunks) H^-1, nowhere smaller than that of white
+    noise.
     """
     seen = quadratic.split.fold != TEST
     hessian = quadratic.information(block)

@@ -15,10 +15,11 @@ from saltus.real2sim.search.quadratic import bounded_minimum
 ITERATIONS = 3
 """Gauss-Newton iterations with fresh derivatives; values start within a few errors of their end."""
 HALVINGS = 3
-"""Halvings of a step that does not help: a value that can only be stated as 1 may be far from the fitted one."""
+"""Halvings of a step that does not help: a value that can only be stated as 1 may be far from the
+fitted one."""
 AS_GOOD = 1.1
-"""Ratio of costs up to which a statement is as good as the best one: values of equal drives scatter by 10 %
-(`estimates.SAME`)."""
+"""Ratio of costs up to which a statement is as good as the best one: values of equal drives scatter
+by 10 % (`estimates.SAME`)."""
 
 Groups = dict[str, list[estimates.Group]]
 
@@ -37,8 +38,9 @@ def stated_model(
 ) -> StatedModel:
     """The simplest statement of the chosen model that explains the log as well as the fit does.
 
-    Statements, simplest first: values that places share; separate values where the effect is present; separate values
-    wherever it leaves a trace, however uncertain they are. A patch with less would not explain the log.
+    Statements, simplest first: values that places share; separate values where the effect is
+    present; separate values wherever it leaves a trace, however uncertain they are. A patch with
+    less would not explain the log.
     """
     model = chosen.fit.model
     if not model:
@@ -154,7 +156,8 @@ class _TiedModel:
 
 
 BESIDE = 3
-"""Number of single effects beside which effects of the profile are taken out: what is missing besides may hide them."""
+"""Number of single effects beside which effects of the profile are taken out: what is missing
+besides may hide them."""
 NOT_REACHED = "with and without the profile's, the log is simulated alike: it does not reach it"
 
 
@@ -171,8 +174,8 @@ def misfits_of(
 ) -> tuple[str, ...]:
     """Effects of the profile that are to go, of those that are `seen`.
 
-    Where the stated model leaves a gap, those without which, and with one effect of `fits` at most, most of it is gone.
-    Else those that the model merely moves to where the log does not reach.
+    Where the stated model leaves a gap, those without which, and with one effect of `fits` at most,
+    most of it is gone. Else those that the model merely moves to where the log does not reach.
     """
     final = stated.residuals
     moved = tuple(name for name in stated.groups if name in seen and _is_idle(problem, comparison, stated, name))

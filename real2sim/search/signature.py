@@ -14,9 +14,10 @@ TRACE = 1e-9
 def confusion(layout: Layout, library: Quadratic, named: Model) -> Confusion:
     """Cosines of all pairs of effects.
 
-    The signature of an effect at a place is the change that its unknowns make in the residuals (at the fitted values if
-    it is `named`), with nuisances and the other named effects projected out. Places count by the power of the
-    signature. `library` holds the derivatives by the unknowns of all effects.
+    The signature of an effect at a place is the change that its unknowns make in the residuals (at
+    the fitted values if it is `named`), with nuisances and the other named effects projected out.
+    Places count by the power of the signature. `library` holds the derivatives by the unknowns of
+    all effects.
     """
     effects, signatures = layout.effects, _Signatures(layout, library, named)
     cosine = np.eye(len(effects))

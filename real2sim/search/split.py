@@ -26,8 +26,8 @@ PIECE_S = 2.0
 SHORTEST_PIECE_S = 0.5
 """Shortest pieces: shorter segments are not cut into three."""
 CHUNK_S = 0.5
-"""Duration over which residuals may be correlated; unit of the bootstrap and of robust covariances. It is two periods
-of the slowest oscillation of a leg of small quadrupeds, about 4 Hz."""
+"""Duration over which residuals may be correlated; unit of the bootstrap and of robust covariances.
+It is two periods of the slowest oscillation of a leg of small quadrupeds, about 4 Hz."""
 REPEAT_RATIO = 1.5
 """Largest ratio of the RMS gaps of repeats; different amplitudes differ by 2 in practice."""
 TEST = -1
@@ -71,7 +71,8 @@ def split(problem: Problem, residuals: Floats) -> Split:
         levels = [float(np.sqrt(np.mean(power[rows[i]]))) for i in members]
         if len(members) >= 2 and max(levels) <= REPEAT_RATIO * min(levels):
             pieces += [(rows[i], i) for i in members]
-            # the last of one condition, the one before of the next: fits see early and late, for what changes with time
+            # the last of one condition, the one before of the next: fits see early and late, for
+            # what changes with time
             test += [i == members[-1 - number % len(members)] for i in members]
             continue
         for turn, i in enumerate(members):
@@ -105,7 +106,8 @@ def _number(problem: Problem, pieces: list[tuple[Indices, int]], test: list[bool
 def _cut(time_s: Floats, length_s: float, known_s: Floats | None = None) -> list[Indices]:
     """Rows of the parts when a stretch is cut into parts of equal duration, at least `length_s` each.
 
-    What lies before and after `known_s`, by default all of `time_s`, goes with the first and the last part.
+    What lies before and after `known_s`, by default all of `time_s`, goes with the first and the
+    last part.
     """
     known_s = time_s if known_s is None else known_s
     start, duration = float(known_s.min()), float(np.ptp(known_s))
@@ -117,11 +119,14 @@ def _cut(time_s: Floats, length_s: float, known_s: Floats | None = None) -> list
 
 
 CHANCE = 4.0
-"""Structure of white noise in a cell of n rows scatters by 1/sqrt(n). Four times as much is rare among 1000 cells."""
+"""Structure of white noise in a cell of n rows scatters by 1/sqrt(n). Four times as much is rare
+among 1000 cells."""
 RESIDUE = 1.5
-"""Mean structure of noise that is almost white, in units of 1/sqrt(n): values below 0 count as 0."""
+"""Mean structure of noise that is almost white, in units of 1/sqrt(n): values below 0 count as
+0."""
 FEW = 10
-"""Rows of a cell below which neighbours say nothing, e.g. where a row is a count over a whole segment."""
+"""Rows of a cell below which neighbours say nothing, e.g. where a row is a count over a whole
+segment."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -163,8 +168,9 @@ class Cells:
     def structure(self, residuals: Floats) -> Floats:
         """Mean square in each cell beyond noise, shape (..., cells), never below 0.
 
-        Structure raises the mean square above 1 and correlates neighbours in time. Noise with another level does only
-        the first, noise with another colour only the second: the smaller of the two counts.
+        Structure raises the mean square above 1 and correlates neighbours in time. Noise with
+        another level does only the first, noise with another colour only the second: the smaller of
+        the two counts.
         """
         ordered = residuals[..., self.rows]
         products = ordered[..., 1:] * ordered[..., :-1]
@@ -181,7 +187,8 @@ class Cells:
     def share_gone(self, before: Floats, after: Floats, shows: Mask) -> float:
         """Share of the structure in some cells that is gone, without what chance leaves; 1 if there was none.
 
-        Cells count equally, however many rows they have: one lost image in ten is as much of a gap as a bent floor.
+        Cells count equally, however many rows they have: one lost image in ten is as much of a gap
+        as a bent floor.
         """
         total = float(before[shows].sum())
         left = np.maximum(0.0, after - RESIDUE / np.sqrt(self.counts))

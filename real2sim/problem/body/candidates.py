@@ -18,15 +18,17 @@ LEAST_SOFTER = 3.0
 """A ground of twice the claimed time constant is within bounds, however soft that is."""
 FRICTION_RANGE = FootFriction.sought("coefficient")
 SECANT = 4.0
-"""Searches step by a quarter of a scale; a scale of four times a step makes them take the whole step."""
+"""Searches step by a quarter of a scale; a scale of four times a step makes them take the whole
+step."""
 LARGEST_CREEP = 1.2
-"""Half of the way, and some, between the ratios of impedances that engines have by default, 1 and 10, in logarithms:
-which of them is nearer has been found before."""
+"""Half of the way, and some, between the ratios of impedances that engines have by default, 1 and
+10, in logarithms: which of them is nearer has been found before."""
 LARGEST_GIVE = 1.5
 """Likewise for impedances, of 0.95 and 0.99."""
 CALF = 2
 CORNERS_NM = (6.0, 12.0, 18.0)
-"""Torque at the calf beyond which some is lost: below what the paper's dynamometer saw first (8 Nm), to a jump's."""
+"""Torque at the calf beyond which some is lost: below what the paper's dynamometer saw first (8
+Nm), to a jump's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +125,8 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
         candidate("viscous_friction", sought("coefficient", 0.05), where="joints"),
         candidate("coulomb_friction", sought("torque", 0.1), where="joints"),
         candidate("drive_rate", Unknown("continuous", 0.0, 1.0, 1.0), is_nuisance=True, where="joints"),
-        # of a contact a log claims friction and time constant; engines want more to be said, and a step of time
+        # of a contact a log claims friction and time constant; engines want more to be said, and a
+        # step of time
         candidate(
             "contact_solver",
             Unknown("creep", -LARGEST_CREEP, LARGEST_CREEP, 0.5),

@@ -1,9 +1,9 @@
 """How noisy the signals of a standing robot are, and residuals in units of that noise.
 
-Two things part a true simulation from a measurement: noise of the sensors, and the error of the state from which a
-window starts, which comes from the same sensors and fades as the window goes on. The second is a random vector of few
-dimensions; its effect on all later samples is found by simulating each dimension once, and is then taken out to the
-degree to which it is likely.
+Two things part a true simulation from a measurement: noise of the sensors, and the error of the
+state from which a window starts, which comes from the same sensors and fades as the window goes on.
+The second is a random vector of few dimensions; its effect on all later samples is found by
+simulating each dimension once, and is then taken out to the degree to which it is likely.
 """
 
 from dataclasses import dataclass
@@ -30,13 +30,14 @@ SIGNALS = (
 KIND_OF_SIGNAL = np.array([0] * 3 + [1] * 3 + [2] * 3 + [3] * 12 + [4] * 12)
 """Shape (33,): base position, tilt and heading, velocity, joints, joint velocities."""
 SMALLEST = np.array([2e-5, 2e-5, 2e-4, 1e-5, 5e-4])
-"""Least noise of a mean over 20 ms that is believed [m, rad, m/s, rad, rad/s]: what the simulation itself repeats."""
+"""Least noise of a mean over 20 ms that is believed [m, rad, m/s, rad, rad/s]: what the simulation
+itself repeats."""
 LARGEST_UNREPEATED = 10.0
-"""Segments with a window in which right simulations differ by this many times the power of the noise are left out: what
-a foot does there hangs on a hair."""
+"""Segments with a window in which right simulations differ by this many times the power of the
+noise are left out: what a foot does there hangs on a hair."""
 LARGEST_LASTING = 1.0
-"""Windows are left out in which errors of the start have not faded below the noise: a foot is about to lift or slip
-there, and the simulation goes its own way."""
+"""Windows are left out in which errors of the start have not faded below the noise: a foot is about
+to lift or slip there, and the simulation goes its own way."""
 UNKNOWN_PLACE_M, UNKNOWN_HEADING_RAD = 0.05, 0.1
 """Where on flat ground a robot stands, and which way it faces, tells nothing: they start free."""
 
@@ -149,7 +150,8 @@ class StartNoise:
     """Standard deviations of the state at the start of a window."""
 
     sigma: Floats
-    """Base position (3), tilt (3), velocity (3), rates (3), joints (12), joint velocities (12); shape (36,)."""
+    """Base position (3), tilt (3), velocity (3), rates (3), joints (12), joint velocities (12);
+    shape (36,)."""
 
     @property
     def is_free(self) -> NDArray[np.bool_]:
@@ -187,8 +189,8 @@ class StartNoise:
 
 
 LARGEST_NORM = 1.5
-"""A start that were off by more times as much as starts are in the mean is no error of a start but a gap: there windows
-start as measured."""
+"""A start that were off by more times as much as starts are in the mean is no error of a start but
+a gap: there windows start as measured."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

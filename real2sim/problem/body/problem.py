@@ -1,9 +1,10 @@
 """The body problem: a robot on the ground, replayed in short windows from its measured state.
 
-Residuals are what motion capture and encoders measured minus what the simulator makes of the logged commands, under
-the claimed body and ground with effects added. Payload, centre of mass and inertia show in how the body sinks, leans
-and turns; ground and soles in slip, touchdown and rebound. Drives are between commands and body: their effects are
-candidates too, as a weak motor looks like a heavy trunk.
+Residuals are what motion capture and encoders measured minus what the simulator makes of the logged
+commands, under the claimed body and ground with effects added. Payload, centre of mass and inertia
+show in how the body sinks, leans and turns; ground and soles in slip, touchdown and rebound. Drives
+are between commands and body: their effects are candidates too, as a weak motor looks like a heavy
+trunk.
 """
 
 from copy import copy
@@ -58,17 +59,20 @@ SMALL_CHANGES = {
     "contact_solver.creep": 0.2,
     "contact_solver.give": 0.2,
 }
-"""Changes of a robot that a log of half a minute hardly shows: a hundredth of its mass, a millimetre."""
+"""Changes of a robot that a log of half a minute hardly shows: a hundredth of its mass, a
+millimetre."""
 QUARTER_TO_NONE, HALF_TO_QUARTER = 4.0 / 3.0, 1.5
-"""The error of a contact's simulation grows with its step: what a quarter of the step changes, times the first, is what
-none at all would; what half of the step changes, times the second, is what a quarter does."""
+"""The error of a contact's simulation grows with its step: what a quarter of the step changes,
+times the first, is what none at all would; what half of the step changes, times the second, is what
+a quarter does."""
 JUDGED_BY = 8
 """Windows by which ways to compute contacts are judged: they differ everywhere."""
 SCANNED = 8
 SMALLEST_LESS = 0.02
 """Coefficients this close to the claimed one are not told from it by scanning."""
 SLIP_QUANTILE = 0.97
-"""Part of the time under load in which the ground must hold a foot, for the coefficient at which feet would slip."""
+"""Part of the time under load in which the ground must hold a foot, for the coefficient at which
+feet would slip."""
 TYPICAL = {
     "payload_mass.mass": 1.0,
     "com_offset.x": 0.02,
@@ -82,7 +86,8 @@ TYPICAL = {
     "viscous_friction.coefficient": 0.1,
     "coulomb_friction.torque": 0.3,
 }
-"""A change of usual size (published ranges of domain randomisation; compliance that doubles the time constant)."""
+"""A change of usual size (published ranges of domain randomisation; compliance that doubles the
+time constant)."""
 IN_WORDS = {
     "payload_mass": "1 kg",
     "com_offset": "2 cm",
@@ -207,7 +212,8 @@ class BodyProblem(Problem):
     def _slipperiest(self, otherwise: float) -> float:
         """The coefficient of friction below the claimed one with which the log agrees best; `otherwise` if none helps.
 
-        Where slip begins, residuals bend sharply: a search that steps by derivatives must begin close.
+        Where slip begins, residuals bend sharply: a search that steps by derivatives must begin
+        close.
         """
         column, most = self.names.index("foot_friction.less"), max(self._claims.friction - FRICTION_RANGE[0], 0.0)
         best, grid = 0.0, np.linspace(0.0, most, SCANNED)
@@ -267,7 +273,8 @@ class BodyProblem(Problem):
     def _from_small_changes(self) -> Floats:
         """Mean square of what small changes of the robot change beyond first order, shape (w, BLOCKS, 33).
 
-        When a foot lifts, lands or slips can hang on less than anyone knows of the robot; no model can be judged by it.
+        When a foot lifts, lands or slips can hang on less than anyone knows of the robot; no model
+        can be judged by it.
         """
         small = np.array([SMALL_CHANGES.get(name, 0.0) for name in self.names])
         change = small * np.random.default_rng(1).standard_normal((PAIRS, len(small)))

@@ -26,7 +26,8 @@ from saltus.sim.free_robots import OWN_SOLVER, FreeRobots, Solver
 from saltus.terrain.boxes import Boxes
 
 SOFTER = (0.9, 0.95)
-"""Impedance of contacts that engines have by default; the scene's own are stiffer, so that feet do not creep."""
+"""Impedance of contacts that engines have by default; the scene's own are stiffer, so that feet do
+not creep."""
 GROUNDS = (
     OWN_SOLVER,
     Solver(impedance=SOFTER),
@@ -35,10 +36,11 @@ GROUNDS = (
     Solver(impratio=1.0, impedance=SOFTER, is_pyramidal=True),
 )
 OTHERWISE = ((1.0, 1.0), (2.0, 1.0), (5.0, 1.0), (1.0, 0.5), (1.0, 0.15))
-"""Time constant and friction, times the claimed ones, which come first: ground that is soft or slippery must not be
-taken for one that creeps."""
+"""Time constant and friction, times the claimed ones, which come first: ground that is soft or
+slippery must not be taken for one that creeps."""
 LEAST_ROLLING_M, MOST_ROLLING_M = 0.003, 0.05
-"""Friction against rolling that shows, and five times that of a Go1's feet in MuJoCo Menagerie [m]."""
+"""Friction against rolling that shows, and five times that of a Go1's feet in MuJoCo Menagerie
+[m]."""
 
 
 def likeliest(squares: Callable[[Solver, Floats], Floats]) -> Solver:
@@ -77,7 +79,8 @@ def finer(ground: Solver) -> Sequence[Solver]:
 Limit = TorqueSpeedLimit | TorqueSaturation
 Pull = JointSpring | EndStop
 CHUNK = 512
-"""Simulations that run together: enough to hide the cost of a call, few enough to stay in the cache."""
+"""Simulations that run together: enough to hide the cost of a call, few enough to stay in the
+cache."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,7 +109,8 @@ class Rig:
     coulomb: Floats
     continuous: Floats
     creep: Floats
-    """Logarithm of how much more feet creep along the ground than with the solver's contacts, shape (n,)."""
+    """Logarithm of how much more feet creep along the ground than with the solver's contacts, shape
+    (n,)."""
     give: Floats
     """Logarithm of how much more the ground gives way in all directions, shape (n,)."""
 
@@ -223,8 +227,9 @@ class _Drives:
         self._loss = np.repeat(rig.loss, self._count)[:, None]
         self._corner = np.repeat(rig.corner, self._count)[:, None] * per_calf
         self._is_late, self._saturates = bool(np.any(self._late > 0.0)), bool(np.any(rig.loss != 0.0))
-        # Over a step in which its torque were not held, a drive would see its own mean velocity: half of the damping
-        # is the engine's, which is implicit, and the angle is half a step ahead.
+        # Over a step in which its torque were not held, a drive would see its own mean velocity:
+        # half of the damping is the engine's, which is implicit, and the angle is half a step
+        # ahead.
         half = 0.5 * np.repeat(rig.continuous, self._count)[:, None]
         self.damping = half * windows.kd * self._strength
         self._kd = self._kd - half * self._kd + half * PHYSICS_DT * self._kp

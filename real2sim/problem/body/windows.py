@@ -1,7 +1,7 @@
 """A log of a robot on the ground, cut into short windows from whose measured state a simulation can start.
 
-A simulation that runs for long goes its own way at the first footfall. Windows of half a second keep it close, and
-under PD control what is wrong in the state at their start fades.
+A simulation that runs for long goes its own way at the first footfall. Windows of half a second
+keep it close, and under PD control what is wrong in the state at their start fades.
 """
 
 from collections.abc import Sequence
@@ -26,14 +26,17 @@ WINDOW_STEPS = BLOCKS * BLOCK_STEPS
 HISTORY_STEPS = 26
 """Steps before a window of which commands are kept: a command may be 50 ms late."""
 SMOOTHING_STEPS = 25
-"""States at the start of windows come from parabolas through 50 ms: bodies move below 10 Hz; noise falls to a third."""
+"""States at the start of windows come from parabolas through 50 ms: bodies move below 10 Hz; noise
+falls to a third."""
 SEARCH_STEPS = 30
 """A window may start this much later, where the motion is smooth."""
 BUDGET_S = 10.8
-"""Time that is simulated for one set of unknowns: beyond that, windows are spread over the log with gaps."""
+"""Time that is simulated for one set of unknowns: beyond that, windows are spread over the log with
+gaps."""
 
 POSE, JOINTS, VELOCITY, RATES = slice(0, 7), slice(7, 19), slice(19, 22), slice(22, 34)
-"""Columns of a state: base position and quaternion, joints, base velocity in the world, joint velocities."""
+"""Columns of a state: base position and quaternion, joints, base velocity in the world, joint
+velocities."""
 BY_WINDOW = ("start_s", "segment", "qpos", "qvel", "drive", "measured")
 """Fields of `BodyWindows` that have a value for each."""
 

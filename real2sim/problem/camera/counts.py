@@ -47,7 +47,8 @@ class CountRows:
     """Each row: its kind, segment, time, what was measured, its standard deviation, and what it depends on."""
 
     kind: Indices
-    """0 noise, 1 holes, 2 copies, 3 lost images, 4 what noise is usual, 5 filled holes; shape (rows,)."""
+    """0 noise, 1 holes, 2 copies, 3 lost images, 4 what noise is usual, 5 filled holes; shape
+    (rows,)."""
     segment: Indices
     time_s: Floats
     value: Floats
@@ -56,14 +57,15 @@ class CountRows:
     sigma_above: Floats
     """Standard deviation where more is expected than was measured."""
     argument: Floats
-    """Mean fourth power of depth [m^4] of a noise row; images that were due of a row of lost ones; 0 for others."""
+    """Mean fourth power of depth [m^4] of a noise row; images that were due of a row of lost ones;
+    0 for others."""
     noise: NoiseParts
 
     def residuals(self, effects: CameraEffects, predicted: Floats, noise_share: Floats) -> Floats:
         """Measured less expected in units of the standard deviation, shape (rows,).
 
-        `predicted` is the depth with the effects at the pixels of the grid [m], `noise_share` the share of the variance
-        of noise that they leave there, both of shape (kept, pixels).
+        `predicted` is the depth with the effects at the pixels of the grid [m], `noise_share` the
+        share of the variance of noise that they leave there, both of shape (kept, pixels).
         """
         quadratic = FLOOR**2 * (np.exp(2.0 * effects.noise_floor_level) + effects.depth_noise)
         filtered = self.noise.means(noise_share)
@@ -168,7 +170,8 @@ def _edge_rows(data: CameraData, view: DenseView) -> list[Row]:
             # edges of one image lose their pixels together
             images = [np.mean(values[mine & (counts.frame == f)]) for f in np.unique(counts.frame[mine])]
             sigma = float(np.hypot(_deviation_of_mean(images), EDGE_MODEL_PX))
-            # a ghost of an edge takes away what is usual there: fewer copies than that are no effect
+            # a ghost of an edge takes away what is usual there: fewer copies than that are no
+            # effect
             above = sigma if kind == HOLES else float(np.hypot(sigma, CHANCE_MODEL * np.mean(counts.by_chance[mine])))
             rows.append((kind, int(k), _middle_s(data, k), float(np.mean(images)), sigma, above, 0.0))
     return rows

@@ -42,13 +42,14 @@ class CameraData:
     measured: Floats
     """At the grid [m], 0 invalid, shape (kept, pixels)."""
     view: CameraEffects
-    """From where and when edges are told: as claimed, or where a camera that is far off seems to be."""
+    """From where and when edges are told: as claimed, or where a camera that is far off seems to
+    be."""
     predicted: Floats
     """Predicted depth of that view [m], shape (kept, pixels)."""
     noise: NoiseLaw
     difference: Floats
-    """Second differences of measured less predicted depth along rows of the grid [m], NaN where edges or holes are,
-    shape (kept, rows, columns - 2)."""
+    """Second differences of measured less predicted depth along rows of the grid [m], NaN where
+    edges or holes are, shape (kept, rows, columns - 2)."""
     known: NDArray[np.bool_]
     """Pixels that are compared, shape (kept, pixels)."""
     clip_m: float | None

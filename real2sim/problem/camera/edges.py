@@ -37,8 +37,8 @@ def edge_counts(
 ) -> EdgeCounts:
     """Counts in the rows of images, shape (images, rows, columns), where nothing is beyond the claimed `range_m`.
 
-    Depth is predicted without effects. What is farther than `clip_mm` reads as that: such neighbours are equal, and no
-    copies.
+    Depth is predicted without effects. What is farther than `clip_mm` reads as that: such
+    neighbours are equal, and no copies.
     """
     seen_m = np.minimum(predicted_m, 1e-3 * clip_mm)
     edge = seen_m[..., 1:] < (1.0 - JUMP) * seen_m[..., :-1]
@@ -118,7 +118,8 @@ FEWEST = 50  # pairs of neighbours that differ by 3 mm: the shape of their diffe
 SURE = 4.0  # standard deviations from which copies are more than chance, where there are no holes beside them
 FEW_HOLES = 3.0  # that stay: fewer say at least how far a filter reaches
 SHAPE = {1: 1.5, 2: -0.6, 3: 0.1}
-"""Weights that interpolate to 0: of the logarithm of how often neighbours differ by so many mm, mean of both signs."""
+"""Weights that interpolate to 0: of the logarithm of how often neighbours differ by so many mm,
+mean of both signs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,9 +157,9 @@ def filled(
 ) -> FilledShare | None:
     """The share of copies among plain pixels; None where noise is too small or pixels are too few to tell.
 
-    Noise that is smooth in depth makes equal neighbours about as often as neighbours that differ by 1 mm. Noise that is
-    smooth in the image makes neighbours alike that are 2 px apart as well. Copies do neither: the smaller of the two
-    excesses counts.
+    Noise that is smooth in depth makes equal neighbours about as often as neighbours that differ by
+    1 mm. Noise that is smooth in the image makes neighbours alike that are 2 px apart as well.
+    Copies do neither: the smaller of the two excesses counts.
     """
     whole = plain & (measured_mm > 0) & (measured_mm < clip_mm) & (1e3 * predicted_m < clip_mm - BELOW_MM)
     if not whole.any():
@@ -183,8 +184,8 @@ def filled(
 def reach_px(holes: float, pixels: float, unfilled: float) -> float:
     """How far a filter reaches that leaves so many holes, where a share `unfilled` of the pixels was lost one by one.
 
-    A hole whose next k - 1 pixels to the left are holes is filled where the reach is k; a share of those where it lies
-    between k - 1 and k.
+    A hole whose next k - 1 pixels to the left are holes is filled where the reach is k; a share of
+    those where it lies between k - 1 and k.
     """
     left = max(holes, 0.5) / (pixels * unfilled)
     whole = max(0, math.floor(math.log(left) / math.log(unfilled)))

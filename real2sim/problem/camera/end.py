@@ -18,7 +18,8 @@ JUMP = 0.04  # of depth: more than the slope beside it, from pixel to pixel, is 
 class EndOfRange:
     """Samples of pixels that have the largest depth of a log, beside what is predicted there.
 
-    All that is known of them is that they read the end: that the scene goes on behind it is what speaks for a clip.
+    All that is known of them is that they read the end: that the scene goes on behind it is what
+    speaks for a clip.
     """
 
     model: DepthModel

@@ -21,7 +21,8 @@ class Frames:
     index: Indices
     """Index of each in the log, shape (n,)."""
     stamp_s: Floats
-    """Exposure plus total latency [s], as far as the log knows it: arrival where it has no time of capture."""
+    """Exposure plus total latency [s], as far as the log knows it: arrival where it has no time of
+    capture."""
     jitter_s: Floats
     """Excess of `stamp_s` over frames at a constant rate [s]; 0 where that cannot be told."""
     filtered: Indices
@@ -78,7 +79,8 @@ def _losses(depth: DepthTable, repeated: NDArray[np.bool_]) -> tuple[Floats, NDA
         usual = np.median(gap_s)
         is_loss = (gap_s > LATE * usual) & (gap_s < PAUSE * usual)
         step = np.where(is_loss, np.round(gap_s / max(usual, 1e-9)), 1).astype(np.int64)
-    # a repeat has come in the place of the image whose number is missing: it is lost once, not twice
+    # a repeat has come in the place of the image whose number is missing: it is lost once, not
+    # twice
     missing = np.maximum(step - np.diff(new), 0)
     after = np.repeat(new[1:] - 1, missing)
     share = np.arange(len(after)) - np.repeat(np.cumsum(missing) - missing, missing) + 1.0

@@ -27,7 +27,8 @@ class DepthModel:
     tangents: Floats
     """Tangents of the pixels, camera frame, shape (3, pixels)."""
     shown: Indices
-    """Images in the order in which a temporal filter has seen them; repeats may be among them. Shape (filtered,)."""
+    """Images in the order in which a temporal filter has seen them; repeats may be among them.
+    Shape (filtered,)."""
     is_hole: NDArray[np.bool_] | None = None
     """Invalid pixels of those, shape (filtered, pixels): there a filter begins anew."""
     shift_m: Floats = field(default_factory=lambda: np.zeros(3))
@@ -93,8 +94,9 @@ STEP = 1e-4  # m and rad, of the derivatives: moves a pixel by far less than its
 class Shake:
     """Whitens images whose pixels have noise of their own and noise that they share: errors of the measured pose.
 
-    With A the shared part, one column for each error of the pose in units of a pixel's noise, the covariance is
-    I + A A'. Its inverse root only turns down what lies in the columns' space: (I + A A')^-1/2 = I - U K U'.
+    With A the shared part, one column for each error of the pose in units of a pixel's noise, the
+    covariance is I + A A'. Its inverse root only turns down what lies in the columns' space: (I + A
+    A')^-1/2 = I - U K U'.
     """
 
     basis: Floats
@@ -111,7 +113,8 @@ class Shake:
 def shake_of(model: DepthModel, view: CameraEffects, kept: Indices, sigma: Floats) -> Shake:
     """The shared noise of the images `kept` of `model` from this view; its motion knows how well it was measured.
 
-    `sigma` is the noise of each pixel [m], infinite where it is not looked at, shape (kept, pixels).
+    `sigma` is the noise of each pixel [m], infinite where it is not looked at, shape (kept,
+    pixels).
     """
     still = model.predict(view, kept)
     columns = []
@@ -128,13 +131,16 @@ def shake_of(model: DepthModel, view: CameraEffects, kept: Indices, sigma: Float
 GROSS = 0.5  # relative error of depth: another surface
 WHOLE = 0.95  # of an end of the range: noise of 1 % of depth is not cut there
 FAR = 0.03
-"""Mean relative error of depth from which a camera is far off: a pitch of 1 degree on level ground."""
+"""Mean relative error of depth from which a camera is far off: a pitch of 1 degree on level
+ground."""
 LEFT = 0.1
-"""Share of that error which an aligned camera may leave: more is something else, which it would only imitate."""
+"""Share of that error which an aligned camera may leave: more is something else, which it would
+only imitate."""
 FRAMES = 60
 """Images that are looked at."""
 SCALE = 0.05
-"""Unit of the search [s, rad, m]: a latency, a pitch and a height that change the depth about as much."""
+"""Unit of the search [s, rad, m]: a latency, a pitch and a height that change the depth about as
+much."""
 PITCHES, HEIGHTS, LATENCIES = np.linspace(-4.0, 4.0, 17), (-2.0, -1.0, 0.0, 1.0, 2.0), (-1.0, 1.0, 2.0, 3.0, 4.0, 5.0)
 """First points, in that unit: the bounds of what the problem searches."""
 EVALUATIONS = 250
@@ -150,7 +156,8 @@ def misfit(predicted: Floats, measured: Floats, range_m: float) -> float:
 def aligned(model: DepthModel, kept: Indices, measured: Floats) -> CameraEffects:
     """Latency, pitch and height at which the scene agrees with the images; as claimed where it is not far off there.
 
-    Edges need not lie where they are claimed: all pixels count, and none for more than another surface does.
+    Edges need not lie where they are claimed: all pixels count, and none for more than another
+    surface does.
     """
     some = np.arange(len(kept))[:: max(1, len(kept) // FRAMES)]
 

@@ -58,7 +58,8 @@ def fitted_noise(depth: Floats, difference: Floats) -> NoiseLaw:
 def log_variance(difference: Floats, depth: Floats) -> tuple[float, float]:
     """Logarithm of the variance of second differences [m], outliers cut, and its standard deviation; shapes (n,)."""
     variance, count = _variance(difference, depth)
-    # neighbouring differences share two of three samples: about half of them are worth one independent each
+    # neighbouring differences share two of three samples: about half of them are worth one
+    # independent each
     return float(np.log(variance)), float(np.sqrt(4.0 / max(count, 2)))
 
 

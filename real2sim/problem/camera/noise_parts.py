@@ -18,8 +18,8 @@ FEWEST_DIFFERENCES = 60
 class NoiseParts:
     """Second differences along rows, in parts.
 
-    What a wrong prediction leaves at the ghost of an edge, as a temporal filter makes them, is no noise: the spread is
-    that beside whatever is predicted.
+    What a wrong prediction leaves at the ghost of an edge, as a temporal filter makes them, is no
+    noise: the spread is that beside whatever is predicted.
     """
 
     grid: PixelGrid

@@ -80,7 +80,8 @@ def is_broken(depth: Floats, before: Floats, after: Floats, sigma: Floats) -> ND
 def clip_guess(images_mm: NDArray[np.uint16], range_m: float) -> float | None:
     """Where measured depth ends short of the claimed range [m]; None where it does not.
 
-    What is farther reads as the end itself: far more pixels have the largest depth than have any just below it.
+    What is farther reads as the end itself: far more pixels have the largest depth than have any
+    just below it.
     """
     counts = np.bincount(images_mm.ravel(), minlength=BELOW_MM + 2)
     counts[0] = 0

@@ -24,9 +24,10 @@ STILL = 0.3  # noise units RMS that 10 ms of latency changes: below, a log of so
 class CameraProblem(Problem):
     """See `Problem`; one block, "camera".
 
-    The base's pose is interpolated at the time of each exposure, rays go to the claimed terrain, and pixels are
-    compared on a grid. Pixels near edges of depth are left out there: what happens at edges is counted instead, as are
-    lost images and the spread of the noise, in rows of their own.
+    The base's pose is interpolated at the time of each exposure, rays go to the claimed terrain,
+    and pixels are compared on a grid. Pixels near edges of depth are left out there: what happens
+    at edges is counted instead, as are lost images and the spread of the noise, in rows of their
+    own.
 
     Raises:
         RecordingError: no images, no claimed camera, or no image within the segments of the log.

@@ -64,9 +64,10 @@ def claimed_mount(camera: Mapping[str, Any]) -> Mount:
 class BaseMotion:
     """The measured pose of the base at any time: smoothed but for landings, then cubic interpolation.
 
-    An error of the pose moves all pixels of an image at once: half a milliradian shifts the ground at 1.5 m by more
-    than its noise. Akima's interpolation does not swing about a base that is moved by hand from one rest to the next.
-    Without `base.csv` the base stands still at the height of a standing robot.
+    An error of the pose moves all pixels of an image at once: half a milliradian shifts the ground
+    at 1.5 m by more than its noise. Akima's interpolation does not swing about a base that is moved
+    by hand from one rest to the next. Without `base.csv` the base stands still at the height of a
+    standing robot.
     """
 
     def __init__(self, log: RunLog) -> None:
@@ -105,8 +106,8 @@ class BaseMotion:
 def _smoothed(time_s: Floats, pose: Floats) -> tuple[Floats, float]:
     """Cubic least squares over `SMOOTHING_S` about each sample, shape (n, 7), where a log is sampled that densely.
 
-    Also returns what is left of white noise, over what was taken away. A stretch ends where samples are missing: the
-    robot may have been carried elsewhere.
+    Also returns what is left of white noise, over what was taken away. A stretch ends where samples
+    are missing: the robot may have been carried elsewhere.
     """
     gaps = np.diff(time_s)
     window = 2 * round(0.5 * SMOOTHING_S / float(np.median(gaps))) + 1
@@ -116,7 +117,8 @@ def _smoothed(time_s: Floats, pose: Floats) -> tuple[Floats, float]:
     for part in np.split(np.arange(len(time_s)), np.flatnonzero(gaps > SMOOTHING_S) + 1):
         if len(part) > window:
             smooth[part] = savgol_filter(pose[part], window, SMOOTHING_ORDER, axis=0)
-    # of least squares, the weight of a sample in its own estimate is the share of the variance that stays
+    # of least squares, the weight of a sample in its own estimate is the share of the variance that
+    # stays
     own = float(savgol_coeffs(window, SMOOTHING_ORDER)[window // 2])
     return smooth, math.sqrt(own / (1.0 - own))
 
@@ -177,8 +179,8 @@ def _slab(origin: Floats, inverse: Floats, low: Floats, high: Floats) -> tuple[F
 def claimed_scenes(boxes: Boxes) -> tuple[VisibleScene, ...]:
     """Readings of what a log claims of its terrain, the likelier first.
 
-    Without boxes it is the plane z = 0. Boxes may hold the ground as one of them, or may leave it out; which it is
-    shows in the images.
+    Without boxes it is the plane z = 0. Boxes may hold the ground as one of them, or may leave it
+    out; which it is shows in the images.
     """
     low, high = boxes.center - boxes.half_size, boxes.center + boxes.half_size
     readings = (True, False) if len(low) else (True,)

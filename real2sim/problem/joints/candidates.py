@@ -19,7 +19,8 @@ Law = Callable[..., Floats]
 """A law of saturation gives the torque that is lost [Nm], for a commanded torque >= 0 [Nm] and the
 unknowns of the saturation."""
 JITTERS = 0.975
-"""Share of its gap that a delay closes whose packets come with a jitter of a tenth of it, and some late."""
+"""Share of its gap that a delay closes whose packets come with a jitter of a tenth of it, and some
+late."""
 LEAST_CLOSED = 0.9
 """True effects alone close 0.95 or more of what is not chance; a motor that warms up was imitated
 to 0.76 to 0.89 by a lower gain or an emptying battery."""
@@ -28,7 +29,8 @@ LOOP_RATE = "drive_rate"
 
 
 WEIGHT = Unknown("weight", 0.0, 1.0, 0.2, stated=1.0)
-"""How much of an effect there is that is there or not: a fit may come from absence to presence by degrees."""
+"""How much of an effect there is that is there or not: a fit may come from absence to presence by
+degrees."""
 BEND = Unknown("bend", 0.0, 5e-3, 2e-4, is_shape=True, is_told=False)
 """How far bristles of dry friction bend before they give way [rad]; the plant's are rigid."""
 
@@ -109,8 +111,9 @@ def _stop(reach: Reach) -> Coordinates:
 
 
 # Bounds of parameters are those of the effects; scales are the smallest changes that matter on
-# hardware (magnitudes published for robots of this class). Resolutions are what fits find in logs without any effect
-# that another simulator made, whose velocities are half an integration step, 0.06 ms, late.
+# hardware (magnitudes published for robots of this class). Resolutions are what fits find in logs
+# without any effect that another simulator made, whose velocities are half an integration step,
+# 0.06 ms, late.
 KINDS = (
     # packets come with jitter, of which a delay says nothing
     _kind(

@@ -1,8 +1,8 @@
 """The effects of many sets of unknowns, as arrays that act on all simulations of a replay at once.
 
-The physics is that of `saltus.effects`; a test holds the two together. Here a delay knows the whole log in advance,
-effects that no set has cost nothing, and four effects have a weight, 0 absent and 1 present, so that they come in
-smoothly.
+The physics is that of `saltus.effects`; a test holds the two together. Here a delay knows the whole
+log in advance, effects that no set has cost nothing, and four effects have a weight, 0 absent and 1
+present, so that they come in smoothly.
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +27,8 @@ class DriveState:
         self.filtered: Floats | None = None
         self.lagged: Floats | None = None
         self.steepness: Floats | None = None
-        """By how much the torque of the last call falls with velocity [Nm s/rad], where a speed limit holds it."""
+        """By how much the torque of the last call falls with velocity [Nm s/rad], where a speed
+        limit holds it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,14 +41,16 @@ class Drives:
     limit: Floats
     """Torque limits of the joints [Nm], shape (branches, joints, 1)."""
     hinges: Hinges = ()
-    """A saturation in pieces: slopes that are lost, and the torque [Nm] from which on, shape (joints, 1)."""
+    """A saturation in pieces: slopes that are lost, and the torque [Nm] from which on, shape
+    (joints, 1)."""
     command_delay: Floats | None = None
     feedforward_delay: Floats | None = None
     actuator_lag: Floats | None = None
     torque_speed_limit: tuple[Floats, Floats, Floats] | None = None
     """Weight, corner, and from there to the no-load speed [rad/s]."""
     torque_saturation: tuple[Floats, Floats, Floats] | None = None
-    """Slope that is lost, the torque from which on, and how rounded that corner is [Nm]; see `lost`."""
+    """Slope that is lost, the torque from which on, and how rounded that corner is [Nm]; see
+    `lost`."""
     torque_gain: Floats | None = None
     """Less 1."""
     battery_sag: Floats | None = None
@@ -61,9 +64,11 @@ class Drives:
     joint_spring: tuple[Floats, Floats] | None = None
     """Pull at the zero angle [Nm] and stiffness [Nm/rad]."""
     end_stop: tuple[Floats, Floats, Floats] | None = None
-    """Side, +1 at large angles and -1 at small ones, where it begins [rad], and stiffness [Nm/rad]."""
+    """Side, +1 at large angles and -1 at small ones, where it begins [rad], and stiffness
+    [Nm/rad]."""
     base_roll: tuple[Floats, Floats, Floats] | None = None
-    """Weight, give [rad/Nm] and damping [Nm s/rad] of what holds the base, shape (branches, sets)."""
+    """Weight, give [rad/Nm] and damping [Nm s/rad] of what holds the base, shape (branches,
+    sets)."""
     armature: Floats | None = None
     encoder_bias: Floats | None = None
     encoder_quantisation: tuple[Floats, Floats] | None = None
@@ -75,8 +80,8 @@ class Drives:
     """Rate of the drive's loop, as 1 - 1/n where it evaluates its law n times in a step of the
     replay: 0 at the replay's own rate, 1 without end."""
     between: Floats | float | None = None
-    """In a replay twice as fine as the slowest loop: how much of a drive computes its torque at every second instant,
-    too; None in others."""
+    """In a replay twice as fine as the slowest loop: how much of a drive computes its torque at
+    every second instant, too; None in others."""
     holds_limit: bool = False
     """True where a speed limit sees the velocity once an instant, as in the plant; False where it
     also sees how the velocity changes meanwhile."""

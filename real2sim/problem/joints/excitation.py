@@ -17,7 +17,8 @@ LEAST_SPEED = 0.05  # rad/s: below it a joint stands still
 NEAR_STOP = 0.2  # rad from a claimed limit: soft stops were found to begin 0.09 rad before it, see `EndStop`
 LEAST_SAG_S = 5.0  # a battery does not empty in less
 FINEST_STEP, COARSEST_STEP = 5e-4, 0.04
-"""Steps of an encoder that are looked for [rad]: finer ones drown in noise of 1 mrad, coarser ones no drive has."""
+"""Steps of an encoder that are looked for [rad]: finer ones drown in noise of 1 mrad, coarser ones
+no drive has."""
 BIN = 5e-5
 """Width of a bin in the histogram of angles [rad]: a tenth of the finest step."""
 LEAST_SPREADS = 6.0
@@ -121,9 +122,11 @@ def _step(angles: Floats) -> float | None:
         return None
     bins = np.floor((angles - angles.min()) / BIN).astype(np.int64)
     counts = np.bincount(bins)
-    # multiples are counted from 0: far from it, lines must lie close for the phase to be right between them
+    # multiples are counted from 0: far from it, lines must lie close for the phase to be right
+    # between them
     size = LINES * max(len(counts), int(np.abs(angles).max() / BIN))
-    # that angle is a multiple of the step, and a line of this spectrum then lies at one over the step
+    # that angle is a multiple of the step, and a line of this spectrum then lies at one over the
+    # step
     first, last = (int(size * BIN / step) + 1 for step in (COARSEST_STEP, FINEST_STEP))
     frequency = np.arange(first, last) / (size * BIN)
     if len(frequency) < 2:  # whatever its velocities say, the joint has not moved by a step

@@ -45,7 +45,8 @@ def rubbed(
             like springs, 1 / (stiffness step^2). None where they are rigid.
         bent: How far bristles are bent, over the step [rad/s], with the sign of the impulse that bent them.
     """
-    # by hand: `np.clip` takes several times as long for arrays of this size, most of it to look at its arguments
+    # by hand: `np.clip` takes several times as long for arrays of this size, most of it to look at
+    # its arguments
     least = -limit
     np.minimum(np.maximum(impulse, least, out=impulse), limit, out=impulse)
     velocity = velocity + np.einsum("wbij...,wbj...->wbi...", inverse, impulse)
@@ -67,8 +68,9 @@ def rubbed(
 class Play:
     """Where rotors are in their gaps.
 
-    The law of the drive and the rotor are on the motor's side; in contact both sides move as one. Contact ends when the
-    rotor would have to pull, and begins again, without rebound, at an end of the gap.
+    The law of the drive and the rotor are on the motor's side; in contact both sides move as one.
+    Contact ends when the rotor would have to pull, and begins again, without rebound, at an end of
+    the gap.
 
     Args:
         width: Of the gaps [rad], shape (branches, joints, sets).
@@ -121,7 +123,8 @@ class Play:
             dt_s: The step.
         """
         touches = self._touches
-        # 1. rotors that would have to pull: they leave, or cross a gap that is narrower than a step's way
+        # 1. rotors that would have to pull: they leave, or cross a gap that is narrower than a
+        # step's way
         pushed = self._drive - self._rotor * acceleration
         leaves = touches & (pushed * self.offset < 0.0)
         crosses = leaves & (np.abs(pushed) * (0.5 * dt_s**2) > 2.0 * self._half * self._rotor)

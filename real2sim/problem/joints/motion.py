@@ -21,15 +21,20 @@ GAP_ROWS = 2.5
 """Rows that are further apart than this many periods part a log into stretches."""
 JITTER = 0.1  # of a period: rows nearer than this to a uniform grid lie on it
 SMOOTHING_S = 0.022
-"""Around a row, for the motion near which the legs are linearised: what is left is noise, to second order harmless."""
+"""Around a row, for the motion near which the legs are linearised: what is left is noise, to second
+order harmless."""
 LINEARISED_EVERY_S = 0.008
-"""Between evaluations of how the legs answer to a difference from the motion: a tenth of the period of 10 Hz."""
+"""Between evaluations of how the legs answer to a difference from the motion: a tenth of the period
+of 10 Hz."""
 START_S = (0.02, 0.05, 0.1, 0.2, 0.4)
-"""Stretches around a window's start from which the state there is estimated; the longest that is still a parabola."""
+"""Stretches around a window's start from which the state there is estimated; the longest that is
+still a parabola."""
 WARM_UP_S = 0.25
-"""After the start of a window: e^-3 of an error of its start is left under usual gains, and delays are over."""
+"""After the start of a window: e^-3 of an error of its start is left under usual gains, and delays
+are over."""
 WINDOW_S = 1.0
-"""Restarts this often cost a fifth more of simulated time, and a quarter less of computing: arrays are larger."""
+"""Restarts this often cost a fifth more of simulated time, and a quarter less of computing: arrays
+are larger."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,7 +1,7 @@
 """Noise of the signals of joints: its level and colour, and what makes it white.
 
-Noise is what is left where the same is commanded twice, or else what is no smooth curve over a fraction of a second
-where the joints are quietest.
+Noise is what is left where the same is commanded twice, or else what is no smooth curve over a
+fraction of a second where the joints are quietest.
 """
 
 import itertools
@@ -20,8 +20,9 @@ ORDER = 2
 PIECE = 16
 """Samples of a piece whose energy is looked at: 0.25 s."""
 LONG, CURVE = 64, 4
-"""Samples of the pieces, 1 s, and coefficients of the smooth curve that is taken from each where nothing is repeated:
-what effects leave in a slow motion goes, and of noise little more than a sixteenth."""
+"""Samples of the pieces, 1 s, and coefficients of the smooth curve that is taken from each where
+nothing is repeated: what effects leave in a slow motion goes, and of noise little more than a
+sixteenth."""
 SAME_COMMAND = 1e-3  # rad RMS: repeats are sent the same commands up to rounding
 QUIET_SHARE = 1.0 / 3.0
 """Share of the pieces that is taken to be noise alone, those with least energy: the others also
@@ -68,7 +69,8 @@ class Whitening:
 def whitening(pieces: Floats, floor: Floats, most_count: NDArray[np.bool_]) -> Whitening:
     """The autoregression of pieces of noise (pieces, PIECE, ...), of which the quietest count.
 
-    `floor` is the smallest standard deviation to believe in, shape (...); where `most_count`, most pieces count.
+    `floor` is the smallest standard deviation to believe in, shape (...); where `most_count`, most
+    pieces count.
     """
     energy = np.mean(pieces**2, axis=1)
     count = max(1, int(np.ceil(QUIET_SHARE * len(pieces))))
@@ -117,8 +119,8 @@ def _quietest(pieces: int, count: int) -> float:
 def smooth_left_out(samples: Floats) -> Floats:
     """Pieces of a signal, shape (samples, ...), without their smooth parts; shape (pieces, PIECE, ...).
 
-    Where a second at a time leaves far more than a quarter of a second at a time, it is no noise: a robot that never
-    rests, of which the claimed model says little.
+    Where a second at a time leaves far more than a quarter of a second at a time, it is no noise: a
+    robot that never rests, of which the claimed model says little.
     """
     long, short = (_rest(samples, length) for length in (min(LONG, len(samples) // PIECE * PIECE), PIECE))
     short = short[: len(long)]

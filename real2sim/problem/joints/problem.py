@@ -27,9 +27,11 @@ from saltus.robots.robot import LINKS, Robot
 from saltus.sim.held_robot import HeldRobot
 
 SAMPLE_S = 0.016
-"""Rows are averaged over this long: motions of 10 Hz keep 96 %, and a log of 30 s has 2000 samples a signal."""
+"""Rows are averaged over this long: motions of 10 Hz keep 96 %, and a log of 30 s has 2000 samples
+a signal."""
 FLOOR = {"q": 1e-4, "dq": 5e-3, "tau_est": 2e-2}
-"""Smallest noise of a sample to believe in [rad], [rad/s], [Nm]: the replay itself is as good as that."""
+"""Smallest noise of a sample to believe in [rad], [rad/s], [Nm]: the replay itself is as good as
+that."""
 STOP = 0.01  # rad: nearer than this to its limit a joint may touch
 TOGETHER = 32
 """Sets that are simulated together: their arrays then stay in the cache of a core."""
@@ -230,7 +232,8 @@ class JointProblem(Problem):
         rows, branches = self._rows, self._robot.branches
         signals = np.stack([getattr(rows, s)[:, branches] for s in self._signals], axis=1)
         pieces = repeated(rows.time_s, np.nan_to_num(signals), self._asked, self.segments, self._averaged)
-        # an encoder that hunts between two steps does so differently each time: there all pieces are noise
+        # an encoder that hunts between two steps does so differently each time: there all pieces
+        # are noise
         is_coarse = np.array([step is not None for step in self._steps])[branches]
         nothing = np.zeros((1, len(self.blocks), self._candidates.count))
         claimed = self._apart(self._candidates.drives(nothing, self._motion.dt_s))[..., 0]

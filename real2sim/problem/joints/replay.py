@@ -1,8 +1,9 @@
 """Replays the commands of a log to many simulated robots at once, each with other effects in its drives.
 
-The base is held, so that legs are short open chains; near the measured motion their equation of motion is linear with
-known coefficients (`saltus.sim.held_robot`). All windows and all sets of effects advance together, in arrays of
-shape (windows, branches, joints, sets), the sets last because they are most.
+The base is held, so that legs are short open chains; near the measured motion their equation of
+motion is linear with known coefficients (`saltus.sim.held_robot`). All windows and all sets of
+effects advance together, in arrays of shape (windows, branches, joints, sets), the sets last
+because they are most.
 """
 
 from dataclasses import dataclass
@@ -100,8 +101,8 @@ def replay(motion: Motion, windows: Windows, drives: Drives, averaged: int) -> F
 class _FastLoop:
     """A drive that evaluates its law n times in a step of the replay: what its torque, a staircase, does over the step.
 
-    The state is taken to follow a parabola; sums over the n stairs, with 1 - rate for 1/n, give the weights. Checked
-    against a replay with n times as many steps.
+    The state is taken to follow a parabola; sums over the n stairs, with 1 - rate for 1/n, give the
+    weights. Checked against a replay with n times as many steps.
     """
 
     mean: Floats
@@ -201,8 +202,8 @@ class _Simulation:
         if self._drive_state.steepness is not None:
             stiff = self._drive_state.steepness
             change = dt * stiff * self._mobility[rows]  # of velocity in one step, relative
-            # between the midpoint rule, for gentle slopes, and the implicit one, for steep ones: (3 + x) / (6 + x) is
-            # the weight with which a linear decay is exact, to second order
+            # between the midpoint rule, for gentle slopes, and the implicit one, for steep ones: (3
+            # + x) / (6 + x) is the weight with which a linear decay is exact, to second order
             added = (dt * (3.0 + change) / (6.0 + change)) * stiff + (0.0 if added is None else added)
         # 3. the legs
         inverse = motion.inverse_mass[rows][..., None]
@@ -220,7 +221,8 @@ class _Simulation:
         q += (0.5 * dt) * (v + faster)
         if self._loop is not None and slope is not None:
             q += self._loop.moment * self._mobility[rows] * slope
-        # by hand: `np.clip` takes several times as long for arrays of this size, most of it to look at its arguments
+        # by hand: `np.clip` takes several times as long for arrays of this size, most of it to look
+        # at its arguments
         np.minimum(np.maximum(q, -DIVERGED, out=q), DIVERGED, out=q)
         np.minimum(np.maximum(faster, -DIVERGED, out=v), DIVERGED, out=v)
         self._earlier, self._acceleration = self._acceleration, acceleration

@@ -17,7 +17,8 @@ Curve = tuple[tuple[float, float], ...]
 DIGITS = 4
 """Decimal places of torques in a profile [Nm]: points that are nearer than that are one."""
 BEYOND_NM = 5.0
-"""From the last corner to the last point of a curve: it gives the slope with which the curve goes on."""
+"""From the last corner to the last point of a curve: it gives the slope with which the curve goes
+on."""
 
 
 def delivered(curve: Curve, torque: Floats) -> Floats:

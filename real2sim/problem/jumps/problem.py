@@ -1,8 +1,8 @@
 """The problem of a robot that jumps: its body and its drives, whatever the ground gives.
 
-A simulation of jumps goes its own way at the first footfall. So nothing is simulated: the measured motion says which
-torques and forces it needed, and drives with effects say which there were. Legs in the air show drives alone; the base
-shows them beside payload, centre of mass and inertia.
+A simulation of jumps goes its own way at the first footfall. So nothing is simulated: the measured
+motion says which torques and forces it needed, and drives with effects say which there were. Legs
+in the air show drives alone; the base shows them beside payload, centre of mass and inertia.
 """
 
 from collections.abc import Sequence
@@ -33,8 +33,8 @@ from saltus.sim.measured_robot import MeasuredMotion, MeasuredRobot
 
 BASE_SIGNALS = ("force_x", "force_y", "force_z", "moment_roll", "moment_pitch", "moment_yaw")
 FLOOR = np.repeat([1.0, 0.3, 0.03], [3, 3, 12])
-"""Smallest noise of a mean over a block to believe in [N], [Nm], [Nm]: under a robot's weight a foot's place is good to
-2 mm, and a drive's torque to a per cent of a swing's."""
+"""Smallest noise of a mean over a block to believe in [N], [Nm], [Nm]: under a robot's weight a
+foot's place is good to 2 mm, and a drive's torque to a per cent of a swing's."""
 NOT_SHOWN = {
     "stiction": "legs do not rest between jumps: slow_triangle shows it",
     "backlash": "encoders sit on one side of the play: joint_tour shows it",
@@ -50,11 +50,13 @@ NOT_SHOWN = {
 }
 """Effects of drives, body and ground that no log of jumps shows, and experiments that do."""
 USUAL = 5.0
-"""Scales of an unknown, small changes that matter, that make a usual size where no start says it."""
+"""Scales of an unknown, small changes that matter, that make a usual size where no start says
+it."""
 SETS = 16
 """Sets of unknowns that are computed together, so that their arrays stay in the cache."""
 BODIES = np.diag([1.0, 1e-3, 1e-3, 1e-3, 1.0])
-"""Payload [kg], centre of mass [m] and excess of inertia by which slopes are found; forces are linear in all."""
+"""Payload [kg], centre of mass [m] and excess of inertia by which slopes are found; forces are
+linear in all."""
 
 
 class JumpProblem(Problem):

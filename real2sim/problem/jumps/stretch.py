@@ -27,9 +27,11 @@ BASE = 6
 STILL = 0.02
 """Below it dry friction goes over from one sign to the other [rad/s]."""
 LATEST_STEPS, LATE_SHARE = 26, 0.6
-"""A gyroscope is late if some of these steps later it differs by this share, or less, from how the base turns."""
+"""A gyroscope is late if some of these steps later it differs by this share, or less, from how the
+base turns."""
 UNEVEN = 0.1
-"""Share of how the ground's force changes within a block that stays unknown: the base is measured only at its ends."""
+"""Share of how the ground's force changes within a block that stays unknown: the base is measured
+only at its ends."""
 SMALLEST_PIVOT = 0.02
 """Smallest pivot of a leg's Jacobian [m]: a leg nearer to straight tells nothing of the force on
 its foot."""
@@ -144,8 +146,9 @@ def _turning(now: Track) -> Floats:
 class Balance:
     """The equations of motion of a stretch, without what is unknown of them: the forces of the ground.
 
-    A leg that may stand feels an unknown force at its foot, three numbers, which its own three equations tell; what is
-    left are the six of the base. They hold whatever the ground is like. A leg in the air has three of its own.
+    A leg that may stand feels an unknown force at its foot, three numbers, which its own three
+    equations tell; what is left are the six of the base. They hold whatever the ground is like. A
+    leg in the air has three of its own.
 
     Args:
         stretch: With n steps, b blocks.
