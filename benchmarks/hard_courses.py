@@ -30,9 +30,9 @@ from saltus.flags import shown
 from saltus.folders import ask_for_room
 from saltus.grid import LINE
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.loop.heights import HeightsFactory
 from saltus.models import model_id, model_path
 from saltus.policy.evaluation.evaluate import BATCH, HEIGHTS, Evaluation, run_batch
-from saltus.policy.evaluation.rollout import HeightsFactory
 from saltus.policy.planner import make_planner
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT

@@ -22,7 +22,8 @@ from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.grid import HEIGHTMAP_X, LINE
-from saltus.policy.planner import Planner, make_planner
+from saltus.loop.planner import Planner
+from saltus.policy.planner import make_planner
 from saltus.policy.process import PlannerProcess
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot

@@ -15,8 +15,8 @@ from benchmarks._command import Command, progress
 from benchmarks._measuring import Stopwatch
 from saltus.config import TerrainConfig
 from saltus.grid import LINE
+from saltus.loop.planner import Observation, observe
 from saltus.policy.evaluation.evaluate import HEIGHTS, Evaluation, collect, evaluate
-from saltus.policy.observation import Observation, observe
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot

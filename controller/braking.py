@@ -77,7 +77,7 @@ class BrakingState:
 
 
 class Motion(Protocol):
-    """How the body moves; `saltus.controller.signals.Body` says so, and more."""
+    """How the body moves; `saltus.controller.signals.YawFrameBody` says so, and more."""
 
     @property
     def pitch(self) -> Array:

@@ -8,7 +8,7 @@ Source: paper ("Feedback Velocity Tracking").
 from dataclasses import dataclass
 
 from saltus.arrays import Array, Constant, namespace
-from saltus.controller.signals import Body
+from saltus.controller.signals import YawFrameBody
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
 from saltus.rotations import skew
@@ -32,7 +32,7 @@ class VelocityFeedback:
         self._identity = Constant([[float(i == j) * damping**2 for j in range(3)] for i in range(3)])
         self._limit = Constant(robot.speed_limit)
 
-    def joint_velocity(self, body: Body, velocity: Array, angular_velocity: Array) -> Array:
+    def joint_velocity(self, body: YawFrameBody, velocity: Array, angular_velocity: Array) -> Array:
         """Joint velocities [rad/s], shape (..., 12), within the drives' speed limits.
 
         Args:

@@ -13,7 +13,7 @@ from saltus.constants import PHYSICS_DT
 from saltus.controller.compensation import Compensation
 from saltus.controller.feedback import FeedbackConfig, VelocityFeedback
 from saltus.controller.gait import Gait, GaitConfig, GaitSignal, GaitState
-from saltus.controller.signals import Body, Reference, observe
+from saltus.controller.signals import Reference, YawFrameBody, observe
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceSolver
 from saltus.controller.swing import SwingConfig, SwingLegs
 from saltus.joint_command import JointCommand
@@ -74,7 +74,7 @@ class Diagnostics:
 
     gait: GaitSignal
     """With contacts as they are used: all four legs when standing."""
-    body: Body
+    body: YawFrameBody
     force: Array
     """Planned forces on the feet, yaw frame [N], shape (..., 12); zero when standing."""
     tracking_cost: Array
@@ -176,7 +176,7 @@ class LegController:
         )  # 0.1 m from the centre to where legs are attached: angular speed as speed
         return xp.all(state.landed, axis=-1) & (energy < self.config.settled_speed_mps**2)
 
-    def _entered(self, state: LawState, mode: ControllerMode, sensed: Proprioception, body: Body) -> LawState:
+    def _entered(self, state: LawState, mode: ControllerMode, sensed: Proprioception, body: YawFrameBody) -> LawState:
         if mode == state.mode:
             return state
         if mode in _MOVING and state.mode in _MOVING:
@@ -193,7 +193,7 @@ class LegController:
         )
 
     def _run(
-        self, reference: Reference, sensed: Proprioception, body: Body, state: LawState
+        self, reference: Reference, sensed: Proprioception, body: YawFrameBody, state: LawState
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         gait = self._gait.advance(state.gait, reference.stepping_frequency, PHYSICS_DT)
         signal = self._gait.read(gait, reference.stepping_frequency)
@@ -201,7 +201,7 @@ class LegController:
         return self._track(reference, sensed, body, state, signal)
 
     def _land(
-        self, sensed: Proprioception, reference: Reference, body: Body, state: LawState
+        self, sensed: Proprioception, reference: Reference, body: YawFrameBody, state: LawState
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         """All legs are springs that reach for the ground at the capture point, in whatever order they touch it.
 
@@ -228,7 +228,7 @@ class LegController:
         return (command, *self._without_plan(body, replace(state, gait=gait, landed=landed), signal))
 
     def _track(
-        self, reference: Reference, sensed: Proprioception, body: Body, state: LawState, signal: GaitSignal
+        self, reference: Reference, sensed: Proprioception, body: YawFrameBody, state: LawState, signal: GaitSignal
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         """Swing, stance feed-forward, feedback, command."""
         xp = namespace(body.roll)
@@ -266,7 +266,7 @@ class LegController:
         )
         return command, replace(state, liftoff=liftoff), diagnostics
 
-    def _velocities(self, reference: Reference, body: Body) -> tuple[Array, Array]:
+    def _velocities(self, reference: Reference, body: YawFrameBody) -> tuple[Array, Array]:
         """Velocity references of a plan: turned to the heading, and no further from the present than allowed."""
         xp = namespace(body.roll)
         error = body.yaw - reference.heading
@@ -277,7 +277,7 @@ class LegController:
         velocity = xp.clip(reference.velocity, body.velocity - step, body.velocity + step)
         return velocity, xp.clip(wanted, body.angular_velocity - angular_step, body.angular_velocity + angular_step)
 
-    def _rest_pose(self, body: Body) -> Array:
+    def _rest_pose(self, body: YawFrameBody) -> Array:
         """Joint angles to stand on the slope that the feet give, shape (..., 12).
 
         The base is over the middle of the feet and pitched by half the slope: a trunk that is parallel to stairs of
@@ -314,7 +314,7 @@ class LegController:
         zero = xp.zeros_like(sensed.joint_position)
         return JointCommand(position=zero, velocity=zero, kp=zero, kd=zero + self._gains.damp_kd, torque=zero)
 
-    def _at_rest(self, body: Body, state: LawState) -> tuple[LawState, Diagnostics]:
+    def _at_rest(self, body: YawFrameBody, state: LawState) -> tuple[LawState, Diagnostics]:
         """State and diagnostics of a step without a schedule: every leg is in contact."""
         xp = namespace(body.roll)
         down = state.landed | True
@@ -328,7 +328,7 @@ class LegController:
         )
         return self._without_plan(body, replace(state, landed=down), signal)
 
-    def _without_plan(self, body: Body, state: LawState, signal: GaitSignal) -> tuple[LawState, Diagnostics]:
+    def _without_plan(self, body: YawFrameBody, state: LawState, signal: GaitSignal) -> tuple[LawState, Diagnostics]:
         """State and diagnostics of a step in which no forces are planned."""
         xp = namespace(body.roll)
         still = xp.zeros_like(body.velocity)

@@ -31,7 +31,7 @@ class Reference:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Body:
+class YawFrameBody:
     """The robot seen from the yaw frame: all that swing, stance and feedback share."""
 
     roll: Array
@@ -66,7 +66,7 @@ def reference_of(plan: Plan, heading: Array) -> Reference:
     )
 
 
-def observe(sensed: Proprioception, legs: LegKinematics) -> Body:
+def observe(sensed: Proprioception, legs: LegKinematics) -> YawFrameBody:
     """Attitude, velocities and feet of a robot with these legs, in the frames that the controller uses."""
     xp = namespace(sensed.joint_position)
     rotation = rotation_matrix(sensed.quaternion_base_in_world)
@@ -74,7 +74,7 @@ def observe(sensed: Proprioception, legs: LegKinematics) -> Body:
     yaw_in_world = _yaw_in_world(xp, rotation)
     base_in_yaw = yaw_in_world.mT @ rotation
     foot_base, jacobian = legs.position_and_jacobian(sensed.joint_position)
-    return Body(
+    return YawFrameBody(
         roll=roll,
         pitch=pitch,
         yaw=yaw,

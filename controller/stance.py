@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Array, Constant, Floats, namespace
 from saltus.constants import GRAVITY
-from saltus.controller.signals import Body
+from saltus.controller.signals import YawFrameBody
 from saltus.errors import SaltusError
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
@@ -86,7 +86,7 @@ class StanceLegs:
         self._up = Constant([[GRAVITY], [0.0]])
         self._torque_limit = Constant(robot.torque_limit)
 
-    def acceleration_reference(self, body: Body, velocity: Array, angular_velocity: Array) -> Array:
+    def acceleration_reference(self, body: YawFrameBody, velocity: Array, angular_velocity: Array) -> Array:
         """Reference acceleration (linear, angular) in the base frame, clipped. Shape (..., 2, 3).
 
         Args:
@@ -101,7 +101,7 @@ class StanceLegs:
         acceleration = error * self._gain.like(velocity) - roll * self._roll_gain.like(velocity)
         return xp.clip(acceleration @ body.base_in_yaw, self._low.like(velocity), self._high.like(velocity))
 
-    def build_qp(self, body: Body, acceleration: Array, contact: Array) -> StanceQP:
+    def build_qp(self, body: YawFrameBody, acceleration: Array, contact: Array) -> StanceQP:
         """Writes the problem down; `acceleration` (..., 2, 3) and `contact` (..., 4) as elsewhere."""
         batch = acceleration.shape[:-2]
         rotation = body.base_in_yaw
@@ -124,7 +124,7 @@ class StanceLegs:
         error = (force[..., None, :] @ qp.model)[..., 0, :] - qp.target
         return xp.sqrt(xp.sum(error * error * self._weight.like(force), axis=-1))
 
-    def torque(self, body: Body, force: Array) -> Array:
+    def torque(self, body: YawFrameBody, force: Array) -> Array:
         """Joint torques [Nm], shape (..., 12), that press the feet down with `force` (yaw frame, (..., 12))."""
         xp = namespace(force)
         batch = force.shape[:-1]

@@ -99,7 +99,7 @@ class PredictorTraining:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Loop:
+class LoopSettings:
     """How robots are let run, a batch at a time.
 
     Raises:
@@ -140,7 +140,7 @@ class Loop:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClosedLoop(Loop):
+class ClosedLoop(LoopSettings):
     """How robots are let run on processors with a predictor in the loop, a batch at a time."""
 
     robots: int = 32
@@ -217,7 +217,7 @@ class ProcessorCollection:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeviceLoop(Loop):
+class DeviceLoop(LoopSettings):
     """How robots are let run on one device, thousands at once."""
 
     robots: int = 4096

@@ -4,8 +4,6 @@ Like the heightmap service it gets late images, and like the policy it knows wha
 roll-out it stands where the predictor stands: its plan travels in the place of heights, and a planner passes it on.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +15,15 @@ from saltus.arrays import Floats, Reals, Singles
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.predicted import PredictedHeights
-from saltus.heightmap.data.robot_cameras import robot_cameras
 from saltus.heightmap.service.sight import Tick
+from saltus.loop.planner import Observation, observe
 from saltus.model_file import ModelFile
 from saltus.plan import Plan
 from saltus.policy.bounds import ACTIONS, ActionBounds, plan_from_values
 from saltus.policy.features import PROPRIOCEPTION_SIZE, features
-from saltus.policy.observation import Observation, observe
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.setup import Setup
 from saltus.states import RobotStates
 
 
@@ -70,18 +66,6 @@ class ImitatedPlans(PredictedHeights):
         observation = observe(states, self._network.legs)
         blank = np.zeros((len(observation.pitch), len(HEIGHTMAP_X)))
         return features(observation, blank)[:, :PROPRIOCEPTION_SIZE].astype(np.float32)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ImitatedPlansFactory:
-    """Makes `ImitatedPlans` for a batch; can be sent to another process."""
-
-    model: Path
-
-    def __call__(self, setups: Sequence[Setup]) -> ImitatedPlans:
-        """A source of plans for one batch."""
-        network = ImitationNetwork(self.model)
-        return ImitatedPlans(network, robot_cameras(setups), setups[0].profile)
 
 
 class PassOn:

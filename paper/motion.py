@@ -298,7 +298,7 @@ def step_and_gap(effort: Effort) -> Made:
     robot, numbers = load_robot(DEFAULT_ROBOT), {}
     for line, name in zip(axes, ("step", "gap"), strict=True):
         terrain = make_terrain(COURSES[name])
-        run, _, images = watched(Setting(terrain=terrain), effort)
+        run, images = watched(Setting(terrain=terrain), effort)
         trace, edge = run.trace, terrain.first_edge_x
         row = int(np.argmax(trace.base[:, 0] > edge - LOOK_M))
         ahead = trace.base[:, 0, None] + HEIGHTMAP_X

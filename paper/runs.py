@@ -11,21 +11,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from paper.imitation import ImitatedPlansFactory, ImitationNetwork, PassOn
+from paper.imitation import ImitatedPlans, ImitationNetwork, PassOn
 from paper.training import CAMERA
 from saltus.arrays import Floats
 from saltus.depth import MILLIMETRE, NOTHING
-from saltus.depth_camera import load_camera
-from saltus.effects.profile import SHIPPED, Profile, load_profile
+from saltus.effects.profile import SHIPPED, Profile
 from saltus.grid import LINE
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
+from saltus.loop.heights import HeightsFactory, HeightSource, exact_heights
+from saltus.loop.loop import Loop, Moment
+from saltus.loop.planner import Planner
+from saltus.named_setup import named_setups
 from saltus.policy.evaluation.evaluate import BATCH
-from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, batch_of, exact_heights
 from saltus.policy.evaluation.trace import Failure, Trace, failure_of, traces_of
-from saltus.policy.planner import Planner, make_planner
+from saltus.policy.planner import make_planner
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.setup import Setup
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial
 from saltus.workers import in_order
@@ -160,74 +161,54 @@ def ran(settings: Sequence[Setting], effort: Effort) -> list[list[Ran]]:
     return results
 
 
-def watched(setting: Setting, effort: Effort) -> tuple[Ran, PredictedHeights, list[tuple[float, Floats]]]:
+def watched(setting: Setting, effort: Effort) -> tuple[Ran, list[tuple[float, Floats]]]:
     """The first trial with what its camera saw: time [s] and depth [m], shape (48, 16), of each image."""
-    seen = _Seen()
     images: list[tuple[float, Floats]] = []
 
-    def look(step: RolloutStep) -> RolloutStep:
-        given = None if seen.source is None else seen.source.cameras.given
+    def look(moment: Moment, source: HeightSource) -> None:
+        given = source.given if isinstance(source, PredictedHeights) else None
         if given is not None:
             depth = np.where(given.depth[0] == NOTHING, np.inf, MILLIMETRE * given.depth[0])
-            images.append((float(step.states.time_s), depth))
-        return step
+            images.append((float(moment.states.time_s), depth))
 
-    (run,) = _run(effort.time_limit_s, (setting, [(effort.first_seed, None)]), seen, look)
-    if seen.source is None:
-        raise AssertionError("a roll-out asks for heights")
-    return run, seen.source, images
-
-
-class _Seen:
-    """Makes predicted heights and keeps hold of them."""
-
-    def __init__(self) -> None:
-        self.source: PredictedHeights | None = None
-
-    def __call__(self, setups: Sequence[Setup]) -> PredictedHeights:
-        self.source = PredictedHeightsFactory()(setups)
-        return self.source
+    (run,) = _run(effort.time_limit_s, (setting, [(effort.first_seed, None)]), look)
+    return run, images
 
 
 def _run(
     time_limit_s: float,
     task: tuple[Setting, Sequence[tuple[int, float | None]]],
-    heights: HeightsFactory | None = None,
-    look: Callable[[RolloutStep], RolloutStep] = lambda step: step,
+    look: Callable[[Moment, HeightSource], object] | None = None,
 ) -> list[Ran]:
     """Robots of one setting, by seed and start."""
     setting, numbered = task
     robot = load_robot(DEFAULT_ROBOT)
-    planner: Planner
-    if setting.imitator is None:
-        planner = make_planner("learned", robot, LINE, setting.policy)
-        seen: HeightsFactory = PredictedHeightsFactory(model=setting.predictor)
-    else:
-        planner = PassOn(ImitationNetwork(setting.imitator).bounds)
-        seen = ImitatedPlansFactory(model=setting.imitator)
     driven = robot if setting.feedback else replace(robot, gains=replace(robot.gains, stance_kd=0.0))
     trials = [
         trial if start is None else replace(trial, position_x=start)
         for trial, start in ((Trial.draw(seed), start) for seed, start in numbered)
     ]
-    profile = setting.profile if isinstance(setting.profile, Profile) else load_profile(setting.profile, robot)
-    camera = load_camera(CAMERA)
-    setup = Setup(
-        robot=camera.mounted_on(driven), grid=LINE, terrain=setting.terrain, profile=camera.delivered(profile),
-        camera=camera, trial=trials[0],
-    )  # fmt: skip
-    rollout = Rollout(
-        batch_of(setup, [setting.terrain] * len(trials), trials),
-        planner,
-        heights=heights or (exact_heights if setting.true_heights else seen),
-        time_limit_s=time_limit_s,
-    )
-    steps = [look(step) for step in rollout.run()]
+    setups = named_setups(driven, LINE, CAMERA, setting.profile, [setting.terrain] * len(trials), trials)
+    planner: Planner
+    source: HeightSource
+    if setting.imitator is None:
+        planner = make_planner("learned", robot, LINE, setting.policy)
+        see: HeightsFactory = PredictedHeightsFactory(model=setting.predictor)
+        source = exact_heights(setups) if setting.true_heights else see(setups)
+    else:
+        network = ImitationNetwork(setting.imitator)
+        planner, source = PassOn(network.bounds), ImitatedPlans(network, setups)
+    loop = Loop(setups, planner, heights=source, time_limit_s=time_limit_s)
+    steps = []
+    for step in loop.run():
+        steps.append(step)
+        if look is not None:
+            look(step, source)
     reference = np.array([_planned(step) for step in steps])
     velocity = np.array([_moved(step) for step in steps])
     frequency = np.array([step.plan.stepping_frequency_hz for step in steps])
     made = []
-    for i, (trace, outcome) in enumerate(zip(traces_of(steps), rollout.outcomes, strict=True)):
+    for i, (trace, outcome) in enumerate(zip(traces_of(steps), loop.outcomes, strict=True)):
         if outcome is not None:
             rows = len(trace.pose)
             made.append(
@@ -245,13 +226,13 @@ def _run(
     return made
 
 
-def _planned(step: RolloutStep) -> Floats:
+def _planned(step: Moment) -> Floats:
     """Shape (n, 3)."""
     plan = step.plan
     return np.stack([plan.velocity_x, plan.velocity_z, plan.pitch_rate], axis=-1)
 
 
-def _moved(step: RolloutStep) -> Floats:
+def _moved(step: Moment) -> Floats:
     """Shape (n, 3); courses lead along x."""
     linear, angular = step.truth.velocity_base_in_world, step.truth.angular_velocity_base
     return np.stack([linear[:, 0], linear[:, 2], angular[:, 1]], axis=-1)

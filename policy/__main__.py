@@ -2,7 +2,8 @@
 
 import sys
 
-from saltus.policy.planner import Planner, make_planner, warm_up
+from saltus.loop.planner import Planner
+from saltus.policy.planner import make_planner, warm_up
 from saltus.policy.process import PlannerProcess
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import freshness

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Reals
 from saltus.errors import ConfigError, ModelError
-from saltus.grid import HeightGrid, stated_grid
+from saltus.grid import HeightGrid
+from saltus.loop.planner import Observation
 from saltus.model_file import ModelFile
 from saltus.plan import Plan
 from saltus.policy.bounds import ACTIONS, ActionBounds, plan_from_values
@@ -21,7 +22,6 @@ from saltus.policy.features import (
     size_with,
     with_past,
 )
-from saltus.policy.observation import Observation
 from saltus.robots.robot import Robot
 from saltus.wire.messages import MotionPlan
 from saltus.wire.schemas import FIELDS
@@ -89,7 +89,7 @@ def _check(robot: Robot, grid: HeightGrid, file: ModelFile) -> None:
             f"{file.path}: it plans for the robot {made_for!r}, not for '{robot.name}': train a policy for this robot, "
             "or let rules plan (--planner scripted)"
         )
-    if not _stated_grid(file).equals(grid):
+    if not file.grid.equals(grid):
         raise ModelError(f"{file.path}: 'grid_m' is not the grid of the heights that it would be given")
     swing = _numbers(file, "swing_foot_z_range_m", 2)
     if np.abs(swing - robot.swing_foot_z).max() > _TOLERANCE:
@@ -103,15 +103,7 @@ def _check(robot: Robot, grid: HeightGrid, file: ModelFile) -> None:
 
 def grid_of(path: Path) -> HeightGrid:
     """The grid of the heights that a policy is given; `ModelError` where the file is none."""
-    return _stated_grid(ModelFile(path))
-
-
-def _stated_grid(file: ModelFile) -> HeightGrid:
-    try:
-        aside = {"grid_y_m": file.field("grid_y_m")} if "grid_y_m" in file.metadata else {}
-        return stated_grid({"grid_m": file.field("grid_m"), **aside})
-    except ConfigError as error:
-        raise ModelError(f"{file.path}: {error}") from error
+    return ModelFile(path).grid
 
 
 def _past_steps(file: ModelFile) -> tuple[int, ...]:

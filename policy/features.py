@@ -10,8 +10,8 @@ its proprioception said then, and the plan that it made.
 from saltus.arrays import Array, namespace
 from saltus.errors import ConfigError
 from saltus.grid import HeightGrid
+from saltus.loop.planner import Observation
 from saltus.policy.bounds import ACTIONS
-from saltus.policy.observation import Observation
 
 LAYOUT: dict[str, int] = {
     "contact": 4,

@@ -1,35 +1,17 @@
 """Planners by name: rules made by hand, or the learned policy."""
 
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from saltus.arrays import Reals
 from saltus.config import PlannerName
 from saltus.errors import ConfigError
 from saltus.grid import HeightGrid
+from saltus.loop.planner import Planner, observe
 from saltus.models import model_path
-from saltus.plan import Plan
-from saltus.policy.observation import Observation, observe
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.states import standing_state
-
-
-class Planner(Protocol):
-    """Plans for any batch of robots, always the same ones or such as begin."""
-
-    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Plan:
-        """Plans the next 10 ms.
-
-        Args:
-            observation: Of the robots now.
-            heights: Relative to the base [m], shape (..., points).
-            fresh: Robots that begin: what came before is forgotten; shape (...), or one for all.
-        """
-        ...
 
 
 def make_planner(name: PlannerName, robot: Robot, grid: HeightGrid, model: str | Path | None = None) -> Planner:

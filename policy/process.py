@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.grid import HeightGrid
+from saltus.loop.planner import Planner, observe
 from saltus.plan import REST, plan_message
-from saltus.policy.observation import observe
-from saltus.policy.planner import Planner
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState

@@ -13,9 +13,9 @@ import numpy as np
 from saltus.arrays import Array, Constant, namespace, smooth_step
 from saltus.constants import GRAVITY
 from saltus.grid import HeightGrid
+from saltus.loop.planner import Observation
 from saltus.plan import Plan, swing_lift
 from saltus.policy.height_line import HeightLine
-from saltus.policy.observation import Observation
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
 

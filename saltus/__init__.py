@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from saltus.errors import SaltusError as SaltusError
     from saltus.grid import load_grid as load_grid
     from saltus.heightmap.service.service import HeightmapService as HeightmapService
-    from saltus.policy.evaluation.rollout import RolloutStep as RolloutStep
-    from saltus.policy.planner import Planner as Planner
+    from saltus.loop.loop import Moment as Moment
+    from saltus.loop.planner import Planner as Planner
     from saltus.policy.planner import make_planner as make_planner
     from saltus.real2sim.results import Judgement as Judgement
     from saltus.real2sim.verdict import Verdict as Verdict
@@ -48,8 +48,9 @@ _HOMES = {
     "saltus.depth": ("D435I", "Intrinsics"),
     "saltus.errors": ("SaltusError",),
     "saltus.heightmap.service.service": ("HeightmapService",),
-    "saltus.policy.evaluation.rollout": ("RolloutStep",),
-    "saltus.policy.planner": ("Planner", "make_planner"),
+    "saltus.loop.loop": ("Moment",),
+    "saltus.loop.planner": ("Planner",),
+    "saltus.policy.planner": ("make_planner",),
     "saltus.real2sim.results": ("Judgement",),
     "saltus.real2sim.verdict": ("Verdict",),
     "saltus.recordings.recording": ("Recording", "read_recording"),

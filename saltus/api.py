@@ -20,8 +20,9 @@ from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
 if TYPE_CHECKING:
     from saltus.depth import Intrinsics
     from saltus.heightmap.service.service import HeightmapService
-    from saltus.policy.evaluation.rollout import HeightsFactory, RolloutStep
-    from saltus.policy.planner import Planner
+    from saltus.loop.heights import HeightsFactory
+    from saltus.loop.loop import Moment
+    from saltus.loop.planner import Planner
     from saltus.real2sim.progress import Progress
     from saltus.real2sim.results import Judgement
     from saltus.robots.robot import Robot
@@ -158,7 +159,7 @@ def roll_out(
     heights: Heights = "true",
     camera: str = "d435i",
     grid: "HeightGrid | None" = None,
-    on_step: "Callable[[RolloutStep], object] | None" = None,
+    on_step: "Callable[[Moment], object] | None" = None,
 ) -> "list[Outcome]":
     """Lets a planner drive robots over a terrain, one trial for each seed, in one process.
 
@@ -182,13 +183,12 @@ def roll_out(
         ConfigError: no trials, or a camera that is not known.
         ModelError: a policy of another robot.
     """
-    from saltus.depth_camera import load_camera
-    from saltus.effects.profile import SHIPPED, load_profile
+    from saltus.effects.profile import SHIPPED
+    from saltus.loop.loop import Loop
+    from saltus.named_setup import named_setups
     from saltus.policy.actor import grid_of
     from saltus.policy.evaluation.evaluate import HEIGHTS
-    from saltus.policy.evaluation.rollout import Rollout, batch_of
     from saltus.policy.planner import make_planner
-    from saltus.setup import Setup
     from saltus.trial import Trial
 
     if trials < 1:
@@ -200,16 +200,14 @@ def roll_out(
         source = PredictedHeightsFactory()
     else:
         source = HEIGHTS[heights]
-    kind, grid = load_camera(camera), grid or grid_of(model_path("policy"))
-    robot, drawn = kind.mounted_on(robot), [Trial.draw(seed + i) for i in range(trials)]
-    profile = kind.delivered(load_profile(SHIPPED, robot))
-    setup = Setup(robot=robot, grid=grid, terrain=terrain, profile=profile, camera=kind, trial=drawn[0])
-    driver = planner or make_planner("learned", robot, grid)
-    rollout = Rollout(batch_of(setup, [terrain] * trials, drawn), driver, heights=source)
-    for step in rollout.run():
+    drawn, grid = [Trial.draw(seed + i) for i in range(trials)], grid or grid_of(model_path("policy"))
+    setups = named_setups(robot, grid, camera, SHIPPED, [terrain] * trials, drawn)
+    driver = planner or make_planner("learned", setups[0].robot, grid)
+    loop = Loop(setups, driver, heights=source(setups))
+    for step in loop.run():
         if on_step is not None:
             on_step(step)
-    return [outcome for outcome in rollout.outcomes if outcome is not None]
+    return [outcome for outcome in loop.outcomes if outcome is not None]
 
 
 def find_effects(

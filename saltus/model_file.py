@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import onnxruntime
 
-from saltus.errors import ModelError
+from saltus.errors import ConfigError, ModelError
 from saltus.files import whole_file
+from saltus.grid import HeightGrid, stated_grid
 from saltus.models import MODEL_ID_DIGITS
 
 CHECKSUM_SUFFIX = ".sha256"
@@ -74,6 +75,15 @@ class ModelFile:
             return json.loads(self.metadata[name])
         except (ValueError, RecursionError) as error:
             raise ModelError(f"model {self.path} does not fit: '{name}' is not JSON") from error
+
+    @property
+    def grid(self) -> HeightGrid:
+        """The grid that it states (`saltus.grid.grid_metadata`); `ModelError` where that is none."""
+        try:
+            aside = {"grid_y_m": self.field("grid_y_m")} if "grid_y_m" in self.metadata else {}
+            return stated_grid({"grid_m": self.field("grid_m"), **aside})
+        except ConfigError as error:
+            raise ModelError(f"model {self.path} does not fit: {error}") from error
 
     def check(self, inputs: Mapping[str, Sequence[Any]], outputs: Mapping[str, Sequence[Any]]) -> None:
         """Refuses a network that takes or returns anything else, and runs it once, on zeros.

@@ -12,7 +12,6 @@ from saltus.effects.motor_limits import TorqueSaturation
 from saltus.effects.profile import IDEAL, Profile, load_profile
 from saltus.grid import LINE
 from saltus.named_setup import named_setup
-from saltus.policy.evaluation.rollout import batch_of
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
@@ -96,7 +95,7 @@ def setups_of(
 ) -> list[Setup]:
     """A batch of robots, by default with the hardware that theirs has as shipped."""
     profile = profile or load_profile("shipped", robot)
-    return batch_of(setup_of(terrains[0], trials[0], profile, robot), terrains, trials)
+    return [setup_of(terrain, trial, profile, robot) for terrain, trial in zip(terrains, trials, strict=True)]
 
 
 def put_robot(folder: Path) -> Path:

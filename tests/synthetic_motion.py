@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from samples import KINEMATICS, PROFILE, ROBOT
@@ -9,10 +11,11 @@ from samples import KINEMATICS, PROFILE, ROBOT
 from saltus import rotations
 from saltus.config import TerrainConfig
 from saltus.depth_camera import SHIPPED
+from saltus.grid import LINE
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.rollouts import Trajectory, filmed
-from saltus.heightmap.service.features import proprioception
+from saltus.heightmap.service.features import proprioception_of_states
 from saltus.render.camera import RobotCamera
 from saltus.terrain.curriculum import make_terrain
 
@@ -35,7 +38,7 @@ def gliding_episodes(
     rng = np.random.default_rng(seed)
     for trajectory in gliding_robots(rng, count, ticks=ticks, terrains=terrains):
         view, camera = replace(RobotCamera.on(ROBOT), mount=random_mount(ROBOT, rng)), SHIPPED["ideal"]
-        yield from filmed([trajectory], [view], camera, PROFILE, rng)
+        yield from filmed([trajectory], [view], camera, PROFILE, LINE, rng)
 
 
 def _trajectory(rng: np.random.Generator, ticks: int, kind: str) -> Trajectory:
@@ -49,8 +52,7 @@ def _trajectory(rng: np.random.Generator, ticks: int, kind: str) -> Trajectory:
     zero = np.zeros_like(x)
     quaternion = rotations.quaternion_from_roll_pitch_yaw(zero, pitch, zero + rng.uniform(-0.1, 0.1))
     joints = np.tile(ROBOT.stand_pose, (ticks, 1))
-    features = proprioception(
-        KINEMATICS,
+    known: Any = SimpleNamespace(
         quaternion_base_in_world=quaternion,
         angular_velocity_base=np.stack([zero, np.gradient(pitch, TICK_S), zero], axis=-1),
         joint_position=joints,
@@ -60,5 +62,5 @@ def _trajectory(rng: np.random.Generator, ticks: int, kind: str) -> Trajectory:
     )
     return Trajectory(
         terrain=terrain, position_base_in_world=position, quaternion_base_in_world=quaternion,
-        joint_position=joints, proprioception=features,
+        joint_position=joints, proprioception=proprioception_of_states(known, KINEMATICS),
     )  # fmt: skip

@@ -27,8 +27,8 @@ from saltus.arrays import Floats
 from saltus.errors import SaltusError
 from saltus.files import whole_folder
 from saltus.folders import ask_for_room
-from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.data.columns import COLUMNS, nested
+from saltus.grid import LINE
+from saltus.heightmap.data.columns import columns_of, nested
 from saltus.heightmap.evaluation.held_out import Prediction
 from saltus.provenance import commit
 
@@ -39,7 +39,7 @@ MOST_M = 10.0
 """Heights farther from the base than this are no metres: courses reach 4 m in all."""
 _STATE, _DEPTH, _AGE = "observation.state", "observation.depth", "observation.depth_age"
 _ROBOT = "observation."
-_POINTS = len(HEIGHTMAP_X)
+_POINTS = LINE.size
 _VECTOR = pa.list_(pa.float32())
 
 
@@ -288,7 +288,7 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-_COLUMNS = {column.name: column for column in COLUMNS}
+_COLUMNS = {column.name: column for column in columns_of(LINE)}
 _OBSERVED_KINDS = {
     "base_height": pa.float32(),
     "leg_contact": pa.list_(pa.bool_()),

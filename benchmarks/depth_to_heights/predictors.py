@@ -12,7 +12,7 @@ from benchmarks.depth_to_heights.split import CAMERA, Inputs
 from saltus.constants import POLICY_DT
 from saltus.depth import MODEL_CAMERA, depth_frame
 from saltus.depth_camera import load_camera
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.heightmap.evaluation.comparison import BASELINES as GEOMETRIC
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.evaluation.held_out import Prediction, step_ns
@@ -45,8 +45,8 @@ class FlatGround:
 
 BASELINES: dict[str, Callable[[Robot], Predictor]] = {
     "flat": FlatGround,
-    "newest": partial(GeometricHeightmap, images=1),
-    **{name: partial(GeometricHeightmap, foot_gain=gain) for name, gain in GEOMETRIC.items()},
+    "newest": partial(GeometricHeightmap, grid=LINE, images=1),
+    **{name: partial(GeometricHeightmap, grid=LINE, foot_gain=gain) for name, gain in GEOMETRIC.items()},
 }
 """Without training: flat ground at the feet; the newest image deprojected; those of 2 s, in the robot's own odometry;
 the same, moved to the standing feet."""

@@ -8,9 +8,10 @@ import numpy as np
 
 from benchmarks.depth_to_heights.split import Truth
 from saltus.arrays import Floats
+from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.held_out import Prediction
 from saltus.heightmap.evaluation.scores import FIGURES, mean_of, totals
-from saltus.policy.evaluation.rollout import STAND_STEPS
+from saltus.loop.loop import STAND_STEPS
 
 LEAST_HALF_WIDTH_M = 1e-3
 """Narrower intervals count as this wide: to a millimetre the truth is told apart, and without a bound the likelihood of
@@ -55,7 +56,7 @@ def _judged(truth: Truth, said: Prediction) -> Floats:
     counted = slice(STAND_STEPS, None)
     width = np.maximum(said.half_width_90[counted], LEAST_HALF_WIDTH_M)
     prediction = Prediction(height=said.height[counted], half_width_90=width)
-    return totals(truth.height[counted].astype(np.float64), truth.view[counted], prediction)
+    return totals(HEIGHTMAP_X, truth.height[counted].astype(np.float64), truth.view[counted], prediction)
 
 
 def _resampled(judged: Floats, groups: Sequence[Any]) -> Floats:

@@ -16,26 +16,26 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Singles
 from saltus.config import PlannerName, TerrainConfig
-from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
-from saltus.effects.profile import SHIPPED, load_profile
-from saltus.effects.signals import DepthImage
+from saltus.effects.profile import SHIPPED
 from saltus.errors import ConfigError
 from saltus.grid import LINE
 from saltus.heightmap.data.columns import NO_IMAGE_S
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
+from saltus.heightmap.data.late_images import LateImages
 from saltus.heightmap.data.robot_cameras import robot_cameras
-from saltus.heightmap.data.rollouts import true_heights
 from saltus.heightmap.evaluation.held_out import course
 from saltus.heightmap.evaluation.visibility import visibility
 from saltus.heightmap.service.features import proprioception_of_states
+from saltus.loop.heights import true_heights
+from saltus.loop.loop import Loop
 from saltus.models import model_id, model_path
-from saltus.policy.evaluation.rollout import Rollout, RolloutStep, batch_of, shifted_heights
+from saltus.named_setup import named_setups
 from saltus.policy.planner import make_planner
+from saltus.render.eyes import Eyes
 from saltus.render.randomisation import STRENGTH, of_strength
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.legs import LegKinematics
-from saltus.robots.loading import load_robot
 from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -144,30 +144,24 @@ def batches(plans: Sequence[RunPlan]) -> list[Sequence[RunPlan]]:
     return [plans[first : first + ROBOTS] for first in range(0, len(plans), ROBOTS)]
 
 
-WORK = 2 * (math.ceil(TIME_LIMIT_S / TICK_S) + 2)
-"""Count that `make_batch` tells, see `saltus.workers.tell`: its steps, when they are run and when
-they are seen."""
+WORK = math.ceil(TIME_LIMIT_S / TICK_S) + 2
+"""Count that `make_batch` tells, see `saltus.workers.tell`: its steps."""
 
 
 def make_batch(batch: Sequence[RunPlan]) -> list[SplitRun]:
     """Runs one of `batches`."""
-    camera = load_camera(CAMERA)
-    robot = camera.mounted_on(load_robot(DEFAULT_ROBOT))
-    trials = [Trial.draw(plan.seed) for plan in batch]
-    terrains = [make_terrain(plan.terrain) for plan in batch]
-    planner = make_planner(batch[0].planner, robot, LINE)
-    setup = Setup(
-        robot=robot, grid=LINE, terrain=terrains[0], profile=camera.delivered(load_profile(SHIPPED, robot)),
-        camera=camera, trial=trials[0],
-    )  # fmt: skip
-    setups = batch_of(setup, terrains, trials)
-    rollout = Rollout(setups, planner, heights=shifted_heights, time_limit_s=TIME_LIMIT_S)
-    steps = []
-    for step in rollout.run():
+    terrains, trials = [make_terrain(plan.terrain) for plan in batch], [Trial.draw(plan.seed) for plan in batch]
+    setups = named_setups(DEFAULT_ROBOT, LINE, CAMERA, SHIPPED, terrains, trials)
+    robot, (eyes, late) = setups[0].robot, _cameras(setups, batch)
+    loop = Loop(setups, make_planner(batch[0].planner, robot, LINE), time_limit_s=TIME_LIMIT_S)
+    steps, images = [], []
+    for step in loop.run():
+        now, fresh = step.states, step.fresh
+        late.step(eyes.expose(step.truth, now.step, fresh), now.time_s, fresh)
         steps.append(step)
+        images.append(late.in_hand)
         tell(1)
-    images = _images(setups, batch, steps)
-    tell(WORK - 2 * len(steps))
+    tell(WORK - len(steps))
     made = []
     for number, terrain in enumerate(terrains):
         count = sum(bool(step.running[number]) for step in steps)
@@ -179,7 +173,7 @@ def make_batch(batch: Sequence[RunPlan]) -> list[SplitRun]:
         )
         truth = Truth(
             terrain=terrain.kind,
-            height=true_heights(terrain, position, quaternion).astype(np.float32),
+            height=true_heights(terrain, position, quaternion, LINE).astype(np.float32),
             view=visibility(terrain, Mount.of(robot), LINE, position, quaternion, captured_s),
         )
         states = [step.states for step in steps[:count]]
@@ -206,22 +200,12 @@ def _batch(number: int) -> list[RunPlan]:
     return made
 
 
-def _images(setups: Sequence[Setup], batch: Sequence[RunPlan], steps: Sequence[RolloutStep]) -> list[DepthImage]:
-    """The image that each robot has in hand at each step: depth [mm], shape (robots, 48, 16), and when it was taken.
-
-    As in runs of Saltus a robot's camera draws from the seed of its trial.
-    """
-    camera, profile = setups[0].camera, setups[0].profile
+def _cameras(setups: Sequence[Setup], batch: Sequence[RunPlan]) -> tuple[Eyes, LateImages]:
+    """As in runs of Saltus a robot's camera draws from the seed of its trial."""
     losses, strengths = np.array([(plan.loss, plan.strength) for plan in batch]).T
-    profile = replace(profile, camera=drawn_around(profile.camera, loss=losses))
-    errors = of_strength(strengths, StereoConfig.of(camera))
-    cameras = robot_cameras([replace(setup, profile=profile) for setup in setups], errors)
-    found = []
-    for step in steps:
-        cameras.step(step.truth, step.states.step, step.fresh)
-        tell(1)
-        found.append(cameras.images.in_hand)
-    return found
+    profile = replace(setups[0].profile, camera=drawn_around(setups[0].profile.camera, loss=losses))
+    errors = of_strength(strengths, StereoConfig.of(setups[0].camera))
+    return robot_cameras([replace(setup, profile=profile) for setup in setups], errors)
 
 
 def _inputs(

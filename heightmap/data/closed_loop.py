@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,33 +11,30 @@ from saltus.arrays import Floats, Reals
 from saltus.config import TerrainConfig
 from saltus.controller.compensation import compensation_of
 from saltus.depth import MODEL_CAMERA
-from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
-from saltus.effects.profile import SHIPPED, load_profile
-from saltus.grid import HeightGrid, load_grid
+from saltus.effects.profile import SHIPPED
+from saltus.grid import HeightGrid
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, varied
 from saltus.heightmap.data.predicted import PredictedHeights
-from saltus.heightmap.data.robot_cameras import robot_cameras
 from saltus.heightmap.data.rollouts import Trajectory, filmed
 from saltus.heightmap.data.runs import runs
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.settings import ClosedLoop
+from saltus.loop.loop import Loop, Moment
+from saltus.loop.planner import Observation
+from saltus.named_setup import named_setups
 from saltus.plan import Plan
-from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, batch_of
-from saltus.policy.observation import Observation
 from saltus.policy.planner import make_planner
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.render.camera import RobotCamera
 from saltus.render.eyes import SAMPLED
 from saltus.robots.legs import LegKinematics
-from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.setup import Setup
-from saltus.terrain import flat
 from saltus.terrain.batch import DITCH_M
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.law import PAPER
@@ -55,39 +51,37 @@ def closed_loop_episodes(
     Without a predictor robots go by true heights, shifted as each trial says. Each of their steps is told, see
     `saltus.workers.tell`.
     """
-    rng, camera = np.random.default_rng(key), load_camera(loop.camera)
-    robot = camera.mounted_on(load_robot(loop.robot))
-    hardware = camera.delivered(load_profile(profile, robot))
-    setup = Setup(
-        robot=robot, grid=load_grid(loop.grid), terrain=flat.make(), profile=hardware, camera=camera, trial=Trial()
-    )
-    trajectories = list(_trajectories(loop, model, rng, setup))
-    claimed = RobotCamera.on(robot, MODEL_CAMERA if camera.ideal else SAMPLED)
-    views = [replace(claimed, mount=random_mount(robot, rng)).moved(hardware.view_chain) for _ in trajectories]
-    return filmed(trajectories, views, camera, hardware, rng, loop.renderer)
-
-
-def _trajectories(loop: ClosedLoop, model: Path | None, rng: np.random.Generator, setup: Setup) -> Iterator[Trajectory]:
-    robot = setup.robot
+    rng = np.random.default_rng(key)
     kinds = loop.terrains
     some = [
         make_terrain(random_course(rng, loop.hardest, kinds[rng.integers(len(kinds))])) for _ in range(loop.courses)
     ]
-    terrains = [some[i % loop.courses] for i in range(loop.robots)]
-    # Beyond the seeds of all evaluations and other rounds of data.
-    first = int(rng.integers(2**32, 2**62))
-    rollout = Rollout(
-        batch_of(setup, terrains, [Trial.draw(first + i) for i in range(loop.robots)]),
-        MixedPlanner(robot, setup.grid, rng, loop.robots, learned=loop.learned, variation=loop.variation),
-        compensation=compensation_of(setup.profile, robot),
-        heights=_heights(robot, model, rng.uniform(0.0, TRAINING.loss)),
-        time_limit_s=np.inf,
-    )
-    steps = []
+    first = int(rng.integers(2**32, 2**62))  # beyond the seeds of all evaluations and other rounds of data
+    robots = range(loop.robots)
+    terrains, trials = [some[i % loop.courses] for i in robots], [Trial.draw(first + i) for i in robots]
+    setups = named_setups(loop.robot, loop.grid, loop.camera, profile, terrains, trials)
+    robot, camera, hardware = setups[0].robot, setups[0].camera, setups[0].profile
+    trajectories = list(_cut(_moments(loop, model, rng, setups), terrains, LegKinematics(robot)))
+    claimed = RobotCamera.on(robot, MODEL_CAMERA if camera.ideal else SAMPLED)
+    views = [replace(claimed, mount=random_mount(robot, rng)).moved(hardware.view_chain) for _ in trajectories]
+    return filmed(trajectories, views, camera, hardware, setups[0].grid, rng, loop.renderer)
+
+
+def _moments(loop: ClosedLoop, model: Path | None, rng: np.random.Generator, setups: Sequence[Setup]) -> list[Moment]:
+    robot, profile = setups[0].robot, setups[0].profile
+    planner = MixedPlanner(robot, setups[0].grid, rng, loop.robots, learned=loop.learned, variation=loop.variation)
+    lossy = replace(profile, camera=drawn_around(profile.camera, loss=rng.uniform(0.0, TRAINING.loss)))
+    # what a robot steps worse for the errors of matching is not worth their time
+    ideal = replace(setups[0].camera, ideal=True)
+    seen = [replace(each, camera=ideal, profile=lossy) for each in setups]
+    heights = None if model is None else PredictedHeights(HeightmapNetwork(robot, model, setups[0].grid), seen)
+    compensation = compensation_of(profile, robot)
+    robots = Loop(setups, planner, heights=heights, compensation=compensation, time_limit_s=np.inf)
+    moments = []
     for _ in range(loop.ticks):
-        steps.append(rollout.step())
+        moments.append(robots.step())
         tell(1)
-    yield from _cut(steps, terrains, LegKinematics(robot))
+    return moments
 
 
 class MixedPlanner:
@@ -120,19 +114,6 @@ class MixedPlanner:
         return np.where(mask, policy, rules)
 
 
-def _heights(robot: Robot, model: Path | None, loss: float) -> HeightsFactory | None:
-    return None if model is None else partial(_predicted, HeightmapNetwork(robot, model), loss)
-
-
-def _predicted(network: HeightmapNetwork, loss: float, setups: Sequence[Setup]) -> PredictedHeights:
-    profile = setups[0].profile
-    lossy = replace(profile, camera=drawn_around(profile.camera, loss=loss))
-    # what a robot steps worse for the errors of matching is not worth their time
-    ideal = replace(setups[0].camera, ideal=True)
-    cameras = robot_cameras([replace(each, camera=ideal, profile=lossy) for each in setups])
-    return PredictedHeights(network, cameras, lossy)
-
-
 def random_course(rng: np.random.Generator, hardest: float, kind: str) -> TerrainConfig:
     """A course of a family, of a difficulty up to `hardest`, which is from 0 to 1."""
     difficulty = float(rng.uniform(0.0, hardest))
@@ -154,13 +135,13 @@ def random_course(rng: np.random.Generator, hardest: float, kind: str) -> Terrai
     return course
 
 
-def _cut(steps: Sequence[RolloutStep], terrains: Sequence[Terrain], legs: LegKinematics) -> Iterator[Trajectory]:
+def _cut(moments: Sequence[Moment], terrains: Sequence[Terrain], legs: LegKinematics) -> Iterator[Trajectory]:
     """The runs of each robot from one start to the next; those that are too short are left out."""
-    starts = np.array([step.fresh for step in steps])  # (ticks, robots)
-    position = np.array([step.truth.position_base_in_world for step in steps])
-    quaternion = np.array([step.truth.quaternion_base_in_world for step in steps])
-    joints = np.array([step.truth.joint_position for step in steps])
-    features = np.array([proprioception_of_states(step.states, legs) for step in steps])
+    starts = np.array([moment.fresh for moment in moments])  # (ticks, robots)
+    position = np.array([moment.truth.position_base_in_world for moment in moments])
+    quaternion = np.array([moment.truth.quaternion_base_in_world for moment in moments])
+    joints = np.array([moment.truth.joint_position for moment in moments])
+    features = np.array([proprioception_of_states(moment.states, legs) for moment in moments])
     for robot, terrain in enumerate(terrains):
         for run in runs(starts[:, robot]):
             yield Trajectory(

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HeightGrid
 from saltus.heightmap.service.features import PROPRIOCEPTION
 
 NO_IMAGE_S = -1.0
@@ -28,21 +28,23 @@ class Column:
     names: tuple[str, ...] | None = None
 
 
-COLUMNS = (
-    Column("observation.state", _VECTOR, "float32", (len(PROPRIOCEPTION),), "what the robot knows of itself: angles "
-           "[rad], positions [m], velocities [m/s, rad/s], in the yaw frame", PROPRIOCEPTION),
-    Column("observation.depth", _IMAGE, "uint16", (48, 16), "newest depth image [mm], along the optical axis; 0 is "
-           "invalid, 65535 nothing within range"),
-    Column("observation.depth_age", pa.float32(), "float32", (1,), "time since it was taken [s]; -1 before the first"),
-    Column("label.height", _VECTOR, "float32", (len(HEIGHTMAP_X),), "true heights relative to the base [m], at these x "
-           "ahead of it along its yaw [m]", tuple(f"{x:.4f}" for x in HEIGHTMAP_X)),
-    Column("timestamp", pa.float32(), "float32", (1,), "time since the episode began [s]"),
-    Column("frame_index", pa.int64(), "int64", (1,), "tick of the episode"),
-    Column("episode_index", pa.int64(), "int64", (1,), "one robot, one run, without interruption"),
-    Column("index", pa.int64(), "int64", (1,), "row"),
-    Column("task_index", pa.int64(), "int64", (1,), "kind of terrain, see meta/tasks.parquet"),
-)  # fmt: skip
-SCHEMA = pa.schema([(column.name, column.kind) for column in COLUMNS])
+def columns_of(grid: HeightGrid) -> tuple[Column, ...]:
+    """The columns of a table of heights on a grid, a line of points ahead of the base."""
+    return (
+        Column("observation.state", _VECTOR, "float32", (len(PROPRIOCEPTION),), "what the robot knows of itself: "
+               "angles [rad], positions [m], velocities [m/s, rad/s], in the yaw frame", PROPRIOCEPTION),
+        Column("observation.depth", _IMAGE, "uint16", (48, 16), "newest depth image [mm], along the optical axis; 0 "
+               "is invalid, 65535 nothing within range"),
+        Column("observation.depth_age", pa.float32(), "float32", (1,), "time since it was taken [s]; -1 before the "
+               "first"),
+        Column("label.height", _VECTOR, "float32", (grid.size,), "true heights relative to the base [m], at these x "
+               "ahead of it along its yaw [m]", tuple(f"{x:.4f}" for x in grid.x)),
+        Column("timestamp", pa.float32(), "float32", (1,), "time since the episode began [s]"),
+        Column("frame_index", pa.int64(), "int64", (1,), "tick of the episode"),
+        Column("episode_index", pa.int64(), "int64", (1,), "one robot, one run, without interruption"),
+        Column("index", pa.int64(), "int64", (1,), "row"),
+        Column("task_index", pa.int64(), "int64", (1,), "kind of terrain, see meta/tasks.parquet"),
+    )  # fmt: skip
 
 
 def nested(values: NDArray[Any], kind: pa.DataType) -> pa.Array:

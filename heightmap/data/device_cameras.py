@@ -54,39 +54,32 @@ class DeviceCameras:
             raise ConfigError(f"cameras = {', '.join(cameras)}: rates or places differ; collect for each by itself")
         self._device, self._kinds, self._view = device, cameras, profile.view_chain
         self._chain = to_images(profile, MODEL_CAMERA.fx).camera_chain.taken
-        self._optics = {name: Optics.behind(SAMPLED, camera) for name, camera in cameras.items()}
-        views = {name: MODEL_CAMERA if camera.ideal else SAMPLED for name, camera in cameras.items()}
-        self._casters = {
-            name: WarpCaster(courses.boxes(), RobotCamera.on(self._robot, view).moved(self._view), device=device)
-            for name, view in views.items()
-        }
+        self._views = {
+            name: _WarpBatch(
+                courses, RobotCamera.on(self._robot, MODEL_CAMERA if kind.ideal else SAMPLED).moved(self._view),
+                Optics.behind(SAMPLED, kind), device,
+            )
+            for name, kind in cameras.items()
+        }  # fmt: skip
         self.replace(rng)
 
     def replace(self, rng: np.random.Generator) -> None:
         """Gives every robot another camera: place on the trunk, and how large the errors of its images are."""
-        claimed = RobotCamera(
-            robot=self._robot, intrinsics=MODEL_CAMERA, mount=random_mount(self._robot, rng, self._count)
-        )
-        for caster in self._casters.values():
-            caster.set_mount(claimed.moved(self._view).mount)
+        count, mount = self._count, random_mount(self._robot, rng, self._count)
+        claimed = RobotCamera(robot=self._robot, intrinsics=MODEL_CAMERA, mount=mount)
+        for view in self._views.values():
+            view.caster.set_mount(claimed.moved(self._view).mount)
         stereo = {
             name: StereoCamera(
-                drawn_cameras(self._count, rng, StereoConfig.of(kind)), self._optics[name], KorniaWindows()
+                drawn_cameras(count, rng, StereoConfig.of(kind)), self._views[name].optics, KorniaWindows()
             )
             for name, kind in self._kinds.items()
             if not kind.ideal
         }
-        states = {name: self._tensors(each.init((self._count,), rng)) for name, each in stereo.items()}
-        memory = self._tensors(self._chain.init((self._count,), rng))
+        states = {name: self._tensors(each.init((count,), rng)) for name, each in stereo.items()}
+        memory = self._tensors(self._chain.init((count,), rng))
         self._eyes = {
-            name: Eyes(
-                kind,
-                _WarpBatch(self._casters[name], self._optics[name].baseline_m),
-                self._chain,
-                memory,
-                stereo.get(name),
-                states.get(name, ()),
-            )
+            name: Eyes(kind, self._views[name], self._chain, memory, stereo.get(name), states.get(name, ()))
             for name, kind in self._kinds.items()
         }
 
@@ -112,20 +105,19 @@ class DeviceCameras:
 class _WarpBatch:
     """See `saltus.render.eyes.BatchRenderer`; robots are where courses and `qpos` say."""
 
-    def __init__(self, caster: WarpCaster, baseline_m: float) -> None:
-        self._caster, self._baseline_m = caster, baseline_m
+    def __init__(self, courses: Courses, camera: RobotCamera, optics: Optics, device: str) -> None:
+        self.caster, self.optics = WarpCaster(courses.boxes(), camera, device=device), optics
 
     def depth(self, truth: tuple[Courses, Tensor]) -> Tensor:
-        depth: Tensor = as_tensor(self._caster.cast(*self._poses(*truth)))
+        depth: Tensor = as_tensor(self.caster.cast(*self._poses(*truth)))
         return depth
 
     def pair(self, truth: tuple[Courses, Tensor]) -> tuple[Tensor, Tensor]:
-        poses = self._poses(*truth)
-        depth, hidden = self._caster.cast_pair(*poses, baseline_m=self._baseline_m)
+        depth, hidden = self.caster.cast_pair(*self._poses(*truth), baseline_m=self.optics.baseline_m)
         return as_tensor(depth), as_tensor(hidden)
 
     def _poses(self, courses: Courses, qpos: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        self._caster.set_boxes(courses.boxes())
+        self.caster.set_boxes(courses.boxes())
         return qpos[:, :3], qpos[:, 3:7], qpos[:, 7:]
 
 

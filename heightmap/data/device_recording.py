@@ -12,7 +12,6 @@ from saltus.arrays import Singles
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera
 from saltus.effects.signals import DepthImage
-from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.runs import runs
@@ -32,7 +31,7 @@ class RecordedBatch:
     proprioception: Singles
     """Shape (n, ticks, some)."""
     height: Singles
-    """[m], shape (n, ticks, 30)."""
+    """[m], shape (n, ticks, points)."""
     frame_tick: NDArray[np.int32]
     """At which images are taken, shape (frames,)."""
     depth: Mapping[str, NDArray[np.uint16]]
@@ -66,7 +65,14 @@ class DeviceRecording:
     """Room on the device for one batch, used again for the next; all cameras have one rate."""
 
     def __init__(
-        self, robots: int, ticks: int, cameras: Mapping[str, DepthCamera], device: torch.device, *, plans: bool = False
+        self,
+        robots: int,
+        ticks: int,
+        points: int,
+        cameras: Mapping[str, DepthCamera],
+        device: torch.device,
+        *,
+        plans: bool = False,
     ) -> None:
         def room(*row: int, dtype: torch.dtype = torch.float32) -> Tensor:
             return torch.empty(robots, *row, dtype=dtype, device=device)
@@ -75,7 +81,7 @@ class DeviceRecording:
         self._frame_tick = self._camera.exposures(ticks)
         frames = len(self._frame_tick), MODEL_CAMERA.height, MODEL_CAMERA.width
         self._proprioception = room(ticks, len(PROPRIOCEPTION))
-        self._height = room(ticks, len(HEIGHTMAP_X))
+        self._height = room(ticks, points)
         self._plans = {"state": room(ticks, PROPRIOCEPTION_SIZE), "plan": room(ticks, len(ACTIONS))} if plans else {}
         self._starts = room(ticks, dtype=torch.bool)
         # The bits of 16 bits without a sign, which few operations of torch know.

@@ -4,7 +4,7 @@ Each robot has a camera, a speed and a rhythm of its own; who falls or arrives s
 """
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from torch import Tensor
 
 from saltus.config import from_toml
 from saltus.depth_camera import load_camera
+from saltus.effects.effect import map_arrays
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import load_profile
 from saltus.errors import SaltusError
@@ -27,19 +28,19 @@ from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.sight import Sight
 from saltus.heightmap.settings import DeviceLoop
+from saltus.loop.heights import true_heights
+from saltus.loop.loop import STAND_STEPS
 from saltus.policy.bounds import values_of
 from saltus.policy.env.curriculum import CurriculumConfig
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.randomisation import RandomisationConfig
 from saltus.policy.env.settings import TrainConfig
-from saltus.policy.evaluation.rollout import STAND_STEPS
 from saltus.policy.features import PROPRIOCEPTION_SIZE, read
-from saltus.policy.scripted import ScriptedParameters, ScriptedPlanner
+from saltus.policy.scripted import ScriptedPlanner
 from saltus.policy.training.export import DeployedPolicy
 from saltus.policy.training.train import make_engine
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
-from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.law import KINDS
 
 
@@ -86,7 +87,9 @@ class DeviceRollouts:
         # no more images are under way than are taken meanwhile
         self._latency = replace(first.delivered(known).camera_chain.latency, dt_s=1.0 / first.rate_hz)
         self._cameras = DeviceCameras(robot, self._env.courses(), cameras, known, device, self._rng)
-        self._recording = DeviceRecording(loop.robots, loop.ticks, cameras, self._device, plans=loop.plans)
+        self._recording = DeviceRecording(
+            loop.robots, loop.ticks, self._grid.size, cameras, self._device, plans=loop.plans
+        )
 
     @torch.no_grad()
     def batch(self, told: Callable[[], object] = lambda: None) -> RecordedBatch:
@@ -100,9 +103,9 @@ class DeviceRollouts:
         stands_until = STAND_STEPS * self._uniform()  # the deployed controller stands before it obeys
         transition, fresh = env.transition(), torch.ones(self.loop.robots, dtype=torch.bool, device=self._device)
         for tick in range(self.loop.ticks):
-            sensed, qpos = self.proprioception(), self._qpos.float()
+            sensed, qpos = proprioception_of_states(env.states(), self._legs), self._qpos.float()
             images = self._cameras.expose(env.courses(), qpos, tick, fresh)
-            self._recording.add(tick, sensed, self.true_heights(), fresh, images)
+            self._recording.add(tick, sensed, self._true_heights(), fresh, images)
             shown = transition.actor
             if self.loop.plans:
                 self._add_plans(tick, shown)
@@ -123,22 +126,16 @@ class DeviceRollouts:
         kinds = tuple(env.config.curriculum.shares)
         return self._recording.to_host([kinds[kind] for kind in env.memory.kind.tolist()])
 
-    def proprioception(self) -> Tensor:
-        """Proprioception of the robots now, see `saltus.heightmap.service.features`, shape (n, some)."""
-        vector: Tensor = proprioception_of_states(self._env.states(), self._legs)
-        return vector
-
-    def true_heights(self) -> Tensor:
+    def _true_heights(self) -> Tensor:
         """The terrain relative to the base along its yaw [m], shape (n, points)."""
         qpos = self._qpos.float()
-        _, _, yaw = roll_pitch_yaw(rotation_matrix(qpos[:, 3:7]))
-        heights: Tensor = self._env.courses().height_at(*self._grid.points_in_world(qpos, yaw))
-        return heights - qpos[:, 2:3]
+        heights: Tensor = true_heights(self._env.courses(), qpos[:, :3], qpos[:, 3:7], self._grid)
+        return heights
 
     def _add_plans(self, tick: int, shown: Tensor) -> None:
         """Adds the policy's plans where it sees the ground as it is, whatever the robots are shown."""
         exact = shown.clone()
-        exact[:, self._heights_at] = self.true_heights()
+        exact[:, self._heights_at] = self._true_heights()
         plan = self._env.config.bounds.normalised(self._policy(exact))
         self._recording.add_plans(tick, shown[:, :PROPRIOCEPTION_SIZE], plan)
 
@@ -149,16 +146,8 @@ class DeviceRollouts:
     def _rules(self) -> ScriptedPlanner:
         """The scripted planner, for each robot with numbers of its own."""
         numbers = varied(self._rng, self.loop.variation, self.loop.robots)
-        return ScriptedPlanner(
-            self._env.robot,
-            self._grid,
-            ScriptedParameters(
-                **{
-                    f.name: torch.as_tensor(getattr(numbers, f.name), dtype=torch.float32, device=self._device)
-                    for f in fields(numbers)
-                }
-            ),
-        )
+        tensors = map_arrays(lambda each: torch.as_tensor(each, dtype=torch.float32, device=self._device), numbers)
+        return ScriptedPlanner(self._env.robot, self._grid, tensors)
 
     def _seen(self) -> tuple[LateImages, Sight] | None:
         """Returns what the images of a batch come through, to a predictor in the loop."""

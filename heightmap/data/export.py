@@ -5,7 +5,7 @@ when a network is trained (`saltus.heightmap.data.delivery`), and no part of the
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from saltus.constants import POLICY_DT
 from saltus.files import whole_folder
-from saltus.heightmap.data.columns import COLUMNS, NO_IMAGE_S, SCHEMA, nested
+from saltus.heightmap.data.columns import NO_IMAGE_S, Column, columns_of, nested
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import DatasetError, ShardRecord, dataset_hash, read_records, read_shard
 from saltus.robots.shipped import robot_named
@@ -51,12 +51,14 @@ def export(directory: Path, out: Path, done: Callable[[int], object] = lambda _:
         raise DatasetError(f"{out}: there is a file or folder of this name already")
     terrains: dict[str, int] = {}
     rows: list[dict[str, Any]] = []
-    statistics = {column.name: _Statistics() for column in COLUMNS}
+    columns = columns_of(records[0].grid)
+    statistics = {column.name: _Statistics() for column in columns}
+    schema = pa.schema([(column.name, column.kind) for column in columns])
     with whole_folder(out) as made:
         for number, record in enumerate(records):
             path = made / DATA_FILE.format(index=number)
             path.parent.mkdir(parents=True, exist_ok=True)
-            with pq.ParquetWriter(path, SCHEMA, compression="zstd") as file:
+            with pq.ParquetWriter(path, schema, compression="zstd") as file:
                 for episode in read_shard(directory, record):
                     table = _table(
                         episode, len(rows), _index(rows), terrains.setdefault(episode.terrain, len(terrains))
@@ -64,9 +66,10 @@ def export(directory: Path, out: Path, done: Callable[[int], object] = lambda _:
                     rows.append(_row(episode, rows, number))
                     for name, values in table.items():
                         statistics[name].add(values)
-                    file.write_table(_arrow(table), row_group_size=ROW_GROUP)
+                    arrays = [nested(table[column.name], column.kind) for column in columns]
+                    file.write_table(pa.table(arrays, schema=schema), row_group_size=ROW_GROUP)
                     done(len(episode.height))
-        _write_meta(made, robot_named(records[0].config), rows, terrains, statistics)
+        _write_meta(made, robot_named(records[0].config), columns, rows, terrains, statistics)
         (made / CROISSANT_FILE).write_text(json.dumps(croissant(records), indent=1) + "\n", encoding="utf-8")
     return Exported(episodes=len(rows), ticks=_index(rows), terrains=tuple(terrains))
 
@@ -94,10 +97,6 @@ def _table(episode: Episode, number: int, first: int, task: int) -> dict[str, ND
         "index": first + ticks,
         "task_index": np.full(len(ticks), task),
     }
-
-
-def _arrow(table: dict[str, NDArray[Any]]) -> pa.Table:
-    return pa.table([nested(table[column.name], column.kind) for column in COLUMNS], schema=SCHEMA)
 
 
 def _row(episode: Episode, rows: list[dict[str, Any]], file: int) -> dict[str, Any]:
@@ -134,6 +133,7 @@ class _Statistics:
 def _write_meta(
     made: Path,
     robot: str,
+    columns: Sequence[Column],
     rows: list[dict[str, Any]],
     terrains: dict[str, int],
     statistics: dict[str, _Statistics],
@@ -142,15 +142,15 @@ def _write_meta(
     (made / EPISODES_FILE).parent.mkdir(parents=True)
     pq.write_table(pa.Table.from_pylist(rows), made / EPISODES_FILE)
     tasks = pa.table({"task_index": list(terrains.values()), "__index_level_0__": list(terrains)})
-    columns = [("task_index", "task_index", "int64", "int64"), (None, "__index_level_0__", "unicode", "object")]
+    kinds = [("task_index", "task_index", "int64", "int64"), (None, "__index_level_0__", "unicode", "object")]
     keys = ("name", "field_name", "pandas_type", "numpy_type")
     index = {  # pandas: the names are those of the rows
         "index_columns": ["__index_level_0__"], "column_indexes": [],
-        "columns": [dict(zip(keys, column, strict=True)) | {"metadata": None} for column in columns],
+        "columns": [dict(zip(keys, column, strict=True)) | {"metadata": None} for column in kinds],
     }  # fmt: skip
     pq.write_table(tasks.replace_schema_metadata({"pandas": json.dumps(index)}), made / TASKS_FILE)
     features = {
-        column.name: {"dtype": column.dtype, "shape": column.shape, "names": column.names} for column in COLUMNS
+        column.name: {"dtype": column.dtype, "shape": column.shape, "names": column.names} for column in columns
     }
     info = {
         "codebase_version": "v3.0", "robot_type": robot, "total_episodes": len(rows),
@@ -161,7 +161,7 @@ def _write_meta(
         "features": features,
     }  # fmt: skip
     (made / INFO_FILE).write_text(json.dumps(info, indent=1) + "\n", encoding="utf-8")
-    stats = {column.name: statistics[column.name].table(column.shape) for column in COLUMNS}
+    stats = {column.name: statistics[column.name].table(column.shape) for column in columns}
     (made / STATS_FILE).write_text(json.dumps(stats) + "\n", encoding="utf-8")
 
 
@@ -175,7 +175,7 @@ def croissant(records: list[ShardRecord]) -> dict[str, Any]:
             "source": {"fileSet": {"@id": "tables"}, "extract": {"column": column.name}},
             **({"repeated": True} if column.shape != (1,) else {}),
         }
-        for column in COLUMNS
+        for column in columns_of(records[0].grid)
     ]  # fmt: skip
     commits = ", ".join(dict.fromkeys(record.commit for record in records))
     return {

@@ -1,4 +1,4 @@
-"""The heightmap service for many robots at once, in roll-outs: rendered images, late as in each trial, one network."""
+"""Heights that the service of each robot of a loop would give: rendered images, late as in each trial, one network."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Singles
 from saltus.effects.heightmap_shift import refuse_shift
-from saltus.effects.profile import Profile
-from saltus.heightmap.data.robot_cameras import RobotCameras, robot_cameras
+from saltus.effects.signals import DepthImage
+from saltus.heightmap.data.robot_cameras import robot_cameras
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.sight import Network, Sight
 from saltus.models import model_path
+from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.legs import LegKinematics
 from saltus.setup import Setup
 from saltus.sim.state import PlantState
@@ -36,8 +37,8 @@ class PredictedHeightsFactory:
             ConfigError: the profile shifts true heights.
             ModelError: the model cannot be used.
         """
-        network = HeightmapNetwork(setups[0].robot, model_path("heightmap", self.model))
-        return PredictedHeights(network, robot_cameras(setups), setups[0].profile)
+        path = model_path("heightmap", self.model)
+        return PredictedHeights(HeightmapNetwork(setups[0].robot, path, setups[0].grid), setups)
 
 
 class LeggedNetwork(Network, Protocol):
@@ -47,23 +48,32 @@ class LeggedNetwork(Network, Protocol):
 
 
 class PredictedHeights:
-    """Answers that the heightmap service of each robot would give, with the camera of its trial.
+    """Eyes, the links that carry their images, and sight of a batch, see `saltus.loop.heights.HeightSource`.
 
     A robot gets the very images, at the very steps, that the camera process gives to it in lockstep. The network runs
-    on all robots in one call.
+    on all robots in one call. `errors` and `rngs` are those of `robot_cameras`.
     """
 
-    def __init__(self, network: LeggedNetwork, cameras: RobotCameras, profile: Profile) -> None:
-        refuse_shift(profile.heightmap, "a predictor")
-        self._network, self.cameras = network, cameras
-        self._sight = Sight(network, cameras.images.in_hand.depth)
+    def __init__(
+        self,
+        network: LeggedNetwork,
+        setups: Sequence[Setup],
+        errors: StereoConfig | None = None,
+        rngs: Sequence[np.random.Generator] | None = None,
+    ) -> None:
+        refuse_shift(setups[0].profile.heightmap, "a predictor")
+        self._network = network
+        self._eyes, self._images = robot_cameras(setups, errors, rngs)
+        self._sight = Sight(network, self._images.in_hand.depth)
+        self.given: DepthImage | None = None
+        """The images given out at this step [mm], shape (n, 48, 16); None where it was not the time."""
 
     def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
-        """One tick of all services; shape (n, 30)."""
-        arrived = self.cameras.step(truth, states.step, fresh)
-        in_hand, features = self.cameras.images.in_hand, self._features(states)
-        heights = self._sight.step(arrived, in_hand, states.time_s, features, fresh)
-        return np.asarray(heights, np.float64)
+        """One tick of all services; shape (n, points)."""
+        self.given = self._eyes.expose(truth, states.step, fresh)
+        arrived = self._images.step(self.given, states.time_s, fresh)
+        features = self._features(states)
+        return np.asarray(self._sight.step(arrived, self._images.in_hand, states.time_s, features, fresh), np.float64)
 
     def _features(self, states: RobotStates) -> Singles:
         """Inputs of the network about the robots besides their images, shape (n, some)."""
@@ -72,7 +82,7 @@ class PredictedHeights:
 
     @property
     def half_width_90(self) -> Floats:
-        """Half of the 90 % interval of the newest heights [m], shape (n, 30)."""
+        """Half of the 90 % interval of the newest heights [m], shape (n, points)."""
         return np.asarray(self._sight.half_width_90, np.float64)
 
     @property

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices, Singles
-from saltus.constants import POLICY_DT
 from saltus.depth import MODEL_CAMERA
 from saltus.effects.camera import drawn_around
 from saltus.effects.effect import stacked
@@ -25,29 +24,12 @@ from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
 
 
-class RobotCameras:
-    """The cameras of a batch, and the links that carry their images."""
-
-    def __init__(self, eyes: Eyes, images: LateImages) -> None:
-        self.eyes, self.images = eyes, images
-        self.given: DepthImage | None = None
-        """The images given out at this step [mm], shape (n, 48, 16); None where it was not the time."""
-
-    def step(self, truth: PlantState, step: int, fresh: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Takes images where it is the time; whose image in hand has just come, shape (n,).
-
-        `fresh` are robots that start anew, bool, shape (n,).
-        """
-        self.given = self.eyes.expose(truth, step, fresh)
-        return np.asarray(self.images.step(self.given, step * POLICY_DT, fresh))
-
-
 def robot_cameras(
     setups: Sequence[Setup],
     errors: StereoConfig | None = None,
     rngs: Sequence[np.random.Generator] | None = None,
-) -> RobotCameras:
-    """Cameras with the random numbers of the camera process of each trial.
+) -> tuple[Eyes, LateImages]:
+    """The cameras of a batch and the links that carry their images, with the random numbers of each trial's process.
 
     Args:
         setups: Each robot's; camera and profile are those of the first.
@@ -76,7 +58,7 @@ def robot_cameras(
     eyes = Eyes(camera, views, taken, given, stereo, state)
     blank = np.zeros((len(trials), MODEL_CAMERA.height, MODEL_CAMERA.width), np.uint16)
     nothing = DepthImage(depth=blank, time_s=np.zeros(len(trials)))
-    return RobotCameras(eyes, LateImages(chain.carried, carried, nothing))
+    return eyes, LateImages(chain.carried, carried, nothing)
 
 
 class _EmbreeBatch:

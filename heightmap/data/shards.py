@@ -5,7 +5,7 @@ import json
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
@@ -15,7 +15,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from saltus.config import from_table
+from saltus.config import UNNAMED, from_table
 from saltus.constants import POLICY_DT
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera, recorded
@@ -23,7 +23,7 @@ from saltus.effects.camera import NOMINAL_LATENCY
 from saltus.effects.image_delivery import CameraLatency
 from saltus.errors import ConfigError, SaltusError
 from saltus.files import whole_file, write_whole
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HeightGrid, grid_metadata, load_grid
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shard_columns import ShardColumn, check_own, read_column
 from saltus.heightmap.service.features import PROPRIOCEPTION
@@ -61,6 +61,11 @@ class ShardRecord:
     def camera(self) -> DepthCamera:
         """Camera that took its images; older shards do not name theirs."""
         return recorded(self.config.get("camera", "ideal"))
+
+    @property
+    def grid(self) -> HeightGrid:
+        """Grid of its heights."""
+        return grid_named(self.config)
 
     @property
     def latency(self) -> CameraLatency:
@@ -102,8 +107,8 @@ class ShardWriter:
             self._columns[name].append(rows)
         self._rows.append((episode.terrain, len(episode.height), len(episode.depth)))
 
-    def close(self) -> dict[str, int]:
-        """Writes what is left; returns how much there is, `DatasetError` where that is nothing."""
+    def close(self, grid: HeightGrid) -> dict[str, int]:
+        """Writes what is left, heights on a grid; returns how much there is, `DatasetError` where that is nothing."""
         if not self._rows:
             raise DatasetError("no episodes to write")
         for column in self._columns.values():
@@ -112,7 +117,7 @@ class ShardWriter:
         self._file["terrain"] = np.array(names, dtype="S")
         self._file["ticks"] = np.array(ticks)
         self._file["frames"] = np.array(frames)
-        self._file.attrs[LAYOUT] = json.dumps(layout())
+        self._file.attrs[LAYOUT] = json.dumps(layout(grid))
         return {"episodes": len(names), "ticks": sum(ticks), "frames": sum(frames)}
 
 
@@ -130,13 +135,14 @@ def open_shard(directory: Path, *, seed: int, config: dict[str, Any], code: str 
     directory.mkdir(parents=True, exist_ok=True)
     records = read_manifest(directory)
     refuse_twice(directory, records, seed, config)
+    grid = grid_named(config)
     name = f"round_{len(records):03d}.h5"
     with ExitStack() as ending, _said_in_one_line(directory / name):
         with whole_file(directory / name, synced=True) as temporary, _pool() as pool, h5py.File(temporary, "w") as file:
             writer = ShardWriter(file, pool)
             yield writer
             ending.enter_context(uninterrupted())
-            counts = writer.close()
+            counts = writer.close(grid)
         sha256 = file_sha256(directory / name)
         writer.record = ShardRecord(
             file=name, sha256=sha256, seed=seed, commit=code or commit(), config=config, **counts
@@ -246,13 +252,17 @@ def write_manifest(directory: Path, records: Iterable[ShardRecord]) -> None:
     write_whole(directory / MANIFEST, text, synced=True)
 
 
-def layout() -> dict[str, Any]:
+def grid_named(config: Mapping[str, Any]) -> HeightGrid:
+    """Grid that a manifest names; that of older ones, which name none."""
+    return load_grid(config.get("grid", UNNAMED["grid"]))
+
+
+def layout(grid: HeightGrid) -> dict[str, Any]:
     """Meaning of the arrays' columns, kept in each shard."""
-    camera = asdict(MODEL_CAMERA)
     return {
-        "grid_m": HEIGHTMAP_X.tolist(),
+        **grid_metadata(grid),
         "proprioception": list(PROPRIOCEPTION),
-        "camera": camera,
+        "camera": asdict(MODEL_CAMERA),
         "tick_s": POLICY_DT,
     }
 

@@ -11,7 +11,7 @@ from saltus import rotations
 from saltus.arrays import Floats
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.errors import RecordingError
-from saltus.grid import HEIGHTMAP_X, LINE
+from saltus.grid import HeightGrid
 from saltus.heightmap.evaluation.geometric import FOOT_GAIN, GeometricHeightmap
 from saltus.heightmap.evaluation.odometry import VelocityOdometry
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -39,6 +39,7 @@ class ComparedRun:
 
     name: str
     robot: Robot
+    grid: HeightGrid
     terrain: str
     states: dict[int, RobotState]
     truths: dict[int, GroundTruth]
@@ -58,6 +59,8 @@ class Comparison:
     predictor: str
     reference: str
     """Reference of the prediction: "truth", or "seen later" where the recording has no truth."""
+    x: Floats
+    """Place of each point ahead of the base [m], shape (30,)."""
     ok_share: float
     """Share of the steps for which this predictor had a heightmap of status OK."""
     step: NDArray[np.int64]
@@ -124,6 +127,7 @@ def read_run(recording: Recording) -> ComparedRun:
     return ComparedRun(
         name=path.parent.name if path.stem == "recording" else path.stem,
         robot=recording.robot,
+        grid=recording.grid,
         terrain=recording.terrain.kind if recording.config else "unknown",
         states=dict(sorted(states.items())),
         truths=truths,
@@ -140,11 +144,11 @@ def lost_note(lost: Sequence[str]) -> str:
     return f" (lost: {'; '.join(lost[:SHOWN_LOST])}{more})" if lost else ""
 
 
-def predictor_named(name: str, robot: Robot) -> Predictor:
-    """A fresh predictor for a robot: "geometric", "geometric-feet", or the path of an ONNX file (or `ModelError`)."""
+def predictor_named(name: str, robot: Robot, grid: HeightGrid) -> Predictor:
+    """A fresh predictor of heights: "geometric", "geometric-feet", or the path of an ONNX file (or `ModelError`)."""
     if name in BASELINES:
-        return GeometricHeightmap(robot, foot_gain=BASELINES[name])
-    return HeightmapService(HeightmapNetwork(robot, Path(name)))
+        return GeometricHeightmap(robot, grid, foot_gain=BASELINES[name])
+    return HeightmapService(HeightmapNetwork(robot, Path(name), grid))
 
 
 def compare(run: ComparedRun, models: Sequence[str] = ()) -> list[Comparison]:
@@ -158,7 +162,7 @@ def compare(run: ComparedRun, models: Sequence[str] = ()) -> list[Comparison]:
     predicted = {RECORDED: run.recorded} if run.recorded else {}
     states = list(run.states.values())
     for model in models:
-        replayed = replay_predictor(predictor_named(model, run.robot), run.frames, states, run.arrival_ns)
+        replayed = replay_predictor(predictor_named(model, run.robot, run.grid), run.frames, states, run.arrival_ns)
         predicted[model] = {heightmap.step: heightmap for heightmap in replayed}
     ok = {
         name: {step for step, heightmap in maps.items() if heightmap.status == HeightmapStatus.OK}
@@ -192,16 +196,17 @@ def _comparison(run: ComparedRun, name: str, maps: list[Heightmap], poses: _Pose
     captured = poses.at(time_ns - np.rint(1e9 * age_s).astype(np.int64))
     if run.truths:
         true_height = np.array([run.truths[state.step].height for state in states], np.float64)
-        place = _places(position, yaw, true_height)
+        place = _places(run.grid, position, yaw, true_height)
     else:
-        place = _places(position, yaw, height)
-        true_height = _seen_later(mount, time_ns, position, yaw, captured, height)
+        place = _places(run.grid, position, yaw, height)
+        true_height = _seen_later(run.grid, mount, time_ns, position, yaw, captured, height)
     phases = [_phase(state) for state in states]
     return Comparison(
         run=run.name,
         terrain=run.terrain,
         predictor=name,
         reference="truth" if run.truths else "seen later",
+        x=run.grid.points[:, 0],
         ok_share=ok_share,
         step=np.array([state.step for state in states], np.int64),
         time_s=(time_ns - poses.time_ns[0]) * 1e-9,
@@ -265,13 +270,14 @@ def _poses(run: ComparedRun) -> _Poses:
     return _Poses(time_ns=time_ns, position=position, quaternion=quaternion, yaw=np.unwrap(yaw))
 
 
-def _places(position: Floats, yaw: Floats, height: Floats) -> Floats:
+def _places(grid: HeightGrid, position: Floats, yaw: Floats, height: Floats) -> Floats:
     """The points of heightmaps in the world, shape (n, 30, 3)."""
-    x, y = LINE.points_in_world(position, yaw)
+    x, y = grid.points_in_world(position, yaw)
     return np.stack([x, y, position[:, 2, None] + height], axis=-1)
 
 
 def _seen_later(
+    grid: HeightGrid,
     mount: Mount,
     time_ns: NDArray[np.int64],
     position: Floats,
@@ -283,7 +289,7 @@ def _seen_later(
 
     Relative to the base at each step [m], shape (n, 30).
     """
-    places = _places(position, yaw, height)
+    places, x = _places(grid, position, yaw, height), grid.points[:, 0]
     result = np.full(height.shape, np.nan)
     for k, place in enumerate(places):
         first, last = np.searchsorted(time_ns, time_ns[k] + 1e9 * np.array(LATER_S))
@@ -294,10 +300,10 @@ def _seen_later(
         ahead = np.cos(yaw[later])[:, None] * offset[..., 0] + np.sin(yaw[later])[:, None] * offset[..., 1]
         spread = np.broadcast_to(place, (last - first, *place.shape))
         seen = in_view(mount, spread, captured[0][later], captured[1][later])
-        seen &= (ahead >= HEIGHTMAP_X[0]) & (ahead <= HEIGHTMAP_X[-1])
+        seen &= (ahead >= x[0]) & (ahead <= x[-1])
         for i in np.flatnonzero(seen.any(axis=0)):
             j = int(np.flatnonzero(seen[:, i])[-1])
-            z = np.interp(ahead[j, i], HEIGHTMAP_X, height[first + j]) + position[first + j, 2]
+            z = np.interp(ahead[j, i], x, height[first + j]) + position[first + j, 2]
             result[k, i] = z - position[k, 2]
     return result
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.grid import HEIGHTMAP_X
 
 JUMP_M = 0.03  # a smaller one the feet do not mind: the swing clears 6 cm
 STEP_M = 0.005  # a jump goes on while each point of the grid adds this much in the same direction
@@ -51,8 +50,8 @@ class EdgeErrors:
         return float(found.mean()) if len(found) else float("nan")
 
 
-def jumps(height: Floats) -> list[Jump]:
-    """Finds the jumps of one profile on the heightmap's grid, shape (30,); NaN ends a jump."""
+def jumps(height: Floats, x: Floats) -> list[Jump]:
+    """Finds the jumps of one profile at points ahead, both of shape (points,) [m]; a NaN ends a jump."""
     change = np.diff(height)
     direction = np.where(np.abs(change) > STEP_M, np.sign(change), 0.0)  # a comparison with NaN is false
     found = []
@@ -64,19 +63,19 @@ def jumps(height: Floats) -> list[Jump]:
         size = height[end] - height[i]
         if direction[i] != 0.0 and abs(size) > JUMP_M:
             rising = np.abs(height[i : end + 1] - height[i])
-            found.append(Jump(x=float(np.interp(0.5 * abs(size), rising, HEIGHTMAP_X[i : end + 1])), size=float(size)))
+            found.append(Jump(x=float(np.interp(0.5 * abs(size), rising, x[i : end + 1])), size=float(size)))
         i = end
     return found
 
 
-def edge_errors(predicted: Floats, true: Floats) -> EdgeErrors:
-    """Matches the jumps of predicted profiles with those of true ones, shape (n, 30) each.
+def edge_errors(predicted: Floats, true: Floats, x: Floats) -> EdgeErrors:
+    """Matches the jumps of predicted profiles with those of true ones, shape (n, points) each, at points ahead.
 
     A true jump takes the nearest predicted one in the same direction that no nearer one has taken.
     """
     true_x, errors, false = [], [], 0
     for height, reference in zip(predicted, true, strict=True):
-        mine, wanted = jumps(height), jumps(reference)
+        mine, wanted = jumps(height, x), jumps(reference, x)
         pairs = sorted(
             (abs(a.x - b.x), i, j)
             for i, a in enumerate(mine)

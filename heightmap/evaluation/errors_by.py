@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.comparison import PHASES, Comparison
 from saltus.heightmap.service.quantiles import half_width, negative_log_likelihood
 
@@ -61,7 +60,8 @@ class Errors:
     """The points of several comparisons of one predictor, with what they can be grouped by."""
 
     def __init__(self, comparisons: Sequence[Comparison]) -> None:
-        points = len(HEIGHTMAP_X)
+        self._ahead_m = comparisons[0].x
+        points = len(self._ahead_m)
         error = np.concatenate([c.error for c in comparisons])
         known = np.isfinite(error)
         self.error = error[known]
@@ -81,7 +81,7 @@ class Errors:
 
     def by_distance(self) -> list[ErrorRow]:
         """One row for each point of the grid, named by its distance ahead in metres."""
-        return self._rows((f"{x:.3f}", "", self._x == i) for i, x in enumerate(HEIGHTMAP_X))
+        return self._rows((f"{x:.3f}", "", self._x == i) for i, x in enumerate(self._ahead_m))
 
     def by_terrain(self) -> list[ErrorRow]:
         """One row for each kind of terrain."""

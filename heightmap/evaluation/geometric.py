@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from saltus import rotations
 from saltus.arrays import Floats
 from saltus.depth import NOTHING, RANGE_M, intrinsics_of
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HeightGrid
 from saltus.heightmap.evaluation.odometry import OdometryPose, VelocityOdometry
 from saltus.heightmap.service.quantiles import INTERVAL90, UNKNOWN_HALF_WIDTH_M
 from saltus.render.camera import camera_pose, ray_directions
@@ -68,9 +68,14 @@ class GeometricHeightmap:
     """
 
     def __init__(
-        self, robot: Robot, memory_s: float = MEMORY_S, foot_gain: float = 0.0, images: int | None = None
+        self,
+        robot: Robot,
+        grid: HeightGrid,
+        memory_s: float = MEMORY_S,
+        foot_gain: float = 0.0,
+        images: int | None = None,
     ) -> None:
-        self._foot_gain = foot_gain
+        self._x, self._foot_gain = grid.points[:, 0], foot_gain
         self._mount, self._legs, self._foot_radius = Mount.of(robot), LegKinematics(robot), robot.foot_radius
         self._memory_ns = round(1e9 * memory_s)
         self._odometry = VelocityOdometry(memory_s)
@@ -95,7 +100,7 @@ class GeometricHeightmap:
         self._last = Heightmap(
             time_ns=state.time_ns,
             step=state.step,
-            x=HEIGHTMAP_X,
+            x=self._x,
             height=height,
             half_width_90=half_width_90,
             status=self._status(now_ns),
@@ -119,7 +124,7 @@ class GeometricHeightmap:
         rotation = rotations.rotation_matrix(self._odometry.pose.quaternion)
         yaw_from_world = rotations.yaw_rotation(np.asarray(self._odometry.pose.yaw)).T
         feet = self._legs.position(np.asarray(state.joint_position, np.float64)) @ (yaw_from_world @ rotation).T
-        gap = feet[:, 2] - self._foot_radius - np.interp(feet[:, 0], HEIGHTMAP_X, height)
+        gap = feet[:, 2] - self._foot_radius - np.interp(feet[:, 0], self._x, height)
         drift = gap[np.asarray(state.leg_trusted) & (np.abs(gap) < FOOT_GATE_M)]
         if not len(drift):
             return 0.0
@@ -139,14 +144,14 @@ class GeometricHeightmap:
     def _fuse(self, pose: OdometryPose) -> tuple[Floats, Floats]:
         """Heights relative to the base and half of their 90 % intervals, each of shape (30,)."""
         if not self._points:
-            unknown = np.zeros(len(HEIGHTMAP_X))
+            unknown = np.zeros(len(self._x))
             return unknown, unknown + UNKNOWN_HALF_WIDTH_M
         ages_s = [np.full(len(p.xyz), (pose.time_ns - p.time_ns) * 1e-9) for p in self._points]
         offset = np.concatenate([p.xyz for p in self._points]) - pose.position
         variance = np.concatenate([p.variance for p in self._points]) + (DRIFT_MPS * np.concatenate(ages_s)) ** 2
         ahead = math.cos(pose.yaw) * offset[:, 0] + math.sin(pose.yaw) * offset[:, 1]
         order = np.argsort(ahead)
-        return _on_grid(ahead[order], offset[order, 2], variance[order])
+        return _on_grid(self._x, ahead[order], offset[order, 2], variance[order])
 
 
 def _points_of(frame: DepthFrame, pose: OdometryPose, mount: Mount) -> _Points:
@@ -188,12 +193,12 @@ def _binned(time_ns: int, points: Floats, variance: Floats, ahead: Floats) -> _P
     return _Points(time_ns, np.stack(mean, axis=-1).reshape(-1, 3), surest)
 
 
-def _on_grid(ahead: Floats, z: Floats, variance: Floats) -> tuple[Floats, Floats]:
+def _on_grid(line_x: Floats, ahead: Floats, z: Floats, variance: Floats) -> tuple[Floats, Floats]:
     """Fuses points, sorted by distance ahead, at each place of the grid."""
-    first = np.searchsorted(ahead, HEIGHTMAP_X - WINDOW_M)
-    last = np.searchsorted(ahead, HEIGHTMAP_X + WINDOW_M)
-    height, half_width_90 = np.zeros(len(HEIGHTMAP_X)), np.zeros(len(HEIGHTMAP_X))
-    for i, x in enumerate(HEIGHTMAP_X):
+    first = np.searchsorted(ahead, line_x - WINDOW_M)
+    last = np.searchsorted(ahead, line_x + WINDOW_M)
+    height, half_width_90 = np.zeros(len(line_x)), np.zeros(len(line_x))
+    for i, x in enumerate(line_x):
         near, distance = slice(first[i], last[i]), 0.0
         if first[i] == last[i]:
             place = _nearest(ahead, x)

@@ -5,29 +5,23 @@ the scripted planner falls. Cameras have errors of different strength. Steps cou
 to the end of the run, however it ends.
 """
 
-import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.arrays import Floats
+from saltus.arrays import Floats, Reals
 from saltus.config import PlannerName, TerrainConfig, check_between
 from saltus.depth import MODEL_CAMERA, depth_frame
-from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
-from saltus.effects.profile import SHIPPED, load_profile
+from saltus.effects.profile import SHIPPED
 from saltus.errors import ConfigError, nearest_hint
-from saltus.grid import load_grid
 from saltus.heightmap.data.closed_loop import random_course
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
 from saltus.heightmap.data.predicted import PredictedHeights
-from saltus.heightmap.data.robot_cameras import robot_cameras
-from saltus.heightmap.data.rollouts import true_heights
 from saltus.heightmap.evaluation.comparison import BASELINES
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.evaluation.visibility import visibility
@@ -35,15 +29,15 @@ from saltus.heightmap.evaluation.way import Way
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import Predictor, replay_predictor
 from saltus.heightmap.service.service import HeightmapService
-from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout, RolloutStep, batch_of
+from saltus.loop.heights import true_heights
+from saltus.loop.loop import STAND_STEPS, Loop, Moment
+from saltus.named_setup import named_setups
 from saltus.policy.planner import make_planner
 from saltus.render.randomisation import drawn_cameras
 from saltus.render.stereo.camera import StereoConfig
-from saltus.robots.loading import load_robot
 from saltus.robots.mount import Mount
 from saltus.setup import Setup
-from saltus.sim.state import PlantState
-from saltus.states import RobotStates, state_message
+from saltus.states import state_message
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.law import PAPER
 from saltus.terrain.terrain import Terrain
@@ -122,48 +116,38 @@ class HeldOutRuns:
         levels, terrains = zip(*self.courses(rng, count), strict=True)
         planner: PlannerName = "learned" if number % 2 == 0 else "scripted"
         seeds = FIRST_SEED + ROBOTS * (10_000 * self.seed + number) + np.arange(count)
-        camera, grid, ticks = load_camera(self.camera), load_grid(self.grid), list[_Tick]()
-        kind = camera.mounted_on(load_robot(self.robot))
-        network, trials = HeightmapNetwork(kind, model), [Trial.draw(int(seed)) for seed in seeds]
-        setup = Setup(
-            robot=kind, grid=grid, terrain=terrains[0], profile=camera.delivered(load_profile(SHIPPED, kind)),
-            camera=camera, trial=trials[0],
-        )  # fmt: skip
-        rollout = Rollout(
-            batch_of(setup, terrains, trials),
-            make_planner(planner, kind, grid, self.policy if planner == "learned" else None),
-            heights=partial(self._source, network, rng, ticks),
+        trials = [Trial.draw(int(seed)) for seed in seeds]
+        setups = named_setups(self.robot, self.grid, self.camera, SHIPPED, terrains, trials)
+        robot, ticks = setups[0].robot, list[_Tick]()
+        network = HeightmapNetwork(robot, model, setups[0].grid)
+        source = _source(network, rng, setups)
+        loop = Loop(
+            setups,
+            make_planner(planner, robot, setups[0].grid, self.policy if planner == "learned" else None),
+            heights=source,
             time_limit_s=self.time_limit_s,
         )
-        steps = []
-        for step in rollout.run():
-            steps.append(step)
+        for moment in loop.run():
+            depth = None if source.given is None else source.given.depth
+            said = {"height": moment.heights, "half_width_90": source.half_width_90}
+            ticks.append(_Tick(moment=moment, depth=depth, captured_s=source.captured_s, **said))
             tell(1)
-        tell(self.work - ROBOTS * ROBOT_WORK - len(steps))
+        tell(self.work - ROBOTS * ROBOT_WORK - len(ticks))
         measured = []
-        for robot, terrain in enumerate(terrains):
-            measured.append(_measured(self, network, steps, ticks, robot, terrain, levels[robot]))
+        for i, setup in enumerate(setups):
+            measured.append(_measured(self, network, ticks, i, setup, levels[i]))
             tell(ROBOT_WORK)
         tell(ROBOT_WORK * (ROBOTS - count))
         return measured
 
-    def _source(
-        self,
-        network: HeightmapNetwork,
-        rng: np.random.Generator,
-        ticks: list["_Tick"],
-        setups: Sequence[Setup],
-    ) -> "_RecordedSource":
-        camera, profile = setups[0].camera, setups[0].profile
-        lossy = drawn_around(profile.camera, loss=rng.uniform(0.0, TRAINING.loss))
-        profile = dataclasses.replace(profile, camera=lossy)
-        errors, rngs = None, None
-        if not camera.ideal:
-            errors = drawn_cameras(len(setups), rng, StereoConfig.of(camera))
-            rngs = rng.spawn(len(setups))
-        seen = [dataclasses.replace(setup, profile=profile) for setup in setups]
-        cameras = robot_cameras(seen, errors, rngs)
-        return _RecordedSource(PredictedHeights(network, cameras, profile), ticks)
+
+def _source(network: HeightmapNetwork, rng: np.random.Generator, setups: Sequence[Setup]) -> PredictedHeights:
+    """Heights of robots whose cameras lose images and, where they are not ideal, have errors of different strength."""
+    camera, profile = setups[0].camera, setups[0].profile
+    profile = replace(profile, camera=drawn_around(profile.camera, loss=rng.uniform(0.0, TRAINING.loss)))
+    errors = None if camera.ideal else drawn_cameras(len(setups), rng, StereoConfig.of(camera))
+    rngs = None if camera.ideal else rng.spawn(len(setups))
+    return PredictedHeights(network, [replace(setup, profile=profile) for setup in setups], errors, rngs)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -183,6 +167,8 @@ class HeldOutRun:
     terrain: str
     level: str
     """`MASTERED` or `HARD`."""
+    x: Floats
+    """Place of each point ahead of the base [m], shape (30,)."""
     true_height: Floats
     """[m], shape (n, 30)."""
     view: NDArray[np.int8]
@@ -198,102 +184,66 @@ class HeldOutRun:
 class _Tick(Prediction):
     """Inputs and answers of the services of all robots at one step, shape (robots, 30)."""
 
+    moment: Moment
     captured_s: Floats
     depth: NDArray[np.uint16] | None
     """Taken at this step [mm], shape (robots, 48, 16)."""
 
 
-class _RecordedSource:
-    """A `saltus.policy.evaluation.heights.HeightSource` that records its answers."""
-
-    def __init__(self, source: PredictedHeights, ticks: list[_Tick]) -> None:
-        self._source = source
-        self._ticks = ticks
-
-    def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
-        """See `saltus.policy.evaluation.heights.HeightSource`."""
-        source = self._source
-        height = source.heights(states, truth, fresh)
-        given = source.cameras.given
-        self._ticks.append(
-            _Tick(
-                height=height,
-                half_width_90=source.half_width_90.copy(),
-                captured_s=source.captured_s.copy(),
-                depth=None if given is None else given.depth,
-            )
-        )
-        return height
-
-
 def _measured(
-    config: HeldOutRuns,
-    model: HeightmapNetwork,
-    steps: Sequence[RolloutStep],
-    ticks: Sequence[_Tick],
-    robot: int,
-    terrain: Terrain,
-    level: str,
+    config: HeldOutRuns, model: HeightmapNetwork, ticks: Sequence[_Tick], robot: int, setup: Setup, level: str
 ) -> HeldOutRun:
     """Steps that count of one robot's first trial."""
-    kind = model.robot
-    count = sum(bool(step.running[robot]) for step in steps)
-    steps, ticks = steps[:count], ticks[:count]
-    position = np.array([step.truth.position_base_in_world[robot] for step in steps])
-    quaternion = np.array([step.truth.quaternion_base_in_world[robot] for step in steps])
+    ticks, terrain = [tick for tick in ticks if tick.moment.running[robot]], setup.terrain
+    position = np.array([tick.moment.truth.position_base_in_world[robot] for tick in ticks])
+    quaternion = np.array([tick.moment.truth.quaternion_base_in_world[robot] for tick in ticks])
     captured_s = np.array([tick.captured_s[robot] for tick in ticks])
-    network = Prediction(
-        height=np.array([tick.height[robot] for tick in ticks], np.float64),
-        half_width_90=np.array([tick.half_width_90[robot] for tick in ticks], np.float64),
-    )
-    others = {
-        name: _prediction(_replayed(GeometricHeightmap(kind, foot_gain=BASELINES[name]), steps, ticks, robot))
-        for name in config.baselines
-    }
     counted, status = slice(STAND_STEPS, None), None
+    replayed = [
+        (name, _replayed(GeometricHeightmap(setup.robot, setup.grid, foot_gain=BASELINES[name]), ticks, robot))
+        for name in config.baselines
+    ]
     if config.statuses:
-        answers = _replayed(HeightmapService(model), steps, ticks, robot)[counted]
+        answers = _replayed(HeightmapService(model), ticks, robot)[counted]
         status = np.array([answer.status for answer in answers], np.int8)
     return HeldOutRun(
         terrain=terrain.kind,
         level=level,
-        true_height=true_heights(terrain, position, quaternion)[counted],
-        view=visibility(terrain, Mount.of(kind), load_grid(config.grid), position, quaternion, captured_s)[counted],
+        x=setup.grid.points[:, 0],
+        true_height=true_heights(terrain, position, quaternion, setup.grid)[counted],
+        view=visibility(terrain, Mount.of(setup.robot), setup.grid, position, quaternion, captured_s)[counted],
         predictions={
-            name: Prediction(height=said.height[counted], half_width_90=said.half_width_90[counted])
-            for name, said in {NETWORK: network, **others}.items()
+            NETWORK: _prediction([tick.height[robot] for tick in ticks], [tick.half_width_90[robot] for tick in ticks]),
+            **{name: _prediction([m.height for m in maps], [m.half_width_90 for m in maps]) for name, maps in replayed},
         },
         way=Way.of(terrain, position),
         status=status,
     )
 
 
-def _replayed(
-    predictor: Predictor, steps: Sequence[RolloutStep], ticks: Sequence[_Tick], robot: int
-) -> list[Heightmap]:
+def _replayed(predictor: Predictor, ticks: Sequence[_Tick], robot: int) -> list[Heightmap]:
     """Answers of a predictor to the images that the robot's network got, when it got them."""
-    taken = {
-        step.states.step: tick.depth[robot] for step, tick in zip(steps, ticks, strict=True) if tick.depth is not None
-    }
+    known = [tick.moment.states for tick in ticks]
+    taken: dict[int, NDArray[np.uint16]] = {}
     arrived: dict[int, int] = {}  # step of capture: step of arrival
-    for step, tick in zip(steps, ticks, strict=True):
+    for states, tick in zip(known, ticks, strict=True):
+        if tick.depth is not None:
+            taken[states.step] = tick.depth[robot]
         if np.isfinite(tick.captured_s[robot]):
-            arrived.setdefault(round(float(tick.captured_s[robot]) / TICK_S), step.states.step)
+            arrived.setdefault(round(float(tick.captured_s[robot]) / TICK_S), states.step)
     number = {step: i for i, step in enumerate(taken)}
     frames = [depth_frame(MODEL_CAMERA, taken[step], time_ns=step_ns(step), frame_id=number[step]) for step in arrived]
-    states = [
+    messages = [
         state_message(states, robot, time_ns=step_ns(states.step), step=states.step, mode=ControllerMode.RUN)
-        for states in (step.states for step in steps)
+        for states in known
     ]
-    arrival_ns = [step_ns(step) for step in arrived.values()]
-    return replay_predictor(predictor, frames, states, arrival_ns)
+    return replay_predictor(predictor, frames, messages, [step_ns(step) for step in arrived.values()])
 
 
-def _prediction(maps: Sequence[Heightmap]) -> Prediction:
-    return Prediction(
-        height=np.array([heightmap.height for heightmap in maps], np.float64),
-        half_width_90=np.array([heightmap.half_width_90 for heightmap in maps], np.float64),
-    )
+def _prediction(height: Sequence[Reals], half_width_90: Sequence[Reals]) -> Prediction:
+    """The prediction of the steps that count, by what was said at every step."""
+    said = np.array([height, half_width_90], np.float64)[:, STAND_STEPS:]
+    return Prediction(height=said[0], half_width_90=said[1])
 
 
 def step_ns(step: int) -> int:

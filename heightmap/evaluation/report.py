@@ -54,7 +54,7 @@ class ErrorReport:
         for name in self.predictors:
             if group := self._of(name, run):
                 height = np.concatenate([c.height for c in group])
-                result[name] = edge_errors(height, np.concatenate([c.true_height for c in group]))
+                result[name] = edge_errors(height, np.concatenate([c.true_height for c in group]), group[0].x)
         return result
 
     def worst(self) -> list[tuple[Comparison, int]]:

@@ -8,7 +8,6 @@ from plotly.subplots import make_subplots
 
 from saltus.arrays import Reals
 from saltus.depth import NOTHING
-from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.comparison import Comparison
 from saltus.heightmap.evaluation.edges import EdgeErrors
 from saltus.heightmap.evaluation.errors_by import ErrorRow, Errors
@@ -121,7 +120,7 @@ def moment_figure(
         )  # fmt: skip
     figure.update_xaxes(visible=False, col=1)
     figure.update_yaxes(visible=False, autorange="reversed", scaleanchor="x", col=1)
-    centimetres = 100 * HEIGHTMAP_X
+    centimetres = 100 * moment.x
     colours = dict(zip(names, _colours(names), strict=True))
     height, half_width = 100 * moment.height[index], 100 * moment.half_width_90[index]
     band = np.concatenate([height + half_width, (height - half_width)[::-1]])

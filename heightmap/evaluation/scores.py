@@ -46,22 +46,25 @@ FIGURES = tuple(field.name for field in fields(HeightScore) if field.name != "po
 
 def score(runs: Sequence[HeldOutRun], predictor: str) -> HeightScore:
     """One predictor in some runs."""
-    means = mean_of(np.sum([totals(run.true_height, run.view, run.predictions[predictor]) for run in runs], axis=0))
+    means = mean_of(
+        np.sum([totals(run.x, run.true_height, run.view, run.predictions[predictor]) for run in runs], axis=0)
+    )
     points = sum(run.true_height.size for run in runs)
     return HeightScore(**dict(zip(FIGURES, means.tolist(), strict=True)), points=points)
 
 
-def totals(true_height: Floats, view: NDArray[np.int8], said: Prediction) -> Floats:
+def totals(x: Floats, true_height: Floats, view: NDArray[np.int8], said: Prediction) -> Floats:
     """Sum and number of what each of `FIGURES` is the mean of, shape (2, figures): those of runs add up.
 
     Args:
+        x: Place of each point ahead [m], shape (30,).
         true_height: At the steps of a run [m], shape (n, 30).
         view: See `saltus.heightmap.evaluation.visibility`, shape (n, 30).
         said: What was predicted there.
     """
     error = np.abs(said.height - true_height)
     covered, seen = error <= said.half_width_90, view != UNSEEN
-    edges = edge_errors(said.height, np.where(seen, true_height, np.nan)).error
+    edges = edge_errors(said.height, np.where(seen, true_height, np.nan), x).error
     found = np.isfinite(edges)
     judged: dict[str, Floats | NDArray[np.bool_]] = {
         "mae_m": error[seen],

@@ -22,57 +22,22 @@ PROPRIOCEPTION = (
 """Names of the entries. Angles [rad], positions [m] and velocities [m/s, rad/s] in the yaw frame."""
 
 
-def proprioception(
-    legs: LegKinematics,
-    *,
-    quaternion_base_in_world: Array,
-    angular_velocity_base: Array,
-    joint_position: Array,
-    velocity_base_in_world: Array,
-    base_height: Array,
-    leg_trusted: Array,
-) -> Array:
-    """Builds the vector for any leading batch dimensions, numpy or torch.
+def proprioception_of_states(states: Proprioception, legs: LegKinematics) -> Array:
+    """The vectors of a batch, numpy or torch, float32, shape (..., len(PROPRIOCEPTION)).
 
     The position of a foot says where the ground is while its leg is trusted to stand; otherwise it is zero (original).
-
-    Args:
-        legs: of the robot.
-        quaternion_base_in_world: (w, x, y, z), shape (..., 4).
-        angular_velocity_base: [rad/s], shape (..., 3).
-        joint_position: [rad], shape (..., 12).
-        velocity_base_in_world: estimate [m/s], shape (..., 3).
-        base_height: estimate of the base above the feet in stance [m], shape (...).
-        leg_trusted: bool, shape (..., 4).
-
-    Returns:
-        float32, shape (..., len(PROPRIOCEPTION)).
     """
-    rotation = rotations.rotation_matrix(quaternion_base_in_world)
-    feet = legs.position(joint_position)
-    trusted = namespace(feet).astype(leg_trusted, feet.dtype)
+    rotation = rotations.rotation_matrix(states.quaternion_base_in_world)
+    feet = legs.position(states.joint_position)
+    xp = namespace(feet)
     entries = _entries(
         [_components(rotation[..., row, :]) for row in range(3)],
         [_components(feet[..., leg, :]) for leg in range(4)],
-        _components(trusted),
-        _components(velocity_base_in_world),
-        _components(angular_velocity_base),
+        _components(xp.astype(states.leg_trusted, feet.dtype)),
+        _components(states.velocity_base_in_world),
+        _components(states.angular_velocity_base),
     )
-    xp = namespace(joint_position)
-    return xp.astype(xp.stack([*entries, base_height], axis=-1), xp.float32)
-
-
-def proprioception_of_states(states: Proprioception, legs: LegKinematics) -> Array:
-    """The vectors of a batch, float32, shape (..., len(PROPRIOCEPTION))."""
-    return proprioception(
-        legs,
-        quaternion_base_in_world=states.quaternion_base_in_world,
-        angular_velocity_base=states.angular_velocity_base,
-        joint_position=states.joint_position,
-        velocity_base_in_world=states.velocity_base_in_world,
-        base_height=states.base_height,
-        leg_trusted=states.leg_trusted,
-    )
+    return xp.astype(xp.stack([*entries, states.base_height], axis=-1), xp.float32)
 
 
 def proprioception_of(state: RobotState, legs: LegKinematics) -> Singles:

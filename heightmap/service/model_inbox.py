@@ -12,6 +12,7 @@ from pathlib import Path
 from saltus import config
 from saltus.errors import ModelError
 from saltus.files import whole_file, write_whole
+from saltus.grid import HeightGrid
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path
 from saltus.robots.robot import Robot
@@ -35,8 +36,8 @@ class ModelInbox:
     bytes, by their sha256, are loaded here, both away from the thread that answers the robots.
     """
 
-    def __init__(self, robot: Robot, path: Path) -> None:
-        self._robot, self._path = robot, path
+    def __init__(self, robot: Robot, grid: HeightGrid, path: Path) -> None:
+        self._robot, self._grid, self._path = robot, grid, path
         self._seen = self._signature()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="model-inbox")
         self._check: Future[HeightmapNetwork] | None = None
@@ -97,7 +98,7 @@ class ModelInbox:
         if check.returncode != 0:
             lines = complaint.strip().splitlines()
             raise ModelError(lines[-1] if lines else f"model {path} ended its check with code {check.returncode}")
-        network = HeightmapNetwork(self._robot, path)
+        network = HeightmapNetwork(self._robot, path, self._grid)
         if network.model_id != model_id.strip():
             raise ModelError(f"model {path} was replaced while it was checked")
         return network
@@ -121,7 +122,8 @@ def give(model: Path, run_dir: Path) -> str:
     if not (run_dir / SETUP_FILE).is_file():
         raise ModelError(f"'{run_dir}' is no folder of a run: no {SETUP_FILE} is in it")
     _ask_for_checksum(model)
-    model_id = HeightmapNetwork(config.load(Setup, run_dir / SETUP_FILE).robot, model).model_id
+    setup = config.load(Setup, run_dir / SETUP_FILE)
+    model_id = HeightmapNetwork(setup.robot, model, setup.grid).model_id
     target = run_dir / FILE
     _answer_path(target).unlink(missing_ok=True)
     try:

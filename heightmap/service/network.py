@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from saltus import depth
 from saltus.arrays import Floats, Singles
 from saltus.errors import ModelError
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HeightGrid, grid_metadata
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.service.sight import Tick
@@ -48,18 +48,26 @@ def _other_angles(robot: Robot) -> dict[str, float]:
 class HeightmapNetwork:
     """A model file in ONNX Runtime, on one thread that sleeps between calls; to be called from one thread.
 
+    Args:
+        robot: Whose heights are wanted.
+        path: Of the file.
+        grid: Where they are wanted; by default where the model tells them.
+
     Raises:
         ModelError: the file is unreadable, or does not fit the robot or this program; the message names the field.
     """
 
-    def __init__(self, robot: Robot, path: Path) -> None:
+    def __init__(self, robot: Robot, path: Path, grid: HeightGrid | None = None) -> None:
         file = ModelFile(path)
         self.robot, self.legs = robot, LegKinematics(robot)
         self.model_id = file.model_id
         self._session = file.session
-        _check_metadata(file, robot)
-        self.hidden_size = _checked_hidden_size(file)
-        self.points = len(HEIGHTMAP_X)
+        self.grid = grid or file.grid
+        self.x = self.grid.points[:, 0]
+        """Place of each point ahead of the base [m], shape (points,)."""
+        _check_metadata(file, robot, self.grid)
+        self.points = self.grid.size
+        self.hidden_size = _checked_hidden_size(file, self.points)
         self.warmup_frames = int(file.field("warmup_frames"))
         self._calls: dict[int, _Call] = {}
 
@@ -72,15 +80,15 @@ class HeightmapNetwork:
         if robots not in self._calls:
             if len(self._calls) >= KEPT_CALLS:
                 self._calls.clear()
-            self._calls[robots] = _Call(self._session, robots, self.hidden_size)
+            self._calls[robots] = _Call(self._session, robots, self.hidden_size, self.points)
         return self._calls[robots]
 
 
 class _Call:
     """Calls of the network for so many robots, in memory that is bound to it once: half the cost of arguments."""
 
-    def __init__(self, session: Any, robots: int, hidden_size: int) -> None:
-        shapes = _shapes(hidden_size)
+    def __init__(self, session: Any, robots: int, hidden_size: int, points: int) -> None:
+        shapes = _shapes(hidden_size, points)
         self._session, self._binding = session, session.io_binding()
         self._inputs = [np.zeros((robots, *shapes[name]), np.float32) for name in INPUTS]
         self._outputs = [np.zeros((robots, *shapes[name]), np.float32) for name in OUTPUTS]
@@ -97,22 +105,21 @@ class _Call:
         return [array.copy() for array in self._outputs]
 
 
-def _shapes(hidden_size: Any) -> dict[str, list[Any]]:
+def _shapes(hidden_size: Any, points: int) -> dict[str, list[Any]]:
     """Shapes of all inputs and outputs, without the dimension of robots."""
-    points = [len(HEIGHTMAP_X)]
     return {
         "image": [2, depth.MODEL_CAMERA.height, depth.MODEL_CAMERA.width],
         "age": [],
         "new": [],
         "proprioception": [len(PROPRIOCEPTION)],
         "hidden": [hidden_size],
-        "height": points,
-        "std": points,
+        "height": [points],
+        "std": [points],
         "hidden_out": [hidden_size],
     }
 
 
-def _check_metadata(file: ModelFile, robot: Robot) -> None:
+def _check_metadata(file: ModelFile, robot: Robot, grid: HeightGrid) -> None:
     """Refuses a model whose meaning differs from what this program would feed and read."""
     camera, made_for = file.field("camera"), file.field("robot")
     if made_for != robot.name:
@@ -124,7 +131,7 @@ def _check_metadata(file: ModelFile, robot: Robot) -> None:
         )
     expected: dict[str, Any] = {
         "format": FORMAT,
-        "grid_m": HEIGHTMAP_X.tolist(),
+        **grid_metadata(grid),
         "camera": camera_metadata(robot) | _mount(camera),
         "proprioception": list(PROPRIOCEPTION),
     }
@@ -184,9 +191,9 @@ def _same(found: Any, wanted: Any) -> bool:
     return type(found) is type(wanted) and found == wanted
 
 
-def _checked_hidden_size(file: ModelFile) -> int:
+def _checked_hidden_size(file: ModelFile, points: int) -> int:
     """Size of the hidden state; every input and output must be what the service feeds and reads."""
     given = {value.name: value.shape for value in file.session.get_inputs()}
-    shapes = _shapes(next(iter(given.get("hidden", [])[1:]), None))
+    shapes = _shapes(next(iter(given.get("hidden", [])[1:]), None), points)
     file.check({name: shapes[name] for name in INPUTS}, {name: shapes[name] for name in OUTPUTS})
     return int(shapes["hidden"][0])

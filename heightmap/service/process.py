@@ -39,9 +39,10 @@ class HeightmapProcess:
             self._fleet: FleetService | ScanFleet = ScanFleet(scan.network(), rig, names, depth, at_once=self._lockstep)
             cameras = [camera for camera in rig.cameras if camera]
         else:
-            network = HeightmapNetwork(setup.robot, model_path("heightmap", first.config.heightmap_model))
+            model = model_path("heightmap", first.config.heightmap_model)
+            network = HeightmapNetwork(setup.robot, model, setup.grid)
             self._fleet, cameras = FleetService(network, names, depth), []
-            self._inbox = ModelInbox(setup.robot, first.run_dir / FILE)
+            self._inbox = ModelInbox(setup.robot, setup.grid, first.run_dir / FILE)
         self._links = {context.bus.prefix: RobotLink(context, depth, cameras) for context in contexts}
 
     def run(self, stopped: Callable[[], bool]) -> None:

@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.depth import MODEL_CAMERA, intrinsics_of, model_image
-from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.service.features import proprioception_of
 from saltus.heightmap.service.frozen_output import FrozenOutput
 from saltus.heightmap.service.images import DEPTH, NO_FRAME, ImageWatch, worse
@@ -143,7 +142,7 @@ class HeightmapService:
         return Heightmap(
             time_ns=state.time_ns,
             step=state.step,
-            x=HEIGHTMAP_X,
+            x=self._network.x,
             height=self._sight.height[0],
             half_width_90=self._sight.half_width_90[0],
             status=status,

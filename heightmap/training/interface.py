@@ -5,6 +5,7 @@ from dataclasses import asdict
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.depth_camera import DepthCamera
 from saltus.effects.image_delivery import CameraLatency
+from saltus.grid import HeightGrid
 from saltus.heightmap.data.delivery import TRAINING, DeliveryModel
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.robots.robot import Robot
@@ -42,9 +43,10 @@ comes that was taken more than 0.13 s after the one before |
 
 | output | shape | |
 |---|---|---|
-| `height` | 30 | terrain minus base [m] at 30 points of the yaw frame: y = 0, x evenly from -0.4 to 0.8 m \
+| `height` | {points} | terrain minus base [m] at {points} points of the yaw frame: y = 0, x evenly from \
+{first_x:g} to {last_x:g} m \
 (metadata `grid_m`) |
-| `std` | 30 | 1.645 times this is half of the 90 % interval of `height` [m] |
+| `std` | {points} | 1.645 times this is half of the 90 % interval of `height` [m] |
 | `hidden_out` | {hidden} | `hidden` of the next tick |
 
 Heights are to be relied on when `hidden` has seen as many images as the metadata `warmup_frames` says.
@@ -93,12 +95,20 @@ def frames_and_feet(robot: Robot) -> str:
 
 
 def interface(
-    robot: Robot, camera: DepthCamera, latency: CameraLatency, hidden: int, trained: DeliveryModel = TRAINING
+    robot: Robot,
+    grid: HeightGrid,
+    camera: DepthCamera,
+    latency: CameraLatency,
+    hidden: int,
+    trained: DeliveryModel = TRAINING,
 ) -> str:
     """Returns what the card of a model, with so many entries of hidden state, says of its inputs and outputs."""
     soonest_s, latest_s = trained.range_s(latency)
     return _INTERFACE.format(
         features=len(PROPRIOCEPTION),
+        points=grid.size,
+        first_x=grid.x[0],
+        last_x=grid.x[-1],
         hidden=hidden,
         frames=frames_and_feet(robot),
         mount=", ".join(f"{value:g}" for value in robot.camera_position),

@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from saltus.config import UNNAMED
 from saltus.depth_camera import DepthCamera
 from saltus.errors import ModelError
-from saltus.grid import load_grid
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import (
@@ -96,10 +94,10 @@ def release(
     held_out = _spread(split(read_dataset(data))[1]) if unseen is None else read_dataset(unseen)
     begun()
     camera = camera_of(data, records)
-    name, grid = robot_named(records[0].config), records[0].config.get("grid", UNNAMED["grid"])
+    name, grid = robot_named(records[0].config), records[0].grid
     robot = camera.mounted_on(load_robot(name))
     origin = Origin(
-        robot=name, grid=load_grid(grid), camera=camera, latency_s=float(records[0].latency.latency), warmup_frames=1,
+        robot=name, grid=grid, camera=camera, latency_s=float(records[0].latency.latency), warmup_frames=1,
         dataset=dataset_hash(records), seed=int(training["config"]["seed"]),
     )  # fmt: skip
     model_path.parent.mkdir(parents=True, exist_ok=True)
@@ -108,9 +106,9 @@ def release(
         candidate = Path(folder) / model_path.name
         # The warm-up is measured on the file itself, so it is written twice.
         export(model, candidate, origin)
-        warmup = warmup_frames(HeightmapNetwork(robot, candidate), held_out)
+        warmup = warmup_frames(HeightmapNetwork(robot, candidate, grid), held_out)
         export(model, candidate, replace(origin, warmup_frames=warmup))
-        network = HeightmapNetwork(robot, candidate)
+        network = HeightmapNetwork(robot, candidate, grid)
         inputs = (tick for episode in held_out for tick in episode_inputs(episode, TRAINING))
         difference = parity(model, network, islice(inputs, PARITY_STEPS))
         if not difference <= MAX_DIFFERENCE:
@@ -167,7 +165,7 @@ def _card(
     records: list[ShardRecord],
     held_out: str,
 ) -> str:
-    config, sizes = training["config"], training["config"]["model"]
+    config, sizes, grid = training["config"], training["config"]["model"], records[0].grid
     shards = "\n".join(
         f"| {r.file} | {r.config.get('source', '?')} | {r.episodes} | {r.ticks} | {r.seed} | {r.commit} "
         f"| {r.sha256[:16]} |"
@@ -184,12 +182,14 @@ def _card(
     errors = "\n".join(f"| {name} | {left:.1f} | {right:.1f} |" for name, left, right in rows)
     return f"""# Heightmap model {result.model_id}
 
-Depth image (48 x 16, with its valid pixels and age) and proprioception in; 30 terrain heights from 0.4 m behind to
-0.8 m ahead of the base, each with half of its 90 % interval (1.645 times the output `std`), out; 100 Hz. Convolutions
+Depth image (48 x 16, with its valid pixels and age) and proprioception in; {grid.size} terrain heights from \
+{-grid.x[0]:g} m behind to
+{grid.x[-1]:g} m ahead of the base, each with half of its 90 % interval (1.645 times the output `std`), out; 100 Hz. \
+Convolutions
 with {sizes["channels"]} channels, one GRU layer of {sizes["hidden"]}, hidden layers of {sizes["head"]}. Trained in
 simulation only. For the robot {robot.name} and its camera: it is refused for others.
 
-{interface(robot, camera, late, sizes["hidden"])}
+{interface(robot, grid, camera, late, sizes["hidden"])}
 ## Errors and training
 
 Held-out episodes: {held_out}, {clean.ticks} ticks. Mean absolute error of all points, seen or not [mm]:

@@ -16,7 +16,6 @@ from saltus.errors import ConfigError, ModelError
 from saltus.files import check_archive, whole_file
 from saltus.folders import ask_for_room, differences
 from saltus.gpu import has_gpu
-from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import DELIVERIES, DeliveryModel
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import (
@@ -193,7 +192,7 @@ def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, dict[str, Any]]:
         config = ModelConfig(channels=tuple(sizes["channels"]), hidden=sizes["hidden"], head=tuple(sizes["head"]))
         model = HeightmapModel(config, Normalisation(**shapes))
         model.load_state_dict(_weights(table))
-        if (len(model.proprioception_mean), len(model.height_mean)) != (len(PROPRIOCEPTION), len(HEIGHTMAP_X)):
+        if len(model.proprioception_mean) != len(PROPRIOCEPTION):
             raise KeyError(checkpoint)  # a network that tells something else
         return model.eval(), {**table["origin"], "update": table["update"]}
     except (KeyError, TypeError, AttributeError, RuntimeError) as error:

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.arrays import Singles
+from saltus.arrays import Floats, Singles
 from saltus.depth import model_image
-from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import FRAME_TICKS, DeliveryModel, deliver
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -21,7 +20,6 @@ EDGE_M = 0.03  # a smaller change of height the feet do not mind: the swing clea
 LEAST_SHARE = 0.5  # of the episodes: in fewer the median robot met nothing but level ground
 FLAT = "flat"  # family without edges
 MIN_WARMUP = 5  # images: a few more than one bad one could decide for
-_AHEAD, _UNDER = HEIGHTMAP_X >= AHEAD_X, HEIGHTMAP_X <= UNDER_X
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,22 +70,23 @@ def accuracy(network: HeightmapNetwork, episodes: Sequence[Episode], delivery: D
         errors.append(error)
         covered.append(float((error <= half_width_90[SETTLED_TICKS:]).mean()))
         by_terrain.setdefault(episode.terrain, []).append(float(error.mean()))
-    every = np.concatenate(errors)
+    every, x = np.concatenate(errors), network.x
+    ahead, under = x >= AHEAD_X, x <= UNDER_X
     return Accuracy(
         mae_m=float(every.mean()),
-        ahead_m=float(every[:, _AHEAD].mean()),
-        between_m=float(every[:, ~_AHEAD & ~_UNDER].mean()),
-        under_m=float(every[:, _UNDER].mean()),
+        ahead_m=float(every[:, ahead].mean()),
+        between_m=float(every[:, ~ahead & ~under].mean()),
+        under_m=float(every[:, under].mean()),
         coverage90=float(np.mean(covered)),
         terrain_mae_m={kind: float(np.mean(values)) for kind, values in sorted(by_terrain.items())},
         ticks=len(every),
-        uneven=sum(_is_uneven(episode) for episode in episodes if episode.terrain != FLAT),
+        uneven=sum(_is_uneven(episode, x) for episode in episodes if episode.terrain != FLAT),
         courses=sum(episode.terrain != FLAT for episode in episodes),
     )
 
 
-def _is_uneven(episode: Episode) -> bool:
-    below = episode.height[:, HEIGHTMAP_X <= 0.0]
+def _is_uneven(episode: Episode, x: Floats) -> bool:
+    below = episode.height[:, x <= 0.0]
     return bool((np.ptp(below, axis=1) > EDGE_M).any())
 
 
@@ -98,16 +97,16 @@ def warmup_frames(network: HeightmapNetwork, episodes: Sequence[Episode], limit:
     image by image, averaged over the episodes. `limit` where none of them lasts long enough to tell.
     """
     ticks = limit * FRAME_TICKS
-    warm, cold = np.zeros(limit), np.zeros(limit)
+    warm, cold, ahead = np.zeros(limit), np.zeros(limit), network.x >= AHEAD_X
     for episode in episodes:
         lost_at = len(episode.height) // 2
         span = slice(lost_at, lost_at + ticks)
-        truth = episode.height[span][:, _AHEAD]
+        truth = episode.height[span][:, ahead]
         if len(truth) < ticks:
             continue
         for total, forget_at in ((warm, None), (cold, lost_at)):
             height, _ = run_episode(network, episode, DeliveryModel(), forget_at)
-            total += np.abs(height[span][:, _AHEAD] - truth).mean(-1).reshape(limit, FRAME_TICKS).mean(-1)
+            total += np.abs(height[span][:, ahead] - truth).mean(-1).reshape(limit, FRAME_TICKS).mean(-1)
     if not warm.any():
         return limit
     late = np.flatnonzero(cold > WARM * warm)

@@ -6,11 +6,11 @@ import torch
 from torch import Tensor
 
 from saltus.grid import HeightGrid
+from saltus.loop.planner import observe
 from saltus.policy.env.memory import Memory, store
 from saltus.policy.env.randomisation import WIDE
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.features import PROPRIOCEPTION_SIZE, features, remembered, size_with, with_past
-from saltus.policy.observation import observe
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix

@@ -10,20 +10,14 @@ import numpy as np
 
 from saltus.config import TerrainConfig, check_between
 from saltus.controller.compensation import compensation_for
-from saltus.depth_camera import load_camera
 from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
-from saltus.grid import HeightGrid, load_grid
-from saltus.policy.evaluation.rollout import (
-    HeightsFactory,
-    Rollout,
-    RolloutStep,
-    batch_of,
-    exact_heights,
-    shifted_heights,
-)
+from saltus.grid import HeightGrid
+from saltus.loop.heights import HeightsFactory, exact_heights, shifted_heights
+from saltus.loop.loop import Loop, Moment
+from saltus.loop.planner import Planner
+from saltus.named_setup import named_setups
 from saltus.policy.evaluation.trace import Failure, Trace, failure_of, traces_of
-from saltus.policy.planner import Planner
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
@@ -72,7 +66,7 @@ class Evaluation:
     friction: float | None = None
     """Friction of the ground in all trials, in place of what each draws."""
     push_ns: float = 0.0
-    """Impulse of a push from the side in each trial, see `saltus.policy.evaluation.pushes` [Ns]."""
+    """Impulse of a push from the side in each trial, see `saltus.loop.pushes` [Ns]."""
     time_limit_s: float = TIME_LIMIT_S
     plan_delay_s: float = 0.0
     """From a state to its plan being obeyed: what the computer of a real robot takes."""
@@ -85,23 +79,14 @@ class Evaluation:
             raise ConfigError(f"plan_delay_s = {self.plan_delay_s:g}: it must be from 0 to {MAX_PLAN_DELAY_S:g}")
         make_terrain(self.course)  # what is wrong with terrain or profile is said before anything runs
         robot = load_robot(self.robot)
-        self.hardware(robot)
+        if isinstance(self.profile, str):
+            load_profile(self.profile, robot)
         compensation_for(self.known, robot)
-
-    def hardware(self, robot: Robot) -> Profile:
-        """The effects of the robots; the errors of `load_profile`."""
-        return self.profile if isinstance(self.profile, Profile) else load_profile(self.profile, robot)
 
     def setups(self, seeds: Sequence[int]) -> list[Setup]:
         """A robot for each seed."""
-        camera, terrains = load_camera(self.camera), courses_of(self.course, seeds)
-        robot = camera.mounted_on(load_robot(self.robot))
-        trials = [self.trial(seed) for seed in seeds]
-        one = Setup(
-            robot=robot, grid=load_grid(self.grid), terrain=terrains[0], profile=self.hardware(robot), camera=camera,
-            trial=trials[0],
-        )  # fmt: skip
-        return batch_of(one, terrains, trials)
+        terrains, trials = courses_of(self.course, seeds), [self.trial(seed) for seed in seeds]
+        return named_setups(self.robot, self.grid, self.camera, self.profile, terrains, trials)
 
     def trial(self, seed: int) -> Trial:
         """The trial of a seed."""
@@ -196,17 +181,17 @@ def run_batch(
     """Runs the trials of some seeds in one batch."""
     setups = evaluation.setups(seeds)
     robot, terrains = setups[0].robot, [setup.terrain for setup in setups]
-    rollout = Rollout(
+    loop = Loop(
         setups,
         planner(robot, setups[0].grid),
         compensation=compensation_for(evaluation.known, robot),
-        heights=heights,
+        heights=heights(setups),
         time_limit_s=evaluation.time_limit_s,
         plan_delay_s=evaluation.plan_delay_s,
         push_ns=evaluation.push_ns,
     )
-    traces = traces_of(list(_telling(rollout, terrains)))
-    ended = zip(seeds, rollout.outcomes, traces, terrains, strict=True)
+    traces = traces_of(list(_telling(loop, terrains)))
+    ended = zip(seeds, loop.outcomes, traces, terrains, strict=True)
     return {
         seed: TrialResult(outcome=outcome, failure=failure_of(robot, outcome, trace, terrain), trace=trace)
         for seed, outcome, trace, terrain in ended
@@ -214,10 +199,10 @@ def run_batch(
     }
 
 
-def _telling(rollout: Rollout, terrains: Sequence[Terrain]) -> Iterator[RolloutStep]:
-    """The steps of a roll-out; reports progress in trials, of running ones their share of the way."""
-    finish_x, done = np.array([terrain.finish_x for terrain in terrains]), np.zeros(rollout.count)
-    for index, step in enumerate(rollout.run()):
+def _telling(loop: Loop, terrains: Sequence[Terrain]) -> Iterator[Moment]:
+    """The moments of a loop; reports progress in trials, of running ones their share of the way."""
+    finish_x, done = np.array([terrain.finish_x for terrain in terrains]), np.zeros(loop.count)
+    for index, step in enumerate(loop.run()):
         yield step
         if index % TELL_STEPS == 0:
             way = np.where(step.running, step.truth.position_base_in_world[:, 0] / finish_x, 1.0)

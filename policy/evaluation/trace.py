@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Reals
 from saltus.constants import LOADED_N, PHYSICS_DT, POLICY_STEPS
-from saltus.policy.evaluation.rollout import RolloutStep
+from saltus.loop.loop import Moment
 from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.terrain import Terrain
@@ -60,7 +60,7 @@ class Trace:
         return np.asarray(self.foot[1:][bears[1:] & ~bears[:-1]][:, [0, 2]])
 
 
-def traces_of(steps: Sequence[RolloutStep]) -> list[Trace]:
+def traces_of(steps: Sequence[Moment]) -> list[Trace]:
     """Cuts a roll-out into the traces of its first trials."""
     lengths = np.sum([step.running for step in steps], axis=0)
     truths = [step.truth for step in steps]

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from saltus.config import TerrainConfig
+from saltus.loop.heights import shifted_heights
 from saltus.model_file import ModelFile
 from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, collect, run_batch
-from saltus.policy.evaluation.rollout import shifted_heights
 from saltus.policy.planner import make_planner
 from saltus.policy.training.evaluation_table import EvaluationRow, append_rows, summary
 from saltus.terrain.curriculum import make_terrain

@@ -31,8 +31,8 @@ BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
 MAX_DIFFERENCE = 1e-5  # of an action's range, between torch and the exported file
 
 if TYPE_CHECKING:
+    from saltus.loop.heights import HeightsFactory
     from saltus.policy.evaluation.evaluate import EvaluationResult
-    from saltus.policy.evaluation.rollout import HeightsFactory
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +94,8 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
         )
         check_processes(self.processes)
         if self.heightmap != "true":
-            refuse_shift(evaluation.hardware(robot).heightmap, f"--heightmap {self.heightmap}")
+            (first,) = evaluation.setups([self.seed])
+            refuse_shift(first.profile.heightmap, f"--heightmap {self.heightmap}")
         heights = self._heights()
         directory = run_directory("policy-eval", self.out) if self.report else None
         with tqdm(total=self.trials, desc="eval", bar_format=BAR, file=sys.stderr) as bar:

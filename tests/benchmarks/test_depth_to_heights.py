@@ -50,8 +50,8 @@ from saltus.heightmap.evaluation.held_out import HeldOutRuns, Prediction
 from saltus.heightmap.evaluation.visibility import VIEWS
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.settings import ClosedLoop
+from saltus.loop.loop import STAND_STEPS
 from saltus.models import model_path
-from saltus.policy.evaluation.rollout import STAND_STEPS
 from saltus.robots.loading import load_robot
 from saltus.terrain.curriculum import FAMILIES
 
@@ -308,7 +308,7 @@ def seeds_of(module: Any, begin: Callable[[], object], monkeypatch: pytest.Monke
         seen.extend(setup.trial.seed for setup in setups)
         raise _BegunError
 
-    monkeypatch.setattr(module, "Rollout", rollout)
+    monkeypatch.setattr(module, "Loop", rollout)
     with pytest.raises(_BegunError):
         begin()
     assert seen

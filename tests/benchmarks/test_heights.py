@@ -11,6 +11,7 @@ from benchmarks import heights
 from benchmarks._scenes import FINISH_X, SCENES, scene
 from benchmarks.heights import Benchmark, desk_rows, table
 from saltus.depth import MODEL_CAMERA, depth_frame
+from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.held_out import HARD, NETWORK, HeldOutRun, Prediction
 from saltus.heightmap.evaluation.visibility import UNSEEN
 from saltus.heightmap.evaluation.way import Way
@@ -54,6 +55,7 @@ def run_of(rng: np.random.Generator, terrain: str) -> HeldOutRun:
     return HeldOutRun(
         terrain=terrain,
         level=HARD,
+        x=HEIGHTMAP_X,
         true_height=true,
         view=view,
         predictions={NETWORK: said},

@@ -16,8 +16,8 @@ from saltus.controller.law import LegController
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.grid import LINE
+from saltus.loop.planner import observe
 from saltus.plan import REST, plan_message
-from saltus.policy.observation import observe
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode, PlanStatus

@@ -14,7 +14,7 @@ from saltus.effects.profile import IDEAL, SHIPPED, Profile, load_profile
 from saltus.errors import ConfigError
 from saltus.grid import LINE
 from saltus.joint_command import JointCommand
-from saltus.policy.evaluation.rollout import Rollout
+from saltus.loop.loop import Loop
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.loading import load_robot
 from saltus.terrain import flat
@@ -75,7 +75,7 @@ def test_a_weak_robot_that_is_known_moves_as_a_strong_one() -> None:
     weak = IDEAL.having(TorqueGain(gain=0.65), ViscousFriction(coefficient=0.5))
 
     def way(profile: Profile, **known: object) -> np.ndarray:
-        rollout = Rollout(
+        rollout = Loop(
             setups_of([flat.make()], [Trial()], profile), ScriptedPlanner(ROBOT, LINE), stand_steps=5, **known
         )  # type: ignore[arg-type]
         return np.array([rollout.step().truth.position_base_in_world[0] for _ in range(25)])

@@ -6,7 +6,7 @@ import torch
 from samples import KINEMATICS, ROBOT
 
 from benchmarks.qp import independent, row
-from saltus.controller.signals import Body, Reference, observe
+from saltus.controller.signals import Reference, YawFrameBody, observe
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
@@ -107,7 +107,7 @@ def test_forces_of_a_robot_of_another_size_grow_with_its_mass(draw):
     np.testing.assert_allclose(_forces(robot, plan, larger, contact), mass * reference, atol=1e-3 * mass)
 
 
-def _forces(robot: Robot, plan: Reference, body: Body, contact: np.ndarray) -> np.ndarray:
+def _forces(robot: Robot, plan: Reference, body: YawFrameBody, contact: np.ndarray) -> np.ndarray:
     legs = StanceLegs(robot, CONFIG)
     acceleration = legs.acceleration_reference(body, plan.velocity, plan.angular_velocity)
     return ExactSolver(robot, CONFIG).solve(legs.build_qp(body, acceleration, contact))

@@ -13,6 +13,7 @@ from synthetic_motion import gliding_episodes
 
 from saltus.cli.main import main
 from saltus.config import TerrainConfig
+from saltus.grid import LINE
 from saltus.heightmap.data.shards import write_shard
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.service import model_inbox as heightmap_model_inbox
@@ -62,7 +63,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = glide(TerrainConfig(terrain="step", height_m=0.1), steps=40)
-    maps = replay_predictor(GeometricHeightmap(ROBOT), run.frames, run.states, run.arrival_ns)
+    maps = replay_predictor(GeometricHeightmap(ROBOT, LINE), run.frames, run.states, run.arrival_ns)
     return record(tmp_path_factory.mktemp("run") / "recording.mcap", run, maps).path
 
 

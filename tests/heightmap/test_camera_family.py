@@ -99,7 +99,7 @@ def truth_of(motion: Trajectory, k: int) -> GroundTruth:
 def of_dataset(profile: Profile, motion: Trajectory) -> Hand:
     """An episode as processors collect it, as a training delivers it."""
     view = RobotCamera.on(ROBOT).moved(profile.view_chain)
-    (episode,) = filmed([motion], [view], IDEAL_CAMERA, profile, np.random.default_rng(7))
+    (episode,) = filmed([motion], [view], IDEAL_CAMERA, profile, LINE, np.random.default_rng(7))
     frame = deliver([episode], DeliveryModel(), np.random.default_rng(0)).frame[0]
     taken = np.where(frame >= 0, episode.frame_tick[np.maximum(frame, 0)], NEVER)
     return Hand(taken=taken, depth=dict(zip(episode.frame_tick.tolist(), episode.depth, strict=True)))

@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from heightmap_inputs import SHORT_STAND_STEPS
-from samples import EVERYTHING, PROFILE, ROBOT, setups_of
+from samples import EVERYTHING, PROFILE, setups_of
 
 from saltus.cli.main import main
 from saltus.depth_camera import load_camera
 from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.offsets_and_factors import CameraPitch
-from saltus.grid import LINE
 from saltus.heightmap import collection as heightmap_collection
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.device_rollouts import DeviceRollouts
@@ -22,8 +21,7 @@ from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shards import read_dataset, read_manifest
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.settings import MIN_TICKS, DeviceLoop
-from saltus.policy.evaluation.rollout import Rollout
-from saltus.policy.scripted import ScriptedPlanner
+from saltus.loop.body import Body
 from saltus.policy.training.checkpoint import read_checkpoint
 from saltus.terrain import flat
 from saltus.trial import Trial
@@ -66,7 +64,7 @@ def test_a_seed_repeats_the_shard_and_a_profile_moves_the_camera(camera: str, tm
 def test_all_that_a_profile_says_of_robots_and_cameras_reaches_both_collections(tmp_path: Path) -> None:
     path, said = tmp_path / "everything.toml", {effect.name for effect in EVERYTHING.effects.values()}
     path.write_text(EVERYTHING.to_toml())
-    plant = Rollout(setups_of([flat.make()], [Trial()], EVERYTHING), ScriptedPlanner(ROBOT, LINE))._plant
+    plant = Body(setups_of([flat.make()], [Trial()], EVERYTHING))._plant
     held = (*plant._chain.effects, *plant._body.effects, *plant._imu_chain.effects)
     assert {effect.name for effect in (*held, *EVERYTHING.camera)} == said
     episodes = collected(tmp_path / "cpu", "ideal", "--profile", str(path))

@@ -22,7 +22,7 @@ from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.settings import MIN_TICKS, ClosedLoop, DaggerConfig
 from saltus.heightmap.training.dagger import Observer, dagger
 from saltus.heightmap.training.train import TrainingProgress
-from saltus.policy.observation import observe
+from saltus.loop.planner import observe
 from saltus.policy.planner import make_planner
 from saltus.states import standing_state
 from saltus.workers import in_order
@@ -90,7 +90,7 @@ def test_a_run_that_was_killed_again_and_again_gives_the_same_data(whole: Path, 
 def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_data(whole: Path, tmp_path: Path) -> None:
     code = (
         "from functools import partial; from saltus.heightmap.data import closed_loop\n"
-        f"closed_loop.Rollout = partial(closed_loop.Rollout, stand_steps={SHORT_STAND_STEPS})\n"
+        f"closed_loop.Loop = partial(closed_loop.Loop, stand_steps={SHORT_STAND_STEPS})\n"
         "if __name__ == '__main__':\n"  # the workers import this file, and need none of the rest
         "    import sys; from pathlib import Path; from saltus.heightmap.training.dagger import *\n"
         "    from saltus.heightmap.settings import *\n"

@@ -8,7 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from saltus.cli.main import main
-from saltus.heightmap.data.columns import COLUMNS, NO_IMAGE_S
+from saltus.grid import LINE
+from saltus.heightmap.data.columns import NO_IMAGE_S, columns_of
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.export import (
     CROISSANT_FILE,
@@ -74,7 +75,7 @@ def test_meta_says_what_lerobot_asks_for(exported: Path) -> None:
     assert (info["total_episodes"], info["total_frames"], info["fps"]) == (3, sum(LENGTHS), 100)
     assert (
         set(info["features"])
-        == {column.name for column in COLUMNS}
+        == {column.name for column in columns_of(LINE)}
         == set(json.loads((exported / STATS_FILE).read_text()))
     )
     episodes = pq.read_table(exported / EPISODES_FILE).to_pylist()
@@ -112,7 +113,9 @@ def test_croissant_names_each_column_and_the_files_that_are_there(exported: Path
     table = json.loads((exported / CROISSANT_FILE).read_text())
     (files,), (records,) = table["distribution"], table["recordSet"]
     assert len(list(exported.glob(files["includes"]))) == 2
-    assert [field["source"]["extract"]["column"] for field in records["field"]] == [column.name for column in COLUMNS]
+    assert [field["source"]["extract"]["column"] for field in records["field"]] == [
+        column.name for column in columns_of(LINE)
+    ]
     assert {field["source"]["fileSet"]["@id"] for field in records["field"]} == {files["@id"]}
 
 

@@ -1,4 +1,6 @@
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,11 +11,16 @@ from hypothesis import strategies as st
 from samples import KINEMATICS, ROBOT
 
 from saltus import rotations
-from saltus.heightmap.service.features import PROPRIOCEPTION, proprioception, proprioception_of
+from saltus.heightmap.service.features import PROPRIOCEPTION, proprioception_of, proprioception_of_states
 from saltus.robots.robot import LEGS
 
 INDEX = {name: i for i, name in enumerate(PROPRIOCEPTION)}
 ANGLE = st.floats(-1.2, 1.2)
+
+
+def vectors(**values: Any) -> Any:
+    known: Any = SimpleNamespace(**values)
+    return proprioception_of_states(known, KINEMATICS)
 
 
 def build(roll: float, pitch: float, yaw: float, **changes: np.ndarray) -> np.ndarray:
@@ -26,7 +33,7 @@ def build(roll: float, pitch: float, yaw: float, **changes: np.ndarray) -> np.nd
         "base_height": np.asarray(0.27),
         "leg_trusted": np.ones(4, np.bool_),
     }
-    return proprioception(KINEMATICS, **{**values, **changes})
+    return vectors(**{**values, **changes})
 
 
 @given(roll=ANGLE, pitch=ANGLE, yaw=st.floats(-3.1, 3.1))
@@ -79,12 +86,12 @@ def test_a_batch_equals_one_by_one() -> None:
         "base_height": rng.normal(size=(2, n)),
         "leg_trusted": rng.uniform(size=(2, n, 4)) < 0.5,
     }
-    batch = proprioception(KINEMATICS, **values)
+    batch = vectors(**values)
     assert batch.shape == (2, n, len(PROPRIOCEPTION))
     assert batch.dtype == np.float32
     for i in range(2):
         for j in range(n):
-            single = proprioception(KINEMATICS, **{name: value[i, j] for name, value in values.items()})
+            single = vectors(**{name: value[i, j] for name, value in values.items()})
             np.testing.assert_allclose(single, batch[i, j], atol=1e-6)
 
 
@@ -101,9 +108,9 @@ def test_tensors_give_the_same_vector() -> None:
     tensors = {name: torch.as_tensor(value) for name, value in values.items()}
     single = {name: value.float() if value.is_floating_point() else value for name, value in tensors.items()}
     for arrays in (tensors, single):
-        vector = proprioception(KINEMATICS, **arrays)
+        vector = vectors(**arrays)
         assert vector.dtype == torch.float32
-        np.testing.assert_allclose(vector, proprioception(KINEMATICS, **values), atol=1e-5)
+        np.testing.assert_allclose(vector, vectors(**values), atol=1e-5)
 
 
 def test_a_message_gives_the_same_vector() -> None:
@@ -121,5 +128,5 @@ def test_a_message_gives_the_same_vector() -> None:
         }
         height = rng.uniform(0.1, 0.5)
         state = replace(states(1)[0], base_height=height, **values)
-        expected = proprioception(KINEMATICS, base_height=np.asarray(height), **values)
+        expected = vectors(base_height=np.asarray(height), **values)
         np.testing.assert_array_equal(proprioception_of(state, KINEMATICS), expected)

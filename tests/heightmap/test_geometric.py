@@ -8,7 +8,7 @@ from samples import KINEMATICS, ROBOT
 from saltus import rotations
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, NOTHING, Intrinsics
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.heightmap.evaluation.edges import edge_errors
 from saltus.heightmap.evaluation.geometric import FOOT_GAIN, GeometricHeightmap
 from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
@@ -29,7 +29,7 @@ def heights(maps: list[Heightmap]) -> np.ndarray:
 
 def predict(run: Glide, states: list[RobotState] | None = None, foot_gain: float = 0.0) -> list[Heightmap]:
     return replay_predictor(
-        GeometricHeightmap(ROBOT, foot_gain=foot_gain), run.frames, states or run.states, run.arrival_ns
+        GeometricHeightmap(ROBOT, LINE, foot_gain=foot_gain), run.frames, states or run.states, run.arrival_ns
     )
 
 
@@ -47,7 +47,7 @@ def test_with_exact_odometry_heights_are_those_of_the_terrain(terrain: TerrainCo
     error = np.abs(heights(maps) - run.true_height[SETTLED:])
     # One point in seven is within a pixel of an edge, where a whole rise may be missed.
     assert np.quantile(error, 0.85) < 0.005
-    edges = edge_errors(heights(maps), run.true_height[SETTLED:])
+    edges = edge_errors(heights(maps), run.true_height[SETTLED:], HEIGHTMAP_X)
     if terrain is FLAT:
         assert edges.false == 0
     else:
@@ -72,14 +72,14 @@ def test_heights_do_not_depend_on_the_heading(step_run: Glide) -> None:
 
 
 def test_nothing_is_known_before_the_first_image(step_run: Glide) -> None:
-    heightmap = GeometricHeightmap(ROBOT).step(step_run.states[0], None, 0)
+    heightmap = GeometricHeightmap(ROBOT, LINE).step(step_run.states[0], None, 0)
     assert heightmap.status == HeightmapStatus.WARMING
     assert heightmap.frame_id == -1
     assert heightmap.half_width_90 == pytest.approx(UNKNOWN_HALF_WIDTH_M)
 
 
 def test_a_place_is_less_sure_the_farther_the_nearest_point(step_run: Glide) -> None:
-    predictor = GeometricHeightmap(ROBOT)
+    predictor = GeometricHeightmap(ROBOT, LINE)
     for state in step_run.states[:6]:
         frame = step_run.frames[0] if state.step == 5 else None
         heightmap = predictor.step(state, frame, state.time_ns)
@@ -95,14 +95,14 @@ def test_pixels_without_depth_in_range_say_nothing(step_run: Glide, value: int) 
     sparse = [frame for frame in frames if frame.frame_id % 3 == 0]
     states = step_run.states[:80]
     a, b = (
-        heights(replay_predictor(GeometricHeightmap(ROBOT), kept, states, [f.time_ns + LATENCY_NS for f in kept]))
+        heights(replay_predictor(GeometricHeightmap(ROBOT, LINE), kept, states, [f.time_ns + LATENCY_NS for f in kept]))
         for kept in (dead, sparse)
     )
     np.testing.assert_array_equal(a, b)
 
 
 def test_a_frame_and_a_state_count_once(step_run: Glide) -> None:
-    once, often = GeometricHeightmap(ROBOT), GeometricHeightmap(ROBOT)
+    once, often = GeometricHeightmap(ROBOT, LINE), GeometricHeightmap(ROBOT, LINE)
     for state in step_run.states[:60]:
         frame = _due(step_run, state)
         expected = once.step(state, frame, state.time_ns)
@@ -114,7 +114,7 @@ def test_a_frame_and_a_state_count_once(step_run: Glide) -> None:
 
 
 def test_silence_is_told_and_a_long_pause_forgets(step_run: Glide) -> None:
-    predictor = GeometricHeightmap(ROBOT)
+    predictor = GeometricHeightmap(ROBOT, LINE)
     for state in step_run.states[:60]:
         predictor.step(state, _due(step_run, state), state.time_ns)
     statuses = [predictor.step(state, None, state.time_ns).status for state in step_run.states[60:80]]

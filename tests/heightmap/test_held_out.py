@@ -38,7 +38,7 @@ STEPS = 400
 def synthetic_run(height: np.ndarray, half_width: np.ndarray, true: np.ndarray, view: np.ndarray) -> HeldOutRun:
     prediction = Prediction(height=height, half_width_90=half_width)
     return HeldOutRun(
-        terrain="stairs", level=MASTERED, true_height=true, view=view.astype(np.int8),
+        terrain="stairs", level=MASTERED, x=HEIGHTMAP_X, true_height=true, view=view.astype(np.int8),
         predictions={NETWORK: prediction}, way=Way(distance_m=1.0, edges=0, of_edges=2),
     )  # fmt: skip
 

@@ -18,6 +18,7 @@ from samples import ROBOT, put_robot
 
 from saltus.cli.main import main
 from saltus.errors import ModelError
+from saltus.grid import LINE
 from saltus.heightmap.service import model_inbox as heightmap_model_inbox
 from saltus.heightmap.service.model_inbox import FILE, ModelInbox, give
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -29,7 +30,7 @@ PATIENCE_S = 60.0
 
 @pytest.fixture
 def inbox(tmp_path: Path) -> Iterator[ModelInbox]:
-    inbox = ModelInbox(ROBOT, tmp_path / FILE)
+    inbox = ModelInbox(ROBOT, LINE, tmp_path / FILE)
     yield inbox
     inbox.close()
 
@@ -80,7 +81,7 @@ def test_a_good_model_is_handed_over_once(inbox: ModelInbox, model_path: Path, t
 
 def test_what_was_there_before_is_no_news(model_path: Path, tmp_path: Path) -> None:
     give(model_path, put_robot(tmp_path))
-    inbox = ModelInbox(ROBOT, tmp_path / FILE)
+    inbox = ModelInbox(ROBOT, LINE, tmp_path / FILE)
     assert inbox.poll() is None
     assert inbox._check is None
     inbox.close()
@@ -139,7 +140,7 @@ def test_a_model_that_cannot_be_used_is_not_even_given(model_path: Path, tmp_pat
 
 
 def test_closing_does_not_wait_for_a_check(model_path: Path, tmp_path: Path) -> None:
-    inbox = ModelInbox(ROBOT, tmp_path / FILE)
+    inbox = ModelInbox(ROBOT, LINE, tmp_path / FILE)
     give(model_path, put_robot(tmp_path))
     assert inbox.poll() is None
     before_s = time.monotonic()

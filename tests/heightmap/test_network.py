@@ -12,6 +12,7 @@ import pytest
 from samples import ROBOT
 
 from saltus.errors import ModelError
+from saltus.grid import LINE
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.network import INPUTS, HeightmapNetwork
 from saltus.heightmap.training.export import random_inputs
@@ -75,7 +76,7 @@ def test_a_tick_has_half_of_the_90_percent_interval(model: HeightmapModel, model
 def test_metadata_that_do_not_fit_are_refused_by_name(model_path: Path, tmp_path: Path, field: str) -> None:
     path = mutated(model_path, tmp_path / "changed.onnx", MUTATIONS[field])
     with pytest.raises(ModelError, match=f"'{field}'".replace("[", r"\[")) as caught:
-        HeightmapNetwork(ROBOT, path)
+        HeightmapNetwork(ROBOT, path, LINE)
     assert "\n" not in str(caught.value)
 
 

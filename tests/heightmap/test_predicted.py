@@ -18,9 +18,9 @@ from saltus.grid import LINE
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
+from saltus.loop.heights import HeightSource
+from saltus.loop.loop import Loop, Moment
 from saltus.policy.evaluation.evaluate import Evaluation, run_batch
-from saltus.policy.evaluation.heights import HeightSource
-from saltus.policy.evaluation.rollout import Rollout, RolloutStep
 from saltus.policy.planner import make_planner
 from saltus.render.__main__ import build
 from saltus.render.process import CameraProcess
@@ -39,12 +39,12 @@ GAPS = (FrameDrop(fraction=0.8),)
 """After long ones the service forgets."""
 
 
-def robot_state(step: RolloutStep, robot: int) -> RobotState:
+def robot_state(step: Moment, robot: int) -> RobotState:
     states = step.states
     return state_message(states, robot, time_ns=states.step * TICK_NS, step=states.step, mode=ControllerMode.RUN)
 
 
-def ground_truth(step: RolloutStep, robot: int) -> GroundTruth:
+def ground_truth(step: Moment, robot: int) -> GroundTruth:
     return GroundTruth(
         time_ns=step.states.step * TICK_NS,
         step=step.states.step,
@@ -59,10 +59,10 @@ def ground_truth(step: RolloutStep, robot: int) -> GroundTruth:
     )
 
 
-def rollout(model: Path, profile: str = "shipped", stand_steps: int = 60) -> Rollout:
-    planner, heights = make_planner("scripted", ROBOT, LINE), PredictedHeightsFactory(model=model)
-    hardware = load_profile(profile, ROBOT)
-    return Rollout(setups_of(TERRAINS, TRIALS, hardware), planner, heights=heights, stand_steps=stand_steps)
+def rollout(model: Path, profile: str = "shipped", stand_steps: int = 60) -> Loop:
+    planner, setups = make_planner("scripted", ROBOT, LINE), setups_of(TERRAINS, TRIALS, load_profile(profile, ROBOT))
+    heights = PredictedHeightsFactory(model=model)(setups)
+    return Loop(setups, planner, heights=heights, stand_steps=stand_steps)
 
 
 def deployed(profile: str, folder: Path) -> list[CameraProcess]:

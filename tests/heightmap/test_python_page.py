@@ -109,7 +109,7 @@ def test_a_trial_is_what_the_command_makes_of_its_seed(capsys: pytest.CaptureFix
     words = ["--terrain", "step", "--height-m", "1.0", "--trials", "1", "--seed", "4", "--no-report", "--json"]
     assert main(["policy", "eval", *words, "--processes", "1"]) == 1
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
-    steps: list[saltus.RolloutStep] = []
+    steps: list[saltus.Moment] = []
     (outcome,) = saltus.roll_out(ROBOT, saltus.make_terrain(course), trials=1, seed=4, on_step=steps.append)
     assert vars(outcome) == told["outcomes"][0]
     start, *_, last = (step.truth.position_base_in_world[0, 0] for step in steps if step.running[0])

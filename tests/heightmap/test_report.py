@@ -15,7 +15,7 @@ from saltus.cli.heightmap_report import Report
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.errors import RecordingError
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.heightmap.evaluation.comparison import RECORDED, Comparison, compare, in_view, read_run
 from saltus.heightmap.evaluation.edges import JUMP_M, edge_errors, jumps
 from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, ErrorRow, Errors
@@ -41,7 +41,7 @@ def run() -> Glide:
 
 @pytest.fixture(scope="module")
 def geometric(run: Glide) -> list[Heightmap]:
-    return replay_predictor(GeometricHeightmap(ROBOT), run.frames, run.states, run.arrival_ns)
+    return replay_predictor(GeometricHeightmap(ROBOT, LINE), run.frames, run.states, run.arrival_ns)
 
 
 @pytest.fixture(scope="module")
@@ -131,25 +131,25 @@ def test_the_position_of_an_edge_is_measured(size: float, shift: int) -> None:
     edge = np.arange(8, 22)
     points = np.arange(len(HEIGHTMAP_X))
     true = size * (points >= edge[:, None])
-    result = edge_errors(size * (points >= edge[:, None] + shift), true)
+    result = edge_errors(size * (points >= edge[:, None] + shift), true, HEIGHTMAP_X)
     np.testing.assert_allclose(result.error, shift * CELL, atol=1e-9)
     np.testing.assert_allclose(result.true_x, HEIGHTMAP_X[edge] - 0.5 * CELL, atol=1e-9)
     assert (result.found, result.false) == (1.0, 0)
-    assert edge_errors(-true, true).found == 0.0  # the other way round it is another edge
-    assert edge_errors(true, 0.0 * true).false == len(edge)
+    assert edge_errors(-true, true, HEIGHTMAP_X).found == 0.0  # the other way round it is another edge
+    assert edge_errors(true, 0.0 * true, HEIGHTMAP_X).false == len(edge)
 
 
 def test_small_steps_and_slopes_of_noise_are_no_edges() -> None:
     rng = np.random.default_rng(0)
     for _ in range(50):
         profile = rng.uniform(-0.5, 0.5) + rng.uniform(-0.45, 0.45, len(HEIGHTMAP_X)) * JUMP_M
-        assert jumps(profile) == []
+        assert jumps(profile, HEIGHTMAP_X) == []
 
 
 def test_a_smooth_rise_has_its_edge_in_the_middle() -> None:
     for centre in np.linspace(0.0, 0.4, 7):
         profile = 0.2 / (1.0 + np.exp(-(HEIGHTMAP_X - centre) / 0.03))
-        (jump,) = jumps(profile)
+        (jump,) = jumps(profile, HEIGHTMAP_X)
         assert jump.x == pytest.approx(centre, abs=0.01)
 
 

@@ -18,7 +18,7 @@ from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.robot_cameras import robot_cameras
 from saltus.heightmap.data.rollouts import Trajectory, filmed
 from saltus.heightmap.settings import ClosedLoop
-from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout
+from saltus.loop.loop import STAND_STEPS, Loop
 from saltus.policy.planner import make_planner
 from saltus.render.camera import RobotCamera
 from saltus.render.eyes import SAMPLED
@@ -42,7 +42,7 @@ def taken(
 ) -> list[NDArray[np.uint16]]:
     """Images of each robot [mm]."""
     rng = np.random.default_rng(2)
-    return [episode.depth for episode in filmed(motion, views, camera, Profile(), rng, renderer)]
+    return [episode.depth for episode in filmed(motion, views, camera, Profile(), LINE, rng, renderer)]
 
 
 def test_images_are_true_depth_with_the_errors_of_a_camera(motion: list[Trajectory]) -> None:
@@ -99,9 +99,9 @@ def test_a_stereo_camera_without_errors_takes_true_images() -> None:
     courses = [make_terrain(TerrainConfig(terrain=kind, difficulty=0.2)) for kind in kinds]
     terrains = [courses[0], courses[1], courses[0]]
     setups = setups_of(terrains, [Trial.draw(seed) for seed in range(3)])
-    rollout = Rollout(setups, make_planner("scripted", ROBOT, LINE))
+    rollout = Loop(setups, make_planner("scripted", ROBOT, LINE))
     ideal, stereo = (
-        robot_cameras([replace(each, camera=camera, profile=Profile()) for each in setups], IDEAL_STEREO).eyes
+        robot_cameras([replace(each, camera=camera, profile=Profile()) for each in setups], IDEAL_STEREO)[0]
         for camera in (SHIPPED["ideal"], D435I)
     )
     for i in range(5):

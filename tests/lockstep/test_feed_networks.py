@@ -16,6 +16,7 @@ from samples import ROBOT
 from saltus.cli.main import main
 from saltus.depth_camera import load_camera
 from saltus.effects.camera import NOMINAL_LATENCY
+from saltus.grid import LINE
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.training.interface import frames_and_feet, interface
 from saltus.recordings.recording import Recording, read_recording
@@ -96,5 +97,5 @@ def test_the_example_needs_no_saltus_and_runs() -> None:
 def test_the_cards_say_what_the_code_does() -> None:
     heightmap, policy = (resource(f"models/{name}.md").read_text() for name in MODELS)
     hidden = onnxruntime.InferenceSession(MODELS["heightmap"]).get_inputs()[-1].shape[1]
-    assert interface(ROBOT, load_camera("d435i"), NOMINAL_LATENCY, hidden, TRAINING) in heightmap
+    assert interface(ROBOT, LINE, load_camera("d435i"), NOMINAL_LATENCY, hidden, TRAINING) in heightmap
     assert frames_and_feet(ROBOT) in policy

@@ -25,12 +25,12 @@ from saltus.effects.profile import EFFECTS, Profile
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.joint_command import JointCommand
+from saltus.loop.loop import Loop
 from saltus.policy.env.compiled import Stage
 from saltus.policy.env.env import JumpEnv, _reading
 from saltus.policy.env.randomisation import RandomisationConfig, WideConfig
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.states import engine_states
-from saltus.policy.evaluation.rollout import Rollout
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.sim.batch import BatchPlant
 from saltus.sim.batch_engine import BatchEngine
@@ -188,7 +188,7 @@ def test_what_holds_a_robot_shows_where_one_is_held_and_nowhere_else(effect: Any
 
 def test_true_heights_are_shifted_alike_in_rollouts_and_in_training(tmp_path: Any) -> None:
     profile, terrain = Profile(heightmap=(SHIFT,)), make_terrain(TerrainConfig(terrain="stairs"))
-    rollout = Rollout(setups_of([terrain], [Trial(position_x=1.2)], profile), ScriptedPlanner(ROBOT, LINE))
+    rollout = Loop(setups_of([terrain], [Trial(position_x=1.2)], profile), ScriptedPlanner(ROBOT, LINE))
     step = rollout.step()
     position = step.truth.position_base_in_world[0]
     seen = terrain.height_at(position[0] + HEIGHTMAP_X + SHIFT.x, 0.0) - position[2] + SHIFT.z

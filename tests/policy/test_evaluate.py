@@ -1,15 +1,17 @@
 """Evaluations: what they report, with short trials."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from saltus.config import TerrainConfig
+from saltus.depth_camera import SHIPPED
 from saltus.errors import ConfigError
+from saltus.loop.heights import exact_heights
 from saltus.policy.evaluation.evaluate import Evaluation, collect, courses_of, evaluate
-from saltus.policy.evaluation.rollout import exact_heights
 
 FLAT = TerrainConfig(terrain="flat")
 
@@ -37,6 +39,13 @@ def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
 def test_what_cannot_be_evaluated_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
         Evaluation(robot="go1", grid="line", course=FLAT, **wrong)
+
+
+def test_images_travel_as_long_as_their_camera_says(tmp_path: Path) -> None:
+    path = tmp_path / "camera.toml"
+    path.write_text(replace(SHIPPED["ideal"], latency_s=0.083).to_toml(), encoding="utf-8")
+    setups = Evaluation(robot="go1", grid="line", camera=str(path), course=FLAT).setups((3, 4))
+    assert [setup.profile.camera_chain.latency.latency for setup in setups] == [0.083, 0.083]
 
 
 def test_drawn_courses_differ_from_trial_to_trial_and_repeat_with_the_seed() -> None:

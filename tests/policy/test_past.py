@@ -14,12 +14,12 @@ from torch import Tensor
 from saltus.config import TerrainConfig
 from saltus.errors import ConfigError, ModelError, SaltusError
 from saltus.grid import LINE
+from saltus.loop.loop import Loop
+from saltus.loop.planner import observe
 from saltus.policy.actor import PolicyActor
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig, LearningConfig, TrainConfig
-from saltus.policy.evaluation.rollout import Rollout
 from saltus.policy.features import PROPRIOCEPTION_SIZE, RECALLED, read, size_with
-from saltus.policy.observation import observe
 from saltus.policy.training.export import DeployedPolicy, export, read_policy
 from saltus.policy.training.train import Rank, train
 from saltus.resources import resource
@@ -125,7 +125,7 @@ def test_the_deployed_planner_recalls_what_the_training_does(policy: Path) -> No
 def test_the_past_begins_when_the_robot_may_go(policy: Path) -> None:
     flat = [make_terrain(TerrainConfig(terrain="flat"))]
     actor = PolicyActor(ROBOT, LINE, policy)
-    rollout = Rollout(setups_of(flat, [Trial.draw(0)]), actor, stand_steps=8)
+    rollout = Loop(setups_of(flat, [Trial.draw(0)]), actor, stand_steps=8)
     for _ in range(9):
         step = rollout.step()
     blank = PolicyActor(ROBOT, LINE, policy)

@@ -9,8 +9,8 @@ from samples import ROBOT
 
 from saltus.arrays import Array
 from saltus.grid import HEIGHTMAP_X, LINE
+from saltus.loop.planner import Observation
 from saltus.plan import Plan
-from saltus.policy.observation import Observation
 from saltus.policy.process import LOST_NS, STAND_NS, PlannerProcess
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.states import standing_state

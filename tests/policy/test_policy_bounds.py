@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from samples import KINEMATICS, ROBOT
 
-from saltus.controller.signals import Body, observe
+from saltus.controller.signals import YawFrameBody, observe
 from saltus.controller.swing import SwingConfig, SwingLegs
 from saltus.policy.bounds import ACTIONS, ActionBounds, plan_from_values, values_of
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
@@ -16,7 +16,7 @@ HIGHEST_STEP = 0.75  # [m], what the policy is to reach in the end
 LIFT = ACTIONS.index("front_residual_z")
 
 
-def body(pitch: float) -> Body:
+def body(pitch: float) -> YawFrameBody:
     """A robot with its legs in the standing pose."""
     flat, legs = np.zeros(1), ROBOT.stand_pose[None]
     level = quaternion_from_roll_pitch_yaw(flat, flat + pitch, flat)

@@ -11,9 +11,9 @@ from samples import KINEMATICS, ROBOT
 from benchmarks.planner import bounding
 from saltus.arrays import Floats
 from saltus.grid import HEIGHTMAP_X, LINE
+from saltus.loop.planner import Observation, observe
 from saltus.plan import Plan
 from saltus.policy.height_line import HeightLine
-from saltus.policy.observation import Observation, observe
 from saltus.policy.scripted import (
     PITCH_RATE_LIMIT,
     RESIDUAL_HIGH,

@@ -10,6 +10,7 @@ from saltus.controller.estimator import Estimator
 from saltus.effects.offsets_and_factors import TorqueGain, ViscousFriction
 from saltus.effects.profile import IDEAL
 from saltus.grid import LINE
+from saltus.loop.planner import observe
 from saltus.policy.env.curriculum import CurriculumConfig, difficulty, kinds_of_robots, next_level
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.episode import TALLY
@@ -18,7 +19,6 @@ from saltus.policy.env.rewards import TERMS
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import PRIVILEGED
 from saltus.policy.features import features, layout, size_with
-from saltus.policy.observation import observe
 from saltus.sim.batch_engine import BatchEngine
 from saltus.states import standing_state
 from saltus.terrain.batch import BOXES

@@ -21,10 +21,10 @@ from saltus.heightmap.model import HeightmapModel, Normalisation
 from saltus.heightmap.settings import MIN_TICKS, DeviceLoop, ModelConfig
 from saltus.heightmap.training import calibration
 from saltus.heightmap.training.train import load_checkpoint
+from saltus.loop.planner import observe
 from saltus.policy.bounds import ACTIONS, plan_from_values
 from saltus.policy.env.settings import TrainConfig
 from saltus.policy.features import PROPRIOCEPTION_SIZE, features
-from saltus.policy.observation import observe
 from saltus.resources import resource
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from saltus.grid import LINE, SCAN, HeightGrid
+from saltus.grid import SCAN, HeightGrid, load_grid
 from saltus.heightmap.scan.cells import places, sampled
 from saltus.heightmap.scan.elevation import ElevationMap, Surroundings, advanced, new_map
 from saltus.heightmap.scan.geometry import geometric_heights
@@ -25,7 +25,7 @@ from saltus.heightmap.scan.training.settings import FAMILIES, FlightSettings, Sc
 from saltus.heightmap.scan.training.tables import turned
 from saltus.heightmap.scan.training.views import LastSeen
 
-GRIDS = {"scan": SCAN, "line": LINE}
+GRIDS = {"scan": SCAN, "line": load_grid("line")}
 AFTER_S = 1.0
 """Motion before the first height is judged [s]."""
 VISIBLE_S = 0.2

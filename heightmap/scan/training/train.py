@@ -31,7 +31,7 @@ GROUPS = 4
 WARM_UP = 0.03
 """Share of a training in which its rate grows."""
 MOMENTA = (0.9, 0.99)
-"""Of Adam: with the usual 0.999 one rare gradient moves every weight by up to 30 learning rates and
+"""Adam's: with the usual 0.999 one rare gradient moves every weight by up to 30 learning rates and
 then slows all of them for thousands of updates."""
 NEAR_M = 1.0
 """Cells that are farther than this from the base count half."""

@@ -13,9 +13,10 @@ from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.effects.imu import ImuBias
 from saltus.grid import HEIGHTMAP_X, LINE
+from saltus.loop.heights import exact_heights
+from saltus.loop.loop import Loop
+from saltus.loop.planner import Observation
 from saltus.plan import Plan
-from saltus.policy.evaluation.rollout import Rollout, exact_heights
-from saltus.policy.observation import Observation
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
@@ -43,7 +44,7 @@ def test_another_robot_bounds_with_laws_scaled_to_its_size(odd: Robot) -> None:
 
 def _bound(robot: Robot) -> None:
     trials = [Trial.draw(seed) for seed in range(4)]
-    rollout = Rollout(setups_of([FLAT] * 4, trials, robot=robot), ScriptedPlanner(robot, LINE), stand_steps=30)
+    rollout = Loop(setups_of([FLAT] * 4, trials, robot=robot), ScriptedPlanner(robot, LINE), stand_steps=30)
     start = None
     flying = np.zeros(4)
     for step in (rollout.step() for _ in range(330)):
@@ -61,10 +62,8 @@ def _bound(robot: Robot) -> None:
 def test_a_batch_is_made_of_single_robots() -> None:
     trials = [Trial.draw(seed) for seed in (5, 6)]
     terrains = [FLAT, make_terrain(TerrainConfig(terrain="stairs"))]
-    together = Rollout(setups_of(terrains, trials), ScriptedPlanner(ROBOT, LINE), stand_steps=5)
-    alone = [
-        Rollout(setups_of([terrains[i]], [trials[i]]), ScriptedPlanner(ROBOT, LINE), stand_steps=5) for i in range(2)
-    ]
+    together = Loop(setups_of(terrains, trials), ScriptedPlanner(ROBOT, LINE), stand_steps=5)
+    alone = [Loop(setups_of([terrains[i]], [trials[i]]), ScriptedPlanner(ROBOT, LINE), stand_steps=5) for i in range(2)]
     for _ in range(25):
         batch = together.step()
         for i, rollout in enumerate(alone):
@@ -78,7 +77,7 @@ def test_a_batch_is_made_of_single_robots() -> None:
 
 
 def test_whoever_is_done_starts_again_and_no_longer_counts() -> None:
-    rollout = Rollout(
+    rollout = Loop(
         setups_of([FLAT] * 2, [Trial.draw(0), Trial.draw(1)]),
         ScriptedPlanner(ROBOT, LINE),
         stand_steps=0,
@@ -109,8 +108,8 @@ class LatePlanner:
 @pytest.mark.parametrize("steps", [0, 1, 2, 3])
 def test_a_delay_of_plans_by_whole_steps_is_a_planner_that_answers_later(steps: int) -> None:
     trials = [Trial.draw(seed) for seed in (5, 6)]
-    late = Rollout(setups_of([FLAT] * 2, trials), LatePlanner(steps), stand_steps=5)
-    delayed = Rollout(
+    late = Loop(setups_of([FLAT] * 2, trials), LatePlanner(steps), stand_steps=5)
+    delayed = Loop(
         setups_of([FLAT] * 2, trials), ScriptedPlanner(ROBOT, LINE), stand_steps=5, plan_delay_s=0.010 * steps
     )
     for _ in range(30):
@@ -123,7 +122,7 @@ def test_the_law_holds_the_heading_that_the_imu_says() -> None:
     drifting = replace(PROFILE, imu=(ImuBias(gyro_z=0.3),))
     rates = []
     for profile in (PROFILE, drifting):
-        rollout = Rollout(setups_of([FLAT], [Trial()], profile), ScriptedPlanner(ROBOT, LINE), stand_steps=5)
+        rollout = Loop(setups_of([FLAT], [Trial()], profile), ScriptedPlanner(ROBOT, LINE), stand_steps=5)
         rates.append(np.mean([rollout.step().truth.angular_velocity_base[0, 2] for _ in range(60)]))
     assert rates[1] < rates[0] - 0.05
 
@@ -131,9 +130,7 @@ def test_the_law_holds_the_heading_that_the_imu_says() -> None:
 def test_plans_that_are_late_by_part_of_a_step_hold_for_the_rest_of_it() -> None:
     ends = []
     for delay_s in (0.0, 0.002, 0.004, 0.006, 0.008, 0.010):
-        rollout = Rollout(
-            setups_of([FLAT], [Trial()]), ScriptedPlanner(ROBOT, LINE), stand_steps=0, plan_delay_s=delay_s
-        )
+        rollout = Loop(setups_of([FLAT], [Trial()]), ScriptedPlanner(ROBOT, LINE), stand_steps=0, plan_delay_s=delay_s)
         for _ in range(3):
             rollout.step()
         ends.append(rollout.step().states.joint_velocity)
@@ -144,13 +141,12 @@ def test_plans_that_are_late_by_part_of_a_step_hold_for_the_rest_of_it() -> None
 def test_true_heights_are_the_terrain_where_they_say(shift_x: float, shift_z: float) -> None:
     stairs = make_terrain(TerrainConfig(terrain="stairs"))
     trial = Trial(height_shift_x=shift_x, height_shift_z=shift_z, yaw=0.1, position_x=1.2)
-    step = Rollout(setups_of([stairs], [trial]), ScriptedPlanner(ROBOT, LINE), stand_steps=1).step()
+    step = Loop(setups_of([stairs], [trial]), ScriptedPlanner(ROBOT, LINE), stand_steps=1).step()
     position = step.truth.position_base_in_world[0]
     x = position[0] + (HEIGHTMAP_X + shift_x) * np.cos(0.1)
     np.testing.assert_allclose(step.heights[0], stairs.height_at(x, 0.0) - position[2] + shift_z, atol=1e-9)
-    exact = Rollout(
-        setups_of([stairs], [trial]), ScriptedPlanner(ROBOT, LINE), stand_steps=1, heights=exact_heights
-    ).step()
+    setups = setups_of([stairs], [trial])
+    exact = Loop(setups, ScriptedPlanner(ROBOT, LINE), stand_steps=1, heights=exact_heights(setups)).step()
     np.testing.assert_allclose(
         exact.heights[0], stairs.height_at(position[0] + HEIGHTMAP_X * np.cos(0.1), 0.0) - position[2], atol=1e-9
     )

@@ -1,8 +1,13 @@
-"""Observations of a planner: quantities of the sagittal plane, derived from what a robot can know."""
+"""Planners and what they are given: quantities of the sagittal plane, from what a robot can know."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
-from saltus.arrays import Array, namespace
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.arrays import Array, Reals, namespace
+from saltus.plan import Plan
 from saltus.robots.legs import LegKinematics
 from saltus.rotations import roll_pitch_yaw, rotation_matrix, yaw_rotation
 from saltus.states import Proprioception
@@ -28,6 +33,20 @@ class Observation:
     """Scheduled contact, bool, shape (..., 4)."""
     progress: Array
     """Progress of the present stance or swing, [0, 1], shape (..., 4)."""
+
+
+class Planner(Protocol):
+    """Plans for any batch of robots, always the same ones or such as begin."""
+
+    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Plan:
+        """Plans the next 10 ms.
+
+        Args:
+            observation: Of the robots now.
+            heights: Relative to the base [m], shape (..., points).
+            fresh: Robots that begin: what came before is forgotten; shape (...), or one for all.
+        """
+        ...
 
 
 def observe(states: Proprioception, legs: LegKinematics) -> Observation:

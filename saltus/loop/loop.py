@@ -1,0 +1,117 @@
+"""The closed loop in one process, for many robots at once: body, heights, planner and judge.
+
+Whoever records a run reads the moments that it goes through: evaluations, data, benchmarks.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.arrays import Floats
+from saltus.constants import POLICY_DT
+from saltus.controller.compensation import Compensation
+from saltus.loop.body import Body
+from saltus.loop.heights import HeightSource, shifted_heights
+from saltus.loop.planner import Planner, observe
+from saltus.loop.pushes import Pushes
+from saltus.plan import Plan
+from saltus.robots.legs import LegKinematics
+from saltus.setup import Setup
+from saltus.sim.state import PlantState
+from saltus.states import RobotStates
+from saltus.trial import TIME_LIMIT_S, Outcome, TrialMonitor, is_upright
+from saltus.wire.messages import ControllerMode
+
+STAND_STEPS = 100  # the controller stands for 1 s before it obeys its first plan
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moment:
+    """One policy step of a batch: what held at its start, and what was decided then."""
+
+    states: RobotStates
+    truth: PlantState
+    heights: Floats
+    """Heights that the planner saw [m], shape (n, points)."""
+    plan: Plan
+    fresh: NDArray[np.bool_]
+    """Robot starts from the beginning with this step, shape (n,)."""
+    running: NDArray[np.bool_]
+    """The robot's first trial goes on, shape (n,); robots whose trial is over start again and do not count."""
+
+
+class Loop:
+    """Runs a planner on many robots of one kind, one policy step at a time.
+
+    Args:
+        setups: One for each robot; they differ in terrain and trial alone.
+        planner: Plans for all of them.
+        heights: What they see; by default the true heights with each trial's shift.
+        compensation: What the leg controller knows of the drives, by default nothing.
+        time_limit_s: After which a trial has failed.
+        stand_steps: Policy steps before the first plan is obeyed.
+        plan_delay_s: See `saltus.loop.body.Body`.
+        push_ns: Of one push from the side [Ns], see `saltus.loop.pushes`.
+    """
+
+    def __init__(
+        self,
+        setups: Sequence[Setup],
+        planner: Planner,
+        *,
+        heights: HeightSource | None = None,
+        compensation: Compensation | None = None,
+        time_limit_s: float = TIME_LIMIT_S,
+        stand_steps: int = STAND_STEPS,
+        plan_delay_s: float = 0.0,
+        push_ns: float = 0.0,
+    ) -> None:
+        self.count, self._planner, self._stand_steps = len(setups), planner, stand_steps
+        terrains = [setup.terrain for setup in setups]
+        self._finish_x = np.array([terrain.finish_x for terrain in terrains])
+        self._body = Body(setups, compensation=compensation, plan_delay_s=plan_delay_s)
+        self._heights = heights or shifted_heights(setups)
+        self._legs = LegKinematics(setups[0].robot)
+        self._monitors = [TrialMonitor(terrain, time_limit_s) for terrain in terrains]
+        self._pushes = Pushes(push_ns, terrains, [setup.trial for setup in setups])
+        self._index, self._fresh = 0, np.ones(self.count, dtype=np.bool_)
+
+    @property
+    def outcomes(self) -> list[Outcome | None]:
+        """How each robot's first trial ended; None where it goes on."""
+        return [monitor.outcome for monitor in self._monitors]
+
+    @property
+    def running(self) -> NDArray[np.bool_]:
+        """The first trial of each robot goes on, shape (n,)."""
+        return np.array([outcome is None for outcome in self.outcomes])
+
+    def run(self) -> Iterator[Moment]:
+        """Steps until every trial is over."""
+        while self.running.any():
+            yield self.step()
+
+    def step(self) -> Moment:
+        """One policy step: sense, see, plan, and five times control and physics."""
+        truth, states, fresh, running = self._body.truth, self._body.states(self._index), self._fresh, self.running
+        heights = self._heights.heights(states, truth, fresh)
+        begins = fresh | (self._index <= self._stand_steps)  # the deployed planner begins when the robot may go
+        plan = self._planner.step(observe(states, self._legs), heights, begins)
+        mode = ControllerMode.STAND if self._index < self._stand_steps else ControllerMode.RUN
+        touched = self._body.step(plan, mode, self._pushes.step(truth.position_base_in_world[:, 0]))
+        self._index += 1
+        self._fresh = self._judge(touched, running)
+        if self._fresh.any():
+            self._body.restart(self._fresh)
+        return Moment(states=states, truth=truth, heights=heights, plan=plan, fresh=fresh, running=running)
+
+    def _judge(self, touched: NDArray[np.bool_], running: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Feeds the monitors of trials that are running; returns which robots are done."""
+        now = self._body.truth
+        position, quaternion = now.position_base_in_world, now.quaternion_base_in_world
+        for i in np.flatnonzero(running):
+            self._monitors[i].step(self._index * POLICY_DT, position[i], quaternion[i], bool(touched[i]))
+        over = touched | ~is_upright(quaternion) | (position[:, 0] >= self._finish_x)
+        return over | (running & ~self.running)
