@@ -9,6 +9,8 @@ import plotly.graph_objects as go
 from benchmarks.hidden_effects.cases import Case
 from benchmarks.hidden_effects.plan import LIBRARY
 
+WIDTH, HEIGHT = 1000, 860
+"""Size of the picture [px]."""
 OTHER = ("several", "set", "unexplained", "no_gap", "bad_log", "error")
 
 
@@ -50,9 +52,11 @@ def write_confusion(cases: list[Case], directory: Path) -> None:
             z=shown, x=columns, y=rows, text=np.where(counts > 0, counts, "").astype(str), texttemplate="%{text}"
         )
     )
-    figure.update_layout(width=1100, height=950, xaxis_title="said", yaxis_title="true", yaxis_autorange="reversed")
+    figure.update_layout(width=WIDTH, height=HEIGHT, xaxis_title="said", yaxis_title="true", yaxis_autorange="reversed")
+    figure.update_layout(margin={"l": 10, "r": 10, "t": 10, "b": 10})
     figure.update_traces(colorscale="Blues", showscale=False, xgap=1, ygap=1)
-    figure.write_html(directory / "confusion.html", include_plotlyjs="directory")
+    shown_alone = {"displayModeBar": False}
+    figure.write_html(directory / "confusion.html", include_plotlyjs="directory", config=shown_alone)
 
 
 def _line(case: Case) -> list[str]:
