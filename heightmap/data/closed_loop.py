@@ -94,14 +94,17 @@ class MixedPlanner:
         self, robot: Robot, grid: HeightGrid, rng: np.random.Generator, count: int, *, learned: float, variation: float
     ) -> None:
         self._scripted = ScriptedPlanner(robot, grid, varied(rng, variation, count))
-        self._learned = make_planner("learned", robot, grid)
+        self._learned = make_planner("learned", robot, grid) if learned > 0.0 else None  # not every robot has one
         self._is_learned = rng.uniform(size=count) < learned
         self._speed = rng.uniform(*SPEED, count)
         self._frequency = rng.uniform(*RHYTHM, count)
 
     def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Plan:
         """Plans the next 10 ms of all robots; see `saltus.policy.planner.Planner`."""
-        rules, policy = self._scripted.step(observation, heights), self._learned.step(observation, heights, fresh)
+        rules = self._scripted.step(observation, heights)
+        if self._learned is None:
+            return rules
+        policy = self._learned.step(observation, heights, fresh)
         policy = replace(
             policy,
             velocity_x=policy.velocity_x * self._speed,

@@ -125,9 +125,9 @@ def _check_metadata(file: ModelFile, robot: Robot, grid: HeightGrid) -> None:
     if made_for != robot.name:
         raise ModelError(
             f"model {file.path} does not fit: its 'robot' is {made_for!r}, and heights are wanted for "
-            f"{robot.name!r}; Saltus ships and trains heights for the Go1 alone. Of another robot it "
-            "simulates walking on true heights (saltus policy eval --planner scripted) and compares "
-            "logs (saltus real2sim): docs/robots.md"
+            f"{robot.name!r}. Train one for it (saltus heightmap collect cpu --loop.learned 0 --loop.robot ...), or "
+            "take 187 heights of any robot (saltus heightmap serve --grid scan); true heights need no model (saltus "
+            "policy eval --planner scripted): docs/robots.md"
         )
     expected: dict[str, Any] = {
         "format": FORMAT,

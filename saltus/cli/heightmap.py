@@ -56,6 +56,8 @@ class Serve(ScanOptions):
     """With a grid a run (.mcap), else a RealSense recording (.bag, .db3) in place of a camera, with --assume-level."""
     assume_level: Flag = False
     """With --recording: take the robot to stand still and level."""
+    robot: str = DEFAULT_ROBOT
+    """Of a RealSense recording: name, or path of an MJCF or of a folder with a robot.toml."""
     level: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(default_factory=LevelRobot)
     robots: Annotated[tuple[str, ...], shown("PREFIX [PREFIX ...]", "the one of run.toml")] = ()
     """Prefixes of the robots to serve, e.g. robot/0 robot/1."""
@@ -93,7 +95,7 @@ class Serve(ScanOptions):
             raise RecordingError(f"{recording} holds no depth image")
         if not self.assume_level:
             raise RecordingError(f"{recording} has no robot state: add --assume-level")
-        network = HeightmapNetwork(load_robot(DEFAULT_ROBOT), resource("models/heightmap.onnx"))
+        network = HeightmapNetwork(load_robot(self.robot), resource("models/heightmap.onnx"))
         with contextlib.ExitStack() as resources:
             self._publish(self._endpoint(resources), network, itertools.chain([first], frames))
         return 0

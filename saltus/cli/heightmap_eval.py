@@ -7,12 +7,11 @@ from typing import Annotated, Any
 
 from saltus.cli.heightmap_train import QUIET_S
 from saltus.cli.output import JsonOption, table_lines
-from saltus.cli.run_options import ModelOptions, mounted_camera
+from saltus.cli.run_options import ModelOptions, RobotOption, mounted_camera
 from saltus.flags import shown
 from saltus.grid import DEFAULT_GRID
 from saltus.models import model_id, model_path
 from saltus.robots.loading import load_robot
-from saltus.robots.shipped import DEFAULT_ROBOT
 
 COLUMNS = (
     ("mean", "mae_m", 1e3),
@@ -30,7 +29,7 @@ BAR = "{l_bar}{bar}| {elapsed}<{remaining}{postfix}"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Eval(ModelOptions, JsonOption):
+class Eval(RobotOption, ModelOptions, JsonOption):
     """Measures a predictor in held-out runs, with policy and predictor in the loop, beside deprojection alone.
 
     For example:
@@ -66,12 +65,12 @@ class Eval(ModelOptions, JsonOption):
         from saltus.workers import in_order
 
         config = HeldOutRuns(
-            robot=DEFAULT_ROBOT, grid=DEFAULT_GRID, runs=self.runs, seed=self.seed, terrains=self.terrains,
+            robot=self.robot, grid=DEFAULT_GRID, runs=self.runs, seed=self.seed, terrains=self.terrains,
             camera=self.camera, policy=self.policy_model, baselines=self.baselines, time_limit_s=self.time_limit_s,
         )  # fmt: skip
         models = {"heightmap": model_path("heightmap", self.heightmap_model)}
         models["policy"] = model_path("policy", self.policy_model)
-        HeightmapNetwork(mounted_camera(self.camera, load_robot(DEFAULT_ROBOT))[1], models["heightmap"])
+        HeightmapNetwork(mounted_camera(self.camera, load_robot(self.robot))[1], models["heightmap"])
         work = partial(config.measure, models["heightmap"])
         measured: list[HeldOutRun] = []
         total = len(config.batches) * config.work

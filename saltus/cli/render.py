@@ -7,15 +7,14 @@ from typing import Annotated
 import tyro
 
 from saltus.cli.output import JsonOption, run_directory
-from saltus.cli.run_options import CourseOptions, SizedCourse, mounted_camera
+from saltus.cli.run_options import CourseOptions, RobotOption, SizedCourse, mounted_camera
 from saltus.cli.serve import ServeProcess
 from saltus.flags import CommandGroup, Subcommands, shown
 from saltus.robots.loading import load_robot
-from saltus.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True, kw_only=True)
-class Preview:
+class Preview(RobotOption):
     """Writes the course from the side and what the camera sees: true depth, its effects, the model's image.
 
     For example:
@@ -34,7 +33,7 @@ class Preview:
         from saltus.render.preview import write_preview
         from saltus.terrain.curriculum import make_terrain
 
-        camera, robot = mounted_camera(self.camera, load_robot(DEFAULT_ROBOT))
+        camera, robot = mounted_camera(self.camera, load_robot(self.robot))
         terrain = make_terrain(self.course)
         print(write_preview(robot, terrain, camera, run_directory("render-preview", self.out) / "preview.html"))
         return 0

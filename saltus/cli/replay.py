@@ -12,11 +12,11 @@ import numpy as np
 import tyro
 
 from saltus.cli.output import JsonOption, finite, print_json
+from saltus.cli.run_options import RobotOption
 from saltus.cli.scan_options import ScanOptions
 from saltus.errors import RecordingError
 from saltus.flags import Flag, shown
 from saltus.heightmap.level_robot import LevelRobot
-from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.messages import DepthFrame, GroundTruth, Heightmap, HeightmapStatus, RobotState, points_of
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Replay(ScanOptions, JsonOption):
+class Replay(ScanOptions, RobotOption, JsonOption):
     """Runs the heightmap service on the depth of a recording again and compares with what was recorded.
 
     For example:
@@ -36,7 +36,8 @@ class Replay(ScanOptions, JsonOption):
     """
 
     recording: Annotated[Path, tyro.conf.Positional]
-    """A run (.mcap), or a RealSense recording (.bag, .db3), which has no robot state and needs --assume-level."""
+    """A run (.mcap), which names its robot, or a RealSense recording (.bag, .db3), which has no robot state and needs
+    --assume-level."""
     model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
     """ONNX file."""
     assume_level: Flag = False
@@ -90,7 +91,7 @@ class Replay(ScanOptions, JsonOption):
             raise RecordingError(f"{self.recording} has no robot state: add --assume-level (see saltus replay --help)")
         invalid: list[float] = []
         read = partial(read_realsense, self.recording)
-        profile, heightmaps = self._standing(load_robot(DEFAULT_ROBOT), model, read, invalid)
+        profile, heightmaps = self._standing(load_robot(self.robot), model, read, invalid)
         table = {
             "recording": str(self.recording),
             "frames": len(invalid),

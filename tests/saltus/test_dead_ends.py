@@ -43,7 +43,7 @@ def test_a_router_for_another_robot_says_that_nothing_serves_heights(
         assert len(told) == lines
         assert told[-1] == "saltus: enough"
     assert told[0].startswith("saltus: the line cannot be served here: ")
-    assert "trains heights for the Go1 alone" in told[0]
+    assert "heightmap collect cpu --loop.learned 0" in told[0]
 
 
 def test_what_is_waited_for_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
