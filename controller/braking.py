@@ -9,7 +9,7 @@ the ground is taken to be the plane through the places where its feet last stood
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Constant, Flags, Legs, Scalars, Vectors, namespace
 from saltus.constants import PHYSICS_DT
 from saltus.controller.gait import GaitConfig, GaitSignal
 from saltus.controller.law import Diagnostics
@@ -71,7 +71,7 @@ class BrakingConfig:
 class BrakingState:
     """State of the braking, with what is known of the ground."""
 
-    foothold: Array
+    foothold: Legs
     """Where each foot last stood for certain, by dead reckoning: relative to the base now, yaw frame [m], (..., 4, 3).
     """
 
@@ -80,15 +80,15 @@ class Motion(Protocol):
     """How the body moves; `saltus.controller.signals.YawFrameBody` says so, and more."""
 
     @property
-    def pitch(self) -> Array:
+    def pitch(self) -> Scalars:
         """[rad], shape (...)."""
 
     @property
-    def velocity(self) -> Array:
+    def velocity(self) -> Vectors:
         """Yaw frame [m/s], shape (..., 3)."""
 
     @property
-    def angular_velocity(self) -> Array:
+    def angular_velocity(self) -> Vectors:
         """Yaw frame [rad/s], shape (..., 3)."""
 
 
@@ -123,7 +123,7 @@ class Braking:
         self._legs_x = Constant([hip_x, hip_x, -hip_x, -hip_x])
         self._up = Constant([0.0, 0.0, 1.0])
 
-    def init(self, foot_yaw: Array) -> BrakingState:
+    def init(self, foot_yaw: Legs) -> BrakingState:
         """Memory of robots that stand; foot positions relative to the base, yaw frame [m], shape (..., 4, 3)."""
         return BrakingState(foothold=foot_yaw)
 
@@ -134,13 +134,13 @@ class Braking:
         moved = state.foothold - body.velocity[..., None, :] * PHYSICS_DT
         return BrakingState(foothold=xp.where(diagnostics.gait.trusted[..., None], body.foot_yaw, moved))
 
-    def is_slow(self, last: LastTick) -> Array:
+    def is_slow(self, last: LastTick) -> Flags:
         """True where sprung legs can catch the body. Bool, shape (...)."""
         body = last.body
         x, y, hips = body.velocity[..., 0], body.velocity[..., 1], self._hip_x[_FRONT] * body.angular_velocity[..., 1]
         return x * x + y * y + hips * hips < self.config.slow_mps**2
 
-    def reference(self, last: LastTick, base_height: Array, heading: Array, state: BrakingState) -> Reference:
+    def reference(self, last: LastTick, base_height: Scalars, heading: Scalars, state: BrakingState) -> Reference:
         """The reference of the braking plan.
 
         Args:
@@ -173,7 +173,7 @@ class Braking:
         rise = self._slope(state)[..., None] * self._legs_x.like(state.foothold)
         return replace(reference, foot_residual=rise[..., None] * self._up.like(rise))
 
-    def _slope(self, state: BrakingState) -> Array:
+    def _slope(self, state: BrakingState) -> Scalars:
         """Slope of the ground between the footholds of the front and the rear feet, shape (...)."""
         xp = namespace(state.foothold)
         pairs = xp.mean(xp.reshape(state.foothold, (*state.foothold.shape[:-2], 2, 2, 3)), axis=-2)
@@ -182,8 +182,8 @@ class Braking:
         return xp.clip(ahead[..., 2] / xp.clip(ahead[..., 0], self._shortest_base, None), -limit, limit)
 
     def _residual(
-        self, last: LastTick, base_height: Array, slope: Array, state: BrakingState, leg: int, shift: float
-    ) -> Array:
+        self, last: LastTick, base_height: Scalars, slope: Scalars, state: BrakingState, leg: int, shift: float
+    ) -> Vectors:
         """Residual of one pair of feet, shape (..., 3)."""
         xp = namespace(slope)
         config, swing = self.config, last.gait.progress[..., leg]

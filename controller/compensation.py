@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, Floats, namespace
+from saltus.arrays import Constant, Floats, Joints, namespace
 from saltus.effects.effect import Effect
 from saltus.effects.offsets_and_factors import TorqueGain, ViscousFriction
 from saltus.effects.profile import Profile, load_profile
@@ -39,7 +39,7 @@ class Compensation:
 
     def __call__(self, command: JointCommand) -> JointCommand:
         """Returns what makes such joints do what `command` asks of ideal ones. All arrays have shape (..., 12)."""
-        kd: Array = command.kd
+        kd: Joints = command.kd
         xp = namespace(kd)
         gain, limit = self.gain.like(kd), self.torque_limit.like(kd)
         left = kd - xp.minimum(self.damping.like(kd), MOST_OF_KD * kd)

@@ -8,7 +8,7 @@ Yaw and attitude come from the IMU's quaternion as they are.
 
 from dataclasses import dataclass
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Array, Constant, LegFlags, MotionEstimates, Rotations, Scalars, Vectors, namespace
 from saltus.constants import GRAVITY, PHYSICS_DT
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -37,18 +37,18 @@ class EstimatorConfig:
 class EstimatorState:
     """State of the filter between ticks."""
 
-    mean: Array
+    mean: MotionEstimates
     """Velocity in the world [m/s] and height [m], shape (..., 4)."""
-    variance: Array
+    variance: MotionEstimates
     """Shape (..., 4)."""
 
     @property
-    def velocity_base_in_world(self) -> Array:
+    def velocity_base_in_world(self) -> Vectors:
         """[m/s], shape (..., 3)."""
         return self.mean[..., :3]
 
     @property
-    def base_height(self) -> Array:
+    def base_height(self) -> Scalars:
         """Over the feet in stance [m], shape (...)."""
         return self.mean[..., 3]
 
@@ -69,7 +69,7 @@ class Estimator:
         zeros = xp.zeros((*batch, 4), dtype=like.dtype, device=like.device)
         return EstimatorState(mean=zeros + self._start.like(like), variance=zeros + self.config.initial_variance)
 
-    def step(self, measured: Measurement, trusted: Array, state: EstimatorState) -> EstimatorState:
+    def step(self, measured: Measurement, trusted: LegFlags, state: EstimatorState) -> EstimatorState:
         """One tick of 2 ms; legs that are `trusted`, bool, shape (..., 4), are known to stand (as the gait says)."""
         xp = namespace(state.mean)
         rotation = rotation_matrix(measured.quaternion_base_in_world)
@@ -82,7 +82,9 @@ class Estimator:
         gain = variance * weight / (variance * weight + noise)  # noise / weight is the variance of what legs say
         return EstimatorState(mean=mean + gain * (measurement - mean), variance=variance * (1.0 - gain))
 
-    def _legs(self, measured: Measurement, rotation: Array, trusted: Array, velocity: Array) -> tuple[Array, Array]:
+    def _legs(
+        self, measured: Measurement, rotation: Rotations, trusted: LegFlags, velocity: Vectors
+    ) -> tuple[MotionEstimates, Array]:
         """Velocity and height of the base by the trusted feet, (..., 4), and how far to believe them, (..., 1)."""
         xp = namespace(rotation)
         foot, jacobian = self._kinematics.position_and_jacobian(measured.joint_position)

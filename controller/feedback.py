@@ -7,7 +7,7 @@ Source: paper ("Feedback Velocity Tracking").
 
 from dataclasses import dataclass
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Array, Constant, Jacobians, Joints, Legs, Vectors, namespace
 from saltus.controller.signals import YawFrameBody
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
@@ -32,7 +32,7 @@ class VelocityFeedback:
         self._identity = Constant([[float(i == j) * damping**2 for j in range(3)] for i in range(3)])
         self._limit = Constant(robot.speed_limit)
 
-    def joint_velocity(self, body: YawFrameBody, velocity: Array, angular_velocity: Array) -> Array:
+    def joint_velocity(self, body: YawFrameBody, velocity: Vectors, angular_velocity: Vectors) -> Joints:
         """Joint velocities [rad/s], shape (..., 12), within the drives' speed limits.
 
         Args:
@@ -51,7 +51,7 @@ class VelocityFeedback:
         return xp.clip(joint.reshape((*velocity.shape[:-1], 12)), -limit, limit)
 
 
-def _solve_symmetric(xp: Array, matrix: Array, right: Array) -> Array:
+def _solve_symmetric(xp: Array, matrix: Jacobians, right: Legs) -> Legs:
     """Solution of symmetric 3 x 3 systems by cofactors: libraries wait for a GPU to report singular ones."""
     a, b, c = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2]
     d, e, f = matrix[..., 1, 1], matrix[..., 1, 2], matrix[..., 2, 2]

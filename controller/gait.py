@@ -7,7 +7,7 @@ with all four feet on it. Source: paper ("bounding gait with 4 contact modes"), 
 
 from dataclasses import dataclass
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Array, Constant, Counts, LegFlags, PerLeg, Scalars, namespace
 from saltus.footholds import SWING_RATIO
 
 
@@ -26,7 +26,7 @@ class GaitConfig:
 class GaitState:
     """State of the gait between ticks."""
 
-    phase: Array
+    phase: Scalars
     """Cycles since the start, shape (...)."""
 
 
@@ -34,16 +34,16 @@ class GaitState:
 class GaitSignal:
     """Values of the schedule now."""
 
-    contact: Array
+    contact: LegFlags
     """Leg is to stand, bool, shape (..., 4)."""
-    progress: Array
+    progress: PerLeg
     """Progress of the present stance or swing, [0, 1), shape (..., 4); 0 before the first
     stance."""
-    trusted: Array
+    trusted: LegFlags
     """Leg is in the middle of its stance, or has not moved yet, bool, shape (..., 4)."""
-    cycle: Array
+    cycle: Counts
     """Number of completed cycles (whole number as float), shape (...)."""
-    stance_duration: Array
+    stance_duration: Scalars
     """[s], shape (...)."""
 
 
@@ -65,11 +65,11 @@ class Gait:
         self._swing_ratio = config.swing_ratio
         self._untrusted = 0.5 * (1.0 - config.trusted_share)
 
-    def advance(self, state: GaitState, frequency: Array, dt_s: float) -> GaitState:
+    def advance(self, state: GaitState, frequency: Scalars, dt_s: float) -> GaitState:
         """One tick with the stepping frequency [Hz], shape (...)."""
         return GaitState(phase=state.phase + frequency * dt_s)
 
-    def read(self, state: GaitState, frequency: Array) -> GaitSignal:
+    def read(self, state: GaitState, frequency: Scalars) -> GaitSignal:
         """The schedule at the present phase."""
         xp = namespace(state.phase)
         leg_phase = state.phase[..., None] + self._offset.like(state.phase)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, namespace, smooth_step
+from saltus.arrays import Array, Constant, Flags, Joints, LegFlags, Legs, Scalars, Vectors, namespace, smooth_step
 from saltus.constants import PHYSICS_DT
 from saltus.controller.compensation import Compensation
 from saltus.controller.feedback import FeedbackConfig, VelocityFeedback
@@ -55,14 +55,14 @@ class LawState:
     """State of the law between ticks."""
 
     gait: GaitState
-    liftoff: Array
+    liftoff: Legs
     """Foot relative to the base when last in contact, yaw frame [m], shape (..., 4, 3)."""
-    landed: Array
+    landed: LegFlags
     """Leg has come down since landing began, bool, shape (..., 4)."""
     mode: ControllerMode
-    blend_from: Array
+    blend_from: Joints
     """Joint angles from which the standing pose is approached [rad], shape (..., 12)."""
-    rest: Array
+    rest: Joints
     """Joint angles of the standing pose that is approached [rad], shape (..., 12)."""
     mode_time_s: float
     """Time in the present mode."""
@@ -75,13 +75,13 @@ class Diagnostics:
     gait: GaitSignal
     """With contacts as they are used: all four legs when standing."""
     body: YawFrameBody
-    force: Array
+    force: Joints
     """Planned forces on the feet, yaw frame [N], shape (..., 12); zero when standing."""
-    tracking_cost: Array
+    tracking_cost: Scalars
     """Weighted distance of the planned acceleration from its reference, shape (...); zero when standing."""
-    velocity_reference: Array
+    velocity_reference: Vectors
     """After clipping, yaw frame [m/s], shape (..., 3)."""
-    angular_velocity_reference: Array
+    angular_velocity_reference: Vectors
     """After clipping, yaw frame [rad/s], shape (..., 3)."""
 
 
@@ -129,7 +129,7 @@ class LegController:
             mode_time_s=0.0,
         )
 
-    def reset(self, state: LawState, mask: Array) -> LawState:
+    def reset(self, state: LawState, mask: Flags) -> LawState:
         """Starts the gait of the robots in `mask` (bool, shape (...)) again; the others go on."""
         xp = namespace(state.gait.phase)
         fresh = self.init(tuple(state.gait.phase.shape), state.gait.phase)
@@ -167,7 +167,7 @@ class LegController:
         command = self._damp(sensed) if mode == ControllerMode.DAMP else self._stand(sensed, state)
         return (command, *self._at_rest(body, state))
 
-    def settled(self, state: LawState, diagnostics: Diagnostics) -> Array:
+    def settled(self, state: LawState, diagnostics: Diagnostics) -> Flags:
         """True where a landing is over: all feet have come down and the body is at rest. Bool, shape (...)."""
         xp = namespace(state.landed)
         body = diagnostics.body
@@ -266,7 +266,7 @@ class LegController:
         )
         return command, replace(state, liftoff=liftoff), diagnostics
 
-    def _velocities(self, reference: Reference, body: YawFrameBody) -> tuple[Array, Array]:
+    def _velocities(self, reference: Reference, body: YawFrameBody) -> tuple[Vectors, Vectors]:
         """Velocity references of a plan: turned to the heading, and no further from the present than allowed."""
         xp = namespace(body.roll)
         error = body.yaw - reference.heading
@@ -277,7 +277,7 @@ class LegController:
         velocity = xp.clip(reference.velocity, body.velocity - step, body.velocity + step)
         return velocity, xp.clip(wanted, body.angular_velocity - angular_step, body.angular_velocity + angular_step)
 
-    def _rest_pose(self, body: YawFrameBody) -> Array:
+    def _rest_pose(self, body: YawFrameBody) -> Joints:
         """Joint angles to stand on the slope that the feet give, shape (..., 12).
 
         The base is over the middle of the feet and pitched by half the slope: a trunk that is parallel to stairs of

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Array, Constant, Jacobians, Legs, Rotations, Scalars, Vectors, namespace
 from saltus.plan import Plan
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import SIDE
@@ -18,15 +18,15 @@ _OUTWARD = Constant(np.stack([np.ones(4), SIDE, np.ones(4)], -1))
 class Reference:
     """The centroidal reference in the yaw frame."""
 
-    stepping_frequency: Array
+    stepping_frequency: Scalars
     """[Hz], shape (...)."""
-    velocity: Array
+    velocity: Vectors
     """Reference velocity of the base, yaw frame [m/s], shape (..., 3)."""
-    angular_velocity: Array
+    angular_velocity: Vectors
     """Reference angular velocity, yaw frame [rad/s], shape (..., 3); the yaw rate is added by the controller."""
-    foot_residual: Array
+    foot_residual: Legs
     """Added to the nominal swing position of each foot, yaw frame (y to the left) [m], shape (..., 4, 3)."""
-    heading: Array
+    heading: Scalars
     """Yaw that the robot holds [rad], shape (...). Nothing else keeps it on a course: plans have no yaw."""
 
 
@@ -34,25 +34,25 @@ class Reference:
 class YawFrameBody:
     """The robot seen from the yaw frame: all that swing, stance and feedback share."""
 
-    roll: Array
-    pitch: Array
-    yaw: Array
+    roll: Scalars
+    pitch: Scalars
+    yaw: Scalars
     """[rad], shape (...) each."""
-    base_in_yaw: Array
+    base_in_yaw: Rotations
     """Rotation from the base to the yaw frame, shape (..., 3, 3)."""
-    velocity: Array
+    velocity: Vectors
     """Velocity of the base, yaw frame [m/s], shape (..., 3)."""
-    angular_velocity: Array
+    angular_velocity: Vectors
     """Yaw frame [rad/s], shape (..., 3)."""
-    foot_base: Array
+    foot_base: Legs
     """Foot centres, base frame [m], shape (..., 4, 3)."""
-    foot_yaw: Array
+    foot_yaw: Legs
     """Foot centres relative to the base, yaw frame [m], shape (..., 4, 3)."""
-    jacobian: Array
+    jacobian: Jacobians
     """Foot Jacobians, base frame [m/rad], shape (..., 4, 3, 3)."""
 
 
-def reference_of(plan: Plan, heading: Array) -> Reference:
+def reference_of(plan: Plan, heading: Scalars) -> Reference:
     """The reference that a plan stands for, mirrored between left and right; `heading` is the yaw to hold [rad]."""
     xp = namespace(plan.velocity_x)
     zero = xp.zeros_like(plan.velocity_x)
@@ -87,7 +87,7 @@ def observe(sensed: Proprioception, legs: LegKinematics) -> YawFrameBody:
     )
 
 
-def _yaw_in_world(xp: Array, rotation: Array) -> Array:
+def _yaw_in_world(xp: Array, rotation: Rotations) -> Rotations:
     # From the matrix itself: no second pass through sine and cosine of the yaw. The columns are x, y and z of the
     # yaw frame. Vertical noses (no yaw at all) are outside what the controller may meet: damping begins at 60 deg.
     forward_x, forward_y = rotation[..., 0, 0], rotation[..., 1, 0]

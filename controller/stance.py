@@ -13,7 +13,19 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.arrays import Array, Constant, Floats, namespace
+from saltus.arrays import (
+    AccelerationPairs,
+    BodyAccelerations,
+    Constant,
+    Floats,
+    JointMatrices,
+    Joints,
+    LegFlags,
+    Levers,
+    Scalars,
+    Vectors,
+    namespace,
+)
 from saltus.constants import GRAVITY
 from saltus.controller.signals import YawFrameBody
 from saltus.errors import SaltusError
@@ -50,15 +62,15 @@ class StanceConfig:
 class StanceQP:
     """minimise 1/2 f' H f + g' f over the forces f of all feet, of which those in contact may differ from 0."""
 
-    hessian: Array
+    hessian: JointMatrices
     """Shape (..., 12, 12)."""
-    gradient: Array
+    gradient: Joints
     """Shape (..., 12)."""
-    contact: Array
+    contact: LegFlags
     """Bool, shape (..., 4)."""
-    model: Array
+    model: Levers
     """M transposed: acceleration in the base frame by force, shape (..., 12, 6)."""
-    target: Array
+    target: BodyAccelerations
     """a_ref + g: acceleration that the forces must bring about, base frame, shape (..., 6)."""
 
 
@@ -86,7 +98,9 @@ class StanceLegs:
         self._up = Constant([[GRAVITY], [0.0]])
         self._torque_limit = Constant(robot.torque_limit)
 
-    def acceleration_reference(self, body: YawFrameBody, velocity: Array, angular_velocity: Array) -> Array:
+    def acceleration_reference(
+        self, body: YawFrameBody, velocity: Vectors, angular_velocity: Vectors
+    ) -> AccelerationPairs:
         """Reference acceleration (linear, angular) in the base frame, clipped. Shape (..., 2, 3).
 
         Args:
@@ -101,7 +115,7 @@ class StanceLegs:
         acceleration = error * self._gain.like(velocity) - roll * self._roll_gain.like(velocity)
         return xp.clip(acceleration @ body.base_in_yaw, self._low.like(velocity), self._high.like(velocity))
 
-    def build_qp(self, body: YawFrameBody, acceleration: Array, contact: Array) -> StanceQP:
+    def build_qp(self, body: YawFrameBody, acceleration: AccelerationPairs, contact: LegFlags) -> StanceQP:
         """Writes the problem down; `acceleration` (..., 2, 3) and `contact` (..., 4) as elsewhere."""
         batch = acceleration.shape[:-2]
         rotation = body.base_in_yaw
@@ -118,13 +132,13 @@ class StanceLegs:
             target=target,
         )
 
-    def tracking_cost(self, qp: StanceQP, force: Array) -> Array:
+    def tracking_cost(self, qp: StanceQP, force: Joints) -> Scalars:
         """sqrt((a - a_ref)' U (a - a_ref)) of forces (..., 12), yaw frame. Shape (...)."""
         xp = namespace(force)
         error = (force[..., None, :] @ qp.model)[..., 0, :] - qp.target
         return xp.sqrt(xp.sum(error * error * self._weight.like(force), axis=-1))
 
-    def torque(self, body: YawFrameBody, force: Array) -> Array:
+    def torque(self, body: YawFrameBody, force: Joints) -> Joints:
         """Joint torques [Nm], shape (..., 12), that press the feet down with `force` (yaw frame, (..., 12))."""
         xp = namespace(force)
         batch = force.shape[:-1]
@@ -148,7 +162,7 @@ def scaled_force_weight(robot: Robot, config: StanceConfig) -> float:
 class StanceSolver(Protocol):
     """Solves stance problems."""
 
-    def solve(self, qp: StanceQP) -> Array:
+    def solve(self, qp: StanceQP) -> Joints:
         """Forces on the feet, yaw frame [N], shape (..., 12); zero for feet in the air."""
         ...
 
@@ -164,7 +178,7 @@ class ExactSolver:
         self._columns = [_columns(pattern) for pattern in range(16)]
         self._square = [(12 * c[:, None] + c).reshape(-1) for c in self._columns]
 
-    def solve(self, qp: StanceQP) -> Array:
+    def solve(self, qp: StanceQP) -> Joints:
         """Forces on the feet, yaw frame [N], shape (..., 12); zero for feet in the air.
 
         Raises:
@@ -193,7 +207,7 @@ class ExactSolver:
                 forces[robot, columns] = self._solve_one(hessians[robot], gradients[robot], pattern)
         return forces.reshape(gradient.shape)
 
-    def _solve_one(self, hessian: NDArray[np.float64], gradient: NDArray[np.float64], pattern: int) -> Array:
+    def _solve_one(self, hessian: NDArray[np.float64], gradient: NDArray[np.float64], pattern: int) -> Floats:
         columns = self._columns[pattern]
         size = len(columns)
         matrix, upper, lower = self._constraints[size // 3]

@@ -9,7 +9,7 @@ limits hold exactly whatever the number of steps; what is approximate is the cos
 Reference: S. Boyd et al., "Distributed Optimization and Statistical Learning via ADMM" (2011), 3.4.3 and 5.
 """
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Array, Constant, JointMatrices, Joints, Levers, namespace
 from saltus.controller.stance import StanceConfig, StanceQP, scaled_acceleration_weight, scaled_force_weight
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
@@ -35,7 +35,7 @@ class BatchedSolver:
         self._identity6 = Constant([[float(i == j) for j in range(6)] for i in range(6)])
         self._identity12 = Constant([[float(i == j) for j in range(12)] for i in range(12)])
 
-    def solve(self, qp: StanceQP) -> Array:
+    def solve(self, qp: StanceQP) -> Joints:
         """Forces on the feet, yaw frame [N], shape (..., 12); zero for feet in the air."""
         xp = namespace(qp.gradient)
         batch = qp.gradient.shape[:-1]
@@ -55,14 +55,14 @@ class BatchedSolver:
             excess = relaxed - force
         return force
 
-    def _inverse(self, model: Array) -> Array:
+    def _inverse(self, model: Levers) -> JointMatrices:
         """(A'A + d I)^-1 by way of the 6 x 6 matrix A A' + d I (Woodbury). Shape (..., 12, 12)."""
         xp = namespace(model)
         d = self._diagonal
         small = invert(model.mT @ model + d * self._identity6.like(model))
         return (self._identity12.like(model) - (model @ small) @ model.mT) * (1.0 / d) + xp.zeros_like(model[..., :1])
 
-    def _project(self, force: Array, standing: Array) -> Array:
+    def _project(self, force: Joints, standing: Joints) -> Joints:
         """The nearest forces that friction and limits allow; 0 for feet in the air."""
         xp = namespace(force)
         mu = self._friction

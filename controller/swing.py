@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, namespace, smooth_step
+from saltus.arrays import Constant, Joints, Legs, PerLeg, Scalars, namespace, smooth_step
 from saltus.constants import GRAVITY
 from saltus.controller.signals import YawFrameBody
 from saltus.footholds import Footholds
@@ -46,8 +46,8 @@ class SwingLegs:
         self._joint_high = Constant(robot.joint_upper - config.joint_margin_rad)
 
     def nominal_path(
-        self, body: YawFrameBody, liftoff: Array, progress: Array, stance_duration: Array, base_height: Array
-    ) -> Array:
+        self, body: YawFrameBody, liftoff: Legs, progress: PerLeg, stance_duration: Scalars, base_height: Scalars
+    ) -> Legs:
         """Position of the feet relative to the base without the residual, yaw frame [m], shape (..., 4, 3).
 
         Args:
@@ -65,7 +65,7 @@ class SwingLegs:
         second = smooth_step(2.0 * t - 1.0)
         return liftoff + (middle - liftoff) * first + step * second
 
-    def capture_point(self, body: YawFrameBody, height: float) -> Array:
+    def capture_point(self, body: YawFrameBody, height: float) -> Legs:
         """Where feet must stand to bring the body to rest at a height [m]: hip + velocity sqrt(height / g).
 
         The capture point of the linear inverted pendulum, within the landing limits; yaw frame, shape (..., 4, 3).
@@ -77,7 +77,7 @@ class SwingLegs:
         ground = height * self._down.like(body.roll)
         return hip * self._horizontal.like(body.roll) + (step + ground)[..., None, :]
 
-    def joint_target(self, body: YawFrameBody, target: Array, joint_position: Array) -> Array:
+    def joint_target(self, body: YawFrameBody, target: Legs, joint_position: Joints) -> Joints:
         """Joint angles [rad], shape (..., 12), for feet at `target`, with every clip applied.
 
         Args:

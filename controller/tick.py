@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from saltus.arrays import Array, namespace
+from saltus.arrays import Flags, LegFlags, Scalars, Vectors, namespace
 from saltus.controller.braking import Braking, BrakingState
 from saltus.controller.compensation import Compensation
 from saltus.controller.estimator import Estimator, EstimatorState
@@ -34,12 +34,12 @@ ALIKE = {ControllerMode.COAST: ControllerMode.RUN, ControllerMode.STOPPED: Contr
 class Sensing:
     """Results of the first half of a tick."""
 
-    roll: Array
-    pitch: Array
-    yaw: Array
+    roll: Scalars
+    pitch: Scalars
+    yaw: Scalars
     """[rad], shape (...)."""
     estimate: EstimatorState
-    total: Array
+    total: Scalars
     """Sum of all that is measured and estimated, shape (...): finite where all of it is."""
 
 
@@ -47,11 +47,11 @@ class Sensing:
 class BodyMotion:
     """How the body moves, yaw frame."""
 
-    pitch: Array
+    pitch: Scalars
     """[rad], shape (...)."""
-    velocity: Array
+    velocity: Vectors
     """[m/s], shape (..., 3)."""
-    angular_velocity: Array
+    angular_velocity: Vectors
     """[rad/s], shape (..., 3)."""
 
 
@@ -64,7 +64,7 @@ class Acting:
     gait: GaitSignal
     body: BodyMotion
     ground: BrakingState
-    settled: Array
+    settled: Flags
     """A landing is over, bool, shape (...)."""
 
 
@@ -78,7 +78,7 @@ class Tick:
         self.law = LegController(robot, compensation=compensation, solver=solver)
         self.braking = Braking(robot)
 
-    def sense(self, measured: Measurement, trusted: Array, estimate: EstimatorState) -> Sensing:
+    def sense(self, measured: Measurement, trusted: LegFlags, estimate: EstimatorState) -> Sensing:
         """Attitude and estimate; legs that are `trusted`, bool, shape (..., 4), are known to stand."""
         xp = namespace(measured.joint_position)
         roll, pitch, yaw = roll_pitch_yaw(rotation_matrix(measured.quaternion_base_in_world))
@@ -125,7 +125,7 @@ class CompiledTick(Tick):
             for mode in set(ControllerMode) - set(ALIKE)
         }
 
-    def sense(self, measured: Measurement, trusted: Array, estimate: EstimatorState) -> Sensing:
+    def sense(self, measured: Measurement, trusted: LegFlags, estimate: EstimatorState) -> Sensing:
         """See `Tick.sense`."""
         try:
             sensing: Sensing = self._sense(measured, trusted, estimate)

@@ -2,9 +2,10 @@
 
 import itertools
 import math
+import sys
 from collections import namedtuple
 from types import SimpleNamespace
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import array_api_compat
 import numpy as np
@@ -20,6 +21,74 @@ Indices: TypeAlias = NDArray[np.int64]
 """A numpy array of whole numbers: places in another array, or counts."""
 Array: TypeAlias = Any
 """A numpy array or a torch tensor: the array API standard has no static type yet. Where a law says so, also a float."""
+
+# Shapes are types where jaxtyping was imported first, as tests do that check them; elsewhere they cost nothing.
+if TYPE_CHECKING or "jaxtyping" in sys.modules:
+    from jaxtyping import Bool, Float, Shaped
+else:
+
+    class Shaped:
+        """Stands for a type of jaxtyping, which is not there: any array."""
+
+        def __class_getitem__(cls, _: object) -> Any:
+            """Any array, whatever its shape."""
+            return Any
+
+    Bool = Float = Shaped
+
+if TYPE_CHECKING:
+    Number: TypeAlias = Any
+else:
+    Number = Any | float
+
+Scalars: TypeAlias = Float[Number, "*batch"]
+"""A number for each robot of a batch, which may be of one robot, shape (...); or a float."""
+Vectors: TypeAlias = Float[Array, "*batch 3"]
+"""A vector for each robot."""
+Quaternions: TypeAlias = Float[Array, "*batch 4"]
+"""A rotation (w, x, y, z) for each robot."""
+Rotations: TypeAlias = Float[Array, "*batch 3 3"]
+"""A matrix for each robot."""
+Joints: TypeAlias = Float[Array, "*batch 12"]
+"""A number for each joint, or the forces of all feet, in the order of `saltus.robots.robot`."""
+Legs: TypeAlias = Float[Array, "*batch 4 3"]
+"""A vector for each leg: FR, FL, RR, RL."""
+Jacobians: TypeAlias = Float[Array, "*batch 4 3 3"]
+"""A matrix for each leg."""
+PerLeg: TypeAlias = Float[Array, "*batch 4"]
+"""A number for each leg."""
+LegFlags: TypeAlias = Bool[Array, "*batch 4"]
+"""True or false for each leg."""
+Flags: TypeAlias = Bool[Array, "*batch"]
+"""True or false for each robot."""
+Counts: TypeAlias = Shaped[Number, "*batch"]
+"""A whole number for each robot, which may be kept as a float."""
+MotionEstimates: TypeAlias = Float[Array, "*batch 4"]
+"""Velocity in the world and height of each robot."""
+JointMatrices: TypeAlias = Float[Array, "*batch 12 12"]
+"""A square matrix over the forces of all feet, for each robot."""
+Levers: TypeAlias = Float[Array, "*batch 12 6"]
+"""Linear and angular acceleration by the force of each foot, transposed."""
+BodyAccelerations: TypeAlias = Float[Array, "*batch 6"]
+"""Linear and angular acceleration of each robot."""
+AccelerationPairs: TypeAlias = Float[Array, "*batch 2 3"]
+"""The same, one below the other."""
+Images: TypeAlias = Shaped[Array, "*batch height width"]
+"""An image for each robot."""
+BoxVectors: TypeAlias = Float[Array, "*batch boxes 3"]
+"""A vector for each box of each robot."""
+BoxAngles: TypeAlias = Float[Array, "*batch boxes 2"]
+"""Two angles for each box."""
+BoxQuaternions: TypeAlias = Float[Array, "*batch boxes 4"]
+"""A rotation (w, x, y, z) for each box."""
+BoxRotations: TypeAlias = Float[Array, "*batch boxes 3 3"]
+"""A matrix for each box."""
+Steps: TypeAlias = Float[Array, "*batch columns"]
+"""A number for each column of each robot's course."""
+Places: TypeAlias = Float[Array, "*batch axes"]
+"""A place for each robot: x and y, or x, y and z."""
+Points: TypeAlias = Float[Array, "*batch points"]
+"""A number for each point of each robot, e.g. its height."""
 
 FLOATS = SimpleNamespace(
     sin=math.sin,

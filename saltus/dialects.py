@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from saltus.arrays import Array, namespace
+from saltus.arrays import Points, namespace
 from saltus.config import Value, check_between
 from saltus.errors import ConfigError, nearest_hint
 from saltus.grid import HeightGrid
@@ -32,7 +32,7 @@ class Dialect(Value):
             raise ConfigError(f"slow = {self.slow!r}: it must be 'x' or 'y'")
         check_between(self, offset_m=(-10.0, 10.0), clip_m=(0.0, math.inf), scale=(-1e3, 1e3))
 
-    def observation(self, height: Array, grid: HeightGrid) -> Array:
+    def observation(self, height: Points, grid: HeightGrid) -> Points:
         """Returns what the policy reads, numpy or torch, shape (..., grid.size).
 
         Args:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Constant, Places, Points, Scalars, namespace
 from saltus.config import Value, load
 from saltus.errors import ConfigError, nearest_hint
 
@@ -55,7 +55,7 @@ class HeightGrid(Value):
         """Place of each point, x and y [m], shape (size, 2)."""
         return np.stack(np.meshgrid(self.x, self.y, indexing="ij"), axis=-1).reshape(-1, 2)
 
-    def points_in_world(self, position: Array, yaw: Array, ahead: Array | float = 0.0) -> tuple[Array, Array]:
+    def points_in_world(self, position: Places, yaw: Scalars, ahead: Scalars = 0.0) -> tuple[Points, Points]:
         """World x and y of each point [m], each of shape (..., size).
 
         Args:

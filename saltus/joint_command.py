@@ -2,20 +2,20 @@
 
 from dataclasses import dataclass
 
-from saltus.arrays import Floats
+from saltus.arrays import Joints
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointCommand:
     """The command of a drive: torque= kp (q_des - q) + kd (dq_des - dq) + tau_ff, evaluated by the drive."""
 
-    position: Floats
+    position: Joints
     """[rad], shape (..., 12)."""
-    velocity: Floats
+    velocity: Joints
     """[rad/s], shape (..., 12)."""
-    kp: Floats
+    kp: Joints
     """[Nm/rad], shape (..., 12)."""
-    kd: Floats
+    kd: Joints
     """[Nm s/rad], shape (..., 12)."""
-    torque: Floats
+    torque: Joints
     """Feed-forward torque [Nm], shape (..., 12)."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.arrays import Array, smooth_step
+from saltus.arrays import Scalars, Vectors, smooth_step
 from saltus.wire.messages import MotionPlan, PlanStatus
 
 
@@ -12,21 +12,21 @@ from saltus.wire.messages import MotionPlan, PlanStatus
 class Plan:
     """The values of a motion plan, numpy or torch; meaning and frames as in `MotionPlan`."""
 
-    stepping_frequency_hz: Array
+    stepping_frequency_hz: Scalars
     """Shape (...)."""
-    velocity_x: Array
+    velocity_x: Scalars
     """[m/s], shape (...)."""
-    velocity_z: Array
+    velocity_z: Scalars
     """[m/s], shape (...)."""
-    pitch_rate: Array
+    pitch_rate: Scalars
     """[rad/s], shape (...)."""
-    foot_residual_front: Array
+    foot_residual_front: Vectors
     """[m], shape (..., 3), y outward."""
-    foot_residual_rear: Array
+    foot_residual_rear: Vectors
     """[m], shape (..., 3), y outward."""
 
 
-def swing_lift(swing: Array, over: Array, down: Array, lift_until: Array, lower_from: Array) -> Array:
+def swing_lift(swing: Scalars, over: Scalars, down: Scalars, lift_until: Scalars, lower_from: Scalars) -> Scalars:
     """Vertical residual of a foot at a share of its swing: soon at `over`, then down to `down` [m], all of shape (...).
 
     Args:

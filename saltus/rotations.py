@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Constant, Quaternions, Rotations, Scalars, Vectors, namespace
 
 _LEVI_CIVITA = np.zeros((3, 3, 3))
 for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -17,7 +17,7 @@ SKEW = np.transpose(_LEVI_CIVITA, (2, 0, 1)).reshape(3, 9) * -1.0
 _SKEW = Constant(SKEW)
 
 
-def rotation_matrix(quaternion: Array) -> Array:
+def rotation_matrix(quaternion: Quaternions) -> Rotations:
     """Rotation matrix of a unit quaternion (w, x, y, z). Shape (..., 4) -> (..., 3, 3)."""
     if isinstance(quaternion, np.ndarray) and quaternion.ndim == 1:  # a fifth of the time of small arrays
         return np.array(rotation_of_one(quaternion.tolist()), dtype=quaternion.dtype)
@@ -26,7 +26,7 @@ def rotation_matrix(quaternion: Array) -> Array:
     return namespace(quaternion).stack(entries, -1).reshape((*quaternion.shape[:-1], 3, 3))
 
 
-def rotation_of_one(quaternion: Sequence[Array]) -> tuple[tuple[Array, Array, Array], ...]:
+def rotation_of_one(quaternion: Sequence[Scalars]) -> tuple[tuple[Scalars, Scalars, Scalars], ...]:
     """`rotation_matrix` row by row, from the four components as floats or arrays."""
     w, x, y, z = quaternion
     ww, xx, yy, zz = w * w, x * x, y * y, z * z
@@ -39,13 +39,15 @@ def rotation_of_one(quaternion: Sequence[Array]) -> tuple[tuple[Array, Array, Ar
     )
 
 
-def roll_pitch_yaw(rotation: Array) -> tuple[Array, Array, Array]:
+def roll_pitch_yaw(rotation: Rotations) -> tuple[Scalars, Scalars, Scalars]:
     """Angles [rad] of R = Rz(yaw) Ry(pitch) Rx(roll); each of shape (...)."""
     up = (rotation[..., 2, 0], rotation[..., 2, 1], rotation[..., 2, 2])
     return angles_of_axes((rotation[..., 0, 0], rotation[..., 1, 0]), up)
 
 
-def angles_of_axes(forward: tuple[Array, Array], up: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+def angles_of_axes(
+    forward: tuple[Scalars, Scalars], up: tuple[Scalars, Scalars, Scalars]
+) -> tuple[Scalars, Scalars, Scalars]:
     """The same from those components of R that they depend on, arrays or floats.
 
     `forward` is x and y in the world of the base's x axis, `up` x, y, z in the base of the world's z axis.
@@ -55,7 +57,7 @@ def angles_of_axes(forward: tuple[Array, Array], up: tuple[Array, Array, Array])
     return xp.atan2(up[1], up[2]), pitch, xp.atan2(forward[1], forward[0])
 
 
-def quaternion_from_roll_pitch_yaw(roll: Array, pitch: Array, yaw: Array) -> Array:
+def quaternion_from_roll_pitch_yaw(roll: Scalars, pitch: Scalars, yaw: Scalars) -> Quaternions:
     """Unit quaternion (w, x, y, z) of Rz(yaw) Ry(pitch) Rx(roll). Shapes (...) -> (..., 4)."""
     xp = namespace(roll)
     cr, sr = xp.cos(0.5 * roll), xp.sin(0.5 * roll)
@@ -72,7 +74,7 @@ def quaternion_from_roll_pitch_yaw(roll: Array, pitch: Array, yaw: Array) -> Arr
     )
 
 
-def quaternion_product(one: Array, other: Array) -> Array:
+def quaternion_product(one: Quaternions, other: Quaternions) -> Quaternions:
     """Hamilton product of quaternions (w, x, y, z): first `other`, then `one`. Shapes (..., 4)."""
     xp = namespace(one)
     aw, ax, ay, az = (one[..., i] for i in range(4))
@@ -88,13 +90,13 @@ def quaternion_product(one: Array, other: Array) -> Array:
     )
 
 
-def quaternion_inverse(quaternion: Array) -> Array:
+def quaternion_inverse(quaternion: Quaternions) -> Quaternions:
     """The inverse rotation of a unit quaternion (w, x, y, z). Shape (..., 4)."""
     w, x, y, z = (quaternion[..., i] for i in range(4))
     return namespace(quaternion).stack([w, -x, -y, -z], -1)
 
 
-def yaw_rotation(yaw: Array) -> Array:
+def yaw_rotation(yaw: Scalars) -> Rotations:
     """Rotation from the yaw frame to the world. Shape (...) -> (..., 3, 3)."""
     xp = namespace(yaw)
     c, s = xp.cos(yaw), xp.sin(yaw)
@@ -102,6 +104,6 @@ def yaw_rotation(yaw: Array) -> Array:
     return xp.stack([c, -s, zero, s, c, zero, zero, zero, one], -1).reshape((*yaw.shape, 3, 3))
 
 
-def skew(vector: Array) -> Array:
+def skew(vector: Vectors) -> Rotations:
     """Matrix of the cross product, `skew(v) @ u` = v x u. Shape (..., 3) -> (..., 3, 3)."""
     return (vector @ _SKEW.like(vector)).reshape((*vector.shape[:-1], 3, 3))

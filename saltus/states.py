@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from saltus.arrays import Array, Floats
+from saltus.arrays import Counts, Floats, Joints, LegFlags, PerLeg, Quaternions, Scalars, Vectors
 from saltus.constants import GRAVITY, POLICY_DT
 from saltus.robots.robot import Robot
 from saltus.wire.messages import ControllerMode, RobotState
@@ -22,23 +22,23 @@ class Measurement(Protocol):
     """Readings of IMU and encoders."""
 
     @property
-    def quaternion_base_in_world(self) -> Array:
+    def quaternion_base_in_world(self) -> Quaternions:
         """(w, x, y, z), shape (..., 4)."""
 
     @property
-    def angular_velocity_base(self) -> Array:
+    def angular_velocity_base(self) -> Vectors:
         """[rad/s], shape (..., 3)."""
 
     @property
-    def acceleration_base(self) -> Array:
+    def acceleration_base(self) -> Vectors:
         """Specific force [m/s^2], shape (..., 3)."""
 
     @property
-    def joint_position(self) -> Array:
+    def joint_position(self) -> Joints:
         """[rad], shape (..., 12)."""
 
     @property
-    def joint_velocity(self) -> Array:
+    def joint_velocity(self) -> Joints:
         """[rad/s], shape (..., 12)."""
 
 
@@ -46,11 +46,11 @@ class StateEstimate(Protocol):
     """Quantities that an estimator makes of measurements."""
 
     @property
-    def velocity_base_in_world(self) -> Array:
+    def velocity_base_in_world(self) -> Vectors:
         """[m/s], shape (..., 3)."""
 
     @property
-    def base_height(self) -> Array:
+    def base_height(self) -> Scalars:
         """Height of the base above the feet in stance [m], shape (...)."""
 
 
@@ -58,19 +58,19 @@ class Schedule(Protocol):
     """The schedule of the legs, as the gait says it."""
 
     @property
-    def contact(self) -> Array:
+    def contact(self) -> LegFlags:
         """The leg is to stand, bool, shape (..., 4)."""
 
     @property
-    def progress(self) -> Array:
+    def progress(self) -> PerLeg:
         """Progress of the present stance or swing, [0, 1], shape (..., 4)."""
 
     @property
-    def trusted(self) -> Array:
+    def trusted(self) -> LegFlags:
         """The foot may be taken to be on the ground, bool, shape (..., 4)."""
 
     @property
-    def cycle(self) -> Array:
+    def cycle(self) -> Counts:
         """Completed gait cycles, shape (...)."""
 
 
@@ -78,19 +78,19 @@ class Proprioception(Measurement, StateEstimate, Protocol):
     """All that robots know of themselves; `saltus.wire.messages.RobotState` is it for one robot."""
 
     @property
-    def leg_contact(self) -> Array:
+    def leg_contact(self) -> LegFlags:
         """See `Schedule.contact`."""
 
     @property
-    def leg_progress(self) -> Array:
+    def leg_progress(self) -> PerLeg:
         """See `Schedule.progress`."""
 
     @property
-    def leg_trusted(self) -> Array:
+    def leg_trusted(self) -> LegFlags:
         """See `Schedule.trusted`."""
 
     @property
-    def cycle(self) -> Array:
+    def cycle(self) -> Counts:
         """See `Schedule.cycle`."""
 
 
@@ -98,23 +98,23 @@ class Proprioception(Measurement, StateEstimate, Protocol):
 class Sensed:
     """A `Measurement` as plain arrays."""
 
-    quaternion_base_in_world: Array
-    angular_velocity_base: Array
-    acceleration_base: Array
-    joint_position: Array
-    joint_velocity: Array
+    quaternion_base_in_world: Quaternions
+    angular_velocity_base: Vectors
+    acceleration_base: Vectors
+    joint_position: Joints
+    joint_velocity: Joints
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotStates(Sensed):
     """A `Proprioception` as plain arrays, at one instant of a run."""
 
-    velocity_base_in_world: Array
-    base_height: Array
-    leg_contact: Array
-    leg_progress: Array
-    leg_trusted: Array
-    cycle: Array
+    velocity_base_in_world: Vectors
+    base_height: Scalars
+    leg_contact: LegFlags
+    leg_progress: PerLeg
+    leg_trusted: LegFlags
+    cycle: Counts
     step: int = 0
     """Policy step since the start of the run."""
 

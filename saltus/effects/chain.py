@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from saltus.arrays import Array, Floats, namespace
+from saltus.arrays import Array, Floats, Joints, namespace
 from saltus.effects.backlash import Backlash
 from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.effect import Signal
@@ -58,9 +58,9 @@ ActuatorState = tuple[Any, ...]
 class Torques:
     """The torque that an actuator gives and the one that it reports, each of shape (..., 12) [Nm]."""
 
-    applied: Array
+    applied: Joints
     """At the joint."""
-    believed: Array
+    believed: Joints
     """The torque that the drive reports (`tau_est`): the PD law and feed-forward before lag, limits
     and gain."""
     resistance: Resistance | None = None
@@ -113,7 +113,7 @@ class ActuatorChain(Chain):
         )
 
     def measured(
-        self, position: Array, velocity: Array, time_s: Array, state: ActuatorState, fresh: Array | None = None
+        self, position: Joints, velocity: Joints, time_s: Array, state: ActuatorState, fresh: Array | None = None
     ) -> JointState:
         """Returns what the drives will measure in the next `step`; arguments and `state` are those that it will get."""
         motion = self._on_its_side(JointState(position=position, velocity=velocity), state, fresh, Backlash.logged)
@@ -122,8 +122,8 @@ class ActuatorChain(Chain):
     def step(
         self,
         command: JointCommand,
-        position: Array,
-        velocity: Array,
+        position: Joints,
+        velocity: Joints,
         time_s: Array,
         state: ActuatorState,
         fresh: Array | None = None,
@@ -171,7 +171,7 @@ class ActuatorChain(Chain):
                 return there if fresh is None else chosen_of(fresh, motion, there)
         return motion
 
-    def _resistance(self, velocity: Array, time_s: Array, memories: list[Any]) -> Resistance | None:
+    def _resistance(self, velocity: Joints, time_s: Array, memories: list[Any]) -> Resistance | None:
         resisting = [effect for effect in self.effects if effect.site == "joint"]
         play = [(e, memory) for e, memory in zip(self.effects, memories, strict=True) if isinstance(e, Backlash)]
         if not resisting and not play:

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from saltus.arrays import Array, Floats, namespace
+from saltus.arrays import Array, Quaternions, Vectors, namespace
 from saltus.constants import PHYSICS_DT
 from saltus.effects.delay_line import DelayLine
 from saltus.effects.effect import Effect, PerRobot, parameter, period
@@ -16,11 +16,11 @@ from saltus.rotations import quaternion_from_roll_pitch_yaw, quaternion_product
 class ImuReading:
     """One sample of an IMU. Site "imu"."""
 
-    quaternion_base_in_world: Floats
+    quaternion_base_in_world: Quaternions
     """(w, x, y, z), shape (..., 4)."""
-    angular_velocity_base: Floats
+    angular_velocity_base: Vectors
     """[rad/s], shape (..., 3)."""
-    acceleration_base: Floats
+    acceleration_base: Vectors
     """Specific force [m/s^2], shape (..., 3)."""
 
 

@@ -5,16 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.arrays import Array, Floats, namespace
+from saltus.arrays import Array, Floats, Images, Joints, Scalars, Vectors, namespace
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointState:
     """Readings of the drives' encoders. Site "joint_state"."""
 
-    position: Floats
+    position: Joints
     """[rad], shape (..., 12)."""
-    velocity: Floats
+    velocity: Joints
     """[rad/s], shape (..., 12)."""
 
 
@@ -22,7 +22,7 @@ class JointState:
 class Drive(JointState):
     """Torque inside a drive, with the true motion of its joint. Site "torque"."""
 
-    torque: Floats
+    torque: Joints
     """[Nm], shape (..., 12)."""
 
 
@@ -30,13 +30,13 @@ class Drive(JointState):
 class Resistance:
     """Forces that resist the motion of a joint beside its links; the physics integrates it implicitly. Site "joint"."""
 
-    velocity: Floats
+    velocity: Joints
     """Velocity of the joint [rad/s], shape (..., 12)."""
-    friction: Floats
+    friction: Joints
     """Dry friction: largest torque against the motion [Nm], shape (..., 12)."""
-    damping: Floats
+    damping: Joints
     """Torque against the motion by velocity [Nm s/rad], shape (..., 12)."""
-    armature: Floats
+    armature: Joints
     """Inertia on top of that of the model [kg m^2], shape (..., 12)."""
 
 
@@ -44,11 +44,11 @@ class Resistance:
 class DepthImage:
     """The newest depth image that there is at some point between exposure and arrival. Site "depth"."""
 
-    depth: Array
+    depth: Images
     """Along the optical axis, shape (..., height, width). Floats are metres: so the effects of a
     camera get it; nothing within range is infinite. Whole numbers are millimetres, as it is kept
     and sent (`saltus.depth.depth_in_millimetres`); there that is 65535. 0 is invalid."""
-    time_s: Array
+    time_s: Scalars
     """Capture time in the run's clock [s], float64, shape (...); -inf where there is no image yet."""
 
 
@@ -56,9 +56,9 @@ class DepthImage:
 class CameraView:
     """Where a camera sits on the trunk and how wide it looks. Site "view"."""
 
-    position: Floats
+    position: Vectors
     """Optical centre, trunk frame [m], shape (..., 3)."""
-    pitch: Floats
+    pitch: Scalars
     """Nose down positive [rad], shape (...)."""
     tangent_scale: Floats
     """True over claimed tangent of a pixel's angle to the optical axis, shape (...)."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, Floats, namespace
+from saltus.arrays import Array, Constant, Floats, Joints, namespace
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
@@ -43,7 +43,7 @@ class LegShapes:
         self._thigh, self._zero = robot.thigh_length, robot.thigh_zero
         self._anchor, self._offset = Constant(robot.hip_anchor), Constant(robot.abduction_offset)
 
-    def capsules(self, joint_position: Array) -> Capsules:
+    def capsules(self, joint_position: Joints) -> Capsules:
         """In the base frame.
 
         Args:

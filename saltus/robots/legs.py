@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Array, Constant, Jacobians, Joints, Legs, Scalars, namespace
 from saltus.robots.robot import Robot
 
 _CHAIN_ANGLES = Constant([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 1.0]])  # abduction, thigh, thigh + calf
@@ -29,12 +29,12 @@ class LegKinematics:
         self._zeros = (robot.thigh_zero, robot.shin_zero)
         self._zero = Constant([0.0, *self._zeros]) if any(self._zeros) else None
 
-    def position(self, joint_position: Array) -> Array:
+    def position(self, joint_position: Joints) -> Legs:
         """Centres of the feet in the base frame [m]. Shape (..., 12) -> (..., 4, 3)."""
         _, _, x, y, z, *_ = self._leg(joint_position)
         return namespace(joint_position).stack([x, y, z], -1) + self._anchor.like(joint_position)
 
-    def position_and_jacobian(self, joint_position: Array) -> tuple[Array, Array]:
+    def position_and_jacobian(self, joint_position: Joints) -> tuple[Legs, Jacobians]:
         """Centres of the feet in the base frame [m] and their Jacobians [m/rad].
 
         Args:
@@ -51,7 +51,7 @@ class LegKinematics:
         entries = [xp.zeros_like(x), drop, calf_z, -z, x * s1, calf_x * s1, y, -x * c1, -calf_x * c1]
         return position, xp.stack(entries, -1).reshape((*x.shape, 3, 3))
 
-    def jacobian(self, joint_position: Array) -> Array:
+    def jacobian(self, joint_position: Joints) -> Jacobians:
         """Velocity of the feet in the base frame by joint velocity. Shape (..., 12) -> (..., 4, 3, 3)."""
         return self.position_and_jacobian(joint_position)[1]
 
@@ -68,7 +68,7 @@ class LegKinematics:
             feet.append((x + anchor_x, y + anchor_y, z + anchor_z))
         return feet
 
-    def inverse(self, foot_position: Array) -> Array:
+    def inverse(self, foot_position: Legs) -> Joints:
         """Joint angles, knees bent backwards, that put the feet at the given points.
 
         A point out of reach gives the straight leg towards it; a point nearer to the abduction axis than the abduction
@@ -95,7 +95,7 @@ class LegKinematics:
         thigh, calf = upper - thigh_zero, bend + (thigh_zero - shin_zero)
         return xp.stack([abduction, thigh, calf], -1).reshape((*foot_position.shape[:-2], 12))
 
-    def _leg(self, joint_position: Array) -> tuple[Array, ...]:
+    def _leg(self, joint_position: Joints) -> tuple[Array, ...]:
         """Parts that positions and Jacobians share.
 
         Sines and cosines of the chain's angles, (..., 4, 3); the foot's x, y, z from the anchor, its drop in the leg's
@@ -110,7 +110,7 @@ class LegKinematics:
         cosines = cosine[..., 0], cosine[..., 1], cosine[..., 2]
         return sine, cosine, *self._foot(sines, cosines, self._offset.like(joint_position))
 
-    def _foot(self, sines: Sequence[Array], cosines: Sequence[Array], offset: Array) -> tuple[Array, ...]:
+    def _foot(self, sines: Sequence[Array], cosines: Sequence[Array], offset: Scalars) -> tuple[Array, ...]:
         """The law of a leg, for arrays and floats: x, y, z, drop and the calf's share as in `_leg`.
 
         Sines and cosines are of abduction and of the lines of thigh and calf from straight down; the foot is `offset`

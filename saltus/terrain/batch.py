@@ -7,7 +7,7 @@ several trenches instead of one, several steps up.
 
 from dataclasses import dataclass
 
-from saltus.arrays import Array, ColumnNames, namespace
+from saltus.arrays import Array, ColumnNames, Points, Scalars, Steps, namespace
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.curriculum import FAMILIES, Size
 from saltus.terrain.law import DESCENDING, KINDS, between, is_kind, shape
@@ -45,22 +45,22 @@ _FLAT_FINISH_X = 8.0  # ten jumps of 0.8 m
 class Courses:
     """Columns that may overlap; the highest at a place is the ground. Arrays with a leading dimension of robots."""
 
-    low: Array
+    low: Steps
     """Where each column begins [m], world x, shape (n, COLUMNS)."""
-    high: Array
+    high: Steps
     """Where it ends [m]."""
-    top: Array
+    top: Steps
     """Its height [m]; columns that a course does not need lie far below."""
-    finish_x: Array
+    finish_x: Scalars
     """End of the course [m], shape (n,)."""
-    slope: Array
+    slope: Scalars
     """Length of way, up and along, for each metre ahead, on average over the course; shape (n,)."""
-    floor: Array
+    floor: Scalars
     """Height of the floor under trenches [m], shape (n,)."""
     own: OwnCourses | None = None
     """Courses of families of one's own, where robots are on such."""
 
-    def height_at(self, x: Array, y: Array) -> Array:
+    def height_at(self, x: Points, y: Array) -> Points:
         """Ground at world x and y [m], the higher side of an edge; shapes (n, points). Columns reach any y."""
         xp = namespace(x)
         inside = (x[..., None] >= self.low[:, None, :]) & (x[..., None] <= self.high[:, None, :])

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from saltus.arrays import Array, namespace
+from saltus.arrays import Array, BoxAngles, BoxQuaternions, BoxRotations, BoxVectors, namespace
 from saltus.errors import ConfigError
 
 Point = tuple[float, float, float]
@@ -81,11 +81,11 @@ class Box:
 class Boxes:
     """Boxes as arrays; with a leading dimension each robot has its own."""
 
-    center: Array
+    center: BoxVectors
     """World frame [m], shape (..., n, 3)."""
-    half_size: Array
+    half_size: BoxVectors
     """Half edge lengths [m], shape (..., n, 3)."""
-    turn: Array | None = None
+    turn: BoxAngles | None = None
     """Pitch and yaw [rad], shape (..., n, 2); None where all are level, which is less work."""
 
     @classmethod
@@ -110,18 +110,18 @@ class Boxes:
         return [{"center": c, "size": s} | ({"pitch": a[0], "yaw": a[1]} if any(a) else {}) for c, s, a in rows]
 
     @property
-    def angles(self) -> Array:
+    def angles(self) -> BoxAngles:
         """Pitch and yaw [rad], shape (..., n, 2)."""
         return namespace(self.half_size).zeros_like(self.half_size[..., :2]) if self.turn is None else self.turn
 
     @property
-    def quaternion(self) -> Array:
+    def quaternion(self) -> BoxQuaternions:
         """Box to world (w, x, y, z), shape (..., n, 4)."""
         sp, cp, sy, cy = self._sines(0.5)
         return namespace(sp).stack([cp * cy, -sp * sy, sp * cy, cp * sy], -1)
 
     @property
-    def rotation(self) -> Array:
+    def rotation(self) -> BoxRotations:
         """Box to world, shape (..., n, 3, 3)."""
         sp, cp, sy, cy = self._sines(1.0)
         xp = namespace(sp)
@@ -129,7 +129,7 @@ class Boxes:
         return xp.reshape(xp.stack(entries, -1), (*sp.shape, 3, 3))
 
     @property
-    def extent(self) -> Array:
+    def extent(self) -> BoxVectors:
         """How far each reaches from its centre along the axes of the world [m], shape (..., n, 3)."""
         if self.turn is None:
             return self.half_size

@@ -1,0 +1,39 @@
+"""Shapes are types: the laws keep the shapes that their annotations state, and what is deployed does not ask."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parents[1]
+
+
+def python(code: str) -> subprocess.CompletedProcess[str]:
+    """Runs a program in a fresh process, beside the modules that tests share."""
+    return subprocess.run([sys.executable, "-c", code], cwd=TESTS, capture_output=True, text=True, check=False)
+
+
+def test_laws_of_numpy_and_torch_keep_the_shapes_that_they_state() -> None:
+    run = python("import shaped_laws; shaped_laws.main()")
+    assert run.returncode == 0, run.stderr[-3000:]
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        "rotations.rotation_matrix(np.zeros(3))",
+        "rotations.quaternion_from_roll_pitch_yaw(np.zeros(5), np.zeros(4), np.zeros(5))",
+        "grid.LINE.points_in_world(np.zeros((5, 3)), np.zeros(4))",
+        "joint_command.JointCommand(**dict.fromkeys(('position', 'velocity', 'kp', 'kd', 'torque'), np.zeros((4, 3))))",
+    ],
+)
+def test_another_shape_is_refused(call: str) -> None:
+    run = python(f"import shape_checks, numpy as np; from saltus import grid, joint_command, rotations; {call}")
+    assert run.returncode == 1
+    assert "TypeCheckError" in run.stderr
+
+
+def test_what_is_deployed_loads_no_checks() -> None:
+    loaded = "import sys, saltus.controller.loop, saltus.effects.chain; assert 'jaxtyping' not in sys.modules"
+    assert python(loaded).returncode == 0
