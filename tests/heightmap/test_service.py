@@ -164,7 +164,7 @@ class Faulty:
     def __init__(self, service: HeightmapService, bad: dict[int, Tick]) -> None:
         self._network, self._bad, self._count = service._network, bad, -1
         self.hidden_size, self.points = self._network.hidden_size, self._network.points
-        self.warmup_frames = self._network.warmup_frames
+        self.x, self.warmup_frames = self._network.x, self._network.warmup_frames
         self.model_id, self.legs = self._network.model_id, self._network.legs
         self.hidden_seen: list[np.ndarray] = []
 
