@@ -45,7 +45,7 @@ class MapSettings(Value):
     """Standard deviation of an image's error of attitude that its neighbours do not share [rad]."""
     independent: float = 0.1
     """Share of the matched cells whose errors count as independent."""
-    sideways_m: float = 0.009
+    sideways_m: float = 0.006
     """Standard deviation of where in its neighbourhood a cell was hit [m]: matching trusts heights
     on slopes less by it. The classical map is 19.9, 19.5, 19.3 and 19.3 mm off with 0, 6, 12 and
     18 mm, and 24.6, 24.2, 24.4 and 24.7 mm where odometry is bad."""

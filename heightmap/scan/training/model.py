@@ -22,9 +22,6 @@ USUAL_M = 0.1
 """A usual residual [m]."""
 NARROWEST_M = 5e-4
 """The narrowest half-width [m]."""
-_USUAL_WIDTH_M = 0.01
-"""The half-width that a new network tells [m]; it learns the logarithm of the ratio to it."""
-_WIDTHS = math.log(NARROWEST_M / _USUAL_WIDTH_M), math.log(0.99 * WIDEST / _USUAL_WIDTH_M)
 _SHOWN = 3.0  # a difference of heights is shown as this many times USUAL_M at most
 _NUMBERS = (0.005, 0.005, 0.005, 0.002, 0.002, MOST_IMAGES, 36.0)  # what usual `NUMBERS` are
 _OUTPUTS = 4  # of a height: residual, its gate, the memory's gate, half-width
@@ -36,28 +33,11 @@ CANDIDATES = 2 * len(_AROUND) + 4 + 2 + 1
 of its own points, of what was told around it, and the window's lowest."""
 
 
-class Norm(nn.Module):
-    """Channels by their root mean square at each place (RMSNorm), with a factor of each that is learned.
-
-    Without it two of three trainings from nothing went astray within 2,000 updates: what grows in
-    one layer grows in all that follow.
-    """
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.weight = nn.Parameter(torch.ones(channels, 1, 1))
-
-    def forward(self, x: Tensor) -> Tensor:
-        """The same shape (batch, channels, rows, columns)."""
-        return x * (x.square().mean(1, keepdim=True) + 1e-3).rsqrt() * self.weight
-
-
 class Block(nn.Module):
     """A residual block with a mean over the window, which is the same as none at first."""
 
     def __init__(self, channels: int, inner: int) -> None:
         super().__init__()
-        self.norm = Norm(channels)
         self.first = nn.Conv2d(channels, inner, 3, padding=1)
         self.mean = nn.Conv2d(inner, inner, 1)
         self.second = nn.Conv2d(inner, channels, 3, padding=1)
@@ -66,7 +46,7 @@ class Block(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """The same shape (batch, channels, rows, columns)."""
-        y = functional.relu(self.first(self.norm(x)))
+        y = functional.relu(self.first(x))
         y = functional.relu(y + self.mean(y.mean((2, 3), keepdim=True)))
         z: Tensor = self.second(y)
         return x + z
@@ -84,9 +64,7 @@ class ScanModel(nn.Module):
         a, b, c, d = settings.channels
         self.stem = nn.Conv2d(planes * self.sub**2 + len(NUMBERS), a, 3, padding=1)
         self.down = nn.ModuleList(nn.Conv2d(i, o, 3, stride=2, padding=1) for i, o in ((a, b), (b, c), (c, d)))
-        self.down_norms = nn.ModuleList(Norm(size) for size in (b, c, d))
         self.deep = nn.Conv2d(d, d, 3, padding=1)
-        self.up_norms = nn.ModuleList(Norm(size) for size in (d, c, b))
         self.up = nn.ModuleList(nn.Conv2d(i, o, 1) for i, o in ((d, c), (c, b), (b, a)))
         self.join = nn.ModuleList(nn.Conv2d(o, o, 3, padding=1) for o in (c, b, a))
         self.blocks = nn.ModuleList(Block(d, settings.deep_channels) for _ in range(settings.deep))
@@ -109,14 +87,14 @@ class ScanModel(nn.Module):
         x = self._shown(Inputs(filled, measured, memory, numbers))
         skips = []
         x = functional.relu(self.stem(x))
-        for down, norm in zip(self.down, self.down_norms, strict=True):
+        for down in self.down:
             skips.append(x)
-            x = norm(functional.relu(down(x)))
+            x = functional.relu(down(x))
         x = x + functional.relu(self.deep(x))
         for block in self.blocks:
             x = block(x)
-        for norm, up, join, skip in zip(self.up_norms, self.up, self.join, reversed(skips), strict=True):
-            x = functional.interpolate(up(norm(x)), scale_factor=2.0, mode="nearest") + skip
+        for up, join, skip in zip(self.up, self.join, reversed(skips), strict=True):
+            x = functional.interpolate(up(x), scale_factor=2.0, mode="nearest") + skip
             x = x + functional.relu(join(x))
         out = functional.pixel_shuffle(self.head(x), self.sub).float()
         height, half_width = self._own(out[:, :_OUTPUTS], measured, memory)
@@ -136,10 +114,12 @@ class ScanModel(nn.Module):
             unknown = 2.0 * (1.0 - 2.0 * measured[:, 0])  # begins with the map where measured, else with the memory
             has_told = (memory[:, 1] < WIDEST).float()
             height = height + torch.sigmoid(keep + unknown) * has_told * memory[:, 0]
-        kept = width.clamp(*_WIDTHS)
-        if self.training:  # the same value with a slope at the limits: without one, widths that reach them stay
-            kept = kept + (width - width.detach())
-        return height, _USUAL_WIDTH_M * kept.exp()
+        half_width = NARROWEST_M + USUAL_M * functional.softplus(width - 2.0)
+        if not self.training:
+            return height, half_width.clamp(max=WIDEST)
+        # The same value, but with a slope at the limit too: without one, widths that reach it stay.
+        beyond = WIDEST + (half_width - half_width.detach())
+        return height, torch.where(half_width < WIDEST, half_width, beyond)
 
     def _shown(self, inputs: Inputs) -> Tensor:
         """Numbers of about 1: heights in `USUAL_M`, half-widths and deviations by their logarithm."""

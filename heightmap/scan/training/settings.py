@@ -138,9 +138,9 @@ class ScanTrainSettings(Value):
     round: int = 192
     """Updates from one set of flights to the next; a checkpoint goes on at the beginning of a
     round."""
-    learning_rate: float = 1e-3
+    learning_rate: float = 1.5e-3
     weight_decay: float = 1e-4
-    gradient_norm: float = 0.5
+    gradient_norm: float = 1.0
     average: float = 0.998
     """Share that an update leaves of the average of weights that is kept as the network."""
     seed: int = 0

@@ -30,9 +30,6 @@ GROUPS = 4
 """Flights of so many groups of robots begin one after the other, so that every batch has young and old maps."""
 WARM_UP = 0.03
 """Share of a training in which its rate grows."""
-MOMENTA = (0.9, 0.99)
-"""Adam's: with the usual 0.999 one rare gradient moves every weight by up to 30 learning rates and
-then slows all of them for thousands of updates."""
 NEAR_M = 1.0
 """Cells that are farther than this from the base count half."""
 UNSEEN = 0.5
@@ -92,8 +89,8 @@ class Trainer:
         on_gpu = device.type == "cuda"
         self._rate, self._forgets = (torch.zeros((), device=device) for _ in range(2))
         self.optimiser = torch.optim.AdamW(
-            self.model.parameters(), lr=self._rate if on_gpu else 0.0, betas=MOMENTA,
-            weight_decay=settings.weight_decay, fused=on_gpu, capturable=on_gpu,
+            self.model.parameters(), lr=self._rate if on_gpu else 0.0, weight_decay=settings.weight_decay,
+            fused=on_gpu, capturable=on_gpu,
         )  # fmt: skip
         self.rounds, self.seconds = 0, 0.0
         self._draws = Draws(settings.seed, device)

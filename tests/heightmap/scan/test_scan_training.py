@@ -17,7 +17,7 @@ from saltus.heightmap.scan.training.draws import Draws
 from saltus.heightmap.scan.training.evaluation import evaluate, table_of, usual_flights, write_results
 from saltus.heightmap.scan.training.export import export, read_weights
 from saltus.heightmap.scan.training.flights import draw_flight
-from saltus.heightmap.scan.training.model import NARROWEST_M, ScanModel, loss, parameters
+from saltus.heightmap.scan.training.model import ScanModel, loss, parameters
 from saltus.heightmap.scan.training.settings import FlightSettings, NetworkSettings, ScanTrainSettings
 from saltus.heightmap.scan.training.train import Calls, Trainer, example, load_model, train
 
@@ -48,9 +48,6 @@ def test_a_checkpoint_of_another_training_is_refused(small, tmp_path):
 def test_a_training_begins_with_an_exported_network(small, tmp_path):
     torch.manual_seed(9)
     model = ScanModel(small.network, small.map)
-    with torch.no_grad():  # weights that are still alike are one in the file
-        for weight in model.parameters():
-            weight += 0.05 * torch.randn(weight.shape)
     export(model, small, tmp_path / "scan.onnx")
     weights = read_weights(tmp_path / "scan.onnx")
     begun = train(small, tmp_path / "run", updates=0, device=CPU, start=weights)
@@ -134,20 +131,19 @@ def test_a_new_network_tells_nearly_the_map(small):
     assert (half_width > 0.0).all()
 
 
-@pytest.mark.parametrize(("beyond", "limit", "falls"), [(30.0, 0.99 * WIDEST, True), (-30.0, NARROWEST_M, False)])
-def test_half_widths_have_a_slope_at_their_limits(small, beyond, limit, falls):
+def test_half_widths_have_a_slope_at_their_limit(small):
     """Without one a training whose half-widths have once gone there stays: one of two from nothing did."""
     model = ScanModel(small.network, small.map)
     inputs = [torch.zeros(1, *shape) for shape in _shapes(small)]
     bias = model.head.get_parameter("bias")
     width = slice(3 * small.map.sub**2, 4 * small.map.sub**2)  # residual, two gates, half-width
     with torch.no_grad():
-        bias[width] = beyond
+        bias[width] = 100.0
     told = model(*inputs)
     level = torch.zeros_like(told[0])
-    loss(Heights(*told), level if falls else level + 0.1, level + 1.0).backward()
-    torch.testing.assert_close(told[1], level + limit)
-    assert ((bias.grad[width] > 0.0) == falls).all()
+    loss(Heights(*told), level, level + 1.0).backward()
+    assert (told[1] == WIDEST).all()
+    assert (bias.grad[width] > 0.0).all()
 
 
 @pytest.mark.parametrize("frame", [False, True], ids=["with a map", "by image"])
