@@ -58,8 +58,8 @@ class FreeRobots(MujocoBatch):
         self.field("geom_solimp")[:n, self.layout.robot, :2] = impedance[:, None]
 
     def set_payload_position(self, position: Floats) -> None:
-        """Puts the payload of every robot there, before `set_bodies` [m], base frame, shape (3,)."""
-        self.field("body_pos")[:, self.layout.payload] = position
+        """Puts the payload's mass of every robot there, before `set_bodies` [m], base frame, shape (3,)."""
+        self.layout.write_payload_position(self.field, position)
 
     def place(self, qpos: Floats, qvel: Floats) -> None:
         """Puts the first robots into states, shapes (n, 19) and (n, 18)."""

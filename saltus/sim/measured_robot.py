@@ -58,7 +58,8 @@ class MeasuredRobot:
         self._model = spec.compile()
         self._layout = ModelLayout(robot, self._model)
         if payload_position is not None:
-            self._model.body_pos[self._layout.payload] = payload_position
+            place = np.asarray(payload_position, dtype=np.float64)
+            self._layout.write_payload_position(lambda name: getattr(self._model, name), place, robots=())
         self._feet = [self._model.geom(f"{leg}_foot").id for leg in LEGS]
         self._model.geom_margin[self._feet] = CLEAR_M
         self._radius = robot.foot_radius
