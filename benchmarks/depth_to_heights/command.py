@@ -26,7 +26,7 @@ from benchmarks.depth_to_heights.files import (
 from benchmarks.depth_to_heights.predictors import BASELINES, NETWORK, predict_run
 from benchmarks.depth_to_heights.rows import row
 from benchmarks.depth_to_heights.split import RUNS, WORK, batches, make_batch, plans
-from saltus.cli.heightmap_eval import COLUMNS
+from saltus.cli.heightmap_measures import COLUMNS
 from saltus.cli.output import table_lines
 from saltus.errors import ConfigError, nearest_hint
 from saltus.flags import Flag, shown

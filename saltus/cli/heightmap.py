@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from saltus.cli.heightmap_check import Check
 from saltus.cli.heightmap_data import Collect, Dagger, Dataset
-from saltus.cli.heightmap_eval import Eval
-from saltus.cli.heightmap_report import Report
+from saltus.cli.heightmap_measures import Check, Eval, Report
 from saltus.cli.heightmap_train import Export, Train
 from saltus.cli.scan_options import ScanOptions
 from saltus.cli.serve import serve

@@ -6,19 +6,19 @@ and `Recording.lost` says what; `saltus.recordings.repair` makes a whole file of
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, TypeVar, cast
+from typing import Any, BinaryIO, NamedTuple, TypeVar, cast
 
 from mcap.exceptions import EndOfFile
 from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
 from saltus import config
-from saltus.config import RunConfig, from_table
+from saltus.config import RunConfig, Value, from_table
 from saltus.depth_camera import DepthCamera, load_camera
 from saltus.errors import ConfigError, MessageError, RecordingError
 from saltus.grid import HeightGrid, load_grid
@@ -35,6 +35,7 @@ from saltus.wire.messages import Message
 from saltus.wire.topics import TOPICS
 
 Kind = TypeVar("Kind", bound=Message)
+Part = TypeVar("Part", bound=Value)
 
 UNPACKED_CHUNKS = 64
 """Kept by `Recording.arrivals` for who asks for one moment after the other: some seconds of a run, 16 MB."""
@@ -83,9 +84,8 @@ class Recording:
         Raises:
             ConfigError: it was written by another version.
         """
-        if "robot" in self.metadata:
-            return Robot.from_toml(self.metadata["robot"])
-        return load_robot(self.known_config.robot.split("/")[0])  # older recordings have the prefix of their keys there
+        # older recordings have the prefix of their keys in its name
+        return self._value("robot", Robot, lambda name: load_robot(name.split("/")[0]))
 
     @cached_property
     def grid(self) -> HeightGrid:
@@ -94,9 +94,7 @@ class Recording:
         Raises:
             ConfigError: it was written by another version.
         """
-        if "grid" in self.metadata:
-            return HeightGrid.from_toml(self.metadata["grid"])
-        return load_grid(self.known_config.grid)
+        return self._value("grid", HeightGrid, load_grid)
 
     @cached_property
     def terrain(self) -> Terrain:
@@ -105,9 +103,7 @@ class Recording:
         Raises:
             ConfigError: it was written by another version, or is not in the recording and cannot be made.
         """
-        if "terrain" in self.metadata:
-            return Terrain.from_toml(self.metadata["terrain"])
-        return make_terrain(self.known_config.terrain)
+        return self._value("terrain", Terrain, make_terrain)
 
     @cached_property
     def camera(self) -> DepthCamera:
@@ -116,9 +112,13 @@ class Recording:
         Raises:
             ConfigError: it was written by another version.
         """
-        if "camera" in self.metadata:
-            return DepthCamera.from_toml(self.metadata["camera"])
-        return load_camera(self.known_config.camera)
+        return self._value("camera", DepthCamera, load_camera)
+
+    def _value(self, name: str, kind: type[Part], otherwise: Callable[[Any], Part]) -> Part:
+        """A value of the run as it was written, or `otherwise` made of its name in the configuration."""
+        if name in self.metadata:
+            return kind.from_toml(self.metadata[name])
+        return otherwise(getattr(self.known_config, name))
 
     @cached_property
     def models(self) -> dict[str, str]:

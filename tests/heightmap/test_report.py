@@ -11,7 +11,7 @@ from report_pages import opens_without_a_network
 from samples import ROBOT
 
 from saltus import rotations
-from saltus.cli.heightmap_report import Report
+from saltus.cli.heightmap_measures import Report
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.errors import RecordingError
