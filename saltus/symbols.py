@@ -264,7 +264,9 @@ def _clip(array: Symbols, low: Any = None, high: Any = None) -> Symbols:
 _NAMESPACE = SimpleNamespace(
     __name__="symbols",
     **{name: _function(name) for name in FUNCTIONS},
+    float32="symbols",
     asarray=lambda value, **_: Symbols(_entries(value)),
+    astype=lambda array, _: array,
     zeros_like=lambda array: Symbols(np.full(array.shape, 0.0)),
     ones_like=lambda array: Symbols(np.full(array.shape, 1.0)),
     where=lambda condition, a, b: _apply(_WHERE, condition, a, b),

@@ -1,13 +1,15 @@
 """The proprioception vector, built in one place for training and service alike."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
 
 import numpy as np
 
 from saltus import rotations
-from saltus.arrays import Array, Singles, namespace
+from saltus.arrays import Array, Floats, Singles, namespace
 from saltus.robots.legs import LegKinematics
-from saltus.states import Proprioception
+from saltus.states import Proprioception, RobotStates
+from saltus.straight_line import straight_line
 from saltus.wire.messages import RobotState
 
 PROPRIOCEPTION = (
@@ -42,14 +44,20 @@ def proprioception_of_states(states: Proprioception, legs: LegKinematics) -> Arr
 
 def proprioception_of(state: RobotState, legs: LegKinematics) -> Singles:
     """The vector of one robot state, shape (len(PROPRIOCEPTION),)."""
-    entries = _entries(
-        rotations.rotation_of_one(state.quaternion_base_in_world.tolist()),
-        legs.positions_of_one(state.joint_position.tolist()),
-        state.leg_trusted.tolist(),
-        state.velocity_base_in_world.tolist(),
-        state.angular_velocity_base.tolist(),
-    )
-    return np.array([*entries, state.base_height], np.float32)
+    vector: Floats = _law_of_one(legs)(state)
+    return vector.astype(np.float32)
+
+
+@lru_cache(maxsize=16)
+def _law_of_one(legs: LegKinematics) -> Callable[[Proprioception], Floats]:
+    """The same law without arrays."""
+    three, four, joints = np.zeros(3), np.zeros(4), np.zeros(12)
+    any_state = RobotStates(
+        quaternion_base_in_world=four, angular_velocity_base=three, acceleration_base=three, joint_position=joints,
+        joint_velocity=joints, velocity_base_in_world=three, base_height=0.0, leg_contact=four, leg_progress=four,
+        leg_trusted=four, cycle=0.0,
+    )  # fmt: skip
+    return straight_line(partial(proprioception_of_states, legs=legs), any_state)
 
 
 def _entries(
@@ -59,7 +67,7 @@ def _entries(
     velocity_in_world: Sequence[Array],
     angular_velocity_base: Sequence[Array],
 ) -> list[Array]:
-    """The law, in components that are arrays of many robots or floats of one: all entries but the last."""
+    """The law, component by component: all entries but the last."""
     forward, left, up = rotation
     roll, pitch, yaw = rotations.angles_of_axes((forward[0], left[0]), (up[0], up[1], up[2]))
     xp = namespace(yaw)

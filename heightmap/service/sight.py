@@ -155,6 +155,9 @@ class Sight:
         forgets = new & too_late & (self.captured_s > -math.inf)
         self._empty(forgets)
         self.images_seen = self.images_seen + new
+        if xp is np and new.all():  # the usual case of one robot: nothing need be chosen
+            self.captured_s, self.image = captured_s, image
+            return new, forgets
         self.captured_s = xp.where(new, captured_s, self.captured_s)
         self.image = xp.where(new[:, None, None, None], image, self.image)
         return new, forgets

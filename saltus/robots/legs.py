@@ -1,16 +1,13 @@
-"""Where the feet of a robot are, for numpy and torch and any leading batch dimensions, in part for one robot's floats.
+"""Where the feet of a robot are, for numpy and torch and any leading batch dimensions.
 
 A leg: abduction about x at the hip anchor, a lateral offset to the leg's side, then thigh and calf about y. Thigh and
 calf are straight lines between the axes; they hang down at the angles `Robot.thigh_zero` and `Robot.shin_zero` where
 all joints are at zero. Positive angles swing the foot backwards.
 """
 
-import math
-from collections.abc import Sequence
-
 import numpy as np
 
-from saltus.arrays import Array, Constant, Jacobians, Joints, Legs, Scalars, namespace
+from saltus.arrays import Array, Constant, Jacobians, Joints, Legs, namespace
 from saltus.robots.robot import Robot
 
 _CHAIN_ANGLES = Constant([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 1.0]])  # abduction, thigh, thigh + calf
@@ -24,8 +21,6 @@ class LegKinematics:
     def __init__(self, robot: Robot) -> None:
         self._thigh, self._calf = robot.thigh_length, robot.calf_length
         self._anchor, self._offset = Constant(robot.hip_anchor), Constant(robot.abduction_offset)
-        self._anchors: list[list[float]] = robot.hip_anchor.tolist()
-        self._offsets: list[float] = robot.abduction_offset.tolist()
         self._zeros = (robot.thigh_zero, robot.shin_zero)
         self._zero = Constant([0.0, *self._zeros]) if any(self._zeros) else None
 
@@ -54,19 +49,6 @@ class LegKinematics:
     def jacobian(self, joint_position: Joints) -> Jacobians:
         """Velocity of the feet in the base frame by joint velocity. Shape (..., 12) -> (..., 4, 3, 3)."""
         return self.position_and_jacobian(joint_position)[1]
-
-    def positions_of_one(self, joint_position: Sequence[float]) -> list[tuple[float, float, float]]:
-        """`position` of one robot in floats: the four feet as (x, y, z), without the cost of small arrays."""
-        feet = []
-        thigh_zero, shin_zero = self._zeros
-        for leg, (anchor_x, anchor_y, anchor_z) in enumerate(self._anchors):
-            abduction, thigh, calf = joint_position[3 * leg : 3 * leg + 3]
-            upper, lower = thigh + thigh_zero, thigh + calf + shin_zero
-            sines = math.sin(abduction), math.sin(upper), math.sin(lower)
-            cosines = math.cos(abduction), math.cos(upper), math.cos(lower)
-            x, y, z, *_ = self._foot(sines, cosines, self._offsets[leg])
-            feet.append((x + anchor_x, y + anchor_y, z + anchor_z))
-        return feet
 
     def inverse(self, foot_position: Legs) -> Joints:
         """Joint angles, knees bent backwards, that put the feet at the given points.
@@ -106,19 +88,10 @@ class LegKinematics:
         if self._zero is not None:
             angles = angles + self._zero.like(joint_position)
         sine, cosine = xp.sin(angles), xp.cos(angles)
-        sines = sine[..., 0], sine[..., 1], sine[..., 2]
-        cosines = cosine[..., 0], cosine[..., 1], cosine[..., 2]
-        return sine, cosine, *self._foot(sines, cosines, self._offset.like(joint_position))
-
-    def _foot(self, sines: Sequence[Array], cosines: Sequence[Array], offset: Scalars) -> tuple[Array, ...]:
-        """The law of a leg, for arrays and floats: x, y, z, drop and the calf's share as in `_leg`.
-
-        Sines and cosines are of abduction and of the lines of thigh and calf from straight down; the foot is `offset`
-        to the left [m].
-        """
-        s1, s2, s3 = sines
-        c1, c2, c3 = cosines
+        s1, s2, s3 = sine[..., 0], sine[..., 1], sine[..., 2]
+        c1, c2, c3 = cosine[..., 0], cosine[..., 1], cosine[..., 2]
+        offset = self._offset.like(joint_position)
         calf_x, calf_z = -self._calf * s3, -self._calf * c3
         x = calf_x - self._thigh * s2
         drop = calf_z - self._thigh * c2  # along the leg's own plane, before abduction
-        return x, offset * c1 - drop * s1, offset * s1 + drop * c1, drop, calf_x, calf_z
+        return sine, cosine, x, offset * c1 - drop * s1, offset * s1 + drop * c1, drop, calf_x, calf_z

@@ -96,12 +96,6 @@ def test_torch_equals_numpy_for_any_batch(robot, kinematics, batch):
     np.testing.assert_allclose(back, kinematics.inverse(feet), atol=1e-12)
 
 
-def test_floats_of_one_robot_give_the_same_feet(kinematics, anywhere):
-    for joints in anywhere:
-        feet = kinematics.positions_of_one(joints.tolist())
-        np.testing.assert_allclose(feet, kinematics.position(joints), rtol=0.0, atol=1e-15)
-
-
 def test_single_precision_stays_single(kinematics):
     position, jacobian = kinematics.position_and_jacobian(torch.zeros((2, 12), dtype=torch.float32))
     assert position.dtype == jacobian.dtype == torch.float32
