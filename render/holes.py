@@ -7,13 +7,12 @@ the size of the images only. Both give the same depths, to the bit.
 
 import math
 from collections.abc import Callable
-from typing import Any
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, Images, Masks, namespace
 from saltus.render.devices import on_host
 
 
-def filled_from_around(depth: Any) -> Any:
+def filled_from_around(depth: Images) -> Images:
     """Holes take the nearest depth among what is above, above left, left, below left and below.
 
     Pixels are visited row by row, so filled ones fill others. The pixel above must be valid, or filled. The first
@@ -23,7 +22,7 @@ def filled_from_around(depth: Any) -> Any:
     return _from_around_by_list(depth) if on_host(depth) else _from_around_by_lines(depth)
 
 
-def _from_around_by_list(depth: Any) -> Any:
+def _from_around_by_list(depth: Images) -> Images:
     """Works on the list of holes, with jumps of 1, 2, 4, ... of them, since values walk far."""
     xp = namespace(depth)
     width = depth.shape[-1]
@@ -55,7 +54,7 @@ def _from_around_by_list(depth: Any) -> Any:
     return xp.reshape(result, depth.shape)
 
 
-def _jumps(place: Any, step: int) -> list[Any]:
+def _jumps(place: Array, step: int) -> list[Array]:
     """For each entry of a sorted list of places the entry that is `step`, 2 `step`, 4 `step`, ... places before it.
 
     Only where all between are entries, too. An entry more, at the end, stands for none; each array has it as well.
@@ -72,7 +71,7 @@ def _jumps(place: Any, step: int) -> list[Any]:
     return jumps
 
 
-def _from_around_by_lines(depth: Any) -> Any:
+def _from_around_by_lines(depth: Images) -> Images:
     """Works on whole images, a line after the other.
 
     A hole that is filled gets the least of what its neighbours had by themselves (its own), and of what holes to its
@@ -92,7 +91,7 @@ def _from_around_by_lines(depth: Any) -> Any:
     return xp.where(hole, nearest, depth)
 
 
-def _least_around(far: Any) -> Any:
+def _least_around(far: Images) -> Images:
     """The least of what is above, above left, left, below left and below; only of use off the borders."""
     xp = namespace(far)
     left = xp.minimum(far[..., 1:-1, :-1], xp.minimum(far[..., :-2, :-1], far[..., 2:, :-1]))
@@ -101,7 +100,7 @@ def _least_around(far: Any) -> Any:
     return least
 
 
-def _along_lines(nearest: Any, hole: Any) -> Any:
+def _along_lines(nearest: Images, hole: Masks) -> Images:
     """Hands values on from line to line and along each, through holes only; infinite elsewhere."""
     xp = namespace(nearest)
     no_way = xp.full_like(nearest[..., :1, :1], math.inf)
@@ -124,7 +123,7 @@ def _along_lines(nearest: Any, hole: Any) -> Any:
     return xp.stack(lines, axis=-2)
 
 
-def _running(values: Any, axis: int, pick: Callable[[Any, Any], Any]) -> Any:
+def _running(values: Array, axis: int, pick: Callable[[Array, Array], Array]) -> Array:
     """Extreme (`pick`) of all values up to each place along an axis."""
     xp = namespace(values)
     turned = axis == -2
@@ -135,7 +134,7 @@ def _running(values: Any, axis: int, pick: Callable[[Any, Any], Any]) -> Any:
     return xp.matrix_transpose(run) if turned else run
 
 
-def filled_along_rows(depth: Any, reach: int, passes: int = 1) -> Any:
+def filled_along_rows(depth: Images, reach: int, passes: int = 1) -> Images:
     """Holes take what is to the left of them, then what is to the right, up to `reach` pixels away, `passes` times.
 
     The last column stays as it is. Depth is 0 where invalid, any unit, shape (..., height, width); `depth` itself is
@@ -154,7 +153,7 @@ def filled_along_rows(depth: Any, reach: int, passes: int = 1) -> Any:
     return result
 
 
-def _along_rows(depth: Any, reach: int, passes: int) -> Any:
+def _along_rows(depth: Images, reach: int, passes: int) -> Images:
     """A pass takes `reach` pixels off both ends of every hole, the left end first."""
     xp = namespace(depth)
     width = depth.shape[-1]

@@ -11,7 +11,7 @@ smoothing. Only holes are filled.
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, Images, namespace
 from saltus.depth import MILLIMETRE
 from saltus.effects.effect import Effect, parameter
 from saltus.effects.signals import DepthImage
@@ -80,7 +80,7 @@ class SpatialFilter(SingleImageEffect[DepthImage], name="spatial_filter"):
             depth = self._smoothed(filled_along_rows(depth, reach))
         return replace(signal, depth=depth)
 
-    def _smoothed(self, depth: Any) -> Any:
+    def _smoothed(self, depth: Images) -> Images:
         """One pass forth and back along rows and columns."""
         xp = namespace(depth)
         image = xp.round(depth * (1.0 / self.unit))
@@ -94,7 +94,7 @@ class SpatialFilter(SingleImageEffect[DepthImage], name="spatial_filter"):
             image = xp.stack(lines, axis=axis)
         return image * self.unit
 
-    def _blended(self, pixel: Any, before: Any, limit: float) -> Any:
+    def _blended(self, pixel: Array, before: Array, limit: float) -> Array:
         xp = namespace(pixel)
         blend = xp.floor(self.alpha * pixel + (1.0 - self.alpha) * before + ROUNDED_AWAY)
         close = (pixel > 0.0) & (before > 0.0) & (xp.abs(pixel - before) <= limit)

@@ -75,6 +75,8 @@ AccelerationPairs: TypeAlias = Float[Array, "*batch 2 3"]
 """The same, one below the other."""
 Images: TypeAlias = Shaped[Array, "*batch height width"]
 """An image for each robot."""
+Masks: TypeAlias = Bool[Array, "*batch height width"]
+"""True or false for each pixel of each image."""
 BoxVectors: TypeAlias = Float[Array, "*batch boxes 3"]
 """A vector for each box of each robot."""
 BoxAngles: TypeAlias = Float[Array, "*batch boxes 2"]

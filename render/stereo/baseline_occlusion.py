@@ -1,11 +1,10 @@
 """Occlusion: what only one of the two imagers sees cannot be matched."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, namespace
 from saltus.effects.effect import PerRobot, parameter, per_image
 from saltus.effects.fields import unit_uniform
 from saltus.render.stereo.image import StereoImage
@@ -23,7 +22,7 @@ class BaselineOcclusion(RandomStereoEffect, name="baseline_occlusion"):
 
     rejected: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)
 
-    def drawn(self, signal: StereoImage, keys: Any) -> StereoImage:
+    def drawn(self, signal: StereoImage, keys: Array) -> StereoImage:
         """Invalidates what is hidden."""
         lost = signal.hidden
         if not np.all(np.equal(self.rejected, 1.0)):

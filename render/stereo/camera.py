@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from saltus.arrays import Images, Masks, Scalars
 from saltus.config import changed
 from saltus.depth_camera import DepthCamera
 from saltus.effects.effect import Effect
@@ -93,7 +94,7 @@ class StereoCamera:
         """State before the first image, for a batch of cameras."""
         return tuple(effect.init(batch, rng) for effect in (*self._matching, *self._depth))
 
-    def step(self, depth: Any, hidden: Any, time_s: Any, state: StereoState) -> tuple[DepthImage, StereoState]:
+    def step(self, depth: Images, hidden: Masks, time_s: Scalars, state: StereoState) -> tuple[DepthImage, StereoState]:
         """One exposure.
 
         Args:

@@ -1,11 +1,9 @@
 """Where a disparity image breaks."""
 
-from typing import Any
-
-from saltus.arrays import namespace
+from saltus.arrays import Images, Masks, namespace
 
 
-def discontinuity(disparity: Any, jump: float) -> Any:
+def discontinuity(disparity: Images, jump: float) -> Masks:
     """Samples next to a step of more than `jump` [px] in disparity, on both sides of it, bool, shape as `disparity`.
 
     The disparity of a plane is linear in the image, so the second difference is 0 on every plane, however slanted.

@@ -2,17 +2,16 @@
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, namespace
 from saltus.effects.draws import draw_keys
 from saltus.effects.effect import Effect, PerRobot, parameter, per_image
 from saltus.effects.fields import gaussian, samples
 from saltus.render.stereo.image import StereoImage
 
-Memory = tuple[Any, Any, Any]
+Memory = tuple[Array, Array, Array]
 """Keys, time of the last image, and its noise, None before the first."""
 
 

@@ -2,11 +2,10 @@
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, namespace
 from saltus.effects.effect import PerRobot, like, parameter
 from saltus.effects.fields import mean_around
 from saltus.render.stereo.discontinuity import discontinuity
@@ -31,7 +30,7 @@ class StereoEdgeHoles(RandomStereoEffect, name="edge_holes"):
     patch: float = field(default=3.0, metadata={"unit": "px", "low": 0.5, "high": 50.0, "per_joint": False})
     """Size of the patches that are lost together."""
 
-    def drawn(self, signal: StereoImage, keys: Any) -> StereoImage:
+    def drawn(self, signal: StereoImage, keys: Array) -> StereoImage:
         """Loses pixels at edges."""
         from scipy.special import ndtri  # here, so that a router, which reads cameras and draws none, needs no SciPy
 

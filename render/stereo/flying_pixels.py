@@ -1,9 +1,8 @@
 """At an edge a matcher may find something between near and far."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, namespace
 from saltus.effects.effect import PerRobot, parameter, per_image
 from saltus.effects.fields import unit_uniform
 from saltus.render.stereo.discontinuity import discontinuity
@@ -20,7 +19,7 @@ class FlyingPixels(RandomStereoEffect, name="flying_pixels"):
     # as for holes at edges
     jump: float = field(default=1.0, metadata={"unit": "px", "low": 0.05, "high": 50.0, "per_joint": False})
 
-    def drawn(self, signal: StereoImage, keys: Any) -> StereoImage:
+    def drawn(self, signal: StereoImage, keys: Array) -> StereoImage:
         """Moves pixels into the gap."""
         disparity, optics = signal.disparity, signal.optics
         # one sample in `pitch` lies within a pixel of the edge

@@ -1,11 +1,10 @@
 """The signal between the effects of a stereo camera."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from saltus.arrays import Floats, namespace
+from saltus.arrays import Floats, Images, Masks, Scalars, namespace
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo.windows import ARRAY_WINDOWS, Morphology
 
@@ -19,9 +18,9 @@ class StereoImage:
     (..., height, width)."""
     truth: Floats
     """Disparity of the scene itself [px], on which it depends what is lost; shape (..., height, width)."""
-    valid: Any
+    valid: Masks
     """True where there is a match, bool, shape (..., height, width)."""
-    hidden: Any
+    hidden: Masks
     """True where the right imager does not see the point, bool, shape (..., height, width)."""
     time_s: Floats
     """Capture time in the run's clock [s], float64, shape (...)."""
@@ -31,7 +30,7 @@ class StereoImage:
 
 
 def stereo_image(
-    depth: Any, hidden: Any, time_s: Any, optics: Optics, windows: Morphology = ARRAY_WINDOWS
+    depth: Images, hidden: Masks, time_s: Scalars, optics: Optics, windows: Morphology = ARRAY_WINDOWS
 ) -> StereoImage:
     """A perfect match of a rendered scene.
 
@@ -55,7 +54,7 @@ def stereo_image(
     )
 
 
-def depth_of(image: StereoImage) -> Any:
+def depth_of(image: StereoImage) -> Images:
     """Depth [m] along the optical axis: infinite where nothing is hit, 0 where invalid. Shape (..., height, width)."""
     xp = namespace(image.disparity)
     with np.errstate(divide="ignore"):

@@ -1,15 +1,13 @@
 """The fast way to what the model sees: a few rays for each of its pixels instead of the 25 of the sensor."""
 
-from typing import Any
-
-from saltus.arrays import namespace
+from saltus.arrays import Array, Images, namespace
 from saltus.depth import VALID_SHARE
 
 ROWS, COLUMNS = 3, 1
 """Rays for a pixel of the model in training: depth edges are horizontal in most of what a robot sees ahead."""
 
 
-def pooled(depth: Any, rows: int, columns: int) -> Any:
+def pooled(depth: Images, rows: int, columns: int) -> Array:
     """Averages the valid samples of each pixel of the model.
 
     Args:
@@ -28,7 +26,7 @@ def pooled(depth: Any, rows: int, columns: int) -> Any:
     return xp.where(seen, total, xp.zeros_like(total)) / xp.astype(xp.where(seen, count, count + 1), depth.dtype)
 
 
-def _block_sums(values: Any, rows: int, columns: int) -> Any:
+def _block_sums(values: Array, rows: int, columns: int) -> Array:
     """Sums of blocks of `rows` times `columns` samples, shape (..., height / rows, width / columns)."""
     total = values[..., ::rows, :]
     for i in range(1, rows):

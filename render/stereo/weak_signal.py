@@ -1,11 +1,10 @@
 """Surfaces that return too little of the projected pattern cannot be matched: far ones and grazing ones."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, Images, namespace
 from saltus.effects.effect import PerRobot, parameter, per_image
 from saltus.render.stereo.image import StereoImage
 from saltus.render.stereo.random_effect import RandomStereoEffect
@@ -26,7 +25,7 @@ class WeakSignal(RandomStereoEffect, name="weak_signal"):
     patch: float = field(default=5.0, metadata={"unit": "px", "low": 0.5, "high": 50.0, "per_joint": False})
     """Size of the patches that are lost together."""
 
-    def drawn(self, signal: StereoImage, keys: Any) -> StereoImage:
+    def drawn(self, signal: StereoImage, keys: Array) -> StereoImage:
         """Loses what returns too little."""
         disparity, optics = signal.truth, signal.optics
         xp = namespace(disparity)
@@ -48,7 +47,7 @@ class WeakSignal(RandomStereoEffect, name="weak_signal"):
         return replace(signal, valid=signal.valid & (strength > needed))
 
 
-def _slopes_squared(disparity: Any, focal_x: float, focal_y: float) -> Any:
+def _slopes_squared(disparity: Images, focal_x: float, focal_y: float) -> Images:
     """Square of the slope of the disparity per unit of tangent, for rays near the optical axis.
 
     A plane's disparity is linear in the image: slopes a, b (per unit of tangent) and value c at the pixel make the
