@@ -177,7 +177,7 @@ def applicability(log: RunLog) -> Applicability:
         speed_rad_s=_largest(joints.dq),
         depth_m=None if log.depth is None or not log.depth.depth_mm.size else 1e-3 * float(log.depth.depth_mm.max()),
         duration_s=float(joints.time_s[-1] - joints.time_s[0]),
-        focal_px=None if log.depth is None or "camera" not in log.meta else float(log.meta["camera"]["fx"]),
+        focal_px=None if log.depth is None or not log.meta.get("camera") else float(log.meta["camera"]["fx"]),
     )
 
 

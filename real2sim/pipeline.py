@@ -187,7 +187,7 @@ def _posed(sensor: Sensor, log: RunLog, profile: Profile) -> Problem:
     problem = sensor.problem(log)
     if profile == IDEAL:
         return problem
-    if "camera" in log.meta:
+    if log.meta.get("camera"):
         profile = to_images(profile, float(log.meta["camera"]["fx"]))
     return RebasedProblem(problem, profile)
 

@@ -91,7 +91,7 @@ def _no_held_base(log: RunLog) -> str:
 def _no_images(log: RunLog) -> str:
     if log.depth is None:
         return "no depth images"
-    return "" if "camera" in log.meta else "meta.json claims no camera"
+    return "" if log.meta.get("camera") else "meta.json claims no camera"
 
 
 def _no_free_base(log: RunLog) -> str:

@@ -33,6 +33,7 @@ from saltus.real2sim.problem.camera.frames import frames_of
 from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.problem.camera.rays import claimed_scenes
 from saltus.real2sim.rebased_problem import RebasedProblem
+from saltus.real2sim.sensors import SENSORS
 from saltus.recordings.run_log import DepthTable
 from saltus.terrain.boxes import Boxes
 
@@ -198,17 +199,23 @@ def test_the_ground_may_be_a_box_or_go_without_saying(has_ground_box: bool) -> N
     assert np.mean(residual**2) == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.parametrize("missing", ["depth", "camera", "segments"])
+@pytest.mark.parametrize("missing", ["depth", "segments"])
 def test_a_log_that_cannot_be_used_is_refused(missing: str) -> None:
     log = camera_log(Recipe(duration_s=2.0))
     if missing == "depth":
         log = replace(log, depth=None)
-    elif missing == "camera":
-        log.meta.pop("camera")
     else:
         log.meta["segments"] = [{"name": "late", "t0": 2.9, "t1": 2.95, "condition": "late"}]
     with pytest.raises(RecordingError):
         CameraProblem(log)
+
+
+@pytest.mark.parametrize("claim", [None, {}])
+def test_images_of_no_claimed_camera_pose_no_problem(claim: dict[str, float] | None) -> None:
+    log = camera_log(Recipe(duration_s=2.0))
+    log.meta["camera"] = claim
+    sensor = next(sensor for sensor in SENSORS if sensor.name == "camera")
+    assert sensor.lacks(log) == "meta.json claims no camera"
 
 
 def test_rays_are_those_of_a_ray_caster() -> None:
