@@ -60,10 +60,10 @@ class RobotBody:
         near = np.flatnonzero(((points >= low - reach) & (points <= high + reach)).all(-1))
         if not len(near):
             return on
-        along = end - start
+        some, along = points[near], end - start
         length = np.maximum(np.sum(along**2, -1), np.float32(1e-12))
-        away = points[near][:, None, :] - start  # (near, shapes, 3)
-        share = (np.sum(away * along, -1) / length).clip(0.0, 1.0)
-        distance = np.sum((away - share[..., None] * along) ** 2, -1)
-        on[near] |= (distance <= self._squared).any(-1)
+        progress = some @ along.T - np.sum(start * along, -1)  # (near, shapes), times length
+        share = (progress / length).clip(0.0, 1.0)
+        from_start = np.sum(some**2, -1)[:, None] - 2.0 * (some @ start.T) + np.sum(start**2, -1)
+        on[near] |= (from_start + share * (share * length - 2.0 * progress) <= self._squared).any(-1)
         return on

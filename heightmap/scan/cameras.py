@@ -1,6 +1,5 @@
 """Points of depth images in the base frame, by each camera's calibration and place."""
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +41,8 @@ class ScanCamera:
         self._position = np.asarray(mount.position, np.float32)
         self._rotation = np.asarray(mount.rotation, np.float32)
         self._range_m = range_m
+        self._lens: Intrinsics | None = None
+        self._looks, self._step = np.zeros((0, 3), np.float32), 1
 
     def points(self, frame: DepthFrame, up: Floats, base_height: float) -> ImagePoints:
         """Points of an image.
@@ -51,10 +52,13 @@ class ScanCamera:
             up: The world's z axis in the base frame at the exposure, shape (3,).
             base_height: Of the base above the ground [m], roughly.
         """
-        rays, step = _rays(intrinsics_of(frame))
+        lens = intrinsics_of(frame)
+        if lens != self._lens:
+            rays, self._step = _rays(lens)
+            self._lens, self._looks = lens, rays @ self._rotation.T  # in the base frame, for each metre of depth
+        looks, step = self._looks, self._step
         raw = frame.depth[step // 2 :: step, step // 2 :: step].reshape(-1)
         depth = raw.astype(np.float32) * np.float32(frame.depth_unit_m)
-        looks = rays @ self._rotation.T  # in the base frame, for each metre of depth
         valid = (raw > 0) & (raw < NOTHING)
         if self._range_m is not None:
             valid &= (depth >= self._range_m[0]) & (depth <= self._range_m[1])
@@ -65,7 +69,6 @@ class ScanCamera:
         return ImagePoints(looks[valid] * kept[:, None] + self._position, kept, missing)
 
 
-@lru_cache(maxsize=16)
 def _rays(lens: Intrinsics) -> tuple[Singles, int]:
     """Rays of the pixels that are read, with 1 along the optical axis, shape (n, 3); and every which pixel that is."""
     step = max(1, round((lens.width * lens.height / PIXELS) ** 0.5))

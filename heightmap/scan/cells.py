@@ -89,12 +89,23 @@ def moved(values: Array, by: Array, new: float) -> Array:
     """Values (batch, side, side) of a window that goes on by whole fine cells (batch, 2); `new` where it sees more."""
     xp = namespace(values)
     batch, side = values.shape[0], values.shape[1]
+    if isinstance(values, np.ndarray):  # blocks are copied in a tenth of the time
+        found = np.full_like(values, new)
+        for robot, (down, right) in enumerate(by.clip(-side, side).tolist()):
+            (to_row, from_row), (to_column, from_column) = _overlap(down, side), _overlap(right, side)
+            found[robot, to_row, to_column] = values[robot, from_row, from_column]
+        return found
     steps = xp.arange(side, dtype=xp.int64, device=values.device)
     rows, columns = steps[None, :] + by[:, :1], steps[None, :] + by[:, 1:]
     robots = xp.arange(batch, dtype=xp.int64, device=values.device)[:, None, None]
     taken = values[robots, rows.clip(0, side - 1)[:, :, None], columns.clip(0, side - 1)[:, None, :]]
     inside = ((rows >= 0) & (rows < side))[:, :, None] & ((columns >= 0) & (columns < side))[:, None, :]
     return xp.where(inside, taken, new)
+
+
+def _overlap(by: int, side: int) -> tuple[slice, slice]:
+    """Places along one side that stay in a window that goes on by so many: the new ones, and the old ones."""
+    return slice(max(0, -by), side - max(0, by)), slice(max(0, by), side - max(0, -by))
 
 
 def sampled(values: Array, place: Array) -> Array:

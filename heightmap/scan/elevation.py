@@ -7,10 +7,12 @@ for numpy and torch; a batch of robots always, one when deployed.
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from saltus.arrays import Array, namespace
 from saltus.heightmap.scan.cells import CellHeights, centres, moved, places, sampled, sorted_into_cells, window_corner
 from saltus.heightmap.scan.filling import filled
-from saltus.heightmap.scan.matching import Drift, drift
+from saltus.heightmap.scan.matching import Drift, drift, slopes_of
 from saltus.heightmap.scan.settings import MapSettings
 
 UNKNOWN_M2 = 1e3
@@ -151,9 +153,10 @@ def _matched(
     shift: Array = 0.0
     tilt: Array = 0.0
     known = is_known(state)
+    slopes = slopes_of(state.height, known, settings.fine_m)
     for look in range(settings.looks):
         away = _away(state, measured.exposed.position + state.correction, settings)
-        found = drift(state.height, state.variance, known, new, away, settings)
+        found = drift(state.height, state.variance, known, slopes, new, away, settings)
         shift, tilt = shift + found.shift, tilt + found.tilt
         state = state._replace(correction=state.correction - found.shift)
         new = _of_image(state, measured, tilt, settings, extremes=look + 1 == settings.looks)
@@ -199,8 +202,10 @@ def _unrest(before: Array, change: Drift) -> Array:
 
 def _fused(state: ElevationMap, new: CellHeights, settings: MapSettings) -> ElevationMap:
     """Kalman's mean of each cell that the image hit."""
-    xp = namespace(state.height)
-    hit, known, off = new.count > 0.0, is_known(state), new.mean - state.height
+    xp, hit = namespace(state.height), new.count > 0.0
+    if isinstance(hit, np.ndarray) and not hit.any():  # of a GPU this is not asked, as that waits
+        return state
+    known, off = is_known(state), new.mean - state.height
     old = state.variance + xp.where(known, settings.surprise * off**2, 0.0)
     gain = old / (old + new.variance)
     height = state.height + gain * off

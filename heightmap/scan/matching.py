@@ -29,13 +29,13 @@ class Drift(NamedTuple):
 
 
 def drift(
-    height: Array, variance: Array, known: Array, new: CellHeights, away: tuple[Array, Array], settings: MapSettings
-) -> Drift:
-    """Compares `new` with the map; `away` are x and y of the cells from the base [m]."""
+    height: Array, variance: Array, known: Array, slopes: tuple[Array, Array], new: CellHeights,
+    away: tuple[Array, Array], settings: MapSettings,
+) -> Drift:  # fmt: skip
+    """Compares `new` with the map and its `slopes_of`; `away` are x and y of the cells from the base [m]."""
     xp = namespace(height)
     residual = new.mean - height
     used = known & (new.count > 0.0) & (xp.abs(residual) < settings.gate_m)
-    slopes = _slopes(height, known, settings.fine_m)
     # A point may be off sideways, too: by so much it says less of the height the steeper the map is.
     steep = settings.sideways_m**2 * (slopes[0] ** 2 + slopes[1] ** 2)
     total = variance + new.variance + steep + settings.least_m**2
@@ -68,8 +68,8 @@ def _solved(lower: list[list[Array]], right: list[Array]) -> list[Array]:
     return found
 
 
-def _slopes(height: Array, known: Array, fine_m: float) -> tuple[Array, Array]:
-    """Along x and y, 0 where a neighbour is unknown or the window ends."""
+def slopes_of(height: Array, known: Array, fine_m: float) -> tuple[Array, Array]:
+    """Slopes along x and y, 0 where a neighbour is unknown or the window ends."""
     xp = namespace(height)
 
     def along(values: Array, mask: Array) -> Array:
