@@ -113,10 +113,10 @@ def level_ground() -> np.ndarray:
     return np.repeat(np.rint(millimetres)[:, None], WIDTH, axis=1).astype(np.uint16)
 
 
-def image_fields(depth: np.ndarray, time_ns: int) -> dict[str, object]:
+def image_fields(depth: np.ndarray, time_ns: int, focal: float = FOCAL) -> dict[str, object]:
     """The image and its intrinsics, as in ROS: pixel (u, v) looks through ((u - cx) / fx, (v - cy) / fy)."""
     height, width = depth.shape
-    intrinsics = np.array([FOCAL, 0.0, 0.5 * width - 0.5, 0.0, FOCAL, 0.5 * height - 0.5, 0.0, 0.0, 1.0])
+    intrinsics = np.array([focal, 0.0, 0.5 * width - 0.5, 0.0, focal, 0.5 * height - 0.5, 0.0, 0.0, 1.0])
     region = make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
     image = make(
         "sensor_msgs/msg/Image", header=header(time_ns), height=height, width=width, encoding="16UC1",

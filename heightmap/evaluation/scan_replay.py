@@ -55,7 +55,7 @@ def scan_figures(recording: Recording, grid: HeightGrid, answers: Iterable[Heigh
         truth = truths.get(answer.step)
         if truth is None or begun_ns is None or answer.time_ns - begun_ns < SETTLED_NS:
             continue
-        height = _true_heights(recording, grid, truth)
+        height = true_heights(recording, grid, truth)
         found = (np.abs(answer.height - height), answer.half_width_90, answer.age_s, answer.depth_age_s + 0.0 * height)
         for column, values in zip(columns, found, strict=True):
             column.append(np.asarray(values))
@@ -76,7 +76,7 @@ def scan_figures(recording: Recording, grid: HeightGrid, answers: Iterable[Heigh
     }
 
 
-def _true_heights(recording: Recording, grid: HeightGrid, truth: GroundTruth) -> np.ndarray:
+def true_heights(recording: Recording, grid: HeightGrid, truth: GroundTruth) -> np.ndarray:
     """Heights of the ground at the points of a grid, relative to the base [m], shape (points,)."""
     _, _, yaw = roll_pitch_yaw(rotation_matrix(np.asarray(truth.quaternion_base_in_world)))
     position = np.asarray(truth.position_base_in_world)

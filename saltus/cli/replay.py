@@ -42,6 +42,8 @@ class Replay(ScanOptions, RobotOption, JsonOption):
     """ONNX file."""
     assume_level: Flag = False
     """Take the robot to stand still and level. A recording that is shorter than the model's warm-up is repeated."""
+    picture: Annotated[Path | None, shown("PATH", "none")] = None
+    """With a grid: PNG of the last heights, half-widths and ages, seen from above."""
     level: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(default_factory=LevelRobot)
 
     def run(self) -> int:
@@ -67,17 +69,23 @@ class Replay(ScanOptions, RobotOption, JsonOption):
 
     def _scan(self, choice: "ScanChoice") -> dict[str, Any]:
         """Figures of the heights of a grid: how far they are off the simulator's ground."""
-        from saltus.heightmap.evaluation.scan_replay import replayed_run, scan_figures
+        from saltus.heightmap.evaluation.scan_picture import write_picture
+        from saltus.heightmap.evaluation.scan_replay import replayed_run, scan_figures, true_heights
         from saltus.recordings.recording import read_recording
 
-        recording, statuses = read_recording(self.recording), Counter[str]()
+        recording, statuses, last = read_recording(self.recording), Counter[str](), list[Heightmap]()
 
         def answers() -> Iterator[Heightmap]:
             for _, _, answer in replayed_run(recording, choice):
                 statuses[_status(answer)] += 1
+                last[:] = [answer]
                 yield answer
 
         figures = scan_figures(recording, choice.grid, answers())
+        if self.picture is not None:
+            truth = next((t for t in recording.of(GroundTruth) if t.step == last[0].step), None)
+            ground = None if truth is None else true_heights(recording, choice.grid, truth)
+            write_picture(self.picture, last[0], ground)
         return {"recording": str(self.recording), "lost": recording.lost, "status": dict(statuses), **figures}
 
     def _bag(self, model: Path) -> tuple[dict[str, Any], list[Heightmap]]:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from saltus.ros2.dds import DdsNode
     from saltus.wire.ros2_node import Ros2Node
 
+NO_JOINTS = "none"
 DDS = "pip install 'saltus[dds]'"
 NAMESPACE = r"/?[A-Za-z]\w*(/[A-Za-z]\w*)*"
 DOMAIN_MAX = 232  # of DDS
@@ -54,7 +55,7 @@ class Ros2(EndpointOption):
     camera_info: str = "/camera/depth/camera_info"
     """Taken with --take: sensor_msgs/CameraInfo of these images."""
     joints: str = "/joint_states"
-    """Taken with --take: sensor_msgs/JointState."""
+    """Taken with --take: sensor_msgs/JointState; none, for heights of any grid, of a robot with other legs."""
     imu: str = "/imu/data"
     """Taken with --take: sensor_msgs/Imu in the frame of the trunk."""
     odometry: str = "/odom"
@@ -87,7 +88,13 @@ class Ros2(EndpointOption):
         wall = WallClock(config)
         unit_m = found.setup.camera.depth_unit_m if self.depth_unit_m is None else self.depth_unit_m
         intake = RosIntake(
-            robot, wall, self.joint_names, arrival=self.arrival_times, depth=self.depth, depth_unit_m=unit_m
+            robot,
+            wall,
+            self.joint_names,
+            arrival=self.arrival_times,
+            has_joints=self.joints != NO_JOINTS,
+            depth=self.depth,
+            depth_unit_m=unit_m,
         )
         exporter = Exporter(robot, wall, base=self.base_frame, whole=not self.take)
         with (
@@ -103,6 +110,8 @@ class Ros2(EndpointOption):
                     "depth": self.depth, "camera_info": self.camera_info, "joints": self.joints, "imu": self.imu,
                     "odometry": self.odometry,
                 }  # fmt: skip
+                if self.joints == NO_JOINTS:
+                    del topics["joints"]
                 receiver = Receiver(bus, node, intake, topics, RunClock.of(config), _tell)
             run(bus, node, sender, receiver)
             print("the run has ended" if node.connected() else f"the router at {self.ros_router} is gone")

@@ -74,7 +74,7 @@ class Receiver:
         self._counted: dict[str, int] = {}
         self._image_s, self._told_s = -math.inf, -math.inf
         self._next_s = time.monotonic()
-        types = types_of(topics["depth"])
+        types = {kind: name for kind, name in types_of(topics["depth"]).items() if kind in topics}
         self._slots = {kind: Slot(bus.bell) for kind in types}
         for kind, slot in self._slots.items():
             node.subscribe(topics[kind], types[kind], ros.hash_of(types[kind]), slot)

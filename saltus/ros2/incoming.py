@@ -61,6 +61,7 @@ class RosIntake:
         clock: Turns their stamps into times of the run.
         joints: Names of their joints.
         arrival: Take messages to be true when they arrive, for robots whose stamps are no wall clock.
+        has_joints: False of a robot whose joints nobody tells: its legs are unknown, which heights of any grid bear.
         depth: Topic of the depth images. Its name says whether they are compressed, and whether they are rectified.
         depth_unit_m: Metres that one step of their depth images is; as ROS has it (REP 118), if None.
 
@@ -70,7 +71,7 @@ class RosIntake:
 
     def __init__(
         self, robot: Robot, clock: WallClock, joints: tuple[str, ...] = (), *, arrival: bool = False,
-        depth: str = DEPTH, depth_unit_m: float | None = None,
+        has_joints: bool = True, depth: str = DEPTH, depth_unit_m: float | None = None,
     ) -> None:  # fmt: skip
         if depth_unit_m is not None:
             check_depth_unit(depth_unit_m)
@@ -80,6 +81,7 @@ class RosIntake:
         self.rejected: Counter[str] = Counter()
         """Messages that were of no use, by "kind/reason"."""
         self._names = joints or JOINTS
+        self._needed = ("joints", "imu", "odometry") if has_joints else ("imu", "odometry")
         self._robot = robot
         self._legs = LegKinematics(robot)
         self._clock = clock
@@ -109,7 +111,7 @@ class RosIntake:
         """The robot as its newest readings have it; None while one is missing or too old."""
         if self.missing(now_ns):
             return None
-        joints, imu, odometry = (self._newest[kind].message for kind in ("joints", "imu", "odometry"))
+        imu, odometry = (self._newest[kind].message for kind in ("imu", "odometry"))
         turned = imu.orientation if imu.orientation_covariance[0] != NO_ATTITUDE else odometry.pose.pose.orientation
         quaternion = np.array([turned.w, turned.x, turned.y, turned.z])
         norm = float(np.linalg.norm(quaternion))
@@ -118,9 +120,8 @@ class RosIntake:
             return None
         quaternion /= norm
         rotation = rotation_matrix(quaternion)
-        order = self._order(joints)
-        position = self._ordered(joints.position, order)
-        feet = self._legs.position(position) @ rotation.T
+        position, velocity, torque, height = self._joints(rotation)
+        place = _vector(odometry.pose.pose.position)
         self._steps += 1
         return RobotState(
             time_ns=now_ns,
@@ -129,23 +130,35 @@ class RosIntake:
             angular_velocity_base=_vector(imu.angular_velocity),
             acceleration_base=_vector(imu.linear_acceleration),
             joint_position=position,
-            joint_velocity=self._ordered(joints.velocity, order),
-            joint_torque=self._ordered(joints.effort, order),
+            joint_velocity=velocity,
+            joint_torque=torque,
             velocity_base_in_world=rotation @ _vector(odometry.twist.twist.linear),
-            base_height=float(self._robot.foot_radius - feet[:, 2].min()),  # its lowest foot stands
+            base_height=height,
             leg_contact=np.ones(4, np.bool_),
             leg_progress=np.full(4, 0.5),
             leg_trusted=np.zeros(4, np.bool_),  # nobody says which feet surely stand
             cycle=0,
             mode=ControllerMode.RUN,
             depth_due=-1,
+            position_base_in_odometry=place if place.any() else np.zeros(0),  # all zeros: nobody has set it
         )
+
+    def _joints(self, rotation: Floats) -> tuple[Floats, Floats, Floats, float]:
+        """Angles, speeds, torques, and height of the base where the lowest foot stands, or usually [m]."""
+        if "joints" not in self._needed:
+            return self._robot.stand_pose, np.zeros(len(JOINTS)), np.zeros(len(JOINTS)), self._robot.stand_height
+        joints = self._newest["joints"].message
+        order = self._order(joints)
+        position, velocity, torque = (
+            self._ordered(values, order) for values in (joints.position, joints.velocity, joints.effort)
+        )
+        feet = self._legs.position(position) @ rotation.T
+        return position, velocity, torque, float(self._robot.foot_radius - feet[:, 2].min())
 
     def missing(self, now_ns: int) -> list[str]:
         """Parts of a state that have not come or are too old."""
         oldest_ns = now_ns - round(1e9 * HELD_S)
-        needed = ("joints", "imu", "odometry")
-        return [kind for kind in needed if kind not in self._newest or self._newest[kind].time_ns < oldest_ns]
+        return [kind for kind in self._needed if kind not in self._newest or self._newest[kind].time_ns < oldest_ns]
 
     def _image(self, image: Any, time_ns: int) -> DepthFrame:
         if "camera_info" not in self._newest:

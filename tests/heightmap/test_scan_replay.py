@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from walked_stairs import carried
@@ -54,8 +55,16 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_figures_are_those_of_the_ground_of_the_run(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["replay", str(recording), "--grid", "scan", "--json"]) == 0
+def test_figures_and_the_picture_are_those_of_the_ground_of_the_run(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture = tmp_path / "scan.png"
+    assert main(["replay", str(recording), "--grid", "scan", "--picture", str(picture), "--json"]) == 0
+    image = cv2.imread(str(picture))
+    assert image is not None
+    width = image.shape[1]
+    heights, truth = image[64:-40, : width // 4], image[64:-40, width // 4 : width // 2]
+    assert np.abs(heights.astype(float) - truth).mean() < 15.0  # of 255: they look alike
     found = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert found["points"] == SCAN.size
     assert sum(found["status"].values()) == STEPS

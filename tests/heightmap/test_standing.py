@@ -12,6 +12,7 @@ from samples import setup_of
 
 from saltus.cli.main import main
 from saltus.config import RunConfig
+from saltus.grid import SCAN
 from saltus.heightmap.evaluation.standing import PLACE, check_standing
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
@@ -164,3 +165,21 @@ def test_it_needs_one_thing_to_look_at(tmp_path: Path, capsys: pytest.CaptureFix
     assert main(["heightmap", "check"]) == 2
     assert main(["heightmap", "check", str(tmp_path), "--run-dir", str(tmp_path)]) == 2
     assert capsys.readouterr().err.count("needs a recording, or --run-dir") == 2
+
+
+@pytest.mark.parametrize(("off_m", "named"), [(0.0, []), (0.04, ["heights"])])
+def test_a_scan_is_judged_where_it_was_seen(
+    standing: Recording, tmp_path: Path, off_m: float, named: list[str]
+) -> None:
+    """Points that no image has shown may be anywhere."""
+
+    def scanned(message: Any, index: int) -> Message | None:
+        heights = np.full(187, -standing.of(RobotState)[0].base_height + off_m)
+        ages = np.full(187, 0.06)
+        ages[100:], heights[100:] = np.inf, 5.0
+        return replace(
+            message, x=np.array(SCAN.x), y=np.array(SCAN.y), height=heights, half_width_90=np.full(187, 0.02),
+            age_s=ages, seen_share=100 / 187,
+        )  # fmt: skip
+
+    assert bad(changed(standing, tmp_path / "scan.mcap", Heightmap, scanned, None)) == named

@@ -99,6 +99,21 @@ def test_a_state_that_goes_to_ros_and_back_is_the_same(name: str, attitude: bool
         assert not intake.rejected
 
 
+@pytest.mark.parametrize("place", [np.zeros(3), np.array([3.0, -1.0, 0.4])])
+def test_a_robot_with_other_legs_needs_no_joints_and_its_odometry_says_where_it_is(place: np.ndarray) -> None:
+    """A position that nobody has set is none."""
+    intake = RosIntake(ROBOT, LOCKSTEP, has_joints=False)
+    sent: Any = replace(dict(run_messages(0))["controller/state"], time_ns=NOW_NS)  # type: ignore[arg-type]
+    assert intake.missing(NOW_NS) == ["imu", "odometry"]
+    for kind, message in (("imu", imu_of(sent)), ("odometry", ros.odometry(NOW_NS, "base", place, sent))):
+        intake.take(kind, ros.payload_of(message), NOW_NS)
+    state = intake.state(NOW_NS)
+    assert state is not None
+    np.testing.assert_allclose(state.position_base_in_odometry, place if place.any() else np.zeros(0))
+    np.testing.assert_allclose(state.velocity_base_in_world, sent.velocity_base_in_world, atol=1e-12)
+    assert not state.leg_trusted.any()
+
+
 def test_readings_that_are_old_are_not_used_and_said_to_be_missing() -> None:
     intake, sent = RosIntake(ROBOT, LOCKSTEP), replace(dict(run_messages(0))["controller/state"], time_ns=NOW_NS)  # type: ignore[arg-type]
     assert intake.missing(NOW_NS) == ["joints", "imu", "odometry"]
