@@ -1,9 +1,8 @@
 """Any robot on the bus, without Saltus: it sends states and depth images, and is told 187 heights and an observation.
 
     pip install eclipse-zenoh numpy rosbags
-    saltus router --grid scan --out runs/mine                                  # one terminal
-    saltus heightmap serve --run-dir runs/mine --dialect isaaclab \
-        --cameras examples/scan_camera.toml --body none                        # another
+    saltus router --grid scan --camera examples/scan_camera.toml --out runs/mine   # one terminal
+    saltus heightmap serve --run-dir runs/mine --dialect isaaclab --body none      # another
     python examples/scan_robot.py runs/mine/client.json5
 
 Here a robot without known legs goes over level ground at 0.3 m/s, 0.4 m above it, and its camera sees just that: put
