@@ -55,7 +55,7 @@ class Serve(ScanOptions):
     assume_level: Flag = False
     """With --recording: take the robot to stand still and level."""
     robot: str = DEFAULT_ROBOT
-    """Of a RealSense recording: name, or path of an MJCF or of a folder with a robot.toml."""
+    """Robot of a RealSense recording: name, or path of an MJCF or of a folder with a robot.toml."""
     level: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(default_factory=LevelRobot)
     robots: Annotated[tuple[str, ...], shown("PREFIX [PREFIX ...]", "the one of run.toml")] = ()
     """Prefixes of the robots to serve, e.g. robot/0 robot/1."""
