@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 from saltus.cli.main import main
+from saltus.dialects import DIALECTS
+from saltus.grid import SCAN
 from saltus.robots.loading import load_robot
 from saltus.runtime.run_folder import CLIENT_FILE, endpoint_of, read_run
 from saltus.wire import schemas
@@ -103,3 +105,32 @@ def test_a_router_says_what_runs(run_dir: Path) -> None:
         sample = bus.latest("status", "heightmap").wait(PATIENCE_S)
     assert sample is not None
     assert sample.message.time_ns >= before_ns - 10**9  # the run's clock is that of the machine
+
+
+def test_any_robot_without_saltus_is_told_187_heights_and_its_policys_observation(tmp_path: Path) -> None:
+    """Whether images come in time is up to this computer: they are looked at all the same."""
+    examples = EXAMPLE.parent
+    camera = ("--camera", str(examples / "scan_camera.toml"))
+    with running("router", "--grid", "scan", *camera, "--out", str(tmp_path)) as router:
+        assert router.stdout is not None
+        assert router.stdout.readline().startswith("router at")
+        with ZenohBus(endpoint_of(tmp_path), "robot/0") as bus:
+            status, heights = bus.latest("status", "heightmap"), bus.latest("heightmap/heightmap")
+            flags = ("--dialect", "isaaclab", "--body", "none")
+            with running("heightmap", "serve", "--run-dir", str(tmp_path), *flags):
+                assert status.wait(PATIENCE_S) is not None
+                command = [sys.executable, str(examples / "scan_robot.py"), str(tmp_path / CLIENT_FILE)]
+                with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as robot:
+                    assert robot.stdout is not None
+                    assert ": 187 heights, " in robot.stdout.readline()
+                    until_s = time.monotonic() + PATIENCE_S
+                    told: Heightmap | None = None
+                    while time.monotonic() < until_s and (told is None or told.seen_share < 0.3):
+                        sample = heights.wait(PATIENCE_S)
+                        told = None if sample is None else sample.message
+                    robot.terminate()
+    assert told is not None
+    assert told.seen_share >= 0.3
+    seen = np.isfinite(told.age_s)
+    np.testing.assert_allclose(told.height[seen], -0.4, atol=0.03)
+    np.testing.assert_allclose(told.observation, DIALECTS["isaaclab"].observation(told.height, SCAN), atol=1e-9)
