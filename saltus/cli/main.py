@@ -37,6 +37,7 @@ COMMANDS = {
     "controller": "Controller",
     "real2sim": "Real2sim",
     "robot": "RobotCommand",
+    "terrain": "TerrainCommand",
     "paper": "PaperCommand",
     "bench": "Bench",
 }

@@ -11,6 +11,7 @@ import numpy as np
 from saltus.config import TerrainConfig, load
 from saltus.errors import ConfigError, nearest_hint
 from saltus.terrain import clutter, flat, level, ramp
+from saltus.terrain.course import CourseFamily, course_family, shipped_courses
 from saltus.terrain.own import OwnFamily, own_families
 from saltus.terrain.terrain import TRENCH_DEPTH, Terrain, checked
 
@@ -136,7 +137,7 @@ def make_terrain(config: TerrainConfig) -> Terrain:
             terrain does not have.
     """
     given = {name: value for name in SIZES if (value := getattr(config, name)) is not None}
-    if config.terrain.endswith(FILE_SUFFIX):
+    if config.terrain.endswith(FILE_SUFFIX) and course_family(config.terrain) is None:
         return _from_file(config, given)
     family = find_family(config.terrain)
     if config.layout_seed < 0:
@@ -151,22 +152,27 @@ def make_terrain(config: TerrainConfig) -> Terrain:
     return family(config.difficulty, rng)
 
 
-def find_family(name: str) -> SizedFamily | OwnFamily:
+def find_family(name: str) -> SizedFamily | CourseFamily | OwnFamily:
     """The family of that name.
 
     Raises:
         ConfigError: there is none.
     """
+    if (course := course_family(name)) is not None:
+        return course
     families: dict[str, SizedFamily] | dict[str, OwnFamily] = _BROUGHT if name in _BROUGHT else own_families()
     if name not in families:
         if name.endswith(FILE_SUFFIX):
             raise ConfigError(f"{name} is one course, without difficulties: let a family of yours return it")
-        raise ConfigError(f"no terrain '{name}': {nearest_hint(name, [*_BROUGHT, *families])}; or give a TOML file")
+        known = [*_BROUGHT, *shipped_courses(), *families]
+        raise ConfigError(f"no terrain '{name}': {nearest_hint(name, known)}; or give a TOML file")
     return families[name]
 
 
 def is_drawn(config: TerrainConfig) -> bool:
     """True where terrains of another layout seed differ."""
+    if course_family(config.terrain) is not None:
+        return True
     if config.terrain.endswith(FILE_SUFFIX):
         return False
     family = _BROUGHT.get(config.terrain)
