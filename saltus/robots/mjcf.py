@@ -91,7 +91,7 @@ class _Deriver:
         for name in fields:
             self._note(name, "model")
         fields["trunk_size"] = self._take("trunk_size", size, "model", "box around what is solid of the trunk")
-        fields["trunk_center"] = center
+        fields["trunk_center"] = self._take("trunk_center", center, "model", "its middle")
         rods = [link for k, link in enumerate(LINKS) if any(kept_rod(self._model, leg, k) is None for leg in legs)]
         if rods:
             self._note("mjcf", "guessed", f"the rods that stand for {', '.join(rods)}: from their lengths")

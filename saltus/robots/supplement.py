@@ -30,6 +30,7 @@ class Supplement:
     armature: PerJoint = None
     gains: dict[str, float] = field(default_factory=dict)
     trunk_size: Numbers = None
+    trunk_center: Numbers = None
     inertia: Numbers = None
     swing_foot_z: Numbers = None
     neutral_foot: Numbers = None

@@ -141,13 +141,14 @@ def test_the_toml_wins(tmp_path, path):
     toml = tmp_path / "robot.toml"
     toml.write_text(
         f'name = "other"\nmjcf = "{path}"\nstand_pose = [0.0, 0.8, -1.6]\ntorque_limit = [30, 30, 40]\n'
-        "camera_pitch = 0.3\nstand_height = 0.5\n[gains]\nstand_kp = 500.0\n"
+        "camera_pitch = 0.3\nstand_height = 0.5\ntrunk_center = [0.1, 0.0, 0.0]\n[gains]\nstand_kp = 500.0\n"
     )
     for source in (toml, tmp_path):
         robot = load_robot(str(source))
         assert (robot.name, robot.camera_pitch, robot.stand_height, robot.gains.stand_kp) == ("other", 0.3, 0.5, 500.0)
         np.testing.assert_array_equal(robot.stand_pose, [0.0, 0.8, -1.6] * 4)
         np.testing.assert_array_equal(robot.torque_limit, [30.0, 30.0, 40.0] * 4)
+        np.testing.assert_array_equal(robot.trunk_center, [0.1, 0.0, 0.0])
     derivation = derive(path, toml)
     assert _origin(derivation, "torque_limit") == "toml "
     assert _origin(derivation, "gains").startswith("toml stand_kp guessed stand_kd")
