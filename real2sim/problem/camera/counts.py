@@ -37,7 +37,7 @@ CHANCE_MODEL = 0.2  # of the copies that are usual
 EDGE_MODEL_PX = 0.3  # what a camera without effects may lose or copy at an edge
 
 
-NOISE, HOLES, COPIES, LOST, USUAL, FILLED = range(6)
+NOISE, HOLES, COPIES, LOST, USUAL, FILLED, PATTERN = range(7)
 Row = tuple[int, int, float, float, float, float, float]
 """Kind, segment, time, value, standard deviation, the same where more is expected, argument."""
 
@@ -47,8 +47,8 @@ class CountRows:
     """Each row: its kind, segment, time, what was measured, its standard deviation, and what it depends on."""
 
     kind: Indices
-    """0 noise, 1 holes, 2 copies, 3 lost images, 4 what noise is usual, 5 filled holes; shape
-    (rows,)."""
+    """0 noise, 1 holes, 2 copies, 3 lost images, 4 what noise is usual, 5 filled holes, 6 what
+    repeats in the noise; shape (rows,)."""
     segment: Indices
     time_s: Floats
     value: Floats
@@ -72,12 +72,14 @@ class CountRows:
         constant = (1e-3 * np.exp(effects.noise_floor_constant)) ** 2
         left = _left(effects)
         expected = np.choose(
-            self.kind, [0.0, left, effects.edge_holes - left, 0.0, effects.noise_floor_level, effects.hole_fill]
+            self.kind, [0.0, left, effects.edge_holes - left, 0.0, effects.noise_floor_level, effects.hole_fill, 0.0]
         )
         value = self.value.copy()
         is_noise, is_lost = self.kind == NOISE, self.kind == LOST
         expected[is_noise] = np.log(filtered * (quadratic * self.argument[is_noise] + constant) + (1e-3**2) / 12.0)
-        value[is_noise] = self.noise.log_variances(predicted)
+        # no effect repeats itself from image to image, or along a column
+        value[self.kind == PATTERN] = repeating = self.noise.log_repeating(predicted)
+        value[is_noise] = self.noise.log_variances(predicted) - repeating
         residual = (value - expected) / np.where(expected > value, self.sigma_above, self.sigma)
         residual[is_lost] = _signed_deviance(self.value[is_lost], self.argument[is_lost], effects.frame_drop)
         return np.asarray(residual)
@@ -121,12 +123,15 @@ def counted_rows(data: CameraData) -> CountRows:
 
 
 def _noise_rows(data: CameraData, noise: NoiseParts) -> list[Row]:
-    values = noise.log_variances(data.predicted)
+    """Two rows for each part: its noise, and by how much structure that repeats would make it look larger."""
+    repeating = noise.log_repeating(data.predicted)
+    values = noise.log_variances(data.predicted) - repeating
     sigma = np.hypot(noise.deviation, NOISE_MODEL)
-    return [
-        (NOISE, int(k), _middle_s(data, k), float(value), float(s), float(s), float(range4))
-        for k, value, s, range4 in zip(noise.segment, values, sigma, noise.range4, strict=True)
-    ]
+    rows = []
+    for k, *found, s, range4 in zip(noise.segment, values, repeating, sigma, noise.range4, strict=True):
+        for kind, value, argument in zip((NOISE, PATTERN), found, (range4, 0.0), strict=True):
+            rows.append((kind, int(k), _middle_s(data, k), float(value), float(s), float(s), float(argument)))
+    return rows
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.special import ndtri
 
-from saltus.arrays import Floats
+from saltus.arrays import Floats, Indices
 
 BINS = 10
 FEWEST = 40  # second differences in a bin: their spread is then known to a tenth
@@ -61,6 +61,27 @@ def log_variance(difference: Floats, depth: Floats) -> tuple[float, float]:
     # neighbouring differences share two of three samples: about half of them are worth one
     # independent each
     return float(np.log(variance)), float(np.sqrt(4.0 / max(count, 2)))
+
+
+def log_repeating(difference: Floats, depth: Floats, group: Indices, block: Indices) -> float:
+    """Logarithm of the variance of differences [m] over that of what does not repeat, 0 where nothing does.
+
+    The mean product of two differences of one group is what repeats in it. Pairs of one block of
+    the group, or of neighbouring blocks, do not count, as noise that lasts for a while or covers a
+    few pixels makes them alike. `group` and `block` count from 0; shapes (n,).
+    """
+    variance, _ = _variance(difference, depth)
+    kept = np.clip(difference, -OUTLIER * np.sqrt(variance), OUTLIER * np.sqrt(variance))
+    blocks = int(block.max()) + 1
+    place, size = group * blocks + block, (int(group.max()) + 1) * blocks
+    sums, counts = (np.bincount(place, weights, size).reshape(-1, blocks) for weights in (kept, np.ones_like(kept)))
+    apart = np.abs(np.subtract.outer(np.arange(blocks), np.arange(blocks))) > 1
+    products, pairs = (np.einsum("gb,bc,gc->", each, apart.astype(float), each) for each in (sums, counts))
+    if pairs < FEWEST**2:
+        return 0.0
+    # rounding of a scene that stands still repeats, too
+    repeating = max(float(products / pairs) - LEAST_M**2, 0.0)
+    return float(np.log(variance / max(variance - repeating, LEAST_M**2)))
 
 
 def _variance(difference: Floats, depth: Floats) -> tuple[float, int]:

@@ -36,7 +36,10 @@ class CameraProblem(Problem):
     name = "camera"
     blocks = ("camera",)
     places = ({"camera": "camera"},)
-    signals = ("noise", "holes", "copies", "lost images", "usual noise", "filled holes", "end of range", "depth")
+    signals = (
+        *("noise", "holes", "copies", "lost images", "usual noise", "filled holes", "noise that repeats"),
+        *("end of range", "depth"),
+    )
     simulator_disagreement = 0.2  # rays are exact: two ray casters differ by less than noise
 
     def __init__(self, log: RunLog) -> None:
