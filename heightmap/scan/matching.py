@@ -9,6 +9,8 @@ the five.
 
 from typing import NamedTuple
 
+import numpy as np
+
 from saltus.arrays import Array, namespace
 from saltus.heightmap.scan.cells import CellHeights
 from saltus.heightmap.scan.settings import MapSettings
@@ -42,7 +44,12 @@ def drift(
     weight = xp.where(used, settings.independent / total, 0.0)
     batch, one = len(height), xp.ones_like(residual)
     columns = [-slopes[0], -slopes[1], one, away[1] * one, -away[0] * one, residual]
-    factors = xp.reshape(xp.stack(columns, axis=1), (batch, len(columns), -1))
+    if isinstance(weight, np.ndarray) and batch == 1:  # an image hits one cell in eight
+        cells = np.flatnonzero(weight)
+        factors = np.stack([column.reshape(-1)[cells] for column in columns])[None]
+        weight = weight.reshape(-1)[cells]
+    else:
+        factors = xp.reshape(xp.stack(columns, axis=1), (batch, len(columns), -1))
     products = (factors[:, :-1] * xp.reshape(weight, (batch, 1, -1))) @ xp.matrix_transpose(factors)
     priors = [settings.step_m] * 3 + [settings.tilt_rad] * 2
     matrix = [[products[:, i, j] + (i == j) * prior**-2 for j in range(i + 1)] for i, prior in enumerate(priors)]
