@@ -97,6 +97,14 @@ def _parameter(f: "Field[Any]") -> str:
     return f"| `{f.name}` | {m['unit']} | {null} | {_shown(m['low'])} | {_shown(m['high'])} | {joints} |"
 
 
+def _read_by_the_network() -> list[str]:
+    """Fields of a state that make the network's proprioception, in the order in which it reads them."""
+    law = ast.parse(inspect.getsource(features.proprioception_of_states))
+    read = [each for each in ast.walk(law) if isinstance(each, ast.Attribute)]
+    names = {each.attr: each.lineno for each in read if ast.unparse(each.value) == "states"}
+    return sorted(names.keys() & STATE, key=names.__getitem__)
+
+
 def messages_page() -> str:
     """Every topic, and every message with its fields."""
     parts = [
@@ -115,7 +123,7 @@ def messages_page() -> str:
         _wrapped(textwrap.dedent(messages.__doc__ or "").split("\n\n", 1)[1]),
         "## What the heightmap network reads",
         "Of `controller/state`: "
-        + ", ".join(f"`{name}`" for name in inspect.signature(features.proprioception).parameters if name in STATE)
+        + ", ".join(f"`{name}`" for name in _read_by_the_network())
         + ", and the capture time in the header. Of `camera/depth`: the image, its intrinsics, unit and capture time. "
         "Besides these the service needs `step`, which must rise with each state, and `frame_id`, which must rise by "
         "one with each image: images that are left out count as lost, and what does not rise is not taken. If your "
