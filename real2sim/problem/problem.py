@@ -102,7 +102,7 @@ class Candidate:
     hunts."""
     least_closed: float = 0.0
     """Smallest part of `closable_share` that it closes where it alone is hidden; what it closes
-    less of, and leaves a gap, is none of it."""
+    less of, and leaves more than correct simulations differ by, is none of it."""
     coordinates: Coordinates | None = None
     """None where the unknowns that are not `stated` are the parameters of the same names, less
     their null values (shapes: as they are)."""

@@ -132,8 +132,9 @@ def _rule(
     if not chosen.fit.model:
         return _unnamed(problem, comparison, null)
     is_tested = bool(null.fit.residuals[:, tested.rows].any())
-    leaves_gap = tested.largest_rms(tested.structure(final)) >= least
-    share = decide.explained_share(comparison, chosen.fit.model, leaves_gap=leaves_gap)
+    left = tested.largest_rms(tested.structure(final))
+    leaves_gap, leaves_more = left >= least, left >= least * problem.simulator_disagreement
+    share = decide.explained_share(comparison, chosen.fit.model, leaves_gap=leaves_gap, leaves_more=leaves_more)
     is_closed = is_tested and _closed(comparison, tested, null.fit.residuals, final) >= share
     if len(chosen.fit.model) > 2:  # three effects imitate a fourth, but not to within noise
         is_closed = is_closed and not leaves_gap

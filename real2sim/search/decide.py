@@ -203,11 +203,17 @@ def may_gain(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
     return is_left and (len(fit.model) < 2 or left <= 1.0 - PROMISING_SHARE)
 
 
-def explained_share(comparison: ModelComparison, model: Model, *, leaves_gap: bool = True) -> float:
-    """Share of the gap that a model must close to be an explanation; less where it leaves none."""
+def explained_share(
+    comparison: ModelComparison, model: Model, *, leaves_gap: bool = True, leaves_more: bool = True
+) -> float:
+    """Share of the gap that a model must close to be an explanation; less where it leaves none.
+
+    Also less where it leaves no more than correct simulations of its own problem differ by, which may be less than a
+    gap: rays are exact.
+    """
     candidates = [c for c in comparison.layout.candidates if c.effect in model]
     share = (CLOSED_SHARE if leaves_gap else CLOSED_WITHIN)[len(model) - 1]
-    if len(model) == 1 and leaves_gap:
+    if len(model) == 1 and leaves_more:
         share = max(share, *(c.least_closed for c in candidates))
     return share * min(c.closable_share for c in candidates)
 

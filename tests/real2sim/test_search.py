@@ -8,6 +8,7 @@ from one_joint import WHERES as JOINTS
 from one_joint import OneJoint
 
 from benchmarks.left_out import NarrowedProblem
+from saltus.real2sim.search.decide import REMAINDER_RMS
 from saltus.real2sim.search.search import search
 
 BLOCKS = ("FR", "FL")
@@ -156,6 +157,17 @@ def test_an_effect_that_alone_closes_too_little_and_leaves_a_gap_is_not_named(le
     problem = LinearProblem(sizes("e1", 8.0) | sizes("e5", 3.5))
     problem.candidates = tuple(replace(c, least_closed=least) for c in problem.candidates)
     assert search(NarrowedProblem(problem, ["e5"])).verdict == verdict
+
+
+@pytest.mark.parametrize("disagreement", [1.0, 0.2])
+@pytest.mark.parametrize("seed", range(4))
+def test_simulators_that_agree_leave_no_more_beside_the_effect_that_is_named(seed: int, disagreement: float) -> None:
+    """What is left may be no gap between simulators that differ much, and more than others differ by."""
+    problem = LinearProblem(sizes("e1", 2.0) | sizes("e5", 0.85), seed=seed)
+    problem.candidates = tuple(replace(c, least_closed=0.97) for c in problem.candidates)
+    problem.simulator_disagreement = disagreement
+    findings = search(NarrowedProblem(problem, ["e5"]))
+    assert (findings.verdict == "named") == (findings.remainder < disagreement * REMAINDER_RMS)
 
 
 @pytest.mark.parametrize(("resolution", "names"), [(0.0, ("e1", "e2")), (0.5, ("e1", "e2")), (5.0, ("e1",))])

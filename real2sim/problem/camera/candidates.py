@@ -9,6 +9,9 @@ from saltus.depth import BASELINE_M
 from saltus.effects.image_delivery import CameraLatency, FrameDrop, TemporalSmear
 from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate, sought
 
+GEOMETRY = 0.95
+"""Least share of its gap that an error of geometry closes where it alone is hidden: true ones close 0.985 or more, and
+rays are exact; a bias beside a scale was imitated to 0.90 by a field of view."""
 FLOOR = 1.3e-3  # 1/m: noise of a D435 over z^2 (plane fits on real frames)
 
 
@@ -39,10 +42,9 @@ def camera_candidates(latency_s: float, focal_px: float, ends_m: tuple[float, fl
                 unknowns=lambda values: (1.0 / values["alpha"] - 1.0,),
             ),
         ),
-        _candidate("camera_pitch", sought("offset", 1e-3)),
-        _candidate("camera_height", sought("offset", 1e-3)),
-        *(_candidate(name, sought("scale", 3e-3)) for name in ("camera_fov", "depth_scale")),
-        _candidate("depth_bias", sought("bias", 1e-3)),
+        *(_candidate(n, sought("offset", 1e-3), least_closed=GEOMETRY) for n in ("camera_pitch", "camera_height")),
+        *(_candidate(n, sought("scale", 3e-3), least_closed=GEOMETRY) for n in ("camera_fov", "depth_scale")),
+        _candidate("depth_bias", sought("bias", 1e-3), least_closed=GEOMETRY),
         # of what lies beyond the end, how much is cut; where the end is, images say themselves
         _candidate(
             "range_clip",
