@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks._command import Command
 from benchmarks._measuring import Stopwatch, random_frames
-from saltus.depth import MODEL_CAMERA, Intrinsics, sampled_model_camera
+from saltus.depth import MODEL_CAMERA, Intrinsics, supersampled_model_camera
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.fleet import FleetService, RobotRequest
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -43,7 +43,7 @@ class Benchmark(Command):
         rng, load = np.random.default_rng(0), os.getloadavg()[0]
         network = HeightmapNetwork(load_robot(DEFAULT_ROBOT), resource("models/heightmap.onnx"))
         small = frames(self.ticks, MODEL_CAMERA, rng)
-        large = frames(self.ticks // 2, sampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS), rng)
+        large = frames(self.ticks // 2, supersampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS), rng)
         single = one_robot(network, LevelRobot().states(network.robot, small), small)
         states = LevelRobot().states(network.robot, large)
         rows = [{"n": count, **row(fleet(network, count, states, large))} for count in ROBOTS]

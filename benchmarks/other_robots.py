@@ -27,7 +27,7 @@ from benchmarks._command import Command, progress, tell
 from saltus.arrays import Floats, Indices
 from saltus.config import TerrainConfig
 from saltus.errors import SaltusError
-from saltus.policy.evaluation.evaluate import Evaluation, collect, evaluate
+from saltus.policy.evaluation.evaluate import Evaluation, evaluate, merged
 from saltus.robots.legs import LegKinematics
 from saltus.robots.mjcf import derive
 from saltus.robots.robot import LEGS, Robot
@@ -88,7 +88,7 @@ class Benchmark(Command):
             (robot / SUPPLEMENT_FILE).write_text(supplement, encoding="utf-8")
             flat = TerrainConfig(terrain="flat")
             evaluation = Evaluation(robot=str(robot), grid="line", course=flat, trials=self.trials, seed=self.seed)
-            result = collect(evaluate(evaluation))
+            result = merged(evaluate(evaluation))
         return {
             "bounds": f"{result.successes} of {self.trials}",
             "mean_speed_mps": result.mean_speed_mps,

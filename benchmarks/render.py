@@ -23,7 +23,7 @@ from benchmarks._command import Command, progress
 from benchmarks._measuring import own_processes, processor_s, random_frames, resident_mb
 from saltus.arrays import Floats
 from saltus.config import TerrainConfig
-from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, model_image, sampled_model_camera
+from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, model_image, supersampled_model_camera
 from saltus.effects.effect import map_arrays
 from saltus.errors import SaltusError
 from saltus.render.backends import NAMES, has_driver, make_renderer, make_stereo
@@ -150,7 +150,7 @@ def exposure(case: Case) -> Callable[[], object]:
 def noisy_exposure(case: Case, robots: Poses) -> Callable[[], object]:
     """The chain of the sensor's own pixels, or that for training, in one process."""
     rows, columns = (NATIVE, NATIVE) if case.noise == "native" else (ROWS, COLUMNS)
-    view, instants = sampled_model_camera(rows, columns), instants_s()
+    view, instants = supersampled_model_camera(rows, columns), instants_s()
     optics = Optics.of(view)
     pair = make_stereo(case.backend, TERRAIN, optics, RobotCamera.on(ROBOT, view, legs=case.legs))
     cameras = StereoCamera(StereoConfig(), optics)
@@ -173,7 +173,7 @@ def warp_exposure(case: Case) -> Callable[[], object]:
     from saltus.render.stereo_torch import KorniaWindows
     from saltus.render.warp import WarpRenderer
 
-    view = case.camera if case.noise == "none" else sampled_model_camera(ROWS, COLUMNS)
+    view = case.camera if case.noise == "none" else supersampled_model_camera(ROWS, COLUMNS)
     caster = WarpRenderer(TERRAIN, RobotCamera.on(ROBOT, view, legs=case.legs)).caster
     robots = [torch.as_tensor(array, dtype=torch.float32, device=caster.device) for array in poses(case.batch)]
     optics = Optics.of(view)

@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks._command import Command
 from saltus.arrays import Floats, Reals
 from saltus.config import TerrainConfig
-from saltus.depth import D435I, Intrinsics, sampled_model_camera
+from saltus.depth import D435I, Intrinsics, supersampled_model_camera
 from saltus.effects.signals import DepthImage
 from saltus.render.camera import RobotCamera
 from saltus.render.fit import fit, load_frames
@@ -31,7 +31,7 @@ from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 
 ROBOT = load_robot(DEFAULT_ROBOT)
-NATIVE = sampled_model_camera(5, 5)
+NATIVE = supersampled_model_camera(5, 5)
 HD = Intrinsics(width=1280, height=180, fx=640.0, fy=640.0, cx=640.0, cy=90.0)
 """The sensor's largest mode; fewer rows, which are all alike here."""
 REPEATS = 200

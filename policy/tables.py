@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from saltus.errors import SaltusError
-from saltus.files import whole_file
+from saltus.files import atomic_write
 
 MISSING = "nan"
 """In columns for which a row has no value: a resumed training may have other terrains."""
@@ -55,7 +55,7 @@ def _write(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
     """Writes a whole table, whole or not at all."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     try:
-        with whole_file(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        with atomic_write(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, names, restval=MISSING)
             writer.writeheader()
             writer.writerows(rows)

@@ -14,7 +14,7 @@ from pathlib import Path
 from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import RecordingError, SaltusError
-from saltus.files import whole_file
+from saltus.files import atomic_write
 from saltus.folders import ask_for_room
 from saltus.real2sim.experiments.next_experiment import next_experiment
 from saltus.real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of, supported
@@ -267,7 +267,7 @@ def _write(texts: Mapping[str, str | None], out: Path) -> None:
     try:
         with ExitStack() as files:
             for name, text in texts.items():
-                partial = files.enter_context(whole_file(out / name))
+                partial = files.enter_context(atomic_write(out / name))
                 partial.write_text(text or "", encoding="utf-8")
             if texts.get("report.html"):
                 from saltus.reports.page import bring_plotly

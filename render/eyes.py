@@ -9,14 +9,14 @@ from typing import Any, Protocol
 
 from saltus.arrays import Array, namespace
 from saltus.constants import POLICY_DT
-from saltus.depth import depth_in_millimetres, sampled_model_camera
+from saltus.depth import depth_in_millimetres, supersampled_model_camera
 from saltus.depth_camera import DepthCamera
 from saltus.effects.camera import CameraChain, CameraState
 from saltus.effects.signals import DepthImage
 from saltus.render.stereo.camera import StereoCamera, StereoState
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
 
-SAMPLED = sampled_model_camera(ROWS, COLUMNS)
+SAMPLED = supersampled_model_camera(ROWS, COLUMNS)
 """Pixels of stereo cameras: some rays for each pixel of the model."""
 
 

@@ -48,16 +48,16 @@ BASELINE_M = 0.050
 """Distance of the imagers of a D435i (D435i datasheet)."""
 
 
-def sampled_model_camera(rows: int, columns: int) -> Intrinsics:
-    """The model's camera with `rows` times `columns` samples for each of its pixels."""
+def supersampled_model_camera(samples_down: int, samples_across: int) -> Intrinsics:
+    """The model's camera with `samples_down` times `samples_across` samples for each of its pixels."""
     model = MODEL_CAMERA
     return Intrinsics(
-        width=model.width * columns,
-        height=model.height * rows,
-        fx=model.fx * columns,
-        fy=model.fy * rows,
-        cx=model.cx * columns,
-        cy=model.cy * rows,
+        width=model.width * samples_across,
+        height=model.height * samples_down,
+        fx=model.fx * samples_across,
+        fy=model.fy * samples_down,
+        cx=model.cx * samples_across,
+        cy=model.cy * samples_down,
     )
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Array, Constant, namespace
 from saltus.config import Value, changed, check_between, read_file, read_toml
-from saltus.depth import BASELINE_M, D435I, MODEL_CAMERA, Intrinsics, model_image, sampled_model_camera
+from saltus.depth import BASELINE_M, D435I, MODEL_CAMERA, Intrinsics, model_image, supersampled_model_camera
 from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import Profile
 from saltus.errors import ConfigError, nearest_hint
@@ -207,7 +207,7 @@ SHIPPED = {
     camera.name: camera
     for camera in (
         DepthCamera(name="ideal", image=MODEL_CAMERA, ideal=True),
-        DepthCamera(name="d435i", image=sampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS), sensor=D435I),
+        DepthCamera(name="d435i", image=supersampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS), sensor=D435I),
     )
 }
 """True depth as the model sees it; and the centre crop of a D435i at 424x240, 80 pixels wide, with its errors."""

@@ -18,7 +18,7 @@ class Dialect(Value):
         ConfigError: a number that is none, or a negative clip.
     """
 
-    slow: Literal["x", "y"]
+    outer_axis: Literal["x", "y"]
     """Coordinate that stays while the other one runs: with "y" the first points lie in a row from
     behind the robot to ahead of it, at its right."""
     offset_m: float = 0.0
@@ -28,8 +28,8 @@ class Dialect(Value):
     scale: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.slow not in ("x", "y"):
-            raise ConfigError(f"slow = {self.slow!r}: it must be 'x' or 'y'")
+        if self.outer_axis not in ("x", "y"):
+            raise ConfigError(f"outer_axis = {self.outer_axis!r}: it must be 'x' or 'y'")
         check_between(self, offset_m=(-10.0, 10.0), clip_m=(0.0, math.inf), scale=(-1e3, 1e3))
 
     def observation(self, height: Points, grid: HeightGrid) -> Points:
@@ -45,16 +45,16 @@ class Dialect(Value):
         """
         if height.shape[-1] != grid.size:
             raise ConfigError(f"there are {height.shape[-1]} heights, but the grid has {grid.size} points")
-        if self.slow == "y":
+        if self.outer_axis == "y":
             table = height.reshape(*height.shape[:-1], *grid.shape)
             height = namespace(height).matrix_transpose(table).reshape(height.shape)
         return (-height - self.offset_m).clip(-self.clip_m, self.clip_m) * self.scale
 
 
 DIALECTS = {
-    "isaaclab": Dialect(slow="y", offset_m=0.5, clip_m=1.0),
-    "legged_gym": Dialect(slow="x", offset_m=0.5, clip_m=1.0, scale=5.0),
-    "mjlab": Dialect(slow="y", scale=0.2),
+    "isaaclab": Dialect(outer_axis="y", offset_m=0.5, clip_m=1.0),
+    "legged_gym": Dialect(outer_axis="x", offset_m=0.5, clip_m=1.0, scale=5.0),
+    "mjlab": Dialect(outer_axis="y", scale=0.2),
 }
 """Dialects by name, as the projects' own velocity tasks have them: IsaacLab (`height_scan`,
 `grid_pattern` in the order "xy", clip +-1; robot_lab, unitree_rl_lab and InstinctLab likewise),

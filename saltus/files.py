@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 @contextmanager
-def whole_file(path: Path, *, synced: bool = False) -> Iterator[Path]:
+def atomic_write(path: Path, *, synced: bool = False) -> Iterator[Path]:
     """A path beside a file, to write there what takes its place when that is done.
 
     Args:
@@ -30,8 +30,8 @@ def whole_file(path: Path, *, synced: bool = False) -> Iterator[Path]:
 
 
 def write_whole(path: Path, text: str, *, synced: bool = False) -> None:
-    """Writes a text in UTF-8, see `whole_file`; `OSError` where it cannot."""
-    with whole_file(path, synced=synced) as partial:
+    """Writes a text in UTF-8, see `atomic_write`; `OSError` where it cannot."""
+    with atomic_write(path, synced=synced) as partial:
         partial.write_text(text, encoding="utf-8")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import onnxruntime
 
 from saltus.errors import ConfigError, ModelError
-from saltus.files import whole_file
+from saltus.files import atomic_write
 from saltus.grid import HeightGrid, stated_grid
 from saltus.models import MODEL_ID_DIGITS
 
@@ -172,7 +172,7 @@ def put_model(written: Path, path: Path) -> None:
     One that is killed half-way leaves no wrong checksum.
     """
     checksum = checksum_path(path)
-    with whole_file(checksum) as partial:
+    with atomic_write(checksum) as partial:
         partial.write_text(f"{hashlib.sha256(written.read_bytes()).hexdigest()}  {path.name}\n", encoding="utf-8")
         checksum.unlink(missing_ok=True)
         written.replace(path)

@@ -20,7 +20,7 @@ from saltus.files import whole_folder
 from saltus.heightmap.data.columns import NO_IMAGE_S, Column, columns_of, nested
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import DatasetError, ShardRecord, dataset_hash, read_records, read_shard
-from saltus.robots.shipped import robot_named
+from saltus.robots.shipped import robot_name_in
 
 DATA_FILE = "data/chunk-000/file-{index:03d}.parquet"
 EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
@@ -69,7 +69,7 @@ def export(directory: Path, out: Path, done: Callable[[int], object] = lambda _:
                     arrays = [nested(table[column.name], column.kind) for column in columns]
                     file.write_table(pa.table(arrays, schema=schema), row_group_size=ROW_GROUP)
                     done(len(episode.height))
-        _write_meta(made, robot_named(records[0].config), columns, rows, terrains, statistics)
+        _write_meta(made, robot_name_in(records[0].config), columns, rows, terrains, statistics)
         (made / CROISSANT_FILE).write_text(json.dumps(croissant(records), indent=1) + "\n", encoding="utf-8")
     return Exported(episodes=len(rows), ticks=_index(rows), terrains=tuple(terrains))
 
@@ -182,7 +182,7 @@ def croissant(records: list[ShardRecord]) -> dict[str, Any]:
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
         "name": "saltus-depth-to-heights",
-        "description": f"Noisy depth images of a robot ({robot_named(records[0].config)}) that jumps over stairs, "
+        "description": f"Noisy depth images of a robot ({robot_name_in(records[0].config)}) that jumps over stairs, "
         "stones and gaps, what it knows of itself, and the true heights ahead of it, simulated by Saltus; 100 rows a "
         "second.",
         "conformsTo": "http://mlcommons.org/croissant/1.0",

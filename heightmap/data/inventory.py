@@ -11,7 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from saltus.files import whole_file
+from saltus.files import atomic_write
 from saltus.heightmap.data.shards import (
     LAYOUT,
     PER_FRAME,
@@ -103,7 +103,7 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardRecord]:
     merged = [replace(record, file=f"round_{i:03d}.h5") for i, record in enumerate(records.values())]
     try:
         for record in merged:
-            with whole_file(out / record.file, synced=True) as partial:
+            with atomic_write(out / record.file, synced=True) as partial:
                 shutil.copyfile(found[record.sha256], partial)
         write_manifest(out, merged)
     except OSError as error:

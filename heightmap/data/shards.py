@@ -22,7 +22,7 @@ from saltus.depth_camera import DepthCamera, recorded
 from saltus.effects.camera import NOMINAL_LATENCY
 from saltus.effects.image_delivery import CameraLatency
 from saltus.errors import ConfigError, SaltusError
-from saltus.files import whole_file, write_whole
+from saltus.files import atomic_write, write_whole
 from saltus.grid import HeightGrid, grid_metadata, load_grid
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shard_columns import ShardColumn, check_own, read_column
@@ -138,7 +138,11 @@ def open_shard(directory: Path, *, seed: int, config: dict[str, Any], code: str 
     grid = grid_named(config)
     name = f"round_{len(records):03d}.h5"
     with ExitStack() as ending, _said_in_one_line(directory / name):
-        with whole_file(directory / name, synced=True) as temporary, _pool() as pool, h5py.File(temporary, "w") as file:
+        with (
+            atomic_write(directory / name, synced=True) as temporary,
+            _pool() as pool,
+            h5py.File(temporary, "w") as file,
+        ):
             writer = ShardWriter(file, pool)
             yield writer
             ending.enter_context(uninterrupted())

@@ -42,7 +42,7 @@ def replayed_run(recording: Recording, choice: ScanChoice) -> Iterator[tuple[Rob
         yield state, newest, service.step(state, newest, state.time_ns)
 
 
-def scan_figures(recording: Recording, grid: HeightGrid, answers: Iterable[Heightmap]) -> dict[str, Any]:
+def scan_errors(recording: Recording, grid: HeightGrid, answers: Iterable[Heightmap]) -> dict[str, Any]:
     """Errors [mm], share inside the 90 % interval, median half-width [mm] and share of all points, by visibility.
 
     Only `points` where the recording has no truth, or no image came a second before its end.

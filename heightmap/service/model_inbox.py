@@ -11,7 +11,7 @@ from pathlib import Path
 
 from saltus import config
 from saltus.errors import ModelError
-from saltus.files import whole_file, write_whole
+from saltus.files import atomic_write, write_whole
 from saltus.grid import HeightGrid
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path
@@ -128,8 +128,8 @@ def give(model: Path, run_dir: Path) -> str:
     _answer_path(target).unlink(missing_ok=True)
     try:
         with (
-            whole_file(target) as file,
-            whole_file(checksum_path(target)) as checksum,
+            atomic_write(target) as file,
+            atomic_write(checksum_path(target)) as checksum,
         ):  # first to its place
             shutil.copyfile(model, file)
             shutil.copyfile(checksum_path(model), checksum)

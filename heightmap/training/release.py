@@ -30,7 +30,7 @@ from saltus.heightmap.training.validate import Accuracy, accuracy, episode_input
 from saltus.model_file import put_model
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
-from saltus.robots.shipped import robot_named
+from saltus.robots.shipped import robot_name_in
 
 PARITY_STEPS = 1000
 MAX_DIFFERENCE = 1e-5  # in a tick, see `Release.parity`; single precision is up to 4e-6 off on held-out episodes
@@ -94,7 +94,7 @@ def release(
     held_out = _spread(split(read_dataset(data))[1]) if unseen is None else read_dataset(unseen)
     begun()
     camera = camera_of(data, records)
-    name, grid = robot_named(records[0].config), records[0].grid
+    name, grid = robot_name_in(records[0].config), records[0].grid
     robot = camera.mounted_on(load_robot(name))
     origin = Origin(
         robot=name, grid=grid, camera=camera, latency_s=float(records[0].latency.latency), warmup_frames=1,

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from saltus.errors import ConfigError, ModelError
-from saltus.files import check_archive, whole_file
+from saltus.files import atomic_write, check_archive
 from saltus.folders import ask_for_room, differences
 from saltus.gpu import has_gpu
 from saltus.heightmap.data.delivery import DELIVERIES, DeliveryModel
@@ -287,7 +287,7 @@ def _save(
 ) -> None:
     table = {"origin": origin, "update": update, "model": model.state_dict(), "optimiser": optimiser.state_dict()}
     try:
-        with whole_file(checkpoint) as partial:
+        with atomic_write(checkpoint) as partial:
             torch.save(table, partial)
     except (OSError, RuntimeError) as error:  # torch says RuntimeError where a disk is full
         reason = error.strerror if isinstance(error, OSError) else "the disk may be full"

@@ -168,7 +168,7 @@ def evaluate(
     yield from in_order(run, batches, processes, listener)
 
 
-def collect(batches: Iterable[dict[int, TrialResult]]) -> EvaluationResult:
+def merged(batches: Iterable[dict[int, TrialResult]]) -> EvaluationResult:
     """Puts the batches of `evaluate` together."""
     results = {seed: result for batch in batches for seed, result in batch.items()}
     seeds = tuple(sorted(results))

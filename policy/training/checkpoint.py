@@ -7,7 +7,7 @@ import torch
 
 from saltus.config import from_toml
 from saltus.errors import ConfigError, SaltusError
-from saltus.files import check_archive, whole_file
+from saltus.files import atomic_write, check_archive
 from saltus.policy.env.settings import TrainConfig
 
 NEEDED = {
@@ -19,7 +19,7 @@ NEEDED = {
 def write_checkpoint(path: Path, state: dict[str, Any]) -> None:
     """Writes a checkpoint, whole or not at all; `SaltusError` where there is no room for it."""
     try:
-        with whole_file(path) as partial:
+        with atomic_write(path) as partial:
             torch.save(state, partial)
     except (OSError, RuntimeError) as error:  # torch says RuntimeError where a disk is full
         raise SaltusError(f"cannot write {path}: {str(error).splitlines()[0]}") from error

@@ -19,7 +19,7 @@ import numpy as np
 from saltus.config import TerrainConfig
 from saltus.loop.heights import shifted_heights
 from saltus.model_file import ModelFile
-from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, collect, run_batch
+from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, merged, run_batch
 from saltus.policy.planner import make_planner
 from saltus.policy.training.evaluation_table import EvaluationRow, append_rows, summary
 from saltus.terrain.curriculum import make_terrain
@@ -89,7 +89,7 @@ def evaluate_checkpoint(
 def _results(robot: str, grid: str, model: Path, trials: int, course: str) -> EvaluationResult:
     evaluation = Evaluation(robot=robot, grid=grid, course=course_of(course), trials=trials, seed=FIRST_SEED)
     seeds = range(FIRST_SEED, FIRST_SEED + trials)
-    return collect([run_batch(evaluation, shifted_heights, partial(make_planner, "learned", model=model), seeds)])
+    return merged([run_batch(evaluation, shifted_heights, partial(make_planner, "learned", model=model), seeds)])
 
 
 def _row(course: str, result: EvaluationResult, iteration: int, steps: int) -> EvaluationRow:

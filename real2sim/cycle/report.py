@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from saltus.heightmap.data.shards import read_records
 from saltus.models import ModelKind
-from saltus.policy.evaluation.evaluate import collect, success_interval
+from saltus.policy.evaluation.evaluate import merged, success_interval
 from saltus.policy.evaluation.pictures import picture_strip
 from saltus.provenance import commit
 from saltus.real2sim.cycle.choosing import DRIVES, chosen, verdict
@@ -181,7 +181,7 @@ def _strip(
         models = models_of(folder, when)
         robot = (settings.loop, folder.hidden, known_of(folder, when))
         evaluation = trials_of(*robot, course, seed, 1)
-        trial = collect(run_trials(models, evaluation)).trials[0]
+        trial = merged(run_trials(models, evaluation)).trials[0]
         ended = trial.failure.replace("_", " ") or "success"
         pictures = picture_strip(evaluation.setups([seed])[0], trial.trace)
         head = Markup("<h3>{}, seed {}, {}: {}</h3>").format(course, seed, when, ended)

@@ -17,7 +17,7 @@ from saltus.real2sim.search.findings import FoundEffect, Interval
 from saltus.real2sim.verdict import Verdict
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import Robot
-from saltus.robots.shipped import robot_named
+from saltus.robots.shipped import robot_name_in
 from saltus.trial import Trial
 
 CLOSED_FROM = 0.005  # smaller shares round to 0 %
@@ -217,7 +217,7 @@ def next_steps(judgement: Judgement, directory: Path = Path()) -> list[Step]:
         whys.setdefault(HELD, "hang it up: a robot in the air shows its drives without the ground")
     elif verdict.verdict == "unexplained" and not any(_is_of(log, HELD) for log in logs):
         whys.setdefault(HELD, "all that a held robot's drives can show, each motion twice")
-    return steps + [Step(_experiment_command(name, robot_named(logs[0].meta)), why) for name, why in whys.items()]
+    return steps + [Step(_experiment_command(name, robot_name_in(logs[0].meta)), why) for name, why in whys.items()]
 
 
 def _base(judgement: Judgement) -> str:
@@ -236,7 +236,7 @@ def _is_of(log: RunLog, experiment: str) -> bool:
 
 
 def _experiment_command(experiment: str, robot: str) -> str:
-    own = "" if robot == robot_named({}) else f" --robot {shlex.quote(robot)}"
+    own = "" if robot == robot_name_in({}) else f" --robot {shlex.quote(robot)}"
     return f"saltus real2sim experiments --run {experiment}{own} --out logs/{experiment}"
 
 

@@ -73,7 +73,7 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
         from tqdm import tqdm
 
         from saltus.effects.heightmap_shift import refuse_shift
-        from saltus.policy.evaluation.evaluate import Evaluation, collect, evaluate
+        from saltus.policy.evaluation.evaluate import Evaluation, evaluate, merged
         from saltus.policy.planner import make_planner
 
         planner = partial(make_planner, self.planner, model=self.policy_model)
@@ -99,7 +99,7 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
         heights = self._heights()
         directory = run_directory("policy-eval", self.out) if self.report else None
         with tqdm(total=self.trials, desc="eval", bar_format=BAR, file=sys.stderr) as bar:
-            result = collect(evaluate(evaluation, heights, planner, self.processes, bar.update))
+            result = merged(evaluate(evaluation, heights, planner, self.processes, bar.update))
         table = _as_table(self, result)
         _print_table(result, table["timed"])
         if directory is not None:

@@ -70,7 +70,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
     def _scan(self, choice: "ScanChoice") -> dict[str, Any]:
         """Figures of the heights of a grid: how far they are off the simulator's ground."""
         from saltus.heightmap.evaluation.scan_picture import write_picture
-        from saltus.heightmap.evaluation.scan_replay import replayed_run, scan_figures, true_heights
+        from saltus.heightmap.evaluation.scan_replay import replayed_run, scan_errors, true_heights
         from saltus.recordings.recording import read_recording
 
         recording, statuses, last = read_recording(self.recording), Counter[str](), list[Heightmap]()
@@ -81,7 +81,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
                 last[:] = [answer]
                 yield answer
 
-        figures = scan_figures(recording, choice.grid, answers())
+        figures = scan_errors(recording, choice.grid, answers())
         if self.picture is not None:
             truth = next((t for t in recording.of(GroundTruth) if t.step == last[0].step), None)
             ground = None if truth is None else true_heights(recording, choice.grid, truth)

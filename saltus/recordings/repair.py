@@ -8,7 +8,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from saltus.errors import RecordingError
-from saltus.files import whole_file
+from saltus.files import atomic_write
 from saltus.recordings.recorder import CHUNK_BYTES, LIBRARY, LOST, METADATA, METADATA_END, PROFILE
 from saltus.recordings.recording import Recording, is_recording, read_recording
 
@@ -30,7 +30,7 @@ def repair(path: Path, out: Path) -> Recording:
     try:
         if out.exists():
             raise RecordingError(f"{out} is there already: name another file with --out")
-        with whole_file(out) as partial:
+        with atomic_write(out) as partial:
             _write(recording, partial)
     except OSError as error:
         raise RecordingError(f"cannot write {out}: {error.strerror}") from error

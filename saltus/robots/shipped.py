@@ -18,8 +18,8 @@ REFERENCE = "go1"
 """The robot that the schema of run logs refers to, and whose controller is tuned (`saltus.robots.similarity`)."""
 
 
-def robot_named(table: Mapping[str, Any]) -> str:
-    """Name of the robot in a table of a file (`saltus.config.UNNAMED` where it names none)."""
+def robot_name_in(table: Mapping[str, Any]) -> str:
+    """Name of the robot in a table of a file; the first shipped one (`saltus.config.UNNAMED`) where none is named."""
     return str(table.get("robot", UNNAMED["robot"]))
 
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import zenoh
 
 from saltus.errors import StackError
-from saltus.files import whole_file
+from saltus.files import atomic_write
 from saltus.resources import resource
 
 LOCAL = "unixsock-stream/"
@@ -63,7 +63,7 @@ def write_client(path: Path, endpoint: str, certificate: Certificate | None = No
     settings = json.loads(str(_settings("client", endpoint, speed)))
     if certificate is not None:  # which Zenoh's own text of a configuration leaves out
         settings["transport"]["link"] |= {"protocols": ["tls"], "tls": mutual_tls(certificate, "connect")}
-    with whole_file(path) as partial:
+    with atomic_write(path) as partial:
         partial.unlink(missing_ok=True)  # one that is there may be readable by others
         partial.touch(mode=0o600)
         partial.write_text(f"{json.dumps(settings)}\n", encoding="utf-8")

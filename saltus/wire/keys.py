@@ -15,7 +15,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from saltus.config import load as read_toml_file
 from saltus.config import to_toml
 from saltus.errors import ConfigError, nearest_hint
-from saltus.files import whole_file
+from saltus.files import atomic_write
 from saltus.wire.joining import Certificate, write_client
 from saltus.wire.roles import ROLES, access_control
 from saltus.wire.router import NetworkAccess
@@ -222,7 +222,7 @@ def _read(folder: Path, name: str) -> Certificate:
 
 
 def _save(folder: Path, keys: Keys) -> None:
-    with whole_file(folder / STATE) as new:
+    with atomic_write(folder / STATE) as new:
         _private_file(new).write_text(to_toml(keys), encoding="utf-8")
 
 

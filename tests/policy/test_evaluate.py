@@ -11,14 +11,14 @@ from saltus.config import TerrainConfig
 from saltus.depth_camera import SHIPPED
 from saltus.errors import ConfigError
 from saltus.loop.heights import exact_heights
-from saltus.policy.evaluation.evaluate import Evaluation, collect, courses_of, evaluate
+from saltus.policy.evaluation.evaluate import Evaluation, courses_of, evaluate, merged
 
 FLAT = TerrainConfig(terrain="flat")
 
 
 def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
     evaluation = Evaluation(robot="go1", grid="line", course=FLAT, trials=3, seed=7, time_limit_s=1.2)
-    together = collect(evaluate(evaluation, exact_heights, processes=1))
+    together = merged(evaluate(evaluation, exact_heights, processes=1))
     assert together.seeds == (7, 8, 9)
     assert together.successes == 0
     assert together.failures == {"timeout": 3}
@@ -28,7 +28,7 @@ def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
     assert len(heard) > 3
     assert all(share >= 0.0 for share in heard)
     assert sum(heard) == pytest.approx(3.0)
-    alone = collect(
+    alone = merged(
         evaluate(Evaluation(robot="go1", grid="line", course=FLAT, trials=1, seed=8, time_limit_s=1.2), exact_heights)
     )
     for name, value in asdict(alone.outcomes[0]).items():

@@ -9,7 +9,7 @@ from samples import ROBOT
 from stereo_scenes import poses, wall_and_panel
 
 from saltus.config import TerrainConfig
-from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, sampled_model_camera
+from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, supersampled_model_camera
 from saltus.render.backends import make_renderer, make_stereo
 from saltus.render.camera import RobotCamera
 from saltus.render.stereo.optics import Optics
@@ -21,7 +21,7 @@ from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 
 BACK_ENDS = ("embree", "pyrender", "warp")
-FAST, NATIVE = sampled_model_camera(3, 1), sampled_model_camera(5, 5)
+FAST, NATIVE = supersampled_model_camera(3, 1), supersampled_model_camera(5, 5)
 HALF = replace(D435I, width=212, height=120, fx=105.66, fy=105.66, cx=106.7, cy=60.0)
 
 

@@ -15,7 +15,7 @@ from saltus.depth import (
     Intrinsics,
     depth_in_millimetres,
     model_image,
-    sampled_model_camera,
+    supersampled_model_camera,
 )
 from saltus.effects.effect import map_arrays
 from saltus.render.camera import RobotCamera
@@ -57,7 +57,7 @@ def poses(count: int, ground: Terrain, seed: int = 0) -> tuple[Any, Any, Any]:
 
 def run(rows: int, columns: int, config: StereoConfig, scene: Any, frames: int) -> Any:
     """Pooled images of a batch, shape (frames, n, 48, 16); `scene(camera, optics)` gives depth and what is hidden."""
-    camera = sampled_model_camera(rows, columns)
+    camera = supersampled_model_camera(rows, columns)
     optics = Optics.of(camera)
     depth, hidden = scene(camera, optics)
     stereo = StereoCamera(config, optics)
@@ -96,7 +96,7 @@ def test_fast_chain_has_the_statistics_of_the_native_one(config: StereoConfig) -
 
 
 def _native() -> tuple[Intrinsics, Optics]:
-    camera = sampled_model_camera(NATIVE, NATIVE)
+    camera = supersampled_model_camera(NATIVE, NATIVE)
     return camera, Optics.of(camera)
 
 
@@ -147,7 +147,7 @@ def test_a_frame_of_the_native_chain_becomes_the_models_image() -> None:
 def test_torch_gives_the_images_of_numpy() -> None:
     ground, count = terrain(), 40
     robots = poses(count, ground, seed=8)
-    camera = sampled_model_camera(ROWS, COLUMNS)
+    camera = supersampled_model_camera(ROWS, COLUMNS)
     optics = Optics.of(camera)
     depth, hidden = StereoEmbree(ground, optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(*robots)
     by_numpy, by_torch = (StereoCamera(StereoConfig(), optics, w) for w in (ARRAY_WINDOWS, KorniaWindows()))

@@ -11,7 +11,7 @@ from samples import ROBOT
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from saltus.config import TerrainConfig
-from saltus.depth import sampled_model_camera
+from saltus.depth import supersampled_model_camera
 from saltus.effects.effect import map_arrays
 from saltus.render.camera import RobotCamera
 from saltus.render.holes import filled_along_rows, filled_from_around
@@ -56,7 +56,8 @@ def nothing_on_host(monkeypatch: pytest.MonkeyPatch) -> None:
 def scene(rows: int, columns: int) -> tuple[Optics, torch.Tensor, torch.Tensor]:
     """Robots before and on stairs, legs in view of some."""
     rng = np.random.default_rng(2)
-    terrain, camera = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.06)), sampled_model_camera(rows, columns)
+    terrain = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.06))
+    camera = supersampled_model_camera(rows, columns)
     position = rng.uniform([0.5, -0.1, 0.25], [4.0, 0.1, 0.5], (COUNT, 3))
     position[:, 2] += terrain.height_at(position[:, 0], position[:, 1])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.3, 0.3, (3, COUNT)))
@@ -85,7 +86,7 @@ def images(
 @pytest.mark.parametrize("samples", SAMPLES)
 def test_no_shape_and_no_step_depends_on_values(config: StereoConfig, samples: tuple[int, int]) -> None:
     """Tensors that have a shape but no values go through: to ask for a value, or for how many there are, raises."""
-    camera = sampled_model_camera(*samples)
+    camera = supersampled_model_camera(*samples)
     shape = COUNT, camera.height, camera.width
     depth = torch.empty(shape, device="meta")
     hidden = torch.empty(shape, dtype=torch.bool, device="meta")

@@ -7,7 +7,7 @@ import pytest
 from samples import ROBOT
 
 from saltus.config import TerrainConfig
-from saltus.depth import sampled_model_camera
+from saltus.depth import supersampled_model_camera
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.stereo.doubt import doubtful
 from saltus.render.stereo.optics import Optics
@@ -16,7 +16,7 @@ from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 
-CAMERA = sampled_model_camera(3, 1)
+CAMERA = supersampled_model_camera(3, 1)
 OPTICS = Optics.of(CAMERA)
 COUNT = 60
 NEAR_EDGE = 1e-5  # [m]: Embree counts in float32

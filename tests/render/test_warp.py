@@ -10,7 +10,7 @@ from samples import ROBOT
 
 from saltus.arrays import Floats
 from saltus.config import TerrainConfig
-from saltus.depth import MODEL_CAMERA, Intrinsics, sampled_model_camera
+from saltus.depth import MODEL_CAMERA, Intrinsics, supersampled_model_camera
 from saltus.errors import SaltusError
 from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
@@ -124,7 +124,7 @@ def test_a_camera_under_ground_sees_out_as_meshes_let_it() -> None:
 
 
 def test_the_second_view_is_that_of_embree() -> None:
-    camera = sampled_model_camera(3, 1)
+    camera = supersampled_model_camera(3, 1)
     optics = Optics.of(camera)
     where = robots(100)
     depth, hidden = StereoEmbree(STAIRS, optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(*where)

@@ -80,6 +80,10 @@ def test_what_does_not_fit_is_refused():
         DIALECTS["mjlab"].observation(np.zeros(186), SCAN)
     with pytest.raises(ConfigError, match="isaaclab"):
         dialect_of("isaac_lab")
-    for changes in ({"slow": "z"}, {"slow": "x", "clip_m": -1.0}, {"slow": "x", "scale": float("nan")}):
+    for changes in (
+        {"outer_axis": "z"},
+        {"outer_axis": "x", "clip_m": -1.0},
+        {"outer_axis": "x", "scale": float("nan")},
+    ):
         with pytest.raises(ConfigError, match=list(changes)[-1]):
             Dialect(**changes)

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from saltus.errors import ModelError
-from saltus.files import whole_file
+from saltus.files import atomic_write
 from saltus.heightmap.scan.cells import centres
 from saltus.heightmap.scan.elevation import ElevationMap, Measurement, Surroundings, advanced, new_map
 from saltus.heightmap.scan.planes import MEASURED, Heights, Inputs, inputs_of, remembered
@@ -205,7 +205,7 @@ class Trainer:
             "optimiser": self.optimiser.state_dict(),
         }  # fmt: skip
         try:
-            with whole_file(path) as partial:
+            with atomic_write(path) as partial:
                 torch.save(table, partial)
         except (OSError, RuntimeError) as error:  # torch says RuntimeError where a disk is full
             raise ModelError(f"cannot write {path}: {error}") from error
