@@ -182,6 +182,7 @@ def _merged(place: Place, same: Sequence[Candidate]) -> Candidate:
         resolution=max(c.resolution for c in same),
         closable_share=min(c.closable_share for c in same),
         least_closed=max(c.least_closed for c in same),
+        leaves_chance=any(c.leaves_chance for c in same),
     )
 
 

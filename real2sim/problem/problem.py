@@ -100,6 +100,8 @@ class Candidate:
     closable_share: float = 1.0
     """Share of its gap that a correct model closes; below 1 where chance decides, as when a drive
     hunts."""
+    leaves_chance: bool = False
+    """True where what it leaves may be large, but is another at every repeat of a motion: packets that jitter."""
     least_closed: float = 0.0
     """Smallest part of `closable_share` that it closes where it alone is hidden; what it closes
     less of, and leaves more than correct simulations differ by, is none of it."""

@@ -20,6 +20,7 @@ from saltus.real2sim.search.findings import (
 from saltus.real2sim.search.fit import Evaluator, Fit
 from saltus.real2sim.search.layout import Model, model_of
 from saltus.real2sim.search.quadratic import Quadratic, dispersion, held_out_gains, spread
+from saltus.real2sim.search.repeats import closed_of_repeating
 from saltus.real2sim.search.reported import Groups, misfits_of, stated_model, unseen_of
 from saltus.real2sim.search.split import Cells
 
@@ -136,6 +137,9 @@ def _rule(
     leaves_gap, leaves_more = left >= least, left >= least * problem.simulator_disagreement
     share = decide.explained_share(comparison, chosen.fit.model, leaves_gap=leaves_gap, leaves_more=leaves_more)
     is_closed = is_tested and _closed(comparison, tested, null.fit.residuals, final) >= share
+    if is_tested and decide.leaves_chance(comparison, chosen.fit.model):
+        shows = tested.shows(tested.structure(null.fit.residuals), comparison.size)
+        is_closed |= closed_of_repeating(problem, tested, null.fit.residuals, final, shows) >= share
     if len(chosen.fit.model) > 2:  # three effects imitate a fourth, but not to within noise
         is_closed = is_closed and not leaves_gap
     gaps = _gaps(problem, tested, null.fit.residuals, final)

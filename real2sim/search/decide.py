@@ -218,6 +218,11 @@ def explained_share(
     return share * min(c.closable_share for c in candidates)
 
 
+def leaves_chance(comparison: ModelComparison, model: Model) -> bool:
+    """True where one of the effects leaves what differs from repeat to repeat."""
+    return any(c.leaves_chance for c in comparison.layout.candidates if c.effect in model)
+
+
 def largest_rms(comparison: ModelComparison, fits: dict[Model, Fit], fit: Fit, effect: str) -> float:
     """RMS of what an effect adds to a model, in the cell that shows it best [sigma].
 

@@ -62,15 +62,15 @@ class LinearProblem(Problem):
         noise = rng.normal(size=(len(blocks), 2, rows))
         for k in range(1, rows):
             noise[..., k] = colour * noise[..., k - 1] + np.sqrt(1.0 - colour**2) * noise[..., k]
-        self._measured = noise.reshape(len(blocks), -1) + truth @ self._signatures
+        self.measured = noise.reshape(len(blocks), -1) + truth @ self._signatures
 
     def residuals(self, unknowns: Floats) -> Floats:
-        return np.asarray(self._measured - unknowns @ self._signatures)
+        return np.asarray(self.measured - unknowns @ self._signatures)
 
     def keep_rows(self, rows: Any) -> None:
         """Forgets the other residuals."""
         self.time_s, self.segment, self.signal = self.time_s[rows], self.segment[rows], self.signal[rows]
-        self._measured, self._signatures = self._measured[:, rows], self._signatures[:, rows]
+        self.measured, self._signatures = self.measured[:, rows], self._signatures[:, rows]
 
     def keep_unknowns(self, unknowns: slice) -> None:
         """Forgets what the other unknowns do."""

@@ -6,6 +6,7 @@ import pytest
 from linear_problem import WHERES, ChoiceProblem, LinearProblem
 from one_joint import WHERES as JOINTS
 from one_joint import OneJoint
+from scipy.ndimage import gaussian_filter1d
 
 from benchmarks.left_out import NarrowedProblem
 from saltus.real2sim.search.decide import REMAINDER_RMS
@@ -170,6 +171,37 @@ def test_simulators_that_agree_leave_no_more_beside_the_effect_that_is_named(see
     assert (findings.verdict == "named") == (findings.remainder < disagreement * REMAINDER_RMS)
 
 
+def with_chance(problem: LinearProblem, rms: float, seed: int) -> LinearProblem:
+    """The problem with what is another at every repeat, as slow as its effects."""
+    rows = np.random.default_rng(seed).normal(size=problem.measured.shape)
+    slow = gaussian_filter1d(rows, 5.0, axis=-1)
+    problem.measured = problem.measured + rms * slow / slow.std()
+    return problem
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_differs_from_repeat_to_repeat_may_be_left_by_an_effect_of_chance(seed: int) -> None:
+    rms = np.random.default_rng(seed).uniform(1.5, 2.0)
+    for leaves_chance, verdict in ((False, "unexplained"), (True, "named")):
+        problem = with_chance(LinearProblem(sizes("e1", 6.0), seed=seed), rms, seed)
+        problem.candidates = tuple(
+            replace(c, leaves_chance=leaves_chance, least_closed=0.9) for c in problem.candidates
+        )
+        findings = search(problem)
+        assert findings.verdict == verdict
+        assert {each.name for each in findings.effects} == ({"e1"} if leaves_chance else set())
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("left", ["the same at every repeat", "nothing but chance"])
+def test_no_effect_of_chance_explains_what_repeats_or_chance_alone(left: str, seed: int) -> None:
+    problem = LinearProblem(sizes("e1", 6.0) | sizes("e5", 3.0) if left.startswith("the same") else {}, seed=seed)
+    if left == "nothing but chance":
+        problem = with_chance(problem, 3.0, seed)
+    problem.candidates = tuple(replace(c, leaves_chance=True, least_closed=0.9) for c in problem.candidates)
+    assert search(NarrowedProblem(problem, ["e5"])).verdict == "unexplained"
+
+
 @pytest.mark.parametrize(("resolution", "names"), [(0.0, ("e1", "e2")), (0.5, ("e1", "e2")), (5.0, ("e1",))])
 def test_a_further_effect_is_larger_than_what_two_correct_simulators_differ_by(
     resolution: float, names: tuple[str, ...]
@@ -185,7 +217,7 @@ def test_a_further_effect_is_larger_than_what_two_correct_simulators_differ_by(
 def test_noise_that_lasts_and_is_a_little_larger_than_its_estimate_is_no_gap(level: float) -> None:
     for seed in range(5):
         problem = LinearProblem({}, seed=seed, colour=0.6)
-        problem._measured = level * problem._measured
+        problem.measured = level * problem.measured
         assert search(problem).verdict == "no_gap"
 
 

@@ -122,6 +122,7 @@ KINDS = (
         starts=((0.004,), (0.012,)),
         resolution=5e-5,
         closable_share=JITTERS,
+        leaves_chance=True,
     ),
     _kind(
         "feedforward_delay",
@@ -129,6 +130,7 @@ KINDS = (
         starts=((0.004,), (0.012,)),
         resolution=4e-4,
         closable_share=JITTERS,
+        leaves_chance=True,
     ),
     _kind("actuator_lag", sought("time_constant", 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
     _kind(  # starts are shares of the largest speed of the log
