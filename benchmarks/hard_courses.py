@@ -31,11 +31,11 @@ from saltus.folders import ask_for_room
 from saltus.grid import LINE
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.loop.heights import HeightsFactory
-from saltus.models import model_id, model_path
 from saltus.policy.evaluation.evaluate import BATCH, HEIGHTS, Evaluation, run_batch
 from saltus.policy.planner import make_planner
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
+from saltus.used_networks import model_id, model_path
 from saltus.workers import in_order
 
 RUBBER = (ContactCompliance(time_constant=0.02), SoftFeet(torsion=0.02, rolling=0.01, touch=0.015, depth=0.022))

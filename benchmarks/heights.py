@@ -34,11 +34,11 @@ from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import replay_predictor
 from saltus.heightmap.service.service import HeightmapService
-from saltus.models import model_id, model_path
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.terrain import Terrain
+from saltus.used_networks import model_id, model_path
 from saltus.wire.messages import DepthFrame, HeightmapStatus
 from saltus.wire.topics import CAMERA_LATENCY_S, CAMERA_PERIOD_S
 from saltus.workers import in_order

@@ -21,13 +21,13 @@ from saltus.heightmap.scan.cameras import ScanCamera
 from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS, Inputs
 from saltus.heightmap.scan.predictor import ScanNetwork
 from saltus.heightmap.service.scan import FIRST, ScanRig, ScanService
-from saltus.models import model_path
 from saltus.render.camera import ray_directions
 from saltus.robots.loading import load_robot
 from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.states import standing_state
+from saltus.used_networks import model_path
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 
 STEP_NS, LATENCY_NS = 10_000_000, 50_000_000

@@ -25,7 +25,7 @@ from saltus.policy.training.learner import FIRST_ACTION
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.sim.batch_engine import BatchEngine
+from saltus.sim.training_cpu import BatchEngine
 from saltus.terrain.batch import BOXES
 
 SHOWN = (50, 90, 99)

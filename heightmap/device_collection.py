@@ -14,8 +14,8 @@ from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import Collection, collect_batches
 from saltus.heightmap.settings import DeviceCollection
 from saltus.heightmap.training.train import load_checkpoint
-from saltus.models import model_path
 from saltus.policy.training.export import read_policy
+from saltus.used_networks import model_path
 
 
 @dataclass(frozen=True, kw_only=True)

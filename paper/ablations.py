@@ -30,13 +30,13 @@ from saltus.arrays import Floats
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import SaltusError
 from saltus.model_file import checksum_path
-from saltus.models import MODEL_ID_DIGITS, ModelKind, model_id
 from saltus.policy.evaluation.evaluate import success_interval
 from saltus.policy.training.files import COMMIT, PROGRESS
 from saltus.provenance import commit
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.curriculum import make_terrain
+from saltus.used_networks import MODEL_ID_DIGITS, ModelKind, model_id
 
 SIMULATION, STAND_IN = "simulation", "simulated stand-in"
 TRANSFER, ROUNDS_ROW = "transfer", "predictor-rounds"

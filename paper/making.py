@@ -28,8 +28,8 @@ from paper.runs import Effort
 from paper.training import CAMERA, FULL, PUBLISHED
 from saltus.errors import SaltusError, nearest_hint
 from saltus.folders import ask_for_room
-from saltus.models import ModelKind, model_id, model_path
 from saltus.provenance import commit
+from saltus.used_networks import ModelKind, model_id, model_path
 
 MODELS: tuple[ModelKind, ...] = ("policy", "heightmap")
 

@@ -8,10 +8,10 @@ from saltus.config import PlannerName
 from saltus.errors import ConfigError
 from saltus.grid import HeightGrid
 from saltus.loop.planner import Planner, observe
-from saltus.models import model_path
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.states import standing_state
+from saltus.used_networks import model_path
 
 
 def make_planner(name: PlannerName, robot: Robot, grid: HeightGrid, model: str | Path | None = None) -> Planner:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from saltus.arrays import Floats
 from saltus.errors import ConfigError
 from saltus.grid import HeightGrid
-from saltus.models import model_path
+from saltus.used_networks import model_path
 from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
 
 if TYPE_CHECKING:

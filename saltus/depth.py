@@ -49,7 +49,7 @@ BASELINE_M = 0.050
 
 
 def supersampled_model_camera(samples_down: int, samples_across: int) -> Intrinsics:
-    """The model's camera with `samples_down` times `samples_across` samples for each of its pixels."""
+    """The model's camera with `samples_down` times `samples_across` samples for each pixel."""
     model = MODEL_CAMERA
     return Intrinsics(
         width=model.width * samples_across,

@@ -14,7 +14,7 @@ import onnxruntime
 from saltus.errors import ConfigError, ModelError
 from saltus.files import atomic_write
 from saltus.grid import HeightGrid, stated_grid
-from saltus.models import MODEL_ID_DIGITS
+from saltus.used_networks import MODEL_ID_DIGITS
 
 CHECKSUM_SUFFIX = ".sha256"
 """Checksum suffix of the file beside a model that says what it must be, as `sha256sum` writes

@@ -32,9 +32,9 @@ from saltus.errors import ConfigError, nearest_hint
 from saltus.flags import Flag, shown
 from saltus.heightmap.evaluation.held_out import Prediction
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.models import model_id, model_path
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
+from saltus.used_networks import model_id, model_path
 from saltus.workers import check_processes, in_order
 
 SPLIT = Path("runs/depth_to_heights")

@@ -29,7 +29,6 @@ from saltus.heightmap.evaluation.visibility import visibility
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.loop.heights import true_heights
 from saltus.loop.loop import Loop
-from saltus.models import model_id, model_path
 from saltus.named_setup import named_setups
 from saltus.policy.planner import make_planner
 from saltus.render.eyes import Eyes
@@ -43,6 +42,7 @@ from saltus.setup import Setup
 from saltus.states import RobotStates
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.trial import Trial
+from saltus.used_networks import model_id, model_path
 from saltus.workers import tell
 
 VERSION = 2

@@ -15,12 +15,12 @@ from saltus.heightmap.data.robot_cameras import robot_cameras
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.sight import Network, Sight
-from saltus.models import model_path
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.legs import LegKinematics
 from saltus.setup import Setup
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates
+from saltus.used_networks import model_path
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,9 +23,9 @@ from saltus.heightmap.data.closed_loop import random_course
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
 from saltus.heightmap.data.predicted import PredictedHeights
 from saltus.heightmap.evaluation.comparison import BASELINES
+from saltus.heightmap.evaluation.distance_travelled import Way
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.evaluation.visibility import visibility
-from saltus.heightmap.evaluation.way import Way
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import Predictor, replay_predictor
 from saltus.heightmap.service.service import HeightmapService

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
+from saltus.heightmap.evaluation.distance_travelled import way_figures
 from saltus.heightmap.evaluation.edges import edge_errors
 from saltus.heightmap.evaluation.held_out import NETWORK, HeldOutRun, Prediction
 from saltus.heightmap.evaluation.visibility import UNSEEN, VIEWS
-from saltus.heightmap.evaluation.way import way_figures
 from saltus.heightmap.service.quantiles import negative_log_likelihood
 
 
@@ -87,7 +87,7 @@ def mean_of(totals: Floats) -> Floats:
 def scores(runs: Sequence[HeldOutRun]) -> dict[str, Any]:
     """The network's score on all runs, by terrain and by level, and those of the baselines.
 
-    Plain values, each with how far its robots went (`saltus.heightmap.evaluation.way`).
+    Plain values, each with how far its robots went (`saltus.heightmap.evaluation.distance_travelled`).
     """
     names = [name for name in runs[0].predictions if name != NETWORK]
     return {

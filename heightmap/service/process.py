@@ -9,8 +9,8 @@ from saltus.heightmap.service.link import RobotLink
 from saltus.heightmap.service.model_inbox import FILE, ModelInbox
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.scan_fleet import ScanChoice, ScanFleet
-from saltus.models import model_path
 from saltus.runtime.process import STATUS_PERIOD_S, ProcessContext
+from saltus.used_networks import model_path
 
 WAIT_S = 0.1
 """At most, for messages: proof of life, a new model and the wish to stop want to be looked after without any."""

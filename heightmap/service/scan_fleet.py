@@ -15,9 +15,9 @@ from saltus.heightmap.scan.predictor import ScanNetwork
 from saltus.heightmap.service.fleet import RobotRequest
 from saltus.heightmap.service.images import DEPTH
 from saltus.heightmap.service.scan import FIRST, AtOnce, ScanRig, ScanService, Worker
-from saltus.models import model_path
 from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
+from saltus.used_networks import model_path
 from saltus.wire.messages import Heightmap
 from saltus.wire.topics import Topic
 

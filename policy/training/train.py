@@ -41,7 +41,7 @@ def make_engine(robot: Robot, count: int, config: EnvConfig, device: str, thread
     """The physics of an environment on a device, "cpu" or "cuda:N"."""
     boxes, dimensions = config.curriculum.boxes, config.contact_dimensions(load_profile(config.profile, robot))
     if device == "cpu":
-        from saltus.sim.batch_engine import BatchEngine
+        from saltus.sim.training_cpu import BatchEngine
 
         return BatchEngine(robot, count, boxes, dimensions=dimensions, threads=threads)
     from saltus.sim.warp import WarpEngine

@@ -14,11 +14,11 @@ from pathlib import Path
 from saltus.config import from_table
 from saltus.controller.compensation import KNOWN
 from saltus.files import write_whole
-from saltus.models import ModelKind
 from saltus.real2sim.cycle import trials
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.progress import Progress
+from saltus.used_networks import ModelKind
 
 SEEDS_APART = 500_000
 """From the seeds of the measurement: no trial that chooses is one that measures."""

@@ -7,12 +7,12 @@ from typing import Protocol
 
 from saltus import gpu
 from saltus.files import write_whole
-from saltus.models import ModelKind
 from saltus.real2sim.cycle import choosing, elsewhere, finding, measuring, training, trials
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.report import trained, write_cycle_report
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.reporting.words import sentence
+from saltus.used_networks import ModelKind
 
 NO_GPU = "as shipped: there was no GPU to train it on"
 CAMERA_ALONE = "as shipped: only the camera differs, and a policy sees no images"

@@ -13,12 +13,12 @@ from saltus.files import whole_folder
 from saltus.grid import load_grid
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path
-from saltus.models import ModelKind
 from saltus.policy.planner import make_planner
 from saltus.policy.training.files import CHECKPOINT
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.training import device_collection, differs_beyond_camera, policy_changes, shipped_checkpoint
+from saltus.used_networks import ModelKind
 
 PROFILE, CAMERA = "profile.toml", "camera.toml"
 _BEGIN = """#!/usr/bin/env bash

@@ -8,10 +8,10 @@ from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
 from saltus.folders import ask_for_room, differences
-from saltus.models import ModelKind
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.used_networks import ModelKind
 
 SETTINGS = "cycle.toml"
 MODELS: tuple[ModelKind, ...] = ("heightmap", "policy")

@@ -7,13 +7,13 @@ from typing import Literal
 
 from saltus.config import from_table
 from saltus.files import write_whole
-from saltus.models import ModelKind
 from saltus.policy.evaluation.trace import Failure
 from saltus.real2sim.cycle.choosing import known_after, taken_models
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.trials import names_of, run_trials, trials_of
 from saltus.real2sim.progress import Progress
+from saltus.used_networks import ModelKind
 
 When = Literal["before", "after"]
 MOMENTS: tuple[When, ...] = ("before", "after")

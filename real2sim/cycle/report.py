@@ -13,7 +13,6 @@ import plotly.graph_objects as go
 from markupsafe import Markup
 
 from saltus.heightmap.data.shards import read_records
-from saltus.models import ModelKind
 from saltus.policy.evaluation.evaluate import merged, success_interval
 from saltus.policy.evaluation.pictures import picture_strip
 from saltus.provenance import commit
@@ -28,6 +27,7 @@ from saltus.real2sim.reporting.figures import gap_figure
 from saltus.real2sim.reporting.words import by_reason
 from saltus.reports.figures import BLUE, GREEN, GREY, RED, laid_out
 from saltus.reports.page import render, write_page
+from saltus.used_networks import ModelKind
 
 Courses = dict[str, dict[When, Measured]]
 

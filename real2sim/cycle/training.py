@@ -10,7 +10,6 @@ from saltus.effects.profile import SHIPPED, load_profile
 from saltus.files import whole_folder
 from saltus.heightmap.collection import collect
 from saltus.heightmap.settings import DeviceCollection, DeviceLoop, ProcessorCollection
-from saltus.models import model_path
 from saltus.policy.env.settings import LearningConfig
 from saltus.policy.training.command import Train
 from saltus.policy.training.files import CHECKPOINT
@@ -18,6 +17,7 @@ from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.progress import Progress
 from saltus.resources import resource
+from saltus.used_networks import model_path
 
 FURTHER_KL = 0.01
 """Step of a policy that is trained further: `LearningConfig.desired_kl`, with which trainings

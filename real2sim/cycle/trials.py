@@ -7,9 +7,9 @@ from pathlib import Path
 from saltus.config import TerrainConfig
 from saltus.heightmap.data.predicted import PredictedHeightsFactory
 from saltus.heightmap.settings import ClosedLoop
-from saltus.models import ModelKind, model_id, model_path
 from saltus.policy.evaluation.evaluate import Evaluation, TrialResult, evaluate
 from saltus.policy.planner import make_planner
+from saltus.used_networks import ModelKind, model_id, model_path
 from saltus.workers import Listener
 
 COURSES = {

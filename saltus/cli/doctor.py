@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 from saltus.cli.output import JsonOption, print_json
 from saltus.grid import DEFAULT_GRID, load_grid
-from saltus.models import model_path
 from saltus.provenance import commit, package_version
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
+from saltus.used_networks import model_path
 
 if TYPE_CHECKING:
     from saltus.robots.robot import Robot

@@ -16,8 +16,8 @@ from saltus.config import check_between
 from saltus.errors import RecordingError, SaltusError
 from saltus.flags import AT_LEAST_ONE, EndpointOption, shown
 from saltus.grid import DEFAULT_GRID
-from saltus.models import model_id, model_path
 from saltus.robots.loading import load_robot
+from saltus.used_networks import model_id, model_path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,9 +167,9 @@ class Eval(RobotOption, ModelOptions, JsonOption):
         """Runs them all and prints how far robots went, and a table, in millimetres."""
         from tqdm import tqdm
 
+        from saltus.heightmap.evaluation.distance_travelled import way_warning
         from saltus.heightmap.evaluation.held_out import HeldOutRun, HeldOutRuns
         from saltus.heightmap.evaluation.scores import scores
-        from saltus.heightmap.evaluation.way import way_warning
         from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.workers import in_order
 

@@ -22,9 +22,9 @@ from saltus.errors import ConfigError, SaltusError
 from saltus.flags import CommandGroup, Subcommands, shown
 from saltus.folders import new_folder
 from saltus.grid import DEFAULT_GRID, load_grid
-from saltus.models import model_id, model_path
 from saltus.policy.training.command import TRAINING
 from saltus.robots.loading import load_robot
+from saltus.used_networks import model_id, model_path
 from saltus.workers import check_processes
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"

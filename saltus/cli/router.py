@@ -45,9 +45,9 @@ class Router(RobotOption, NetworkOptions):
     def run(self) -> int:
         """Runs until Ctrl-C."""
         from saltus.heightmap.service.network import HeightmapNetwork
-        from saltus.models import model_path
         from saltus.named_setup import named_setup
         from saltus.runtime.run_folder import CLIENT_FILE, write_run
+        from saltus.used_networks import model_path
         from saltus.wire.joining import write_client
         from saltus.wire.router import open_router
 

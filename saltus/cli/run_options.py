@@ -106,9 +106,9 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
         from saltus.effects.heightmap_shift import refuse_shift
         from saltus.effects.profile import load_profile
         from saltus.heightmap.service.network import HeightmapNetwork
-        from saltus.models import model_path
         from saltus.policy.planner import make_planner
         from saltus.terrain.curriculum import make_terrain
+        from saltus.used_networks import model_path
 
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
         make_terrain(self.course)

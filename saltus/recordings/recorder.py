@@ -28,12 +28,12 @@ from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.errors import MessageError, RecordingError
 from saltus.interrupts import WHOLE
-from saltus.models import models_of
 from saltus.provenance import commit, package_version
 from saltus.recordings.indexed_writer import IndexedWriter
 from saltus.recordings.ros_messages import definition_of
 from saltus.recordings.viewer import Viewer
 from saltus.setup import Setup
+from saltus.used_networks import models_of
 from saltus.wire.bus import RawSample, Stream, topic_of, unpack
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import GroundTruth, Message, RobotState

@@ -19,7 +19,10 @@ REFERENCE = "go1"
 
 
 def robot_name_in(table: Mapping[str, Any]) -> str:
-    """Name of the robot in a table of a file; the first shipped one (`saltus.config.UNNAMED`) where none is named."""
+    """Name of the robot in a table of a file; where it names none, the first that Saltus shipped.
+
+    Files that name none were written before there were others (`saltus.config.UNNAMED`).
+    """
     return str(table.get("robot", UNNAMED["robot"]))
 
 

@@ -1,4 +1,7 @@
-"""Many robots at once on the cores of a CPU, each with its own terrain, friction and payload."""
+"""The plant of a run for many robots at once on the cores of a CPU, with drives and sensors.
+
+Each has its own terrain, friction and payload.
+"""
 
 from collections.abc import Sequence
 

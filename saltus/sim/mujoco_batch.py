@@ -1,4 +1,4 @@
-"""Many robots in MuJoCo itself, on the cores of a CPU."""
+"""MuJoCo's own batch of many robots on the cores of a CPU; plants and training build on it."""
 
 from dataclasses import fields
 from typing import Any

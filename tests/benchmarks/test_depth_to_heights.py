@@ -51,9 +51,9 @@ from saltus.heightmap.evaluation.visibility import VIEWS
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.settings import ClosedLoop
 from saltus.loop.loop import STAND_STEPS
-from saltus.models import model_path
 from saltus.robots.loading import load_robot
 from saltus.terrain.curriculum import FAMILIES
+from saltus.used_networks import model_path
 
 PROJECT = Path(__file__).resolve().parents[2]
 LENGTHS = (130, 160, 145)

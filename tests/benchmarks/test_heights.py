@@ -12,9 +12,9 @@ from benchmarks._scenes import FINISH_X, SCENES, scene
 from benchmarks.heights import Benchmark, desk_rows, table
 from saltus.depth import MODEL_CAMERA, depth_frame
 from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.evaluation.distance_travelled import Way
 from saltus.heightmap.evaluation.held_out import HARD, NETWORK, HeldOutRun, Prediction
 from saltus.heightmap.evaluation.visibility import UNSEEN
-from saltus.heightmap.evaluation.way import Way
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT

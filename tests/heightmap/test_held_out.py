@@ -13,6 +13,7 @@ from saltus.cli.main import main
 from saltus.config import TerrainConfig
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.evaluation.distance_travelled import Way, way_figures, way_warning
 from saltus.heightmap.evaluation.held_out import (
     FIRST_SEED,
     HARD,
@@ -24,7 +25,6 @@ from saltus.heightmap.evaluation.held_out import (
 )
 from saltus.heightmap.evaluation.scores import score, scores
 from saltus.heightmap.evaluation.visibility import REMEMBERED, UNSEEN, VISIBLE
-from saltus.heightmap.evaluation.way import Way, way_figures, way_warning
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.training.validate import accuracy
 from saltus.terrain.curriculum import make_terrain

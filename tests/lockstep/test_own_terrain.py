@@ -23,7 +23,7 @@ from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.tables import read_table
 from saltus.recordings.recording import read_recording
-from saltus.sim.batch_engine import BatchEngine
+from saltus.sim.training_cpu import BatchEngine
 from saltus.terrain.batch import BOXES
 from saltus.terrain.curriculum import find_family, make_terrain
 from saltus.terrain.law import KINDS

@@ -33,9 +33,9 @@ from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.states import engine_states
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.sim.batch import BatchPlant
-from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.engine import MEDIUM_PAYLOAD_KG
 from saltus.sim.plant import CLEARANCE, Plant
+from saltus.sim.training_cpu import BatchEngine
 from saltus.sim.warp import WarpEngine
 from saltus.states import Sensed
 from saltus.terrain import flat

@@ -24,7 +24,7 @@ from saltus.policy.training.export import DeployedPolicy, export, read_policy
 from saltus.policy.training.train import Rank, train
 from saltus.resources import resource
 from saltus.robots.legs import LegKinematics
-from saltus.sim.batch_engine import BatchEngine
+from saltus.sim.training_cpu import BatchEngine
 from saltus.terrain.batch import BOXES
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial

@@ -19,7 +19,7 @@ from saltus.policy.env.rewards import TERMS
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import PRIVILEGED
 from saltus.policy.features import features, layout, size_with
-from saltus.sim.batch_engine import BatchEngine
+from saltus.sim.training_cpu import BatchEngine
 from saltus.states import standing_state
 from saltus.terrain.batch import BOXES
 from saltus.terrain.law import KINDS

@@ -17,9 +17,9 @@ from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import PRIVILEGED
 from saltus.policy.features import size_with
 from saltus.sim import scene
-from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.engine import Engine
 from saltus.sim.layout import BASE_DOF
+from saltus.sim.training_cpu import BatchEngine
 from saltus.sim.warp import WarpEngine
 from saltus.terrain.batch import BOXES
 from saltus.terrain.law import KINDS

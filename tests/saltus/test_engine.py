@@ -8,7 +8,7 @@ from samples import ROBOT
 
 from saltus.effects.body import claimed_body
 from saltus.effects.effect import map_arrays
-from saltus.sim.batch_engine import BatchEngine
+from saltus.sim.training_cpu import BatchEngine
 from saltus.sim.warp import WarpEngine
 from saltus.terrain.boxes import Boxes
 

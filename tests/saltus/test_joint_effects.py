@@ -27,8 +27,8 @@ from saltus.effects.signals import Drive, JointState, Resistance
 from saltus.joint_command import JointCommand
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.batch import BatchPlant
-from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.plant import Plant
+from saltus.sim.training_cpu import BatchEngine
 from saltus.terrain import flat
 
 ZERO = np.zeros(12)

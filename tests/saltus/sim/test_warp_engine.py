@@ -6,8 +6,8 @@ import pytest
 import torch
 from samples import ROBOT
 
-from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.engine import Engine
+from saltus.sim.training_cpu import BatchEngine
 from saltus.sim.warp import WarpEngine
 from saltus.terrain.boxes import Boxes
 

@@ -1,4 +1,4 @@
-"""The physics of training on the cores of a CPU."""
+"""The physics of training on the cores of a CPU: MuJoCo's batch as a `saltus.sim.engine.Engine`."""
 
 import mujoco
 import numpy as np

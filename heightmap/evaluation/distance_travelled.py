@@ -1,4 +1,4 @@
-"""How far robots went while a predictor was measured: where they start, errors say little."""
+"""Distance that robots travelled while a predictor was measured: where they start, errors say little."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

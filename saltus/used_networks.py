@@ -1,4 +1,4 @@
-"""Which networks a run uses, and their names: the first half of their files' sha256."""
+"""Networks that a run uses, and their names: the first half of their files' sha256."""
 
 import hashlib
 from pathlib import Path
