@@ -114,7 +114,7 @@ def _fitted(problem: JointProblem, unknowns: Floats, pieces: _Pieces, weight: Fl
     def residuals(tries: Floats) -> Floats:
         sets = np.repeat(rest[None], len(tries), axis=0)
         sets[:, :, free] = tries[:, None, count:]
-        return problem.residuals_with_hinges(sets, pieces.corners, pieces.everywhere(tries[:, :count]))
+        return problem.residuals_with_kinks(sets, pieces.corners, pieces.everywhere(tries[:, :count]))
 
     for _ in range(ITERATIONS):
         r = residuals(sought + np.concatenate([np.zeros((1, len(steps))), np.diag(steps)])) * weight.ravel()

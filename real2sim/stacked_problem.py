@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from saltus.arrays import Floats, Indices
-from saltus.real2sim.problem.problem import Candidate, Driver, Problem, Segment
+from saltus.real2sim.problem.problem import Candidate, ExplanatoryVariable, Problem, Segment
 from saltus.real2sim.search.fit import Evaluator, fitted_null
 from saltus.real2sim.search.layout import Layout
 
@@ -53,15 +53,15 @@ class StackedProblem(Problem):
         each = zip(self._problems, self._columns, self._alone, strict=True)
         return np.concatenate([p.residuals(unknowns[..., columns] + alone) for p, columns, alone in each], axis=-1)
 
-    def drivers(self) -> tuple[Driver, ...]:
-        """See `Problem`; NaN for logs whose problem lacks the driver."""
-        found: dict[str, Driver] = {}
+    def explanatory_variables(self) -> tuple[ExplanatoryVariable, ...]:
+        """See `Problem`; NaN for logs whose problem lacks the variable."""
+        found: dict[str, ExplanatoryVariable] = {}
         ends = np.cumsum([len(problem.time_s) for problem in self._problems])
         for problem, end in zip(self._problems, ends, strict=True):
-            for driver in problem.drivers():
-                values = found[driver.name].values if driver.name in found else np.full(len(self.time_s), np.nan)
-                values[end - len(problem.time_s) : end] = driver.values
-                found[driver.name] = replace(driver, values=values)
+            for variable in problem.explanatory_variables():
+                values = found[variable.name].values if variable.name in found else np.full(len(self.time_s), np.nan)
+                values[end - len(problem.time_s) : end] = variable.values
+                found[variable.name] = replace(variable, values=values)
         return tuple(found.values())
 
     def leaner(self) -> dict[str, Problem]:

@@ -194,8 +194,8 @@ class Estimate:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Driver:
-    """A quantity that may drive a residual, at the times of the residual."""
+class ExplanatoryVariable:
+    """A quantity that may explain a residual, at the times of the residual."""
 
     name: str
     """E.g. "tau"."""
@@ -259,8 +259,8 @@ class Problem(ABC):
         diverges.
         """
 
-    def drivers(self) -> tuple[Driver, ...]:
-        """Quantities that may drive residuals, besides columns of the log: values of shape (m,), NaN where unknown."""
+    def explanatory_variables(self) -> tuple[ExplanatoryVariable, ...]:
+        """Quantities besides columns of the log that may explain residuals: shape (m,), NaN where unknown."""
         return ()
 
     def leaner(self) -> "dict[str, Problem]":
@@ -314,6 +314,6 @@ class WrappedProblem(Problem):
         )
         self.untestable = inner.untestable
 
-    def drivers(self) -> tuple[Driver, ...]:
+    def explanatory_variables(self) -> tuple[ExplanatoryVariable, ...]:
         """See `Problem`."""
-        return self._inner.drivers()
+        return self._inner.explanatory_variables()

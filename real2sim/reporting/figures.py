@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.problem import Driver
+from saltus.real2sim.problem.problem import ExplanatoryVariable
 from saltus.real2sim.reporting.localise import TIME, Channel
 from saltus.real2sim.search.findings import Confusion, RankedModel, SignalGap
 from saltus.reports.figures import BLUE, GREEN, GREY, RED
@@ -80,42 +80,42 @@ def worst_channels(channels: Sequence[Channel], count: int = 3) -> list[int]:
     return list(kinds.values())[:count]
 
 
-def regime_figure(before: Channel, after: Channel) -> go.Figure:
-    """RMS of the residual of a signal over each driver, in bins of equal count."""
-    drivers = [driver for driver in before.drivers if driver.unit and np.ptp(driver.values) > 0.0]
-    columns = len(drivers) if len(drivers) <= 5 else 4
-    rows = -(-len(drivers) // columns)
+def residual_figure(before: Channel, after: Channel) -> go.Figure:
+    """RMS of the residual of a signal over each explanatory variable, in bins of equal count."""
+    variables = [variable for variable in before.variables if variable.unit and np.ptp(variable.values) > 0.0]
+    columns = len(variables) if len(variables) <= 5 else 4
+    rows = -(-len(variables) // columns)
     figure = make_subplots(rows=rows, cols=columns, shared_yaxes="all", horizontal_spacing=0.03)
-    for i, driver in enumerate(drivers):
+    for i, variable in enumerate(variables):
         row, column = 1 + i // columns, 1 + i % columns
         for name, colour, width, channel in (("before", BEFORE, WIDE, before), ("after", AFTER, THIN, after)):
-            x, y = rms_by(driver, channel.residual)
+            x, y = rms_by(variable, channel.residual)
             figure.add_scatter(
                 x=x, y=y, name=name, legendgroup=name, showlegend=i == 0, mode="lines+markers",
                 line={"color": colour, "width": width}, marker={"size": 2 + width}, row=row, col=column,
             )  # fmt: skip
-        figure.update_xaxes(title=f"{driver.name} [{driver.unit}]", title_standoff=4, row=row, col=column)
+        figure.update_xaxes(title=f"{variable.name} [{variable.unit}]", title_standoff=4, row=row, col=column)
     figure.add_hline(y=1.0, line={"color": GREY, "dash": "dot", "width": 1})
     figure.update_yaxes(rangemode="tozero")
     figure.update_yaxes(title=f"{before.signal}, {before.place} [sigma]", col=1)
     return _sized(figure, 60 + 200 * rows)
 
 
-def rms_by(driver: Driver, residual: Floats) -> tuple[Floats, Floats]:
-    """Mean of the driver and RMS of the residual, in bins of equal count or at each of few values."""
-    values, where = np.unique(driver.values, return_inverse=True)
+def rms_by(variable: ExplanatoryVariable, residual: Floats) -> tuple[Floats, Floats]:
+    """Mean of the variable and RMS of the residual, in bins of equal count or at each of few values."""
+    values, where = np.unique(variable.values, return_inverse=True)
     if len(values) > BINS:
-        edges = np.unique(np.quantile(driver.values, np.linspace(0.0, 1.0, BINS + 1)))
-        where = np.searchsorted(edges[1:-1], driver.values, side="right")
+        edges = np.unique(np.quantile(variable.values, np.linspace(0.0, 1.0, BINS + 1)))
+        where = np.searchsorted(edges[1:-1], variable.values, side="right")
     counts = np.bincount(where)
     used = counts > 0
-    x = np.bincount(where, driver.values)[used] / counts[used]
+    x = np.bincount(where, variable.values)[used] / counts[used]
     return x, np.sqrt(np.bincount(where, residual**2)[used] / counts[used])
 
 
 def trace_figure(before: Channel, after: Channel) -> go.Figure:
     """Residuals over the two seconds in which they are largest; if there are many pixels, their mean."""
-    time_s = next(driver.values for driver in before.drivers if driver.name == TIME)
+    time_s = next(variable.values for variable in before.variables if variable.name == TIME)
     times, owner = np.unique(time_s, return_inverse=True)
     counts = np.bincount(owner)
     series = [np.bincount(owner, channel.residual) / counts for channel in (before, after)]
@@ -135,7 +135,7 @@ def trace_figure(before: Channel, after: Channel) -> go.Figure:
     return _sized(figure, 240)
 
 
-def image_figure(before: Channel, after: Channel, row: Driver, column: Driver) -> go.Figure:
+def image_figure(before: Channel, after: Channel, row: ExplanatoryVariable, column: ExplanatoryVariable) -> go.Figure:
     """Mean residual of each pixel of the grid, before and after."""
     rows, y = np.unique(row.values, return_inverse=True)
     columns, x = np.unique(column.values, return_inverse=True)

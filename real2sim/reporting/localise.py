@@ -1,7 +1,7 @@
 """Where the gap between simulation and measurement lies: by signal, joint and regime, in words.
 
-This is independent of every fit. Residuals are related to their drivers (torque, speed,
-acceleration, reversals, posture, time, contact), and the driver that explains most of their power
+This is independent of every fit. Residuals are related to their explanatory variables (torque,
+speed, acceleration, reversals, posture, time, contact), and the one that explains most of their power
 is named, e.g. "calf joints: q is off by 4.1 sigma where |tau| is above 15 Nm, by 1.1 elsewhere". A
 statement must hold in most parts of the log, not in one of them.
 """
@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.log import drive_torque, rates
-from saltus.real2sim.problem.problem import Driver, Problem
+from saltus.real2sim.problem.problem import ExplanatoryVariable, Problem
 from saltus.recordings.run_log import RunLog
 
 CHUNKS = 20  # parts of a log; their disagreement gives standard errors
 MIN_T = 3.0  # smallest effect in jackknife standard errors
 MIN_SHARE = 0.1  # smallest explained share of a residual's power
 MIN_CONTRAST = 1.5  # smallest ratio of the RMS above a threshold to that below
-QUANTILES = np.linspace(0.1, 0.9, 17)  # of the driver's size: thresholds that are tried
+QUANTILES = np.linspace(0.1, 0.9, 17)  # of the variable's size: thresholds that are tried
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,16 +34,16 @@ class Channel:
     """E.g. "FR_calf"; the last word, here "calf", is the kind of place."""
     residual: Floats
     """Measured minus simulated in units of noise, shape (n,), in order of time."""
-    drivers: tuple[Driver, ...]
+    variables: tuple[ExplanatoryVariable, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Statement:
-    """A driver that explains a residual at one or several places."""
+    """An explanatory variable that explains a residual at one or several places."""
 
     signal: str
     places: tuple[str, ...]
-    driver: str
+    variable: str
     share: float
     """Share of the residual's power that it explains, or that lies in the regime beyond the level
     elsewhere."""
@@ -57,14 +57,14 @@ class _Clue:
     """A statement about one channel."""
 
     channel: Channel
-    driver: Driver
+    variable: ExplanatoryVariable
     kind: str
     share: float
     t_statistic: float
     slope: float
-    """Slope of the residual on the driver [sigma per unit], or the RMS above the threshold."""
+    """Slope of the residual on the variable [sigma per unit], or the RMS above the threshold."""
     threshold: float
-    """Threshold of the driver's size; `elsewhere` is the RMS below it."""
+    """Threshold of the variable's size; `elsewhere` is the RMS below it."""
     elsewhere: float
 
 
@@ -77,7 +77,7 @@ def localise(channels: Sequence[Channel]) -> tuple[Statement, ...]:
     clues = [clue for channel in channels for clue in _clues(channel)]
     groups: dict[tuple[str, str, str], list[_Clue]] = {}
     for clue in clues:
-        groups.setdefault((clue.channel.signal, clue.driver.name, clue.kind), []).append(clue)
+        groups.setdefault((clue.channel.signal, clue.variable.name, clue.kind), []).append(clue)
     places = {signal: [c.place for c in channels if c.signal == signal] for signal, _, _ in groups}
     # by power, so that a joint that is off by 5 sigma comes before one that is off by 1
     powers = {key: sum(c.share * float(np.sum(c.channel.residual**2)) for c in group) for key, group in groups.items()}
@@ -88,8 +88,8 @@ def localise(channels: Sequence[Channel]) -> tuple[Statement, ...]:
 def _clues(channel: Channel) -> list[_Clue]:
     found = []
     for clues in (
-        [_proportional(channel, driver) for driver in channel.drivers if not driver.is_regime],
-        [_beyond(channel, driver) for driver in channel.drivers if driver.unit or driver.is_regime],
+        [_proportional(channel, variable) for variable in channel.variables if not variable.is_regime],
+        [_beyond(channel, variable) for variable in channel.variables if variable.unit or variable.is_regime],
     ):
         kept = [clue for clue in clues if clue is not None and clue.share > MIN_SHARE and clue.t_statistic > MIN_T]
         if kept:
@@ -97,9 +97,9 @@ def _clues(channel: Channel) -> list[_Clue]:
     return found
 
 
-def _proportional(channel: Channel, driver: Driver) -> _Clue | None:
-    """The share of the residual that a multiple of the driver explains."""
-    product, power = _sums(channel.residual * driver.values), _sums(driver.values**2)
+def _proportional(channel: Channel, variable: ExplanatoryVariable) -> _Clue | None:
+    """The share of the residual that a multiple of the variable explains."""
+    product, power = _sums(channel.residual * variable.values), _sums(variable.values**2)
     if power.sum() <= 0:
         return None
     slope = float(product.sum() / power.sum())
@@ -107,16 +107,16 @@ def _proportional(channel: Channel, driver: Driver) -> _Clue | None:
     without = _but_one(product) / np.maximum(_but_one(power), 1e-30)
     t_statistic = abs(slope) / max(_error(without), 1e-30)
     return _Clue(
-        channel=channel, driver=driver, kind="proportional", share=share, t_statistic=t_statistic, slope=slope,
+        channel=channel, variable=variable, kind="proportional", share=share, t_statistic=t_statistic, slope=slope,
         threshold=0.0, elsewhere=0.0,
     )  # fmt: skip
 
 
-def _beyond(channel: Channel, driver: Driver) -> _Clue | None:
-    """The threshold of the driver's size above which the residual's power is concentrated."""
-    size, power = np.abs(driver.values), channel.residual**2
+def _beyond(channel: Channel, variable: ExplanatoryVariable) -> _Clue | None:
+    """The threshold of the variable's size above which the residual's power is concentrated."""
+    size, power = np.abs(variable.values), channel.residual**2
     best: tuple[float, float] | None = None
-    for threshold in [0.5] if driver.is_regime else np.unique(np.quantile(size, QUANTILES)):
+    for threshold in [0.5] if variable.is_regime else np.unique(np.quantile(size, QUANTILES)):
         above = size > threshold
         if not 0 < above.sum() < len(above):
             continue
@@ -135,7 +135,7 @@ def _beyond(channel: Channel, driver: Driver) -> _Clue | None:
     means = [_but_one(_sums(power * a)) / np.maximum(_but_one(_sums(a.astype(float))), 1) for a in (above, ~above)]
     t_statistic = (inside**2 - outside**2) / max(_error(means[0] - means[1]), 1e-30)
     return _Clue(
-        channel=channel, driver=driver, kind="beyond", share=share, t_statistic=t_statistic, slope=inside,
+        channel=channel, variable=variable, kind="beyond", share=share, t_statistic=t_statistic, slope=inside,
         threshold=best[1], elsewhere=outside,
     )  # fmt: skip
 
@@ -160,21 +160,21 @@ def _statement(clues: Sequence[_Clue], places: Sequence[str]) -> Statement:
     first = clues[0]
     share = float(np.mean([clue.share for clue in clues]))
     rms = float(np.sqrt(np.mean([np.mean(clue.channel.residual**2) for clue in clues])))
-    where, signal, driver = in_words(named, places), first.channel.signal, first.driver
+    where, signal, variable = in_words(named, places), first.channel.signal, first.variable
     slope = float(np.median([clue.slope for clue in clues]))
-    unit = f" {driver.unit}" if driver.unit else ""
+    unit = f" {variable.unit}" if variable.unit else ""
     if first.kind == "proportional":
         per = f" per{unit}" if unit else ""
-        text = f"{where}: {signal} is off by {rms:.1f} sigma; {driver.name} explains {share:.0%} of its power"
+        text = f"{where}: {signal} is off by {rms:.1f} sigma; {variable.name} explains {share:.0%} of its power"
         text += f" ({slope:+.2g} sigma{per})"
     else:
         threshold = float(np.median([clue.threshold for clue in clues]))
         elsewhere = float(np.median([clue.elsewhere for clue in clues]))
-        size = f"|{driver.name}|" if np.any(driver.values < 0.0) else driver.name
-        regime = driver.name if driver.is_regime else f"where {size} is above {threshold:.3g}{unit}"
+        size = f"|{variable.name}|" if np.any(variable.values < 0.0) else variable.name
+        regime = variable.name if variable.is_regime else f"where {size} is above {threshold:.3g}{unit}"
         text = f"{where}: {signal} is off by {slope:.1f} sigma {regime}, by {elsewhere:.1f} elsewhere"
     least = min(clue.t_statistic for clue in clues)
-    return Statement(signal=signal, places=named, driver=driver.name, share=share, t_statistic=least, text=text)
+    return Statement(signal=signal, places=named, variable=variable.name, share=share, t_statistic=least, text=text)
 
 
 def in_words(named: Sequence[str], places: Sequence[str]) -> str:
@@ -191,7 +191,7 @@ def in_words(named: Sequence[str], places: Sequence[str]) -> str:
 
 
 TIME = "time in the run"
-"""Name of the driver that every residual has."""
+"""Name of the explanatory variable that every residual has."""
 SMOOTH_S = 0.02  # moving average before differentiation, which would amplify the noise of dq
 REVERSAL_S = 0.05  # after a reversal: in this time backlash closes and friction changes sign
 MOVING = 0.05  # rad/s, one sigma of dq: below it the direction is noise
@@ -200,12 +200,12 @@ MOVING = 0.05  # rad/s, one sigma of dq: below it the direction is noise
 def channels_of(
     problem: Problem, log: RunLog, residuals: Floats, chosen: NDArray[np.bool_] | None = None
 ) -> tuple[Channel, ...]:
-    """Residuals of a problem, one channel for each signal of each block, with their drivers.
+    """Residuals of a problem, one channel for each signal of each block, with their explanatory variables.
 
     Residuals, and the rows of them that are `chosen` (all by default), have the shape (blocks, m).
     """
     channels = []
-    own = problem.drivers()
+    own = problem.explanatory_variables()
     counts = np.ones(residuals.shape, dtype=bool) if chosen is None else chosen
     for block, places in enumerate(problem.places):
         for index, name in enumerate(problem.signals):
@@ -216,27 +216,27 @@ def channels_of(
             where = next((w for w in places if name.endswith(f"_{w}")), "")
             signal = name.removesuffix(f"_{where}") if where else name
             place = places[where] if where else problem.name
-            seen = (replace(driver, values=driver.values[rows]) for driver in own)
-            every = (*drivers_of(log, place, problem.time_s[rows]), *seen)
-            drivers = tuple(driver for driver in every if np.isfinite(driver.values).all())
-            channels.append(Channel(signal=signal, place=place, residual=residuals[block, rows], drivers=drivers))
+            seen = (replace(variable, values=variable.values[rows]) for variable in own)
+            every = (*explanatory_variables_of(log, place, problem.time_s[rows]), *seen)
+            variables = tuple(variable for variable in every if np.isfinite(variable.values).all())
+            channels.append(Channel(signal=signal, place=place, residual=residuals[block, rows], variables=variables))
     return tuple(channels)
 
 
-def drivers_of(log: RunLog, place: str, time_s: Floats) -> tuple[Driver, ...]:
-    """Drivers of a residual at a joint or another place, at given times."""
-    drivers = [Driver(name="a constant", unit="", values=np.ones(len(time_s)))]
+def explanatory_variables_of(log: RunLog, place: str, time_s: Floats) -> tuple[ExplanatoryVariable, ...]:
+    """Explanatory variables of a residual at a joint or another place, at given times."""
+    variables = [ExplanatoryVariable(name="a constant", unit="", values=np.ones(len(time_s)))]
     if place in log.meta["joints"]:
-        drivers += _joint_drivers(log, log.meta["joints"].index(place), time_s)
-    drivers.append(Driver(name=TIME, unit="s", values=time_s - float(log.joints.time_s[0])))
+        variables += _joint_variables(log, log.meta["joints"].index(place), time_s)
+    variables.append(ExplanatoryVariable(name=TIME, unit="s", values=time_s - float(log.joints.time_s[0])))
     if log.base is not None:
         for name, unit, column in (("height", "m", 2), ("vertical speed", "m/s", 9)):
             values = _at(time_s, log.base.time_s, log.base.values[:, column])
-            drivers.append(Driver(name=f"the base's {name}", unit=unit, values=values))
-    return tuple(drivers)
+            variables.append(ExplanatoryVariable(name=f"the base's {name}", unit=unit, values=values))
+    return tuple(variables)
 
 
-def _joint_drivers(log: RunLog, joint: int, time_s: Floats) -> list[Driver]:
+def _joint_variables(log: RunLog, joint: int, time_s: Floats) -> list[ExplanatoryVariable]:
     joints = log.joints
     q, dq = joints.q[:, joint], rates(joints)[:, joint]
     torque = (drive_torque(log) if joints.tau_est is None else joints.tau_est)[
@@ -255,9 +255,9 @@ def _joint_drivers(log: RunLog, joint: int, time_s: Floats) -> list[Driver]:
         ("the direction of motion", "", direction),
         ("angle", "rad", q - np.nanmean(q)),
     )
-    drivers = [Driver(name=n, unit=u, values=_at(time_s, joints.time_s, v)) for n, u, v in signals]
+    variables = [ExplanatoryVariable(name=n, unit=u, values=_at(time_s, joints.time_s, v)) for n, u, v in signals]
     turning = np.interp(time_s, joints.time_s, (since < REVERSAL_S).astype(np.float64))
-    return [*drivers, Driver(name="just after reversals", unit="", values=turning, is_regime=True)]
+    return [*variables, ExplanatoryVariable(name="just after reversals", unit="", values=turning, is_regime=True)]
 
 
 def _at(time_s: Floats, times: Floats, values: Floats) -> Floats:

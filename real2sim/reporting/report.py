@@ -122,7 +122,7 @@ def _residuals(comparison: SensorResult, residuals: Residuals) -> ShownResiduals
     known = (residuals.before != 0.0) | (residuals.after != 0.0)  # missing samples are 0
     before, after = (channels_of(problem, log, left, known & residuals.is_test) for left in both)
     worst = [(before[i], after[i]) for i in figures.worst_channels(before)]
-    drivers = [{driver.name: driver for driver in channel.drivers} for channel, _ in worst]
+    variables = [{variable.name: variable for variable in channel.variables} for channel, _ in worst]
     return ShownResiduals(
         statements=localise(channels_of(problem, log, residuals.before, known))[:SAID_BEFORE],
         left=None
@@ -133,7 +133,7 @@ def _residuals(comparison: SensorResult, residuals: Residuals) -> ShownResiduals
         worst=worst,
         images=[
             figures.image_figure(*pair, of[ROW], of[COLUMN])
-            for pair, of in zip(worst, drivers, strict=True)
+            for pair, of in zip(worst, variables, strict=True)
             if ROW in of
         ],
     )

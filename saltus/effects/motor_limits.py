@@ -170,7 +170,7 @@ class TorqueSaturation(Effect[Drive], name="torque_saturation", site="torque"):
         """Delivered torque for a commanded one, numpy or torch, shape (..., 12) [Nm]."""
         xp = namespace(torque)
         magnitude = xp.abs(torque)
-        # a piecewise linear function is what comes in less a hinge at every change of slope: slope 1 loses nothing
+        # a piecewise linear function is what comes in less a kink at every change of slope: slope 1 loses nothing
         lost = xp.zeros_like(torque)
         for start, fall in self._hinges:
             beyond = magnitude - start.like(torque)

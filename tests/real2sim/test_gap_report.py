@@ -16,7 +16,7 @@ from rig_logs import joints_log
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.patch import Applicability, Evidence, Patch
 from saltus.real2sim.problem.camera.problem import CameraProblem
-from saltus.real2sim.problem.problem import Driver, Problem
+from saltus.real2sim.problem.problem import ExplanatoryVariable, Problem
 from saltus.real2sim.reporting import figures
 from saltus.real2sim.reporting.localise import Channel, channels_of
 from saltus.real2sim.reporting.report import report_page
@@ -127,7 +127,7 @@ def test_bins_lose_no_power(values: str) -> None:
     rng = np.random.default_rng(0)
     at = {"normal": rng.normal(size=999), "few": rng.integers(0, 3, 999) + 0.0, "one": np.ones(999)}[values]
     residual = rng.normal(size=999) * (1.0 + at**2)
-    x, y = figures.rms_by(Driver(name="tau", unit="Nm", values=at), residual)
+    x, y = figures.rms_by(ExplanatoryVariable(name="tau", unit="Nm", values=at), residual)
     assert np.all(np.diff(x) > 0.0)
     assert at.min() <= x[0] <= x[-1] <= at.max()
     rms = np.sqrt(np.mean(residual**2))
@@ -148,9 +148,8 @@ def test_the_signals_that_are_farthest_off_come_first() -> None:
 def test_the_trace_shows_where_the_residual_is_largest() -> None:
     time_s = np.repeat(np.arange(0.0, 20.0, 0.02), 3)  # three pixels an image
     bump = 5.0 * np.exp(-(((time_s - 12.0) / 0.3) ** 2))
-    channel = Channel(
-        signal="q", place="x", residual=bump, drivers=(Driver(name=figures.TIME, unit="s", values=time_s),)
-    )
+    time = ExplanatoryVariable(name=figures.TIME, unit="s", values=time_s)
+    channel = Channel(signal="q", place="x", residual=bump, variables=(time,))
     shown = figures.trace_figure(channel, replace(channel, residual=0.1 * bump)).data
     x, y = np.array(shown[0].x), np.array(shown[0].y)
     assert x[0] < 11.5
@@ -167,10 +166,10 @@ def test_a_camera_s_residuals_are_shown_over_the_image(tmp_path: Path) -> None:
     nothing[..., [u.is_shape is False for c in problem.candidates for u in c.unknowns]] = 0.0
     left = problem.residuals(nothing)[0]
     is_depth = problem.signal == problem.signals.index("depth")
-    for driver in problem.drivers():
-        assert np.isfinite(driver.values[is_depth]).all()
-        assert np.isnan(driver.values[~is_depth]).all()
-        assert driver.values[is_depth].min() >= 0.0
+    for variable in problem.explanatory_variables():
+        assert np.isfinite(variable.values[is_depth]).all()
+        assert np.isnan(variable.values[~is_depth]).all()
+        assert variable.values[is_depth].min() >= 0.0
     residuals = Residuals(
         before=left, after=left, unknowns=np.zeros((1, 0)), effects=(), is_test=np.ones(len(problem.signal), dtype=bool)
     )
@@ -188,9 +187,9 @@ def test_samples_that_are_missing_do_not_spoil_what_they_drive() -> None:
     torque[1000:1200, 0], torque[:, 1] = np.nan, np.nan
     log = replace(log, joints=replace(log.joints, tau_est=torque))
     named = {
-        (channel.place, driver.name): driver.values
+        (channel.place, variable.name): variable.values
         for channel in channels_of(problem, log, findings.residuals.before)
-        for driver in channel.drivers
+        for variable in channel.variables
     }
     assert np.isfinite(named["FR_hip", "torque"]).all()
     assert ("FR_thigh", "torque") not in named

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from rig_logs import Rig, joints_log
 
-from saltus.real2sim.problem.problem import Driver
-from saltus.real2sim.reporting.localise import Channel, drivers_of, in_words, localise
+from saltus.real2sim.problem.problem import ExplanatoryVariable
+from saltus.real2sim.reporting.localise import Channel, explanatory_variables_of, in_words, localise
 from saltus.robots.robot import JOINTS
 
 ROWS = 3000
@@ -19,12 +19,12 @@ def _channels(seed: int, gap: str, kind: str, size: float) -> list[Channel]:
     for joint in JOINTS:
         torque = 20 * np.sin(2 * np.pi * rng.uniform(0.3, 3) * time_s + rng.uniform(0, 6))
         speed = 5 * np.sin(2 * np.pi * rng.uniform(0.3, 3) * time_s + rng.uniform(0, 6))
-        drivers = (
-            Driver(name="torque", unit="Nm", values=torque),
-            Driver(name="velocity", unit="rad/s", values=speed),
-            Driver(name="the direction of motion", unit="", values=np.sign(speed)),
-            Driver(name="time in the run", unit="s", values=time_s),
-            Driver(name="a constant", unit="", values=np.ones(ROWS)),
+        variables = (
+            ExplanatoryVariable(name="torque", unit="Nm", values=torque),
+            ExplanatoryVariable(name="velocity", unit="rad/s", values=speed),
+            ExplanatoryVariable(name="the direction of motion", unit="", values=np.sign(speed)),
+            ExplanatoryVariable(name="time in the run", unit="s", values=time_s),
+            ExplanatoryVariable(name="a constant", unit="", values=np.ones(ROWS)),
         )
         shape = {
             "torque": torque / 20,
@@ -34,14 +34,14 @@ def _channels(seed: int, gap: str, kind: str, size: float) -> list[Channel]:
             "beyond": np.where(np.abs(torque) > 15, np.sign(torque), 0),
         }[gap]
         residual = rng.normal(size=ROWS) + (size * shape if joint.endswith(kind) else 0)
-        channels.append(Channel(signal="q", place=joint, residual=residual, drivers=drivers))
+        channels.append(Channel(signal="q", place=joint, residual=residual, variables=variables))
     return channels
 
 
 @pytest.mark.parametrize("gap", ["torque", "velocity", "the direction of motion", "a constant"])
 def test_what_a_residual_grows_with_is_said_of_the_joints_that_have_it(gap: str) -> None:
     first = localise(_channels(1, gap, "calf", 3.0))[0]
-    assert first.driver == gap
+    assert first.variable == gap
     assert first.text.startswith("calf joints: q")
     assert set(first.places) == {joint for joint in JOINTS if joint.endswith("calf")}
     assert first.share > 0.5
@@ -58,9 +58,9 @@ def test_the_threshold_beyond_which_a_gap_lies_is_found() -> None:
 def test_a_regime_is_said_as_one() -> None:
     rng = np.random.default_rng(5)
     turning = (np.arange(ROWS) % 100 < 15).astype(float)
-    driver = Driver(name="just after reversals", unit="", values=turning, is_regime=True)
+    variable = ExplanatoryVariable(name="just after reversals", unit="", values=turning, is_regime=True)
     residual = rng.normal(size=ROWS) * (1 + 3 * turning)
-    (said,) = localise([Channel(signal="q", place="FR_hip", residual=residual, drivers=(driver,))])
+    (said,) = localise([Channel(signal="q", place="FR_hip", residual=residual, variables=(variable,))])
     assert said.text.startswith("FR_hip: q is off by 3.9 sigma")
     assert "just after reversals, by 1.0 elsewhere" in said.text
 
@@ -93,9 +93,9 @@ def test_places_in_words(named: tuple[str, ...], words: str) -> None:
 def test_drivers_of_a_log_are_those_of_its_motion() -> None:
     log = joints_log(Rig(coulomb=0.3), seconds=4.0)
     times = np.linspace(0.1, 3.9, 500)
-    drivers = {driver.name: driver.values for driver in drivers_of(log, "FR_thigh", times)}
+    variables = {variable.name: variable.values for variable in explanatory_variables_of(log, "FR_thigh", times)}
     assert log.joints.tau_est is not None
-    np.testing.assert_allclose(drivers["torque"], np.interp(times, log.joints.time_s, log.joints.tau_est[:, 1]))
-    assert set(np.unique(np.sign(drivers["the direction of motion"]))) == {-1.0, 0.0, 1.0}
-    assert 0 < np.mean(drivers["just after reversals"]) < 0.5
-    assert np.corrcoef(np.gradient(drivers["velocity"], times), drivers["acceleration"])[0, 1] > 0.5
+    np.testing.assert_allclose(variables["torque"], np.interp(times, log.joints.time_s, log.joints.tau_est[:, 1]))
+    assert set(np.unique(np.sign(variables["the direction of motion"]))) == {-1.0, 0.0, 1.0}
+    assert 0 < np.mean(variables["just after reversals"]) < 0.5
+    assert np.corrcoef(np.gradient(variables["velocity"], times), variables["acceleration"])[0, 1] > 0.5

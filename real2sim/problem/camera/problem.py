@@ -10,10 +10,10 @@ from saltus.real2sim.problem.camera.counts import COPIES, FILLED, NOISE, CountRo
 from saltus.real2sim.problem.camera.data import AS_CLAIMED, CameraData, camera_data
 from saltus.real2sim.problem.camera.end import end_of_range
 from saltus.real2sim.problem.camera.model import shake_of
-from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Driver, Problem
+from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, ExplanatoryVariable, Problem
 from saltus.recordings.run_log import RunLog
 
-RANGE, ROW, COLUMN = "range", "row", "column"  # names of drivers
+RANGE, ROW, COLUMN = "range", "row", "column"  # names of explanatory variables
 LINEAR = 30.0  # up to here a residual is as it is; beyond, it is bent towards the limit
 BEYOND = 1.01  # times an end of the range: at least as far goes a scene that it cuts
 PROBE_S = 0.010  # latency by which it is judged whether the scene moves
@@ -90,7 +90,7 @@ class CameraProblem(Problem):
             rows.append(np.concatenate([self._depth_residuals(predicted), _bent(end), _bent(counted)]))
         return np.stack(rows)[:, None] if rows else np.empty((0, 1, len(self.segment)))
 
-    def drivers(self) -> tuple[Driver, ...]:
+    def explanatory_variables(self) -> tuple[ExplanatoryVariable, ...]:
         """Where in the image, and how far away; for depth only, not for what is counted."""
         data = self._data
         _, pixel = self._at
@@ -101,7 +101,9 @@ class CameraProblem(Problem):
             ("distance to edges and holes", "px", data.grid.distance_to_others(data.known)[self._at]),
         )
         nothing = np.full(len(self.signal) - len(pixel), np.nan)
-        return tuple(Driver(name=name, unit=unit, values=np.concatenate([v, nothing])) for name, unit, v in seen)
+        return tuple(
+            ExplanatoryVariable(name=name, unit=unit, values=np.concatenate([v, nothing])) for name, unit, v in seen
+        )
 
     def _depth_residuals(self, predicted: Floats) -> Floats:
         residual = (self._data.measured - predicted) / self._sigma

@@ -16,7 +16,7 @@ from saltus.effects.encoders import low_pass_weights
 from saltus.effects.motor_limits import lag_weights
 
 LEAST_LEVEL = 1e-6  # Nm of dry friction: none at all
-Hinges = tuple[tuple[Floats, Floats], ...]
+Kinks = tuple[tuple[Floats, Floats], ...]
 
 
 class DriveState:
@@ -40,7 +40,7 @@ class Drives:
     dt_s: float
     limit: Floats
     """Torque limits of the joints [Nm], shape (branches, joints, 1)."""
-    hinges: Hinges = ()
+    kinks: Kinks = ()
     """A saturation in pieces: slopes that are lost, and the torque [Nm] from which on, shape
     (joints, 1)."""
     command_delay: Floats | None = None
@@ -157,7 +157,7 @@ class Drives:
             torque = torque + in_mean * (start - torque)
         if self.torque_speed_limit is not None:
             torque, state.steepness = self._limited(torque, velocity, *self.torque_speed_limit)
-        if self.torque_saturation is not None or self.hinges:
+        if self.torque_saturation is not None or self.kinks:
             torque = torque - np.sign(torque) * self._saturated(np.abs(torque))
         if self.torque_gain is not None:
             torque = torque * (1.0 + self.torque_gain)
@@ -187,7 +187,7 @@ class Drives:
     def _saturated(self, magnitude: Floats) -> Floats:
         """Torque [Nm] that saturation takes from a commanded one >= 0; a law and pieces add up."""
         missing = np.zeros(()) if self.torque_saturation is None else lost(magnitude, *self.torque_saturation)
-        for slope, corner in self.hinges:
+        for slope, corner in self.kinks:
             missing = missing + slope * np.maximum(magnitude - corner, 0.0)
         return missing
 
@@ -214,11 +214,14 @@ def lost(torque: Floats, slope: Floats, corner: Floats, rounding: Floats) -> Flo
     return np.asarray(slope * rounding * (np.logaddexp(0.0, (torque - corner) / rounding) - at_zero))
 
 
-def taken(hinges: Hinges, place: int, torque: Floats, legs: slice = slice(None)) -> Floats:
-    """Torque [Nm] that a saturation in pieces takes of one >= 0 at a place, mean of those legs that have it."""
+def saturation_loss(kinks: Kinks, joint_of_leg: int, torque: Floats, legs: slice = slice(None)) -> Floats:
+    """Torque [Nm] that a saturation in pieces takes of one >= 0, mean of those legs that have it.
+
+    `joint_of_leg` counts the joints of a leg from 0.
+    """
     loss = np.zeros(())
-    for slopes, corners in hinges:
-        slope, corner = slopes[legs, place, 0], corners[legs, place, 0]
+    for slopes, corners in kinks:
+        slope, corner = slopes[legs, joint_of_leg, 0], corners[legs, joint_of_leg, 0]
         own = slope != 0.0
         if own.any():
             loss = loss + slope[own].mean() * np.maximum(torque - corner[own].mean(), 0.0)

@@ -14,7 +14,7 @@ from saltus.effects.motor_limits import TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.joints.candidates import JointCandidates, beside
-from saltus.real2sim.problem.joints.drives import Drives, Hinges, lost, taken
+from saltus.real2sim.problem.joints.drives import Drives, Kinks, lost, saturation_loss
 from saltus.real2sim.problem.joints.excitation import Grid, encoder_steps, reach_of, untestable
 from saltus.real2sim.problem.joints.motion import motions_of, twice_as_fine, uniform_rows, windows_of
 from saltus.real2sim.problem.joints.noise import Whitening, quieter, repeated, smooth_left_out, whitening
@@ -56,7 +56,7 @@ class JointProblem(Problem):
     """
 
     name = "joints"
-    _assumed: Hinges = ()
+    _assumed: Kinks = ()
     _holds_limit = False
     held = (TorqueSaturation.name,)
 
@@ -97,10 +97,10 @@ class JointProblem(Problem):
             members = np.flatnonzero(key == value)
             for start in range(0, len(members), TOGETHER):
                 part = members[start : start + TOGETHER]
-                out[part] = self._whitened(replace(self._drives(unknowns[part]), hinges=self._assumed))
+                out[part] = self._whitened(replace(self._drives(unknowns[part]), kinks=self._assumed))
         return out
 
-    def residuals_with_hinges(self, unknowns: Floats, corners: Floats, slopes: Floats) -> Floats:
+    def residuals_with_kinks(self, unknowns: Floats, corners: Floats, slopes: Floats) -> Floats:
         """Residuals with saturations in pieces, shape (sets, blocks x m).
 
         Args:
@@ -108,7 +108,7 @@ class JointProblem(Problem):
             corners: Torque from which on each piece takes [Nm], shape (places, pieces).
             slopes: What share it takes, shape (sets, blocks, places, pieces).
         """
-        drives = replace(self._drives(unknowns), hinges=_hinges(corners, slopes))
+        drives = replace(self._drives(unknowns), kinks=_kinks(corners, slopes))
         return self._whitened(drives).reshape(len(slopes), -1)
 
     def with_saturation(self, corners: Floats, slopes: Floats) -> "JointProblem":
@@ -119,7 +119,7 @@ class JointProblem(Problem):
             slopes: What share it takes, same shape.
         """
         problem = copy(self)
-        problem._assumed = _hinges(corners, slopes[None])
+        problem._assumed = _kinks(corners, slopes[None])
         problem.candidates = problem._with_saturations()
         return problem
 
@@ -139,12 +139,14 @@ class JointProblem(Problem):
     def _with_saturations(self) -> tuple[Candidate, ...]:
         """The candidates, those of a saturation with knee and plateau of what is fitted and what is assumed."""
         places = list(self.places[0])
-        return tuple(
-            beside(c, partial(taken, self._assumed, place := places.index(c.where)), lost, float(self.limit[place]))
-            if c.effect == "torque_saturation"
-            else c
-            for c in self._candidates.listed
-        )
+
+        def with_assumed(candidate: Candidate) -> Candidate:
+            if candidate.effect != "torque_saturation":
+                return candidate
+            place = places.index(candidate.where)
+            return beside(candidate, partial(saturation_loss, self._assumed, place), lost, float(self.limit[place]))
+
+        return tuple(with_assumed(candidate) for candidate in self._candidates.listed)
 
     def _drives(self, unknowns: Floats) -> Drives:
         return replace(self._candidates.drives(unknowns, self._motion.dt_s), holds_limit=self._holds_limit)
@@ -243,7 +245,7 @@ class JointProblem(Problem):
         )
 
 
-def _hinges(corners: Floats, slopes: Floats) -> Hinges:
+def _kinks(corners: Floats, slopes: Floats) -> Kinks:
     return tuple((slopes[..., k].transpose(1, 2, 0), corners[..., k, None]) for k in range(corners.shape[-1]))
 
 

@@ -20,7 +20,7 @@ from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.candidates import Claims, trunk_candidates
 from saltus.real2sim.problem.joints.candidates import LOOP_RATE, JointCandidates, Reach, beside
-from saltus.real2sim.problem.joints.drives import Hinges, lost, taken
+from saltus.real2sim.problem.joints.drives import Kinks, lost, saturation_loss
 from saltus.real2sim.problem.joints.excitation import LEAST_SAG_S, MOST
 from saltus.real2sim.problem.joints.torque_curve import corners_of
 from saltus.real2sim.problem.jumps.stretch import BASE, Balance, stretch_of
@@ -75,7 +75,7 @@ class JumpProblem(Problem):
     places = ({"trunk": "trunk", **{joint: joint for joint in JOINTS}},)
     simulator_disagreement = 0.3
     """No contact is simulated."""
-    _assumed: Hinges = ()
+    _assumed: Kinks = ()
     held = (TorqueSaturation.name,)
 
     def __init__(self, log: RunLog) -> None:
@@ -140,7 +140,7 @@ class JumpProblem(Problem):
         placed = replace(candidate, where=f"{LEGS[leg]}_{candidate.where}")
         if candidate.effect != "torque_saturation":
             return placed
-        known = partial(taken, self._assumed, place, legs=slice(leg, leg + 1))
+        known = partial(saturation_loss, self._assumed, place, legs=slice(leg, leg + 1))
         return beside(placed, known, lost, float(self._limits[leg, place]))
 
     def _left(self, unknowns: Floats) -> Floats:
@@ -148,7 +148,7 @@ class JumpProblem(Problem):
         split = len(LEGS) * self._joints.count
         drives = self._joints.drives(unknowns[:, :split].reshape(len(unknowns), len(LEGS), -1), PHYSICS_DT)
         strength = self._claims.motor_strength * (1.0 if drives.torque_gain is None else 1.0 + drives.torque_gain)
-        drives = replace(drives, hinges=self._assumed, torque_gain=np.asarray(strength - 1.0))
+        drives = replace(drives, kinks=self._assumed, torque_gain=np.asarray(strength - 1.0))
         each = [b.left(s.torque(drives)) for s, b in zip(self._stretches, self._balances, strict=True)]
         left = np.moveaxis(np.concatenate(each), -1, 0)
         return left + np.einsum("np,pbs->nbs", unknowns[:, split:], self._slopes[self._trunk])
