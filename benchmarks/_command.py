@@ -16,7 +16,10 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True, kw_only=True)
 class Command(ABC):
-    """Flags of all benchmarks. A file here that does not begin with "_" has one of these, called `Benchmark`."""
+    """Flags of all benchmarks.
+
+    A file here that does not begin with "_" has one of these, called `Benchmark`.
+    """
 
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Print the figures as one JSON object on the last line."""

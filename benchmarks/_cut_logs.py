@@ -1,6 +1,7 @@
 """Ten logs that are cut: joints, body, camera and jumps, without effects and with one.
 
-The cut is what a full disk or an empty battery leaves: all rows up to a moment, and a meta.json that knows nothing of
+The cut is what a full disk or an empty battery leaves: all rows up to a moment, and a meta.json
+    that knows nothing of
 it.
 """
 
@@ -45,15 +46,23 @@ def _jumped(terrain: str, profile: Profile, folder: Path) -> None:
 
 LOGS: dict[str, Callable[[Path], None]] = {
     "joints": partial(_performed, "joint_tour", IDEAL),
-    "joints_friction": partial(_performed, "joint_tour", Profile(actuator=(CoulombFriction(torque=CALVES),))),
-    "joints_delay": partial(_performed, "joint_chirp", Profile(actuator=(CommandDelay(delay=0.006),))),
+    "joints_friction": partial(
+        _performed, "joint_tour", Profile(actuator=(CoulombFriction(torque=CALVES),))
+    ),
+    "joints_delay": partial(
+        _performed, "joint_chirp", Profile(actuator=(CommandDelay(delay=0.006),))
+    ),
     "body": partial(_performed, "squat", IDEAL),
     "body_com": partial(_performed, "squat", Profile(body=(ComOffset(x=0.02),))),
     "camera": partial(_performed, "heave_and_pitch", IDEAL),
-    "camera_late": partial(_performed, "heave_and_pitch", Profile(camera=(CameraLatency(latency=0.03),))),
+    "camera_late": partial(
+        _performed, "heave_and_pitch", Profile(camera=(CameraLatency(latency=0.03),))
+    ),
     "camera_pitch": partial(_performed, "height_step", Profile(camera=(CameraPitch(offset=0.03),))),
     "jumps": partial(_jumped, "stairs", IDEAL),
-    "jumps_lag": partial(_jumped, "stepping_stones", Profile(actuator=(ActuatorLag(time_constant=0.004),))),
+    "jumps_lag": partial(
+        _jumped, "stepping_stones", Profile(actuator=(ActuatorLag(time_constant=0.004),))
+    ),
 }
 """By name, what writes each into a folder."""
 

@@ -79,14 +79,22 @@ class SoundFile:
     """Is given the path of a file in the same place that may be damaged."""
 
 
-MODELS = {f"{name}{suffix}": name for name in ("heightmap", "policy") for suffix in ("", "_without_checksum")}
+MODELS = {
+    f"{name}{suffix}": name
+    for name in ("heightmap", "policy")
+    for suffix in ("", "_without_checksum")
+}
 BAGS = ("mcap", "sqlite3", "ros1")
 
 
 def make_samples(folder: Path, robot: Robot) -> None:
     """Writes a sound file of each kind."""
     config = RunConfig(
-        robot="go1", grid="line", terrain=TerrainConfig(terrain="flat"), planner="scripted", time_limit_s=RUN_S
+        robot="go1",
+        grid="line",
+        terrain=TerrainConfig(terrain="flat"),
+        planner="scripted",
+        time_limit_s=RUN_S,
     )
     with Stack(config, folder / "run") as stack:
         stack.wait()
@@ -103,7 +111,9 @@ def make_samples(folder: Path, robot: Robot) -> None:
     shutil.copy(resource("models/checkpoints/policy.pt"), folder)
     make_dataset(folder / "trained on", HELD_OUT)
     train(
-        folder / "trained on", folder / "heightmap.pt", PredictorTraining(updates=1, batch=2, window=50, device="cpu")
+        folder / "trained on",
+        folder / "heightmap.pt",
+        PredictorTraining(updates=1, batch=2, window=50, device="cpu"),
     )
     (folder / "profile.toml").write_text(
         shipped_profiles()[robot.profile].read_text(encoding="utf-8"), encoding="utf-8"
@@ -125,7 +135,10 @@ def samples(folder: Path, robot: Robot) -> dict[str, SoundFile]:
         return read_rosbag(path, Topics())
 
     run, log = folder / "run", folder / "log"
-    bags = {kind: next((folder / kind).glob(f"*{end}")) for kind, end in (("mcap", ".mcap"), ("sqlite3", ".db3"))}
+    bags = {
+        kind: next((folder / kind).glob(f"*{end}"))
+        for kind, end in (("mcap", ".mcap"), ("sqlite3", ".db3"))
+    }
     found: dict[str, tuple[Path, Callable[[Path], object]]] = {
         "recording": (run / RECORDING_FILE, report),
         **{f"bag {kind}": (path, bag) for kind, path in bags.items()},
@@ -138,14 +151,20 @@ def samples(folder: Path, robot: Robot) -> dict[str, SoundFile]:
         "dataset manifest": (folder / "data" / MANIFEST, lambda path: read_dataset(path.parent)),
         "dataset shard": (folder / "data" / "round_000.h5", read_shard),
         **{
-            f"model {place.replace('_', ' ')}": (folder / f"{place}.onnx", network if name == "heightmap" else planner)
+            f"model {place.replace('_', ' ')}": (
+                folder / f"{place}.onnx",
+                network if name == "heightmap" else planner,
+            )
             for place, name in MODELS.items()
         },
         "checkpoint heightmap": (folder / "heightmap.pt", settings_of),
         "checkpoint policy": (folder / "policy.pt", lambda path: config_of(read_checkpoint(path))),
         "toml profile": (folder / "profile.toml", lambda path: load_profile(str(path), robot)),
         "toml camera": (folder / "camera.toml", lambda path: load_camera(str(path))),
-        "toml terrain": (folder / "terrain.toml", lambda path: make_terrain(TerrainConfig(terrain=str(path)))),
+        "toml terrain": (
+            folder / "terrain.toml",
+            lambda path: make_terrain(TerrainConfig(terrain=str(path))),
+        ),
         "toml setup": (run / SETUP_FILE, lambda path: load(Setup, path)),
         "toml run": (run / RUN_FILE, lambda path: load(RunConfig, path)),
     }
@@ -193,7 +212,9 @@ def make_bag(folder: Path, kind: str) -> None:
         folder = folder.with_suffix(".bag")
         writer: Any = rosbag1.Writer(folder)
     else:
-        writer = rosbag2.Writer(folder, version=9, storage_plugin=rosbag2.StoragePlugin[kind.upper()])
+        writer = rosbag2.Writer(
+            folder, version=9, storage_plugin=rosbag2.StoragePlugin[kind.upper()]
+        )
     joint_state, names = "sensor_msgs/msg/JointState", [f"joint_{i}" for i in range(12)]
     writer.open()
     with closing(writer):
@@ -203,8 +224,12 @@ def make_bag(folder: Path, kind: str) -> None:
             sequence = {"seq": i} if kind == "ros1" else {}
             header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="", **sequence)
             values = np.sin(0.1 * i + np.arange(12))
-            message = types[joint_state](header=header, name=names, position=values, velocity=values, effort=values)
-            data = (store.serialize_ros1 if kind == "ros1" else store.serialize_cdr)(message, joint_state)
+            message = types[joint_state](
+                header=header, name=names, position=values, velocity=values, effort=values
+            )
+            data = (store.serialize_ros1 if kind == "ros1" else store.serialize_cdr)(
+                message, joint_state
+            )
             writer.write(topic, 10**9 + 2_000_000 * i, data)
 
 
@@ -224,12 +249,18 @@ def make_realsense(path: Path) -> None:
     with rosbag1.Writer(path) as bag:
         for topic, message, count in (
             (f"{stream}/info/camera_info", info, 1),
-            ("/device_0/sensor_0/option/Depth Units/value", types["std_msgs/msg/Float32"](0.001), 1),
+            (
+                "/device_0/sensor_0/option/Depth Units/value",
+                types["std_msgs/msg/Float32"](0.001),
+                1,
+            ),
             (f"{stream}/image/data", image, 10),
         ):
             connection = bag.add_connection(topic, message.__msgtype__, typestore=store)
             for i in range(count):
-                bag.write(connection, 33_000_000 * i, store.serialize_ros1(message, message.__msgtype__))
+                bag.write(
+                    connection, 33_000_000 * i, store.serialize_ros1(message, message.__msgtype__)
+                )
 
 
 def shipped() -> Robot:

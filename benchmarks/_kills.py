@@ -40,8 +40,13 @@ from saltus.wire.zenoh_bus import ZenohBus
 
 RUN_TIMEOUT_S = 20.0
 BACK_S, LANDED_S = 2.0, 2.0
-"""Waited for after the kill, at most: the process is ready again; the robot has landed (1.1 s), or goes on."""
-STANDING_S = 1.0  # watched after both: a process that is back tells a robot to go within a few steps
+"""Waited for after the kill, at most: the process is ready again.
+
+The robot has landed (1.1 s), or goes on.
+"""
+STANDING_S = (
+    1.0  # watched after both: a process that is back tells a robot to go within a few steps
+)
 SILENT_S = 1.0  # a controller that is not heard for so long has gone
 WAIT_S = 0.02  # for a message, at most
 STANDING_HEIGHT_M = 0.18
@@ -72,18 +77,25 @@ class FaultResult:
     """How long the robot had been running when the process was killed."""
     told_ms: float
     """From the last arrival of the dead process's product to the first message of its consumer that says so, before the
-    product comes again; infinite where none does, as where another process goes on in time. A product that the consumer
-    alone still had counts (`heard_alone_ns`)."""
+    product comes again; infinite where none does, as where another process goes on in time. A
+    product that the consumer alone still had counts (`heard_alone_ns`)."""
     reported_ms: float
     """The same to the supervisor's event that the process died."""
     silence_ms: float
-    """The longest time without that product, from this arrival on; to the end where it does not come again."""
+    """The longest time without that product, from this arrival on.
+
+    To the end where it does not come again.
+    """
     end: End
     """How the robot is at the end of the recording."""
     stale: int
-    """Messages of the whole run that stood on something older than may be used, see `stale_uses`."""
+    """Messages of the whole run that stood on something older than may be used, see
+    `stale_uses`."""
     back_s: float
-    """From the death noticed to the process being ready again; infinite where it did not come back."""
+    """From the death noticed to the process being ready again.
+
+    Infinite where it did not come back.
+    """
 
 
 def kill_during_run(
@@ -98,15 +110,16 @@ def kill_during_run(
 ) -> Recording:
     """Starts a real-time run and kills a process `after_s` after the robot has begun to run.
 
-    It goes on watching until the process is back, and the robot has landed and stood for a second, has arrived, or was
-    watched for `watch_s`. All times are in the clock of the run.
+    It goes on watching until the process is back, and the robot has landed and stood for a second,
+    has arrived, or was watched for `watch_s`. All times are in the clock of the run.
 
     Args:
         config: Of the run.
         directory: Its folder.
         process: Which one.
         after_s: When.
-        times: How often, each time as soon as it is back: the first ones are replaced by a standby, where it has one.
+        times: How often, each time as soon as it is back: the first ones are replaced by a standby,
+            where it has one.
         watch_s: At most, after the last kill.
         programs: That make up the stack.
 
@@ -138,14 +151,22 @@ def wait_until_running(stack: Stack, states: Latest) -> None:
 def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
     """Reads from a recording of `kill_during_run` what happened after the last kill."""
     died_ns, ready_ns = _death_and_return(recording, process)
-    product = [(arrival, e.boot_id, e.capture_ns) for arrival, e, _ in recording.payloads(PRODUCT[process])]
+    product = [
+        (arrival, e.boot_id, e.capture_ns) for arrival, e, _ in recording.payloads(PRODUCT[process])
+    ]
     last_ns = last_before([(arrival, boot_id) for arrival, boot_id, _ in product], died_ns)
     end_ns = recording.of(RobotState)[-1].time_ns
     again_ns = next((arrival for arrival, _, _ in product if arrival > last_ns), end_ns)
-    complaints = ((told, newest) for told, newest in _complaints(recording, process) if last_ns < told <= again_ns)
+    complaints = (
+        (told, newest)
+        for told, newest in _complaints(recording, process)
+        if last_ns < told <= again_ns
+    )
     told, newest_ns = next(complaints, (None, None))
     if newest_ns is not None:
-        made_ns = max((made for arrival, _, made in product if arrival <= last_ns), default=newest_ns)
+        made_ns = max(
+            (made for arrival, _, made in product if arrival <= last_ns), default=newest_ns
+        )
         last_ns += heard_alone_ns(newest_ns - made_ns, TOPICS[PRODUCT[process]].rate_hz)
     later = [last_ns, *(arrival for arrival, _, _ in product if arrival > last_ns), end_ns]
     return FaultResult(
@@ -176,11 +197,13 @@ def last_before(product: Sequence[tuple[int, bytes]], died_ns: int) -> int:
 def heard_alone_ns(newer_ns: int, rate_hz: float) -> int:
     """How much later than the last recorded message a consumer had its last one [ns, whole periods].
 
-    A process sends to its consumer and to the recorder one after the other; who comes first differs from run to run.
-    If it is killed between the two, the recorder lacks a message that the consumer has.
+    A process sends to its consumer and to the recorder one after the other; who comes first differs
+    from run to run. If it is killed between the two, the recorder lacks a message that the consumer
+    has.
 
     Args:
-        newer_ns: By how much the newest message that the consumer had was made after the last that was recorded.
+        newer_ns: By how much the newest message that the consumer had was made after the last that
+            was recorded.
         rate_hz: Of the messages.
     """
     period_ns = round(1e9 / rate_hz)
@@ -190,19 +213,27 @@ def heard_alone_ns(newer_ns: int, rate_hz: float) -> int:
 def stale_uses(recording: Recording) -> int:
     """How many messages of a run stood on something older than may be used.
 
-    That are heightmaps that say to be good of an image, plans to go on of a good heightmap, and states in which the
-    controller follows a plan. Times are those of the robot's states that they answer, not of arrivals.
+    That are heightmaps that say to be good of an image, plans to go on of a good heightmap, and
+    states in which the controller follows a plan. Times are those of the robot's states that they
+    answer, not of arrivals.
     """
     image = depth_topic(recording.camera.latency_s or CAMERA_LATENCY_S)
     good = [heightmap for heightmap in recording.of(Heightmap) if heightmap.status not in BLIND]
     plans = [plan.time_ns for plan in recording.of(MotionPlan) if plan.status == PlanStatus.GO]
-    heights, step_s = TOPICS["heightmap/heightmap"], POLICY_DT  # what is used now was made a step ago
+    heights, step_s = (
+        TOPICS["heightmap/heightmap"],
+        POLICY_DT,
+    )  # what is used now was made a step ago
     states = recording.of(RobotState)
     decided = decided_ns([state.time_ns for state in states])
-    followed = [time_ns for time_ns, state in zip(decided, states, strict=True) if state.mode in FOLLOWING]
+    followed = [
+        time_ns for time_ns, state in zip(decided, states, strict=True) if state.mode in FOLLOWING
+    ]
     return (
         sum(heightmap.depth_age_s > image.invalid_age_s for heightmap in good)
-        + late_uses(plans, [heightmap.time_ns for heightmap in good], heights.invalid_age_s + step_s)
+        + late_uses(
+            plans, [heightmap.time_ns for heightmap in good], heights.invalid_age_s + step_s
+        )
         + late_uses(followed, plans, TOPICS["policy/plan"].invalid_age_s + step_s)
     )
 
@@ -235,17 +266,23 @@ def end_of(recording: Recording) -> End:
 
 
 def witness(
-    supervisor: "subprocess.Popen[str]", run_dir: Path, path: Path, after_s: float, strike: Callable[[], None]
+    supervisor: "subprocess.Popen[str]",
+    run_dir: Path,
+    path: Path,
+    after_s: float,
+    strike: Callable[[], None],
 ) -> Recording:
     """Records a run that another process hosts from beside it, until the controller has gone.
 
-    So the end of a run can be judged whose own recording cannot be written, or whose supervisor was killed.
+    So the end of a run can be judged whose own recording cannot be written, or whose supervisor was
+    killed.
 
     Args:
         supervisor: The process that hosts the run.
         run_dir: Folder of the run.
         path: Of the recording that is made here.
-        after_s: When `strike` is called [s of the run's clock], counted from when the robot began to run.
+        after_s: When `strike` is called [s of the run's clock], counted from when the robot began
+            to run.
         strike: Does what the run should survive.
 
     Raises:
@@ -253,13 +290,17 @@ def witness(
     """
     while not (run_dir / CLIENT_FILE).is_file():
         if supervisor.poll() is not None:
-            raise StackError(f"the supervisor ended with {supervisor.returncode} before its run began")
+            raise StackError(
+                f"the supervisor ended with {supervisor.returncode} before its run began"
+            )
         time.sleep(0.02)
     run = read_run(run_dir)
     silent_s = RunClock.of(run.config).machine_s(SILENT_S)
     silent, begun_s = 0, None
     with (
-        ZenohBus.of_run(endpoint_of(run_dir), run.config, peer=run.config.pace == "realtime") as bus,
+        ZenohBus.of_run(
+            endpoint_of(run_dir), run.config, peer=run.config.pace == "realtime"
+        ) as bus,
         Recorder(path, run.config, run.setup) as recorder,
     ):
         stream, states = bus.stream(), bus.latest("controller/state")
@@ -293,7 +334,11 @@ def _until(stack: Stack, timeout_s: float, seen: Callable[[], bool]) -> bool:
 
 def _mode(states: Latest) -> ControllerMode | None:
     sample = states.take()
-    return None if sample is None or not isinstance(sample.message, RobotState) else ControllerMode(sample.message.mode)
+    return (
+        None
+        if sample is None or not isinstance(sample.message, RobotState)
+        else ControllerMode(sample.message.mode)
+    )
 
 
 def _is_back(events: Latest, process: str) -> bool:
@@ -303,7 +348,9 @@ def _is_back(events: Latest, process: str) -> bool:
 
 def _says(event: Message, code: str, process: str) -> bool:
     """True where it is an event of the supervisor about this process."""
-    return isinstance(event, Event) and event.code == code and event.detail.startswith(f"{process}:")
+    return (
+        isinstance(event, Event) and event.code == code and event.detail.startswith(f"{process}:")
+    )
 
 
 def _death_and_return(recording: Recording, process: str) -> tuple[int, int | None]:
@@ -330,7 +377,11 @@ def _complaints(recording: Recording, process: str) -> Iterable[tuple[int, int |
                 yield arrival, _before(heightmap.time_ns, heightmap.depth_age_s)
         return
     for arrival, _, event in recording.messages(f"event/{CONSUMER[process]}"):
-        if isinstance(event, Event) and event.code in ("heightmap_lost", "plan_lost", "mode_landing"):
+        if isinstance(event, Event) and event.code in (
+            "heightmap_lost",
+            "plan_lost",
+            "mode_landing",
+        ):
             yield arrival, _before(event.time_ns, _age_s(event.detail))
 
 
@@ -351,4 +402,8 @@ def is_upright(recording: Recording, steps: int = 50) -> bool:
     height = -np.array([truth.height for truth in truths])[:, 10]  # the point under the base
     speed = np.linalg.norm([truth.velocity_base_in_world for truth in truths], axis=1)
     cosine = 1 - 2 * (x * x + y * y)
-    return bool(np.all(cosine > UPRIGHT_COSINE) and np.all(height > STANDING_HEIGHT_M) and np.median(speed) < 0.1)
+    return bool(
+        np.all(cosine > UPRIGHT_COSINE)
+        and np.all(height > STANDING_HEIGHT_M)
+        and np.median(speed) < 0.1
+    )

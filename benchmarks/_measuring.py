@@ -23,7 +23,9 @@ Result = TypeVar("Result")
 
 
 def percentiles(
-    values: Sequence[float] | Floats, which: Sequence[int] = (50, 99), method: Literal["linear", "higher"] = "linear"
+    values: Sequence[float] | Floats,
+    which: Sequence[int] = (50, 99),
+    method: Literal["linear", "higher"] = "linear",
 ) -> dict[str, float]:
     """Percentiles by their names "p50" and so on."""
     found = np.percentile(values, which, method=method)
@@ -56,17 +58,25 @@ class Stopwatch:
     def percentiles(self) -> dict[str, float]:
         """Percentiles of both times [us]."""
         wall, cpu = percentiles(self.wall_us), percentiles(self.cpu_us)
-        return {f"{name}_us": value for name, value in wall.items()} | {f"cpu_{k}_us": v for k, v in cpu.items()}
+        return {f"{name}_us": value for name, value in wall.items()} | {
+            f"cpu_{k}_us": v for k, v in cpu.items()
+        }
 
 
 def own_processes() -> list[int]:
     """Numbers of this process and of those that it has started with `multiprocessing`."""
-    return [os.getpid(), *(child.pid for child in multiprocessing.active_children() if child.pid is not None)]
+    return [
+        os.getpid(),
+        *(child.pid for child in multiprocessing.active_children() if child.pid is not None),
+    ]
 
 
 def processor_s(processes: Iterable[int]) -> float:
     """Processor time that processes have used."""
-    fields = [Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split() for pid in processes]
+    fields = [
+        Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+        for pid in processes
+    ]
     return sum(int(f[11]) + int(f[12]) for f in fields) / os.sysconf("SC_CLK_TCK")
 
 
@@ -82,7 +92,9 @@ def hear_signals() -> None:
 
 def resident_mb(processes: Iterable[int]) -> float:
     """Memory of processes."""
-    pages = sum(int(Path(f"/proc/{pid}/statm").read_text(encoding="utf-8").split()[1]) for pid in processes)
+    pages = sum(
+        int(Path(f"/proc/{pid}/statm").read_text(encoding="utf-8").split()[1]) for pid in processes
+    )
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
@@ -97,7 +109,10 @@ class Use(NamedTuple):
 
 def use_of(pid: int) -> Use:
     """Returns what a process holds now."""
-    status = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text(encoding="utf-8").splitlines())
+    status = dict(
+        line.split(":", 1)
+        for line in Path(f"/proc/{pid}/status").read_text(encoding="utf-8").splitlines()
+    )
     memory_mb = int(status["RssAnon"].split()[0]) * 1024 / 1e6
     return Use(memory_mb, len([*Path(f"/proc/{pid}/fd").iterdir()]), int(status["Threads"]))
 

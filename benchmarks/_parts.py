@@ -31,11 +31,15 @@ PARTS = {
     "service": ("saltus.heightmap.service.fleet:FleetService.step",),
     "planner": ("saltus.policy.process:PlannerProcess.step",),
     "codec": ("saltus.wire.codec:encode", "saltus.wire.codec:decode"),
-    "recorder": ("saltus.recordings.recorder:Recorder.write", "saltus.recordings.recorder:Recorder.flush"),
+    "recorder": (
+        "saltus.recordings.recorder:Recorder.write",
+        "saltus.recordings.recorder:Recorder.flush",
+    ),
     "zenoh": ("saltus.wire.zenoh_bus:ZenohPublisher.put",),
     "waiting": ("saltus.runtime.ticker:Ticker.wait", "saltus.wire.bus:Bell.wait"),
 }
-"""Functions of each part, as module:name; `waiting` is what it takes to fall asleep and to wake up."""
+"""Functions of each part, as module:name; `waiting` is what it takes to fall asleep and to wake
+up."""
 _FOLDER = "SALTUS_PARTS"
 """Variable that tells the processes where to leave their figures."""
 
@@ -108,7 +112,11 @@ def metered(programs: tuple[Program, ...], folder: Path) -> Iterator[tuple[Progr
     for program in programs:
         text = f"from benchmarks._parts import run_timed\n\nrun_timed({program.name!r}, {program.module!r})\n"
         (folder / f"timed_{program.name}.py").write_text(text, encoding="utf-8")
-    paths = (str(folder), str(Path(__file__).resolve().parents[1]), os.environ.get("PYTHONPATH", ""))
+    paths = (
+        str(folder),
+        str(Path(__file__).resolve().parents[1]),
+        os.environ.get("PYTHONPATH", ""),
+    )
     before = dict(os.environ)
     os.environ |= {"PYTHONPATH": os.pathsep.join(filter(None, paths)), _FOLDER: str(folder)}
     try:
@@ -133,12 +141,16 @@ def run_timed(name: str, module: str) -> None:
 
 
 def _leave(name: str, meter: Meter) -> None:
-    (Path(os.environ[_FOLDER]) / f"{name}.json").write_text(json.dumps(vars(meter.end())), encoding="utf-8")
+    (Path(os.environ[_FOLDER]) / f"{name}.json").write_text(
+        json.dumps(vars(meter.end())), encoding="utf-8"
+    )
 
 
 def spent_by(programs: tuple[Program, ...], folder: Path) -> dict[str, Spent]:
     """Figures that the processes have left; those of one that was killed are missing."""
     files = {program.name: folder / f"{program.name}.json" for program in programs}
     return {
-        name: Spent(**json.loads(file.read_text(encoding="utf-8"))) for name, file in files.items() if file.is_file()
+        name: Spent(**json.loads(file.read_text(encoding="utf-8")))
+        for name, file in files.items()
+        if file.is_file()
     }

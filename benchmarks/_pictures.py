@@ -23,7 +23,9 @@ class Pictured(Command):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.picture is not None and importlib.util.find_spec("matplotlib") is None:
-            raise SaltusError("--picture needs matplotlib, which is not installed: pip install matplotlib")
+            raise SaltusError(
+                "--picture needs matplotlib, which is not installed: pip install matplotlib"
+            )
 
 
 def subplots(rows: int, columns: int, **options: Any) -> tuple[Any, Any]:

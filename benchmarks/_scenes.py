@@ -10,7 +10,8 @@ from saltus.terrain.terrain import Terrain, across
 ENDS_M = (-2.0, 8.0)
 FINISH_X = 6.0
 FIRST_M, LAST_M, ASIDE_M = 0.8, 4.0, 0.6
-"""Where things stand: the robot starts at 0 and looks 0.5 to 3 m ahead, 0.2 m to either side at 1 m."""
+"""Where things stand: the robot starts at 0 and looks 0.5 to 3 m ahead, 0.2 m to either side at 1
+m."""
 _DEG = np.pi / 180.0
 
 
@@ -18,14 +19,23 @@ def tables(rng: np.random.Generator) -> Iterable[Box]:
     """Two tables: plates of which one sees the upper or the lower side, on four legs."""
     for first in (0.9, 2.6):
         long, wide, high = rng.uniform(0.5, 1.0), rng.uniform(0.7, 1.6), rng.uniform(0.35, 0.8)
-        x, y, yaw = first + 0.5 * long + rng.uniform(0.0, 0.5), rng.uniform(-0.4, 0.4), rng.uniform(-0.5, 0.5)
+        x, y, yaw = (
+            first + 0.5 * long + rng.uniform(0.0, 0.5),
+            rng.uniform(-0.4, 0.4),
+            rng.uniform(-0.5, 0.5),
+        )
         thick, leg = rng.uniform(0.02, 0.05), rng.uniform(0.04, 0.08)
         yield Box.at((x, y, high - 0.5 * thick), (long, wide, thick), yaw=yaw)
         for ahead, aside in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
             off = 0.5 * np.array([ahead * (long - leg), aside * (wide - leg)])
-            turned = (np.cos(yaw) * off[0] - np.sin(yaw) * off[1], np.sin(yaw) * off[0] + np.cos(yaw) * off[1])
+            turned = (
+                np.cos(yaw) * off[0] - np.sin(yaw) * off[1],
+                np.sin(yaw) * off[0] + np.cos(yaw) * off[1],
+            )
             upright = 0.5 * (high - thick)
-            yield Box.at((x + turned[0], y + turned[1], upright), (leg, leg, 2.0 * upright), yaw=yaw)
+            yield Box.at(
+                (x + turned[0], y + turned[1], upright), (leg, leg, 2.0 * upright), yaw=yaw
+            )
 
 
 def clutter(rng: np.random.Generator) -> Iterable[Box]:

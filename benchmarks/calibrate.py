@@ -1,6 +1,7 @@
 """How exact `saltus render calibrate` is: cameras that sit otherwise than claimed, on robots that stand.
 
-Each recording is of a real run in lockstep; pitch is drawn within 5 degrees, height within 3 cm, errors are a D435i's.
+Each recording is of a real run in lockstep; pitch is drawn within 5 degrees, height within 3 cm,
+errors are a D435i's.
 
     saltus bench calibrate -- --recordings 20
 """
@@ -34,7 +35,10 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         """Largest and usual errors, and how often intervals hold the truth."""
-        rows = [self._one(seed) for seed in progress(range(self.seed, self.seed + self.recordings), "calibrate")]
+        rows = [
+            self._one(seed)
+            for seed in progress(range(self.seed, self.seed + self.recordings), "calibrate")
+        ]
         pitch, height = np.abs(np.array([row[:2] for row in rows])).T
         inside = np.array([row[2:] for row in rows])
         return {
@@ -62,7 +66,8 @@ class Benchmark(Command):
                 replace(shipped, camera=(*shipped.camera, *hidden)).to_toml(), encoding="utf-8"
             )
             config = RunConfig(robot="go1", grid="line",
-                terrain=TerrainConfig(terrain="flat"), planner="scripted", seed=seed, time_limit_s=STANDS_S,
+                terrain=TerrainConfig(terrain="flat"), planner="scripted", seed=seed,
+                time_limit_s=STANDS_S,
                 profile=str(folder / "hidden.toml"),
             )  # fmt: skip
             with Stack(config, folder / "run") as stack:
@@ -70,7 +75,10 @@ class Benchmark(Command):
             found = calibrate(folder / "run" / "recording.mcap")
         off_pitch = found.found.pitch - (robot.camera_pitch + pitch)
         off_height = found.found.height - (robot.camera_position[2] + height)
-        tell(f"seed {seed}: pitch off by {np.rad2deg(off_pitch):.4f} deg, height by {1e3 * off_height:.3f} mm")
+        tell(
+            f"seed {seed}: pitch off by {np.rad2deg(off_pitch):.4f} deg, height by "
+            f"{1e3 * off_height:.3f} mm"
+        )
         half = found.half_width_90
         return (
             float(np.rad2deg(off_pitch)),

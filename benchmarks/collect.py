@@ -1,9 +1,9 @@
 """How fast data for the heightmap predictor are collected with the shipped predictor in the loop.
 
-Labelled steps of 10 ms a second, with rendering, late and lost images, network, planners, physics, and the images that
-are kept; by the clock, by the clock after the processes have started, and by a second of one core's work, which other
-programs on the machine disturb less. Shards are written to a temporary folder. On a GPU `saltus heightmap collect`
-says itself how fast it is.
+Labelled steps of 10 ms a second, with rendering, late and lost images, network, planners, physics,
+and the images that are kept; by the clock, by the clock after the processes have started, and by a
+second of one core's work, which other programs on the machine disturb less. Shards are written to a
+temporary folder. On a GPU `saltus heightmap collect` says itself how fast it is.
 
     OMP_NUM_THREADS=1 saltus bench collect -- --processes 1 --batches 2
 """

@@ -1,9 +1,11 @@
 """Runs beside others that take their time: a service starved, floods of messages, strangers who connect.
 
-starved: the service stands still for four fifths of each 100 ms. flood: another program of the run's owner sends
-messages of 20 kB on a key, as fast as it can, up to 10,000 a second; none is of the key's type. strangers: the run
-listens for who has a certificate (`saltus up --listen`), and another program without one connects as often as it can;
-it says nothing and stays, or begins TLS and is refused. The supervisor may open 1,024 files, as is usual.
+starved: the service stands still for four fifths of each 100 ms. flood: another program of the
+    run's owner sends
+messages of 20 kB on a key, as fast as it can, up to 10,000 a second; none is of the key's type.
+strangers: the run listens for who has a certificate (`saltus up --listen`), and another program
+without one connects as often as it can; it says nothing and stays, or begins TLS and is refused.
+The supervisor may open 1,024 files, as is usual.
 
     saltus bench crowding -- --trials 5
     saltus bench crowding -- --trials 5 --speed 0.25
@@ -62,8 +64,13 @@ class Benchmark(Command):
     def measure(self) -> dict[str, Any]:
         limit_files(FILES)
         others = {f"flood on {key}": Other(flood, partial(own_key, key)) for key in KEYS}
-        others |= {name: Other(act, lambda _, address: (address,)) for name, act in STRANGERS.items()}
-        kinds: dict[str, Disturbance] = {"nothing": lambda *_: contextlib.nullcontext(), "starved": self._starved}
+        others |= {
+            name: Other(act, lambda _, address: (address,)) for name, act in STRANGERS.items()
+        }
+        kinds: dict[str, Disturbance] = {
+            "nothing": lambda *_: contextlib.nullcontext(),
+            "starved": self._starved,
+        }
         kinds.update(others)
         table: dict[str, Any] = {}
         for name, disturb in kinds.items():
@@ -127,9 +134,14 @@ class Benchmark(Command):
 
 
 class Other:
-    """Another process that keeps a run busy; what it did, `sent` times in `lasted_s` seconds, of all runs."""
+    """Another process that keeps a run busy.
 
-    def __init__(self, act: Callable[..., None], where: Callable[[Stack, Address], tuple[Any, ...]]) -> None:
+    What it did, `sent` times in `lasted_s` seconds, of all runs.
+    """
+
+    def __init__(
+        self, act: Callable[..., None], where: Callable[[Stack, Address], tuple[Any, ...]]
+    ) -> None:
         self.sent, self.lasted_s = 0, 0.0
         self._act, self._where = act, where
 
@@ -161,7 +173,9 @@ def flood(client: Path, key: str, over: Any, sent: "Synchronized[int]") -> None:
     """Sends on a key, as a program whose Zenoh configuration is `client`, until `over` is set; `sent` counts."""
     payload, attachment = os.urandom(FLOOD_BYTES), bytes(40)
     with zenoh.open(zenoh.Config.from_file(str(client))) as session:
-        publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP, express=True)
+        publisher = session.declare_publisher(
+            key, congestion_control=zenoh.CongestionControl.DROP, express=True
+        )
         next_s = time.monotonic()
         while not over.is_set():
             publisher.put(payload, attachment=attachment)
@@ -188,7 +202,10 @@ def begin_tls(address: Address, over: Any, sent: "Synchronized[int]") -> None:
 
     def begin() -> None:
         while not over.is_set():
-            with contextlib.suppress(OSError), socket.create_connection(address, timeout=0.2) as plain:
+            with (
+                contextlib.suppress(OSError),
+                socket.create_connection(address, timeout=0.2) as plain,
+            ):
                 with sent.get_lock():
                     sent.value += 1
                 with context.wrap_socket(plain) as refused:
@@ -213,7 +230,9 @@ def free_address() -> Address:
 
 def limit_files(number: int) -> None:
     """Lets this process, and those that it starts, have so many open files."""
-    resource.setrlimit(resource.RLIMIT_NOFILE, (number, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
+    resource.setrlimit(
+        resource.RLIMIT_NOFILE, (number, resource.getrlimit(resource.RLIMIT_NOFILE)[1])
+    )
 
 
 def judged(recording: Recording, begin_ns: int) -> dict[str, Any]:
@@ -223,5 +242,7 @@ def judged(recording: Recording, begin_ns: int) -> dict[str, Any]:
     return {
         "end": end_of(recording),
         "stale": stale_uses(recording),
-        "state_gap_ms_p99": float(np.percentile(1e-6 * np.diff(during), 99)) if len(during) > 1 else float("inf"),
+        "state_gap_ms_p99": float(np.percentile(1e-6 * np.diff(during), 99))
+        if len(during) > 1
+        else float("inf"),
     }

@@ -1,8 +1,9 @@
 """Verdicts of `find` on recordings that end in the middle, beside those on the whole ones.
 
-Ten logs (joints, body, camera, jumps; without effects and with one) are cut at random lengths. A cut may say less than
-the whole log, never something else: no name that the whole log does not give, no `bad_log`, and nothing named without
-segments to test it on. Logs, and each cut's answer, are kept in --out: a benchmark that was ended goes on there.
+Ten logs (joints, body, camera, jumps; without effects and with one) are cut at random lengths. A
+cut may say less than the whole log, never something else: no name that the whole log does not give,
+no `bad_log`, and nothing named without segments to test it on. Logs, and each cut's answer, are
+kept in --out: a benchmark that was ended goes on there.
 
     saltus bench cuts -- --cuts 20 --workers 8 --out runs/cuts
 """
@@ -77,9 +78,15 @@ class Benchmark(Command):
 
     def _cases(self) -> list[Case]:
         """The whole logs, then the cuts of all logs in turn: after an hour all have some."""
-        draws = {name: np.random.default_rng([self.seed, list(LOGS).index(name)]) for name in self.logs}
+        draws = {
+            name: np.random.default_rng([self.seed, list(LOGS).index(name)]) for name in self.logs
+        }
         whole = [Case(name, WHOLE, 1.0) for name in self.logs]
-        return whole + [Case(name, str(k), float(draws[name].random())) for k in range(self.cuts) for name in self.logs]
+        return whole + [
+            Case(name, str(k), float(draws[name].random()))
+            for k in range(self.cuts)
+            for name in self.logs
+        ]
 
     def _file(self, case: Case) -> Path:
         seed = "" if case.cut == WHOLE else f"{self.seed}_"
@@ -99,7 +106,8 @@ def answer(case: Case, out: Path, file: Path) -> dict[str, Any]:
     row = {"log": case.log, "cut": case.cut, "seconds_of_log": round(seconds, 3)}
     row |= searched(folder, out / "found" / file.stem)
     row["is_tested"] = (
-        json.loads((out / "found" / file.stem / "verdict.json").read_text(encoding="utf-8"))["gap"] is not None
+        json.loads((out / "found" / file.stem / "verdict.json").read_text(encoding="utf-8"))["gap"]
+        is not None
     )
     file.parent.mkdir(parents=True, exist_ok=True)
     write_whole(file, json.dumps(row))

@@ -1,6 +1,7 @@
 """Damages files and messages at random: nothing dies, hangs or grows, and each is refused with its reason in one line.
 
-Files: models, checkpoints, recordings, bags, run logs, datasets and TOMLs, each read in a process that is watched.
+Files: models, checkpoints, recordings, bags, run logs, datasets and TOMLs, each read in a process
+    that is watched.
 Messages: what the decoder of every topic makes of mutated payloads.
 
     saltus bench damaged_files -- --files 1000 --payloads 100000
@@ -55,7 +56,9 @@ class Benchmark(Command):
             if unknown := [name for name in self.only if name not in found]:
                 raise ConfigError(f"only = {unknown[0]}: choose from {', '.join(found)}")
             kinds = list(self.only or found)
-            table = {kind: self._files(kind, Path(folder), index) for index, kind in enumerate(kinds)}
+            table = {
+                kind: self._files(kind, Path(folder), index) for index, kind in enumerate(kinds)
+            }
             messages = {} if self.only else self.messages(found["recording"].path)
         return {"files": table, "messages": messages}
 
@@ -65,15 +68,22 @@ class Benchmark(Command):
         while first < self.files and found.counts["died"] + found.counts["hung"] < GIVEN_UP:
             first = self._watch(kind, folder, index, first, found)
             path.write_bytes(good)
-        counts = {name: found.counts[name] for name in ("refused", "read", "raised", "died", "hung")}
+        counts = {
+            name: found.counts[name] for name in ("refused", "read", "raised", "died", "hung")
+        }
         return {"files": first, **counts, "slowest_s": found.slowest_s, "growth_mb": found.growth_mb,
                 "peak_mb": found.peak_mb}  # fmt: skip
 
     def _watch(self, kind: str, folder: Path, index: int, first: int, found: "Watched") -> int:
-        """Lets a process read files until it ends, dies or hangs; returns the number of the next file."""
+        """Lets a process read files until it ends, dies or hangs.
+
+        Returns the number of the next file.
+        """
         context = multiprocessing.get_context("spawn")
         here, there = context.Pipe(duplex=False)
-        process = context.Process(target=_read_all, args=(kind, folder, (self.seed, index), first, self.files, there))
+        process = context.Process(
+            target=_read_all, args=(kind, folder, (self.seed, index), first, self.files, there)
+        )
         process.start()
         there.close()
         done = first
@@ -98,7 +108,9 @@ class Benchmark(Command):
         whole = read_recording(recording)
         for name in TOPICS:
             for arrival_ns, envelope, payload in whole.payloads(name):
-                good.setdefault(name, []).append(RawSample(_key(name), payload, envelope.to_bytes(), arrival_ns))
+                good.setdefault(name, []).append(
+                    RawSample(_key(name), payload, envelope.to_bytes(), arrival_ns)
+                )
         return {name: self._mutate(name, raws) for name, raws in good.items()}
 
     def _mutate(self, name: str, raws: list[RawSample]) -> dict[str, Any]:
@@ -120,7 +132,10 @@ class Benchmark(Command):
             except Exception as error:  # what must not be
                 counts["raised"] += 1
                 tell(f"{name}: {type(error).__name__}: {error}")
-        return {**{key: counts[key] for key in ("refused", "read", "raised")}, "growth_mb": _settled_mb() - before_mb}
+        return {
+            **{key: counts[key] for key in ("refused", "read", "raised")},
+            "growth_mb": _settled_mb() - before_mb,
+        }
 
 
 class Watched:
@@ -147,7 +162,9 @@ class Watched:
             tell(f"{kind} {number} {outcome}: {text[:300]}")
 
 
-def _read_all(kind: str, folder: Path, seed: tuple[int, int], first: int, last: int, told: Connection) -> None:
+def _read_all(
+    kind: str, folder: Path, seed: tuple[int, int], first: int, last: int, told: Connection
+) -> None:
     """Reads damaged files and says of each what it led to, how long it took and what memory it left and needed [MB]."""
     sample = samples(folder, shipped())[kind]
     good = sample.path.read_bytes()

@@ -1,9 +1,12 @@
-"""Ends runs at random: recordings that are cut, disks that are full, signals. What is left is whole and says so.
+"""Ends runs at random: recordings that are cut, disks that are full, signals.
 
-cut: a recording of a run at random bytes. disk: a small tmpfs under the run (needs root). power: the disk under the run
-loses power, and with it what the system had not given to it yet (needs root). orders: no end but all beginnings, the
-processes of a run in lockstep started by hand in each order, at random moments. Others: SIGTERM, SIGHUP and Ctrl-C at
-random moments of a command.
+What is left is whole and says so.
+
+cut: a recording of a run at random bytes. disk: a small tmpfs under the run (needs root). power:
+    the disk under the run
+loses power, and with it what the system had not given to it yet (needs root). orders: no end but
+all beginnings, the processes of a run in lockstep started by hand in each order, at random moments.
+Others: SIGTERM, SIGHUP and Ctrl-C at random moments of a command.
 
     saltus bench ends -- --what cut --times 2000
     saltus bench ends -- --what train --times 50 --out runs/ends.jsonl
@@ -71,7 +74,9 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 }
 ENDED_S = 120.0
 DISK_BYTES = 32_000_000  # several times a run's recording, and copied in an instant
-POWER_LOSS_S = FLUSH_S + SYNC_S + 0.1  # what is promised, and the step in which the supervisor writes
+POWER_LOSS_S = (
+    FLUSH_S + SYNC_S + 0.1
+)  # what is promised, and the step in which the supervisor writes
 ORDERS = list(itertools.permutations(PROGRAMS))
 LIMIT_S = 3.0  # of a run that is started in some order
 SETTLED_S = 0.3  # for its last messages
@@ -79,7 +84,9 @@ SETTLED_S = 0.3  # for its last messages
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    what: Literal["cut", "disk", "power", "orders", "up", "demo", "train", "collect", "evaluate"] = "cut"
+    what: Literal[
+        "cut", "disk", "power", "orders", "up", "demo", "train", "collect", "evaluate"
+    ] = "cut"
     """The case: what is ended, and how."""
     times: int = 50
     """How often."""
@@ -98,7 +105,9 @@ class Benchmark(Command):
         if self.out is not None and self.out.is_file():
             lines = [json.loads(line) for line in self.out.read_text(encoding="utf-8").splitlines()]
             rows = [row for row in lines if row["what"] == self.what and row["number"] < self.times]
-        try_one = {"disk": self._disk, "power": self._power, "orders": self._order}.get(self.what, self._signal)
+        try_one = {"disk": self._disk, "power": self._power, "orders": self._order}.get(
+            self.what, self._signal
+        )
         for number in progress(range(len(rows), self.times), self.what):
             rng = np.random.default_rng([self.seed, number])
             with tempfile.TemporaryDirectory() as folder:
@@ -128,7 +137,11 @@ class Benchmark(Command):
     def _cut(self) -> dict[str, Any]:
         rng = np.random.default_rng(self.seed)
         config = RunConfig(
-            robot="go1", grid="line", terrain=TerrainConfig(terrain="flat"), planner="scripted", time_limit_s=3.0
+            robot="go1",
+            grid="line",
+            terrain=TerrainConfig(terrain="flat"),
+            planner="scripted",
+            time_limit_s=3.0,
         )
         with tempfile.TemporaryDirectory() as directory:
             folder = Path(directory)
@@ -167,19 +180,35 @@ class Benchmark(Command):
             for program in order:
                 time.sleep(float(rng.uniform(0.0, 1.0)))
                 processes[program.name] = subprocess.Popen(
-                    [sys.executable, "-P", "-m", program.module, "--run-dir", str(folder), "--endpoint", endpoint],
+                    [
+                        sys.executable,
+                        "-P",
+                        "-m",
+                        program.module,
+                        "--run-dir",
+                        str(folder),
+                        "--endpoint",
+                        endpoint,
+                    ],
                     stdout=subprocess.DEVNULL,
                 )
             started_s = ready_s = time.monotonic()
             goes_on = True
             while goes_on:  # once more after the end, for what was sent last
-                goes_on = processes["controller"].poll() is None and time.monotonic() - started_s < ENDED_S
+                goes_on = (
+                    processes["controller"].poll() is None
+                    and time.monotonic() - started_s < ENDED_S
+                )
                 time.sleep(0.01 if goes_on else SETTLED_S)
                 if waiting:
-                    waiting = {name: latest for name, latest in waiting.items() if latest.take() is None}
+                    waiting = {
+                        name: latest for name, latest in waiting.items() if latest.take() is None
+                    }
                     ready_s = time.monotonic()
                 for sample in heard.drain():
-                    if sample.key == "controller/state" and sample.payload != last:  # it asks again who is late
+                    if (
+                        sample.key == "controller/state" and sample.payload != last
+                    ):  # it asks again who is late
                         last = sample.payload
                         states.update(last)
             for process in processes.values():
@@ -189,7 +218,12 @@ class Benchmark(Command):
             f"{name} ended with {code}; " for name, code in codes.items() if code
         )
         names = [program.name for program in order]
-        return {"order": names, "ready_s": ready_s - started_s, "states": states.hexdigest(), "wrong": wrong}
+        return {
+            "order": names,
+            "ready_s": ready_s - started_s,
+            "states": states.hexdigest(),
+            "wrong": wrong,
+        }
 
     def _disk(self, folder: Path, rng: np.random.Generator, _number: int) -> dict[str, Any]:
         """A run on a file system with room for a random part of it."""
@@ -205,8 +239,15 @@ class Benchmark(Command):
             f"{name}; "
             for name, good in (
                 ("exit code 0", process.returncode != 0),
-                (f"it said {told!r}", "No space left" in told.splitlines()[-1] and "Traceback" not in told),
-                ("it fell", states[-1].mode in (ControllerMode.STAND, ControllerMode.STOPPED) and is_upright(seen, 5)),
+                (
+                    f"it said {told!r}",
+                    "No space left" in told.splitlines()[-1] and "Traceback" not in told,
+                ),
+                (
+                    "it fell",
+                    states[-1].mode in (ControllerMode.STAND, ControllerMode.STOPPED)
+                    and is_upright(seen, 5),
+                ),
                 ("nothing was kept", len(kept) > 0),
             )
             if not good
@@ -233,7 +274,9 @@ class Benchmark(Command):
         wrong, kept_ns = "", 0
         with mounted(place, "-o", "loop", str(copy)):
             try:
-                kept_ns = max(state.time_ns for state in read_recording(run / RECORDING_FILE).of(RobotState))
+                kept_ns = max(
+                    state.time_ns for state in read_recording(run / RECORDING_FILE).of(RobotState)
+                )
             except (SaltusError, ValueError) as error:
                 wrong = f"{error}; "
         lost_s = (1e-9 * (begun_ns - kept_ns) + after_s) / self.speed
@@ -255,11 +298,16 @@ class Benchmark(Command):
             _, told = process.communicate(timeout=ENDED_S)
         except subprocess.TimeoutExpired:
             process.kill()
-            return {"signal": sent.name, "after_s": after_s, "wrong": f"it did not end within {ENDED_S:g} s"}
+            return {
+                "signal": sent.name,
+                "after_s": after_s,
+                "wrong": f"it did not end within {ENDED_S:g} s",
+            }
         wrong = "; ".join(leftovers(out))
         return {
             "signal": sent.name, "after_s": after_s, "exit_code": process.returncode,
-            "ended_s": time.monotonic() - begun_s, "files": sorted(path.name for path in out.rglob("*.*")),
+            "ended_s": time.monotonic() - begun_s,
+            "files": sorted(path.name for path in out.rglob("*.*")),
             "wrong": wrong, "said": told.splitlines()[-1:],
             "traceback": told.splitlines()[-1] if "Traceback" in told else "",
         }  # fmt: skip
@@ -305,7 +353,11 @@ def mounted(place: Path, *what: str) -> Iterator[None]:
     """A file system in a folder; needs root."""
     place.mkdir(exist_ok=True)
     done = subprocess.run(
-        ["/bin/mount", *what, str(place)], capture_output=True, text=True, check=False, encoding="utf-8"
+        ["/bin/mount", *what, str(place)],
+        capture_output=True,
+        text=True,
+        check=False,
+        encoding="utf-8",
     )
     if done.returncode:
         raise SaltusError(f"no disk could be mounted (are you root?): {done.stderr.strip()}")
@@ -318,7 +370,10 @@ def mounted(place: Path, *what: str) -> Iterator[None]:
 def in_order(path: Path) -> list[tuple[str, int, bytes]]:
     """All messages of a file in its order, as plain `mcap` reads them."""
     with path.open("rb") as file:
-        return [(c.topic, m.sequence, m.data) for _, c, m in make_reader(file).iter_messages(log_time_order=False)]
+        return [
+            (c.topic, m.sequence, m.data)
+            for _, c, m in make_reader(file).iter_messages(log_time_order=False)
+        ]
 
 
 def chunk_ends(path: Path) -> list[tuple[int, int]]:
@@ -331,5 +386,10 @@ def chunk_ends(path: Path) -> list[tuple[int, int]]:
             chunk = next(StreamReader(file, skip_magic=True, emit_chunks=True).records)
             assert isinstance(chunk, Chunk)
             count = sum(isinstance(record, Message) for record in breakup_chunk(chunk))
-            ends.append((index.chunk_start_offset + index.chunk_length, count + (ends[-1][1] if ends else 0)))
+            ends.append(
+                (
+                    index.chunk_start_offset + index.chunk_length,
+                    count + (ends[-1][1] if ends else 0),
+                )
+            )
     return ends

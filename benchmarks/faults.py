@@ -1,7 +1,7 @@
 """Kills camera, heightmap service and planner at random phases of the gait during real-time runs.
 
-The clock of the run may be slowed, all limits with it. Results are kept in a file, and the same command adds to them;
-beside it stay the recordings of runs in which something too old was used.
+The clock of the run may be slowed, all limits with it. Results are kept in a file, and the same
+command adds to them; beside it stay the recordings of runs in which something too old was used.
 
     saltus bench faults -- --trials 10
     saltus bench faults -- --terrain stairs --planner learned --trials 20 --speed 0.3 --out runs/faults.jsonl
@@ -51,7 +51,11 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         """The worst case of each process."""
-        kept = [] if self.out is None or not self.out.is_file() else self.out.read_text(encoding="utf-8").splitlines()
+        kept = (
+            []
+            if self.out is None or not self.out.is_file()
+            else self.out.read_text(encoding="utf-8").splitlines()
+        )
         key = [self.terrain, self.planner, self.standbys]
         rows = [row for row in map(json.loads, kept) if row["course"] == key and "stale" in row]
         done = {(row["process"], row["seed"]): row for row in rows}
@@ -83,7 +87,9 @@ class Benchmark(Command):
         )
         with tempfile.TemporaryDirectory() as directory:
             programs = WITH_STANDBYS if self.standbys else PROGRAMS
-            recording = kill_during_run(config, Path(directory), process, after_s, watch_s=COURSE_S, programs=programs)
+            recording = kill_during_run(
+                config, Path(directory), process, after_s, watch_s=COURSE_S, programs=programs
+            )
             result = judge(recording, process, after_s)
             if result.stale and self.out is not None:
                 kept = self.out.with_name(f"{self.terrain}-{process}-{seed}.mcap")
@@ -95,7 +101,9 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Summary of the kills of one process."""
     return {
         "trials": len(rows),
-        "told_ms_max": max((row["told_ms"] for row in rows if row["told_ms"] < float("inf")), default=None),
+        "told_ms_max": max(
+            (row["told_ms"] for row in rows if row["told_ms"] < float("inf")), default=None
+        ),
         "reported_ms_max": max(row["reported_ms"] for row in rows),
         "back_s_max": max(row["back_s"] for row in rows),
         "silence_ms_max": max(row["silence_ms"] for row in rows),

@@ -1,8 +1,9 @@
 """Tracking of the body's pitch rate with feed-forward alone and with velocity feedback, as in the paper's figure.
 
-A Go1 with the drives of the profile "go1" bounds on flat ground in MuJoCo on the estimated state. The reference pitch
-rate is a sine of the gait's phase, nose up in the middle of the front stance, nose down in the middle of the rear
-stance. Errors count where a leg that is to stand does touch the ground: nothing can track in the air.
+A Go1 with the drives of the profile "go1" bounds on flat ground in MuJoCo on the estimated state.
+The reference pitch rate is a sine of the gait's phase, nose up in the middle of the front stance,
+nose down in the middle of the rear stance. Errors count where a leg that is to stand does touch the
+ground: nothing can track in the air.
 
     OMP_NUM_THREADS=1 saltus bench feedback -- --picture feedback.png
 """
@@ -39,7 +40,9 @@ AMPLITUDE = 4.0  # [rad/s], two thirds of what motion policies may ask for
 VELOCITY_X = 0.8  # [m/s], the paper's speed on stairs
 VELOCITY_Z = 0.4  # [m/s], keeps the base up at all three frequencies
 LIFT_M = 0.1
-FRONT_STANCE_PHASE = 0.15  # middle of the front stance in cycles; the rear stance follows 0.45 later
+FRONT_STANCE_PHASE = (
+    0.15  # middle of the front stance in cycles; the rear stance follows 0.45 later
+)
 STAND_S = 1.0
 FREQUENCIES_HZ = (1.5, 2.0, 3.0)
 SHOWN_HZ, SHOWN_S = 2.0, (2.0, 4.0)
@@ -55,7 +58,10 @@ class Benchmark(Pictured):
         errors = {}
         for frequency_hz in progress(FREQUENCIES_HZ):
             forward, both = (run(kd, frequency_hz, self.seconds) for kd in (0.0, 1.0))
-            errors[str(frequency_hz)] = {"feedforward": round(forward.rms, 2), "feedback": round(both.rms, 2)}
+            errors[str(frequency_hz)] = {
+                "feedforward": round(forward.rms, 2),
+                "feedback": round(both.rms, 2),
+            }
             if frequency_hz == SHOWN_HZ and self.picture is not None:
                 draw(forward, both, self.picture)
         return {"rms_rad_s": errors}
@@ -115,28 +121,46 @@ def run(kd: float, frequency_hz: float, seconds: float) -> TickTrace:
         estimate = estimator.step(measured, gait.trusted, estimate)
         mode = ControllerMode.STAND if tick * PHYSICS_DT < STAND_S else ControllerMode.RUN
         plan = make_plan(float(law_state.gait.phase), frequency_hz)
-        command, law_state, diagnostics = law.step(plan, states_of(measured, estimate, gait), law_state, mode)
+        command, law_state, diagnostics = law.step(
+            plan, states_of(measured, estimate, gait), law_state, mode
+        )
         gait = diagnostics.gait
         touching = bool((gait.contact & (robot.state.foot_force > 1.0)).any())
         reference = diagnostics.angular_velocity_reference[1]
         rows.append((tick * PHYSICS_DT, reference, diagnostics.body.angular_velocity[1], touching))
         robot.write(command)
     time_s, reference, pitch_rate, touching_rows = np.array(rows).T
-    return TickTrace(time_s=time_s, reference=reference, measured=pitch_rate, touching=touching_rows > 0.0)
+    return TickTrace(
+        time_s=time_s, reference=reference, measured=pitch_rate, touching=touching_rows > 0.0
+    )
 
 
 def draw(forward: TickTrace, both: TickTrace, out: Path) -> None:
     """Two panels, one for each controller; stretches without ground contact are shaded."""
     figure, axes = subplots(2, 1, figsize=(8.0, 5.0), sharex=True, sharey=True)
-    for axis, trace, name in ((axes[0], forward, "Feed-forward only"), (axes[1], both, "Feed-forward and feedback")):
+    for axis, trace, name in (
+        (axes[0], forward, "Feed-forward only"),
+        (axes[1], both, "Feed-forward and feedback"),
+    ):
         axis.fill_between(
-            trace.time_s, 0, 1, where=~trace.touching, transform=axis.get_xaxis_transform(), color="0.92", step="post"
+            trace.time_s,
+            0,
+            1,
+            where=~trace.touching,
+            transform=axis.get_xaxis_transform(),
+            color="0.92",
+            step="post",
         )
         axis.plot(trace.time_s, trace.reference, "--", color="0.3", label="reference")
         axis.plot(
-            trace.time_s, trace.measured, color="tab:orange" if trace is forward else "tab:blue", label="measured"
+            trace.time_s,
+            trace.measured,
+            color="tab:orange" if trace is forward else "tab:blue",
+            label="measured",
         )
-        axis.set_title(f"{name}: RMS error {trace.rms:.2f} rad/s on the ground", loc="left", fontsize=10)
+        axis.set_title(
+            f"{name}: RMS error {trace.rms:.2f} rad/s on the ground", loc="left", fontsize=10
+        )
         axis.set_ylabel("pitch rate [rad/s]")
         axis.legend(loc="upper right", ncols=2, fontsize=8)
     axes[1].set_xlabel("time [s]; grey: no leg in stance touches the ground")

@@ -1,8 +1,8 @@
 """How policies do on hard courses and on robots unlike the one they were trained on: one table, several models.
 
-The paper's courses; stairs of 0.20 m with late commands, on slippery ground, with soft feet, with joints that resist,
-with a push from the side; ground that leads down, irregular stairs, ditches, hurdles and ramps. Trials go on where they
-were left when --out names a file that was begun before.
+The paper's courses; stairs of 0.20 m with late commands, on slippery ground, with soft feet, with
+joints that resist, with a push from the side; ground that leads down, irregular stairs, ditches,
+hurdles and ramps. Trials go on where they were left when --out names a file that was begun before.
 
     saltus bench hard_courses -- --models models/policy.onnx runs/mine/policy.onnx --trials 50 --out runs/hard.jsonl
 """
@@ -23,7 +23,12 @@ from saltus.config import TerrainConfig
 from saltus.depth_camera import load_camera
 from saltus.effects.delay_line import CommandDelay
 from saltus.effects.effect import Effect
-from saltus.effects.offsets_and_factors import ContactCompliance, CoulombFriction, SoftFeet, ViscousFriction
+from saltus.effects.offsets_and_factors import (
+    ContactCompliance,
+    CoulombFriction,
+    SoftFeet,
+    ViscousFriction,
+)
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import ConfigError, nearest_hint
 from saltus.flags import shown
@@ -38,7 +43,10 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.used_networks import model_id, model_path
 from saltus.workers import in_order
 
-RUBBER = (ContactCompliance(time_constant=0.02), SoftFeet(torsion=0.02, rolling=0.01, touch=0.015, depth=0.022))
+RUBBER = (
+    ContactCompliance(time_constant=0.02),
+    SoftFeet(torsion=0.02, rolling=0.01, touch=0.015, depth=0.022),
+)
 """As of the feet of MuJoCo Menagerie's Go1."""
 
 
@@ -68,7 +76,10 @@ def _rows() -> dict[str, CourseRow]:
     others = {
         "stairs down 0.15": TerrainConfig(terrain="stairs_down", rise_m=0.15),
         "pyramid 0.15": TerrainConfig(terrain="pyramid", rise_m=0.15),
-        **{f"step down {height}": TerrainConfig(terrain="step_down", height_m=height) for height in (0.2, 0.4, 0.6)},
+        **{
+            f"step down {height}": TerrainConfig(terrain="step_down", height_m=height)
+            for height in (0.2, 0.4, 0.6)
+        },
         "irregular 0.12 to 0.22": TerrainConfig(terrain="irregular", rise_m=0.22),
         "ditch 0.5": TerrainConfig(terrain="ditch", gap_m=0.5, depth_m=0.15, depth_max_m=1.0),
         "hurdles 0.2": TerrainConfig(terrain="hurdles", height_m=0.2),
@@ -135,16 +146,22 @@ class Benchmark(Command):
         for row in self.rows:
             for model in self.models:
                 missing = [seed for seed in seeds if (*self._key(model, row), seed) not in known]
-                tasks += [(model, row, missing[i : i + BATCH]) for i in range(0, len(missing), BATCH)]
+                tasks += [
+                    (model, row, missing[i : i + BATCH]) for i in range(0, len(missing), BATCH)
+                ]
         with tqdm(total=sum(len(some) for *_, some in tasks), unit="trial", disable=None) as bar:
-            results = in_order(partial(run, self._heights(), self.camera), tasks, self.processes, bar.update)
+            results = in_order(
+                partial(run, self._heights(), self.camera), tasks, self.processes, bar.update
+            )
             for (model, row, _), trials in zip(tasks, results, strict=True):
                 known |= {(*self._key(model, row), seed): trial for seed, trial in trials.items()}
                 if self.out is not None:
                     _append(self.out, self._key(model, row), trials)
         rows = {}
         for row in self.rows:
-            of_models = [[known[*self._key(model, row), seed] for seed in seeds] for model in self.models]
+            of_models = [
+                [known[*self._key(model, row), seed] for seed in seeds] for model in self.models
+            ]
             rows[row] = _cells(of_models)
         return {
             "models": {str(i): f"{model} ({_id(model)})" for i, model in enumerate(self.models, 1)},
@@ -155,7 +172,9 @@ class Benchmark(Command):
         }
 
     def _key(self, model: Path, row: str) -> tuple[str, ...]:
-        predicted = f" {_id(self.heightmap_model)} {self.camera}" if self.heightmap == "predicted" else ""
+        predicted = (
+            f" {_id(self.heightmap_model)} {self.camera}" if self.heightmap == "predicted" else ""
+        )
         return _id(model), self.heightmap + predicted, row
 
     def _heights(self) -> HeightsFactory:
@@ -166,7 +185,9 @@ class Benchmark(Command):
         return PredictedHeightsFactory(model=self.heightmap_model)
 
 
-def run(heights: HeightsFactory, camera: str, task: tuple[Path, str, Sequence[int]]) -> dict[int, dict[str, Any]]:
+def run(
+    heights: HeightsFactory, camera: str, task: tuple[Path, str, Sequence[int]]
+) -> dict[int, dict[str, Any]]:
     """How trials of a model in a row went, by their seeds."""
     model, name, seeds = task
     row = ROWS[name]
@@ -190,7 +211,9 @@ def _cells(models: Sequence[Sequence[dict[str, Any]]]) -> dict[str, Any]:
         times = [trial["time_s"] for trial in trials if not trial["failure"]]
         cells[f"success {i}"] = len(times)
         cells[f"time_s {i}"] = round(float(np.median(times)), 2) if times else None
-        cells[f"failures {i}"] = dict(Counter(trial["failure"] for trial in trials if trial["failure"]))
+        cells[f"failures {i}"] = dict(
+            Counter(trial["failure"] for trial in trials if trial["failure"])
+        )
     return cells
 
 
@@ -210,4 +233,6 @@ def _read(path: Path) -> dict[tuple[Any, ...], dict[str, Any]]:
         lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
         return {(*line.pop("key"), line.pop("seed")): line for line in lines}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ConfigError(f"{path} holds no trials of this benchmark: name another file with --out") from error
+        raise ConfigError(
+            f"{path} holds no trials of this benchmark: name another file with --out"
+        ) from error

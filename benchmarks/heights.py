@@ -1,9 +1,10 @@
 """Scores of a predictor of heights, and whether it says so where it is worth nothing.
 
-Runs on courses, each family by itself and with another policy; on the README's courses, for how often the service says
-DEGRADED; in scenes unlike any course, of which nothing is trained on; and two images of a real D435 that looks at a
-desk. Cameras are those of `saltus heightmap eval`, policy and predictor are in the loop. Batches of runs go on where
-they were left when --out names a file that was begun before.
+Runs on courses, each family by itself and with another policy; on the README's courses, for how
+often the service says DEGRADED; in scenes unlike any course, of which nothing is trained on; and
+two images of a real D435 that looks at a desk. Cameras are those of `saltus heightmap eval`, policy
+and predictor are in the loop. Batches of runs go on where they were left when --out names a file
+that was begun before.
 
     saltus bench heights -- --other-policy runs/other/policy.onnx --out runs/heights.jsonl
     saltus bench heights -- --sets desk --bag desk.bag
@@ -79,7 +80,10 @@ class Benchmark(Command):
     heightmap_model: Annotated[Path, shown("PATH", "the shipped model")] = HEIGHTMAP
     """ONNX file of the predictor."""
     policy_model: Annotated[Path, shown("PATH", "the shipped policy")] = POLICY
-    """ONNX file of the policy that drives every other batch; the scripted planner drives the rest."""
+    """ONNX file of the policy that drives every other batch.
+
+    The scripted planner drives the rest.
+    """
     other_policy: Annotated[Path | None, shown("PATH", "none")] = None
     """ONNX file of a policy that the predictor has not met; it drives all batches of its set."""
     sets: tuple[SetName, ...] = ("courses", "other policy", "readme", "scenes", "desk")
@@ -111,14 +115,21 @@ class Benchmark(Command):
         tasks = {key: task for name in self.sets for key, task in self._tasks(name).items()}
         missing = {key: task for key, task in tasks.items() if key not in known}
         with tqdm(total=sum(runs.work for runs, _ in missing.values()), disable=None) as bar:
-            counts = in_order(partial(count, self.heightmap_model), list(missing.values()), self.processes, bar.update)
+            counts = in_order(
+                partial(count, self.heightmap_model),
+                list(missing.values()),
+                self.processes,
+                bar.update,
+            )
             for key, found in zip(missing, counts, strict=True):
                 known[key] = found
                 if self.out is not None:
                     with self.out.open("a", encoding="utf-8") as file:
                         file.write(json.dumps({"key": key, "counts": found}) + "\n")
         tables: dict[str, Any] = {
-            name: table([known[key] for key in tasks if key[0] == name]) for name in self.sets if name != "desk"
+            name: table([known[key] for key in tasks if key[0] == name])
+            for name in self.sets
+            if name != "desk"
         }
         if self.bag is not None and "desk" in self.sets:
             from saltus.recordings.realsense import read_realsense
@@ -131,15 +142,27 @@ class Benchmark(Command):
         if name == "desk" or (name == "other policy" and self.other_policy is None):
             return {}
         policy = self.other_policy if name == "other policy" else self.policy_model
-        kinds = {"courses": HeldOutRuns, "other policy": HeldOutRuns, "readme": ReadmeRuns, "scenes": SceneRuns}
+        kinds = {
+            "courses": HeldOutRuns,
+            "other policy": HeldOutRuns,
+            "readme": ReadmeRuns,
+            "scenes": SceneRuns,
+        }
         runs = kinds[name](
             robot=DEFAULT_ROBOT, grid=DEFAULT_GRID, runs=self.runs, seed=self.seed, policy=policy,
             terrains=tuple(FAMILIES), baselines=(), statuses=name in ("readme", "scenes"),
         )  # fmt: skip
         # Policies drive the batches of even number.
         step = 2 if name in ("other policy", "readme") else 1
-        ids = [model_id(path.read_bytes()) for path in (self.heightmap_model, policy) if path is not None]
-        return {(name, *ids, self.seed, step * i, size): (runs, (step * i, size)) for i, size in runs.batches}
+        ids = [
+            model_id(path.read_bytes())
+            for path in (self.heightmap_model, policy)
+            if path is not None
+        ]
+        return {
+            (name, *ids, self.seed, step * i, size): (runs, (step * i, size))
+            for i, size in runs.batches
+        }
 
 
 def count(model: Path, task: tuple[HeldOutRuns, tuple[int, int]]) -> dict[str, Any]:
@@ -148,7 +171,11 @@ def count(model: Path, task: tuple[HeldOutRuns, tuple[int, int]]) -> dict[str, A
     found: dict[str, Any] = {}
     for run in runs.measure(model, batch):
         of_terrain = found.setdefault(run.terrain, {"ok": _nothing(), "other": _nothing()})
-        ok = np.ones(len(run.view), np.bool_) if run.status is None else run.status == HeightmapStatus.OK
+        ok = (
+            np.ones(len(run.view), np.bool_)
+            if run.status is None
+            else run.status == HeightmapStatus.OK
+        )
         for name, chosen in (("ok", ok), ("other", ~ok)):
             of_terrain[name] = _added(of_terrain[name], _counted(run, chosen))
     return found
@@ -162,18 +189,30 @@ def table(batches: list[dict[str, Any]]) -> dict[str, Any]:
             for name in (terrain, "all"):
                 row = rows.setdefault(name, {"ok": _nothing(), "other": _nothing()})
                 rows[name] = {part: _added(row[part], parts[part]) for part in row}
-    return {name: _figures(rows[name]) for name in sorted(rows, key=lambda name: (name != "all", name))}
+    return {
+        name: _figures(rows[name]) for name in sorted(rows, key=lambda name: (name != "all", name))
+    }
 
 
 def _nothing() -> dict[str, Any]:
     views = [0.0] * len(VIEWS)
-    return {"steps": 0, "points": views, "error_m": views, "covered": views, "widths": [0] * (len(WIDTHS_M) + 1)}
+    return {
+        "steps": 0,
+        "points": views,
+        "error_m": views,
+        "covered": views,
+        "widths": [0] * (len(WIDTHS_M) + 1),
+    }
 
 
 def _counted(run: HeldOutRun, chosen: Any) -> dict[str, Any]:
     """Sums over some steps of a run: of steps, by view of points, errors [m], points in their interval; widths."""
     said = run.predictions[NETWORK]
-    error, width, view = np.abs(said.height - run.true_height)[chosen], said.half_width_90[chosen], run.view[chosen]
+    error, width, view = (
+        np.abs(said.height - run.true_height)[chosen],
+        said.half_width_90[chosen],
+        run.view[chosen],
+    )
 
     def by_view(values: Floats) -> list[float]:
         return [float(values[view == number].sum()) for number in range(len(VIEWS))]
@@ -183,7 +222,9 @@ def _counted(run: HeldOutRun, chosen: Any) -> dict[str, Any]:
         "points": by_view(np.ones_like(error)),
         "error_m": by_view(error),
         "covered": by_view((error <= width).astype(np.float64)),
-        "widths": np.bincount(np.searchsorted(WIDTHS_M, width.ravel()), minlength=len(WIDTHS_M) + 1).tolist(),
+        "widths": np.bincount(
+            np.searchsorted(WIDTHS_M, width.ravel()), minlength=len(WIDTHS_M) + 1
+        ).tolist(),
     }
 
 
@@ -192,7 +233,10 @@ def _added(left: dict[str, Any], right: dict[str, Any]) -> dict[str, Any]:
 
 
 def _figures(parts: dict[str, Any]) -> dict[str, Any]:
-    """Errors [mm] and shares [%] of all steps; of those with which the service is content also the interval."""
+    """Errors [mm] and shares [%] of all steps.
+
+    Of those with which the service is content also the interval.
+    """
     every, ok = _added(parts["ok"], parts["other"]), parts["ok"]
     seen = np.arange(len(VIEWS)) != UNSEEN
     points, error, covered = (np.array(every[name]) for name in ("points", "error_m", "covered"))
@@ -223,7 +267,8 @@ def _median_mm(counts: Floats) -> float | None:
 def desk_rows(model: Path, frames: Sequence[DepthFrame]) -> dict[str, Any]:
     """Rows of images, repeated for `DESK_S`, by how far the camera is taken to look down: drops that are stated.
 
-    Points that are stated to be over `DROP_M` below the robot's feet are counted from the model's warm-up on.
+    Points that are stated to be over `DROP_M` below the robot's feet are counted from the model's
+    warm-up on.
     """
     network = HeightmapNetwork(load_robot(DEFAULT_ROBOT), model)
     period_ns, tick_ns = round(1e9 * CAMERA_PERIOD_S), round(0.5e9 * CAMERA_PERIOD_S)
@@ -238,14 +283,18 @@ def desk_rows(model: Path, frames: Sequence[DepthFrame]) -> dict[str, Any]:
         states = LevelRobot(camera_pitch_deg=pitch).states(network.robot, ticks)
         answers = replay_predictor(HeightmapService(network), images, states, arrival_ns)
         settled = [answer for answer in answers if answer.status == HeightmapStatus.OK]
-        height, width = (np.array([getattr(a, name) for a in settled]) for name in ("height", "half_width_90"))
+        height, width = (
+            np.array([getattr(a, name) for a in settled]) for name in ("height", "half_width_90")
+        )
         drops = width[height < -network.robot.stand_height - DROP_M] if settled else np.empty(0)
         rows[f"{pitch:g} deg"] = {
             "ok_%": round(100.0 * len(settled) / len(answers), 1),
             "points": int(height.size),
             "drops": len(drops),
             "least_half_width_mm": round(1e3 * float(drops.min()), 1) if len(drops) else None,
-            "drops_over_0.1_m_%": round(100.0 * float((drops >= 0.1).mean()), 1) if len(drops) else None,
+            "drops_over_0.1_m_%": round(100.0 * float((drops >= 0.1).mean()), 1)
+            if len(drops)
+            else None,
         }
     return rows
 
@@ -255,4 +304,6 @@ def _read(path: Path) -> dict[tuple[Any, ...], Any]:
         lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
         return {tuple(line["key"]): line["counts"] for line in lines}
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{path} holds no batches of this benchmark: name another file with --out") from error
+        raise ConfigError(
+            f"{path} holds no batches of this benchmark: name another file with --out"
+        ) from error

@@ -1,7 +1,7 @@
 """Draws a robot that no training has met, for `saltus real2sim cycle`: three effects, one each of drives, body, camera.
 
-Each lies 1.3 to 1.8 times as far from what is known as the draws of policy or predictor reach. Who names a seed that
-nobody has looked at hides a robot that nobody chose.
+Each lies 1.3 to 1.8 times as far from what is known as the draws of policy or predictor reach. Who
+names a seed that nobody has looked at hides a robot that nobody chose.
 
     saltus bench hidden_robot -- --seed 20261122 --out hidden.toml
     saltus real2sim cycle --hidden hidden.toml --out runs/hidden
@@ -57,7 +57,9 @@ class Draw:
     def beyond(self, rng: np.random.Generator) -> Effect:
         """The effect with a value that no training draws."""
         side = float(rng.choice([-1.0, 1.0])) if self.mirrored else 1.0
-        return self.effect(round(self.known + side * rng.uniform(*BEYOND) * (self.furthest - self.known), 4))
+        return self.effect(
+            round(self.known + side * rng.uniform(*BEYOND) * (self.furthest - self.known), 4)
+        )
 
 
 MENU = (
@@ -70,11 +72,23 @@ MENU = (
     ),
     (  # body
         Draw(lambda value: PayloadMass(mass=value), 0.0, _DRAWS.payload_kg[1]),
-        Draw(lambda value: ComOffset(x=value, y=0.0, z=0.0), 0.0, _DRAWS.com_shift_m[0], mirrored=True),
-        Draw(lambda value: ContactCompliance(time_constant=value), *SOFT_RUBBER["contact_time_constant"]),
+        Draw(
+            lambda value: ComOffset(x=value, y=0.0, z=0.0),
+            0.0,
+            _DRAWS.com_shift_m[0],
+            mirrored=True,
+        ),
+        Draw(
+            lambda value: ContactCompliance(time_constant=value),
+            *SOFT_RUBBER["contact_time_constant"],
+        ),
     ),
     (  # camera
-        Draw(lambda value: CameraLatency(latency=value, jitter=0.0), CAMERA_LATENCY_S, TRAINING.latency_s[1]),
+        Draw(
+            lambda value: CameraLatency(latency=value, jitter=0.0),
+            CAMERA_LATENCY_S,
+            TRAINING.latency_s[1],
+        ),
         Draw(lambda value: CameraPitch(offset=value), 0.0, PITCH_ERROR, mirrored=True),
         Draw(lambda value: CameraHeight(offset=value), 0.0, POSITION_ERROR_M, mirrored=True),
     ),
@@ -100,7 +114,8 @@ class Benchmark(Command):
         if self.out.exists():
             raise SaltusError(f"{self.out}: there is a file of this name already")
         self.out.write_text(
-            f"# Drawn by saltus bench hidden_robot -- --seed {self.seed}\n\n" + hidden_robot(self.seed).to_toml(),
+            f"# Drawn by saltus bench hidden_robot -- --seed {self.seed}\n\n"
+            + hidden_robot(self.seed).to_toml(),
             encoding="utf-8",
         )
         return {"hidden_robot": {"seed": self.seed, "out": str(self.out)}}

@@ -1,8 +1,8 @@
 """Time of the heightmap service: features, image pooling and network, for one robot and for several at once.
 
-Robots of a batch all ask at the same moment, which is the worst case; each has a new image at every second step, which
-is cropped and pooled from the D435i's 80x240. Times are in microseconds. The share of a core is processor time, which
-other programs hardly change.
+Robots of a batch all ask at the same moment, which is the worst case; each has a new image at every
+second step, which is cropped and pooled from the D435i's 80x240. Times are in microseconds. The
+share of a core is processor time, which other programs hardly change.
 
     OMP_NUM_THREADS=1 saltus bench inference
 """
@@ -43,7 +43,9 @@ class Benchmark(Command):
         rng, load = np.random.default_rng(0), os.getloadavg()[0]
         network = HeightmapNetwork(load_robot(DEFAULT_ROBOT), resource("models/heightmap.onnx"))
         small = frames(self.ticks, MODEL_CAMERA, rng)
-        large = frames(self.ticks // 2, supersampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS), rng)
+        large = frames(
+            self.ticks // 2, supersampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS), rng
+        )
         single = one_robot(network, LevelRobot().states(network.robot, small), small)
         states = LevelRobot().states(network.robot, large)
         rows = [{"n": count, **row(fleet(network, count, states, large))} for count in ROBOTS]
@@ -51,16 +53,24 @@ class Benchmark(Command):
         return {
             **row(single),
             "robots": rows,
-            "eight_fit_one_core": bool(1e3 * last["p99_us"] < PERIOD_NS and last["core_share"] < 1.0),
+            "eight_fit_one_core": bool(
+                1e3 * last["p99_us"] < PERIOD_NS and last["core_share"] < 1.0
+            ),
             "model_id": network.model_id,
             "load": round(load, 1),
         }
 
 
 def frames(count: int, camera: Intrinsics, rng: np.random.Generator) -> list[DepthFrame]:
-    """Images of the camera, one for each step; every second one is taken, and none of these is missing."""
+    """Images of the camera, one for each step.
+
+    Every second one is taken, and none of these is missing.
+    """
     scenes = random_frames(camera, SCENES, rng)
-    return [replace(scenes[i % SCENES], time_ns=i * PERIOD_NS - LATENCY_NS, frame_id=i // 2) for i in range(count)]
+    return [
+        replace(scenes[i % SCENES], time_ns=i * PERIOD_NS - LATENCY_NS, frame_id=i // 2)
+        for i in range(count)
+    ]
 
 
 def row(watch: Stopwatch) -> dict[str, float]:
@@ -69,7 +79,9 @@ def row(watch: Stopwatch) -> dict[str, float]:
     return {**watch.percentiles(), "core_share": round(share, 4)}
 
 
-def one_robot(network: HeightmapNetwork, states: Sequence[RobotState], images: Sequence[DepthFrame]) -> Stopwatch:
+def one_robot(
+    network: HeightmapNetwork, states: Sequence[RobotState], images: Sequence[DepthFrame]
+) -> Stopwatch:
     """Single steps with images of the model's own size."""
     service, watch = HeightmapService(network), Stopwatch(skip=WARM_UP)
     for state, frame in zip(states, images, strict=True):
@@ -78,7 +90,10 @@ def one_robot(network: HeightmapNetwork, states: Sequence[RobotState], images: S
 
 
 def fleet(
-    network: HeightmapNetwork, robots: int, states: Sequence[RobotState], images: Sequence[DepthFrame]
+    network: HeightmapNetwork,
+    robots: int,
+    states: Sequence[RobotState],
+    images: Sequence[DepthFrame],
 ) -> Stopwatch:
     """Steps of so many robots together."""
     names = [f"robot/{i}" for i in range(robots)]
@@ -86,6 +101,8 @@ def fleet(
     for state, frame in zip(states, images, strict=True):
         taken = frame if state.step % 2 == 0 else None
         boot = None if taken is None else b"camera"
-        arrival = RobotRequest(state=state, robot_boot=b"robot", frame=taken, camera_boot=boot, now_ns=state.time_ns)
+        arrival = RobotRequest(
+            state=state, robot_boot=b"robot", frame=taken, camera_boot=boot, now_ns=state.time_ns
+        )
         watch(service.step, dict.fromkeys(names, arrival))
     return watch

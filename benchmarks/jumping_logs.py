@@ -1,9 +1,10 @@
 """Verdicts of `find` on logs of robots that jump, each with one effect on all joints, and on the same without it.
 
-Of each log, a run without the effect comes first: what `find` says it could have told there, times 1 to 3 as the seed
-has it, is the size that is hidden. Of latency that is 10 ms at least, the tick in which images arrive, and of pitch 1
-mrad: `find` leaves out pixels at edges, which promise more. Logs go on where they were left when --out names a folder
-that was begun before.
+Of each log, a run without the effect comes first: what `find` says it could have told there, times
+    1 to 3 as the seed
+has it, is the size that is hidden. Of latency that is 10 ms at least, the tick in which images
+arrive, and of pitch 1 mrad: `find` leaves out pixels at edges, which promise more. Logs go on where
+they were left when --out names a folder that was begun before.
 
     saltus bench jumping_logs -- --first-seed 100 --out runs/jumps
 """
@@ -31,7 +32,10 @@ HIDDEN = (
     ("imu_bias", "gyro_x"),
     ("viscous_friction", "coefficient"),
 )
-"""Effects and the parameter that is hidden; friction of joints is dry in one round, viscous in the next."""
+"""Effects and the parameter that is hidden.
+
+Friction of joints is dry in one round, viscous in the next.
+"""
 LEAST = {"camera_latency": POLICY_DT, "camera_pitch": 1e-3}
 ROUNDS = 7
 LARGEST = 3.0
@@ -73,8 +77,15 @@ class Benchmark(Command):
         if not ideal.exists():
             jumped(terrain, seed, ideal)
         before = searched(ideal, self.out / "found" / ideal.name)
-        verdict = json.loads((self.out / "found" / ideal.name / "verdict.json").read_text(encoding="utf-8"))
-        value = _value(name, parameter, verdict["minimum_detectable"][name]["value"], np.random.default_rng(seed))
+        verdict = json.loads(
+            (self.out / "found" / ideal.name / "verdict.json").read_text(encoding="utf-8")
+        )
+        value = _value(
+            name,
+            parameter,
+            verdict["minimum_detectable"][name]["value"],
+            np.random.default_rng(seed),
+        )
         if not log.exists():
             _write(terrain, seed, log, name, {parameter: value})
         after = searched(log, self.out / "found" / log.name)
@@ -96,7 +107,9 @@ def _hidden(number: int) -> tuple[str, str]:
 
 def _value(name: str, parameter: str, told: float, rng: np.random.Generator) -> float:
     """Returns what is hidden, where a log could tell `told`."""
-    null = next(field.metadata["null"] for field in fields(EFFECTS[name]) if field.name == parameter)
+    null = next(
+        field.metadata["null"] for field in fields(EFFECTS[name]) if field.name == parameter
+    )
     null = null if isinstance(null, int | float) and np.isfinite(null) else 0.0
     least = max(abs(told - null), LEAST.get(name, 0.0))
     signed = name in ("torque_gain", "camera_pitch", "imu_bias") and rng.random() < 0.5

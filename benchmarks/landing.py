@@ -1,6 +1,7 @@
 """Robots at full speed lose their planner, at every phase of the gait: how many come to a stand.
 
-Without processes and clocks: the control loop, the plant and a planner on true heights with each trial's shift. "stop":
+Without processes and clocks: the control loop, the plant and a planner on true heights with each
+    trial's shift. "stop":
 heightmaps end, and the planner says STOP. "silence": plans end.
 
     saltus bench landing -- --terrain stairs --planner scripted
@@ -51,7 +52,8 @@ class Benchmark(Command):
     run_s: float = 1.8
     """Time from the first jump to the first fault."""
     until_s: float | None = None
-    """If given, the fault comes once in each trial, at random between the first time and this one."""
+    """If given, the fault comes once in each trial, at random between the first time and this
+    one."""
     phases: int = 20
     """Phases of the gait at which the fault comes otherwise."""
     trials: int = 2
@@ -68,7 +70,9 @@ class Benchmark(Command):
             for fault_s in self._faults_s(seed)
         ]
         table = {
-            fault: summary([land(robot, *case, planner, fault == "silence") for case in progress(cases, fault)])
+            fault: summary(
+                [land(robot, *case, planner, fault == "silence") for case in progress(cases, fault)]
+            )
             for fault in ("stop", "silence")
         }
         return {"landing": {"terrain": self.terrain, "planner": self.planner, **table}}
@@ -81,9 +85,13 @@ class Benchmark(Command):
 
     def _course(self, seed: int) -> Terrain:
         if self.terrain == "stepping_stones":
-            return make_terrain(TerrainConfig(terrain=self.terrain, gap_m=0.1, gap_max_m=0.5, layout_seed=seed))
+            return make_terrain(
+                TerrainConfig(terrain=self.terrain, gap_m=0.1, gap_max_m=0.5, layout_seed=seed)
+            )
         return make_terrain(
-            TerrainConfig(terrain=self.terrain, rise_m=self.rise_m if self.terrain == "stairs" else None)
+            TerrainConfig(
+                terrain=self.terrain, rise_m=self.rise_m if self.terrain == "stairs" else None
+            )
         )
 
 
@@ -101,7 +109,9 @@ class Rest:
     """From the fault to the end."""
 
 
-def land(kind: Robot, terrain: Terrain, trial: Trial, fault_s: float, planner: Planner, silent: bool) -> Rest:
+def land(
+    kind: Robot, terrain: Terrain, trial: Trial, fault_s: float, planner: Planner, silent: bool
+) -> Rest:
     """Runs one robot; at `fault_s` its heightmaps end, or its plans if `silent`."""
     robot = MujocoRobot(
         Setup(
@@ -135,7 +145,11 @@ def land(kind: Robot, terrain: Terrain, trial: Trial, fault_s: float, planner: P
     return Rest(
         stands=loop.mode == ControllerMode.STOPPED
         and bool(rotation_matrix(state.quaternion_base_in_world)[2, 2] > np.cos(np.deg2rad(30.0)))
-        and float(state.position_base_in_world[2] - terrain.height_at(x, float(state.position_base_in_world[1]))) > 0.18
+        and float(
+            state.position_base_in_world[2]
+            - terrain.height_at(x, float(state.position_base_in_world[1]))
+        )
+        > 0.18
         and float(np.linalg.norm(state.velocity_base_in_world)) < 0.1,
         touched=robot.take_trunk_contact(),
         stopped_s=stopped_s,

@@ -1,9 +1,10 @@
 """Verdicts of real2sim on an effect that its library lacks: each run's true effect is taken out before the search.
 
-LOGS and TRUTH are folders of `saltus bench hidden_effects -- generate`. Runs with one effect of the library at three
-times the one-sigma size or more are searched. Counted are "unexplained", "no gap", and, where another effect is named
-instead of the true one, whether the finding is marked with a remainder: more of the gap is left than two right
-simulations of one robot leave (`saltus.real2sim.search.decide.REMAINDER_RMS`).
+LOGS and TRUTH are folders of `saltus bench hidden_effects -- generate`. Runs with one effect of the
+library at three times the one-sigma size or more are searched. Counted are "unexplained", "no gap",
+and, where another effect is named instead of the true one, whether the finding is marked with a
+remainder: more of the gap is left than two right simulations of one robot leave
+(`saltus.real2sim.search.decide.REMAINDER_RMS`).
 
     saltus bench left_out -- LOGS TRUTH
 """
@@ -34,7 +35,9 @@ class NarrowedProblem(WrappedProblem):
 
     def __init__(self, inner: Problem, without: Collection[str]) -> None:
         super().__init__(inner)
-        self.untestable = {name: why for name, why in inner.untestable.items() if name not in without}
+        self.untestable = {
+            name: why for name, why in inner.untestable.items() if name not in without
+        }
         self.candidates = tuple(c for c in inner.candidates if c.effect not in without)
         is_kept = [c.effect not in without for c in inner.candidates for _ in c.unknowns]
         self._kept = np.flatnonzero(is_kept)
@@ -59,9 +62,14 @@ class Benchmark(Command):
     """Folder of what is true of them."""
 
     def measure(self) -> dict[str, Any]:
-        truths = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(self.truth.glob("*.json"))}
+        truths = {
+            path.stem: json.loads(path.read_text(encoding="utf-8"))
+            for path in sorted(self.truth.glob("*.json"))
+        }
         if not truths:
-            raise SaltusError(f"'{self.truth}' holds no truths: write some with saltus bench hidden_effects")
+            raise SaltusError(
+                f"'{self.truth}' holds no truths: write some with saltus bench hidden_effects"
+            )
         results = []
         for name in progress([name for name, truth in truths.items() if _counts(truth)]):
             results.append(_searched(self.logs / name, str(truths[name]["effects"][0]["name"])))
@@ -81,7 +89,9 @@ def _counts(truth: Any) -> bool:
 
 
 def _searched(log: Path, effect: str) -> dict[str, Any]:
-    (examined,) = examine(load_rigs([log]), sensors=[_without(sensor, effect) for sensor in SENSORS])
+    (examined,) = examine(
+        load_rigs([log]), sensors=[_without(sensor, effect) for sensor in SENSORS]
+    )
     verdict = judge((examined,), ()).verdict
     outcome: str = verdict.verdict
     if outcome in ("named", "set"):
@@ -90,8 +100,12 @@ def _searched(log: Path, effect: str) -> dict[str, Any]:
         "run": log.name,
         "without": effect,
         "outcome": outcome,
-        "named": ", ".join(dict.fromkeys([e.name for e in verdict.effects] + [n for s in verdict.sets for n in s])),
-        "remainder_sigma": max((each.findings.remainder for each in examined.comparisons), default=0.0),
+        "named": ", ".join(
+            dict.fromkeys([e.name for e in verdict.effects] + [n for s in verdict.sets for n in s])
+        ),
+        "remainder_sigma": max(
+            (each.findings.remainder for each in examined.comparisons), default=0.0
+        ),
     }
 
 

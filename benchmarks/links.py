@@ -1,8 +1,8 @@
 """How much does it cost that nobody uninvited joins? One hop through a router, client to client, by each kind of link.
 
-TCP on loopback without any protection is the reference; sockets in a folder of the owner's are what a run has; TLS with
-certificates and the access list is what others have over a network. In turns, with images and plans at 100 Hz, sender,
-router and receiver in processes of their own.
+TCP on loopback without any protection is the reference; sockets in a folder of the owner's are what
+a run has; TLS with certificates and the access list is what others have over a network. In turns,
+with images and plans at 100 Hz, sender, router and receiver in processes of their own.
 
     saltus bench links
 """
@@ -52,7 +52,8 @@ class Benchmark(Command):
                 kind: {
                     "p50_ms": float(np.percentile(times[topic, kind], 50)),
                     "p99_ms": float(np.percentile(times[topic, kind], 99)),
-                    "p50_more_%": 100.0 * float(np.median(times[topic, kind]) / np.median(times[topic, "TCP"]) - 1.0),
+                    "p50_more_%": 100.0
+                    * float(np.median(times[topic, kind]) / np.median(times[topic, "TCP"]) - 1.0),
                     "arrived": len(times[topic, kind]),
                 }
                 for kind in KINDS

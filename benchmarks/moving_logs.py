@@ -1,6 +1,7 @@
 """Verdicts of `find` on logs of robots that jump, walk and turn, all without effects, and how soon they come.
 
-Jumps are runs of the whole stack over the terrains; walking and turning are trots of commanded angles.
+Jumps are runs of the whole stack over the terrains; walking and turning are trots of commanded
+angles.
 
     saltus bench moving_logs -- --seeds 0 1 2
 """
@@ -53,7 +54,9 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         cases: dict[str, Callable[[Path], object]] = {
-            f"{terrain}_{seed}": partial(jumped, terrain, seed) for terrain in self.terrains for seed in self.seeds
+            f"{terrain}_{seed}": partial(jumped, terrain, seed)
+            for terrain in self.terrains
+            for seed in self.seeds
         }
         cases |= {path.name: partial(made, path) for path in (WALK, TURN)}
         results = []
@@ -70,7 +73,12 @@ class Benchmark(Command):
 def jumped(terrain: str, seed: int, folder: Path, profile: str = "ideal") -> None:
     """Writes the log of a run; by default without effects."""
     config = RunConfig(
-        robot="go1", grid="line", terrain=TerrainConfig(terrain=terrain), seed=seed, profile=profile, camera="ideal"
+        robot="go1",
+        grid="line",
+        terrain=TerrainConfig(terrain=terrain),
+        seed=seed,
+        profile=profile,
+        camera="ideal",
     )
     export_run_log(recorded_run(config), folder)
 
@@ -96,7 +104,9 @@ def searched(log: Path, out: Path) -> dict[str, Any]:
     }
 
 
-def trot(robot: Robot, duration_s: float, speed_m_s: float = 0.0, turn_rad_s: float = 0.0) -> Commands:
+def trot(
+    robot: Robot, duration_s: float, speed_m_s: float = 0.0, turn_rad_s: float = 0.0
+) -> Commands:
     """Angles of a robot that walks ahead, or turns to the left on the spot."""
     t = PHYSICS_DT * np.arange(round(duration_s / PHYSICS_DT))
     envelope = np.clip(np.minimum(t, duration_s - t) / START_S, 0.0, 1.0)[:, None]
@@ -106,11 +116,19 @@ def trot(robot: Robot, duration_s: float, speed_m_s: float = 0.0, turn_rad_s: fl
     along = envelope * np.where(phase < STANCE, 0.5 - phase / STANCE, -0.5 * np.cos(np.pi * swing))
     legs = LegKinematics(robot)
     feet = np.asarray(legs.position(robot.stand_pose))
-    ahead = np.array([speed_m_s, 0.0, 0.0]) + turn_rad_s * np.stack([-feet[:, 1], feet[:, 0], 0.0 * feet[:, 2]], axis=1)
+    ahead = np.array([speed_m_s, 0.0, 0.0]) + turn_rad_s * np.stack(
+        [-feet[:, 1], feet[:, 0], 0.0 * feet[:, 2]], axis=1
+    )
     lift = envelope * LIFT_M * np.sin(np.pi * swing)
-    path = feet + along[..., None] * STANCE * PERIOD_S * ahead + lift[..., None] * np.array([0.0, 0.0, 1.0])
+    path = (
+        feet
+        + along[..., None] * STANCE * PERIOD_S * ahead
+        + lift[..., None] * np.array([0.0, 0.0, 1.0])
+    )
     q_des = np.asarray(legs.inverse(path))
-    return Commands(q_des=q_des, dq_des=np.gradient(q_des, PHYSICS_DT, axis=0), tau_ff=np.zeros_like(q_des))
+    return Commands(
+        q_des=q_des, dq_des=np.gradient(q_des, PHYSICS_DT, axis=0), tau_ff=np.zeros_like(q_des)
+    )
 
 
 def _path(name: str, **how: float) -> Experiment:

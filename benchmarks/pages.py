@@ -4,9 +4,9 @@
     saltus bench pages -- --pages docs/tutorials/log.md docs/tutorials/camera.md
     saltus bench pages -- --out runs/pages.jsonl
 
-Beside `examples` and `models` such a folder holds what the page's commands make. What waits for Ctrl-C runs beside what
-follows it, and is ended with the page. What cannot run here is listed with what it lacks. With `--out` pages that are
-whole in that file are not run again.
+Beside `examples` and `models` such a folder holds what the page's commands make. What waits for
+Ctrl-C runs beside what follows it, and is ended with the page. What cannot run here is listed with
+what it lacks. With `--out` pages that are whole in that file are not run again.
 """
 
 import contextlib
@@ -44,7 +44,9 @@ LACKS = {
     r"reliability.md: .* runs/mine": "a run that another page starts",
 }
 """Why a command is not run, by a part of its page and itself."""
-WAITS = re.compile(r"saltus (router|up|watch|record run|ros2|heightmap serve|demo --pace realtime)|own_robot\.py")
+WAITS = re.compile(
+    r"saltus (router|up|watch|record run|ros2|heightmap serve|demo --pace realtime)|own_robot\.py"
+)
 """Commands that run until they are ended, or beside what the page starts in other terminals."""
 SETTLED_S = 20.0
 """How long what waits is given to say that it has begun, or to fail."""
@@ -53,7 +55,8 @@ POLL_S = 0.5
 ASKED = (130, -signal.SIGINT)
 """Exit codes of what was ended by Ctrl-C."""
 FAILED = 2
-"""Exit code from which on a command has failed; 1 without a traceback is a verdict, as of a robot that fell."""
+"""Exit code from which on a command has failed; 1 without a traceback is a verdict, as of a robot
+that fell."""
 
 Row = dict[str, Any]
 
@@ -76,7 +79,11 @@ class Benchmark(Command):
             ROOT / "README.md",
             *sorted(ROOT.glob("models/*.md")),
         )
-        known = self.out.read_text(encoding="utf-8").splitlines() if self.out is not None and self.out.is_file() else []
+        known = (
+            self.out.read_text(encoding="utf-8").splitlines()
+            if self.out is not None and self.out.is_file()
+            else []
+        )
         rows: list[Row] = [json.loads(line) for line in known]
         done = {row["page"] for row in rows}
         for page in progress([page for page in pages if commands(page)], "pages"):
@@ -91,7 +98,11 @@ class Benchmark(Command):
         return {
             "commands": len(rows),
             "ran": sum("code" in row for row in rows),
-            "failed": [f"{row['page']}: {row['command']}: {row['code']}" for row in rows if row.get("failed")],
+            "failed": [
+                f"{row['page']}: {row['command']}: {row['code']}"
+                for row in rows
+                if row.get("failed")
+            ],
             "not_run": dict(Counter(row["lacks"] for row in rows if "lacks" in row)),
             "minutes": sum(row.get("seconds", 0.0) for row in rows) / 60.0,
         }
@@ -106,7 +117,14 @@ class Benchmark(Command):
             waiting: list[tuple[Row, subprocess.Popen[bytes], Path]] = []
             try:
                 for number, command in enumerate(commands(page)):
-                    lacks = next((why for part, why in LACKS.items() if re.search(part, f"{name}: {command}")), None)
+                    lacks = next(
+                        (
+                            why
+                            for part, why in LACKS.items()
+                            if re.search(part, f"{name}: {command}")
+                        ),
+                        None,
+                    )
                     if lacks is not None:
                         yield {"command": command, "lacks": lacks}
                         continue
@@ -137,7 +155,8 @@ def begun(command: str, log: Path, *, cwd: Path, env: dict[str, str]) -> subproc
     with log.open("wb") as file:
         return subprocess.Popen(
             ["/bin/bash", "-c", f"exec {command}"],
-            stdin=subprocess.DEVNULL, stdout=file, stderr=file, start_new_session=True, preexec_fn=hear_signals,
+            stdin=subprocess.DEVNULL, stdout=file, stderr=file, start_new_session=True,
+            preexec_fn=hear_signals,
             cwd=cwd, env=env,
         )  # fmt: skip
 

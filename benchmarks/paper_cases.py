@@ -1,7 +1,8 @@
 """The two effects that the paper found by hand, hidden in the simulated robot and searched for in its run logs.
 
-1. The dynamometer's table of torque, in large steps of a held robot. The fitted curve of the calf is compared with the
-   table from 0 to 35 Nm commanded; then the patch is applied and the same log searched again.
+1. The dynamometer's table of torque, in large steps of a held robot. The fitted curve of the calf
+   is compared with the table from 0 to 35 Nm commanded; then the patch is applied and the same log
+   searched again.
 2. 50 ms of latency in the camera: on heave and pitch chirps, and on one sine of body height.
 
     saltus bench paper_cases -- --seeds 0 1 2
@@ -63,9 +64,19 @@ def saturation(folder: Path, seed: int) -> dict[str, Any]:
     hidden = Profile(actuator=(_table(),))
     first = _search("large_steps", hidden, seed, folder)
     names = [effect.name for effect in first.verdict.effects]
-    curves = [effect.curve for effect in first.verdict.effects if "FR_calf" in effect.where and effect.curve]
+    curves = [
+        effect.curve
+        for effect in first.verdict.effects
+        if "FR_calf" in effect.where and effect.curve
+    ]
     worst = _apart(curves[0]) if len(curves) == 1 else float("nan")
-    again = find([folder / "log"], folder, profile=first.patch.applied_to(IDEAL, ROBOT), seed=seed, report=False)
+    again = find(
+        [folder / "log"],
+        folder,
+        profile=first.patch.applied_to(IDEAL, ROBOT),
+        seed=seed,
+        report=False,
+    )
     result = {
         "verdict": first.verdict.verdict,
         "effects": sorted(set(names)),
@@ -73,12 +84,16 @@ def saturation(folder: Path, seed: int) -> dict[str, Any]:
         "after_the_patch": again.verdict.verdict,
     }
     curve = f"the calf's curve is within {worst:.1%} of the table to {FARTHEST_NM:g} Nm"
-    return result | {"in_words": f"{_said(first)}; {curve}; after the patch {again.verdict.verdict}"}
+    return result | {
+        "in_words": f"{_said(first)}; {curve}; after the patch {again.verdict.verdict}"
+    }
 
 
 def latency_in_chirps(folder: Path, seed: int) -> dict[str, Any]:
     """50 ms in heave and pitch chirps."""
-    found = _search("heave_and_pitch", Profile(camera=(CameraLatency(latency=LATENCY_S),)), seed, folder)
+    found = _search(
+        "heave_and_pitch", Profile(camera=(CameraLatency(latency=LATENCY_S),)), seed, folder
+    )
     values = [e.params["latency"] for e in found.verdict.effects if e.name == CameraLatency.name]
     told = f"latency {1e3 * values[0].value:.2f} ms" if values else "no latency"
     result = {
@@ -111,7 +126,9 @@ def _search(experiment: str, hidden: Profile, seed: int, folder: Path) -> Judgem
 def _apart(curve: tuple[tuple[float, float], ...]) -> float:
     """Largest relative error of a curve against the table."""
     torque = np.linspace(NEAREST_NM, FARTHEST_NM, 500)
-    fitted, table = (np.interp(torque, *np.array(((0.0, 0.0), *pairs)).T) for pairs in (curve, _table().curve))
+    fitted, table = (
+        np.interp(torque, *np.array(((0.0, 0.0), *pairs)).T) for pairs in (curve, _table().curve)
+    )
     return float(np.max(np.abs(fitted / table - 1.0)))
 
 

@@ -1,6 +1,7 @@
 """How often the scripted planner succeeds on each terrain, and how long a plan takes.
 
-Every row is `saltus policy eval` on one terrain: profile go1 (torque saturation, torque-speed limit, 10 ms feed-forward
+Every row is `saltus policy eval` on one terrain: profile go1 (torque saturation, torque-speed
+    limit, 10 ms feed-forward
 delay), trial randomisation on, true heights with each trial's shift unless the row says "exact".
 
     OMP_NUM_THREADS=1 saltus bench planner -- --trials 20 --seed 20000
@@ -52,7 +53,9 @@ class Benchmark(Command):
         return {"first_seed": self.seed, "rows": rows, "plan": plan_times()}
 
     def _row(self, course: TerrainConfig, heights: str) -> dict[str, Any]:
-        evaluation = Evaluation(robot="go1", grid="line", course=course, trials=self.trials, seed=self.seed)
+        evaluation = Evaluation(
+            robot="go1", grid="line", course=course, trials=self.trials, seed=self.seed
+        )
         result = merged(evaluate(evaluation, HEIGHTS[heights]))
         return {
             "success": result.successes,

@@ -1,7 +1,8 @@
 """Ground reaction forces and the leg controller: exactness against another solver, and time on one core.
 
-Forces are compared with quadprog on the full problem of twelve forces, where that package is installed. Times are given
-on the wall clock and as processor time of the thread, which other programs on the machine do not change.
+Forces are compared with quadprog on the full problem of twelve forces, where that package is
+installed. Times are given on the wall clock and as processor time of the thread, which other
+programs on the machine do not change.
 
     OMP_NUM_THREADS=1 saltus bench qp
 """
@@ -70,9 +71,16 @@ class Benchmark(Command):
             if quadprog is not None:
                 differences.append(float(np.abs(force - independent(qp)).max()))
         if not differences:
-            print("quadprog is not installed: forces are not compared (pip install quadprog)", file=sys.stderr)
+            print(
+                "quadprog is not installed: forces are not compared (pip install quadprog)",
+                file=sys.stderr,
+            )
         worst = max(differences, default=None)
-        return {"worst_difference_n": worst, "build": build.percentiles(), "solve": solve.percentiles()}
+        return {
+            "worst_difference_n": worst,
+            "build": build.percentiles(),
+            "solve": solve.percentiles(),
+        }
 
     def _law(self, rng: np.random.Generator) -> dict[str, Any]:
         """A tick of one robot, on numpy and compiled in turns, and of a batch."""
@@ -83,7 +91,10 @@ class Benchmark(Command):
             ticks["numpy"].estimator.init((), ROBOT.stand_pose),
         )
         law, ground = replace(law, mode=ControllerMode.RUN), BrakingState(foothold=law.liftoff)
-        sensing, acting = {name: Stopwatch() for name in ticks}, {name: Stopwatch() for name in ticks}
+        sensing, acting = (
+            {name: Stopwatch() for name in ticks},
+            {name: Stopwatch() for name in ticks},
+        )
         for k in range(self.ticks):
             plan, sensed = row(plans, k), row(robots, k)
             for name, tick in ticks.items():
@@ -106,7 +117,9 @@ class Benchmark(Command):
         return (time.thread_time_ns() - start) / 1e3 / 10 / self.robots
 
 
-def random_robots(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Reference, RobotStates]:
+def random_robots(
+    rng: np.random.Generator, batch: tuple[int, ...]
+) -> tuple[Reference, RobotStates]:
     """Random robots and plans over the whole range of motion policies."""
 
     def uniform(low: float, high: float, *shape: int) -> NDArray[np.float64]:
@@ -151,10 +164,14 @@ def independent(qp: StanceQP) -> NDArray[np.float64]:
     for leg in range(4):
         x, y, z = np.eye(12)[3 * leg : 3 * leg + 3]
         if qp.contact[leg]:
-            rows += [z, -z] + [CONFIG.friction * z + sign * t for t in (x, y) for sign in (1.0, -1.0)]
+            rows += [z, -z] + [
+                CONFIG.friction * z + sign * t for t in (x, y) for sign in (1.0, -1.0)
+            ]
             bounds += [low, -high, 0.0, 0.0, 0.0, 0.0]
         else:
             equations += [x, y, z]
     constraints = np.array(equations + rows).T
     right = np.array([0.0] * len(equations) + bounds)
-    return np.asarray(quadprog.solve_qp(qp.hessian, -qp.gradient, constraints, right, len(equations))[0])
+    return np.asarray(
+        quadprog.solve_qp(qp.hessian, -qp.gradient, constraints, right, len(equations))[0]
+    )

@@ -1,6 +1,7 @@
 """Worth of each part of the camera's realism in the training of the heightmap network.
 
-Networks are trained from nothing on the same motion, seed and number of updates, and differ in their images:
+Networks are trained from nothing on the same motion, seed and number of updates, and differ in
+their images:
 
     A  stereo errors, late with jitter, losses and pauses, noise: as in any training
     B  true depth, as late as those of A
@@ -8,16 +9,18 @@ Networks are trained from nothing on the same motion, seed and number of updates
     D  true depth, neither late nor lost
     E  stereo errors and noise, neither late nor lost
 
-All then drive robots that have the realistic camera, in the held-out runs of `saltus heightmap eval`, and those with an
-ideal camera, whose images are as late. Beside that, episodes that no network was fitted to are shown to each network
-with the images that A, C and D were trained on, so that all get the same ones.
+All then drive robots that have the realistic camera, in the held-out runs of `saltus heightmap
+eval`, and those with an ideal camera, whose images are as late. Beside that, episodes that no
+network was fitted to are shown to each network with the images that A, C and D were trained on, so
+that all get the same ones.
 
-The age of the image is an input, and a network that only saw one age may err at others for no better reason. Those
-whose images were always as late are therefore measured a second time, "age held": with an age that tells them nothing
-new. On the images that they know this changes nothing. Cameras do not sit where they should in any of the data.
+The age of the image is an input, and a network that only saw one age may err at others for no
+better reason. Those whose images were always as late are therefore measured a second time, "age
+held": with an age that tells them nothing new. On the images that they know this changes nothing.
+Cameras do not sit where they should in any of the data.
 
-The folder keeps data, checkpoints and results, and a run that was stopped goes on. Data that are there already, in
-`stereo` and `clean`, are taken. Errors are in millimetres, shares in percent.
+The folder keeps data, checkpoints and results, and a run that was stopped goes on. Data that are
+there already, in `stereo` and `clean`, are taken. Errors are in millimetres, shares in percent.
 
     OMP_NUM_THREADS=1 saltus bench realism -- --networks A D --out runs/realism
 """
@@ -56,7 +59,8 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 DATA_SEED, EVAL_SEED, SEED = 2031, 5, 1
 ROUNDS, BATCHES = 3, 6  # of 32 robots for 6 s: a little over 100,000 steps a round
 ROBOT = load_robot(DEFAULT_ROBOT)
-LEARNED = 0.75  # share of robots that the learned policy drives, as in the GPU rollouts of the shipped network
+# Share of robots that the learned policy drives, as in the GPU rollouts of the shipped network
+LEARNED = 0.75
 SHOWN = 40  # held-out episodes
 STEREO, CLEAN = "stereo", "clean"
 _SAME = 1e-6  # metres, radians: what another order of the same sums may differ by
@@ -113,12 +117,16 @@ class Benchmark(Command):
         model, _ = load_checkpoint(trained(self.out, name, self.updates))
         logging.info("%s is trained", name)
         figures = asdict(NETWORKS[name])
-        figures |= measured(exported(model, self.out / name / "heightmap.onnx"), self.runs, held_out)
+        figures |= measured(
+            exported(model, self.out / name / "heightmap.onnx"), self.runs, held_out
+        )
         latency_s = DELIVERIES[NETWORKS[name].delivery].latency_s
         if latency_s[0] == latency_s[1]:
             held = exported(with_age_held(model, latency_s[0]), self.out / name / "age_held.onnx")
             figures["age held"] = measured(held, self.runs, held_out)
-        (self.out / f"{name}.json").write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+        (self.out / f"{name}.json").write_text(
+            json.dumps(figures, indent=1) + "\n", encoding="utf-8"
+        )
         return figures
 
 
@@ -134,7 +142,11 @@ def collect(data: Path, name: str) -> None:
             "heights": HeightmapNetwork(ROBOT, model).model_id,
             **asdict(loop),
         }
-        made = (e for batch in range(BATCHES) for e in closed_loop_episodes(loop, model, (DATA_SEED, index, batch)))
+        made = (
+            e
+            for batch in range(BATCHES)
+            for e in closed_loop_episodes(loop, model, (DATA_SEED, index, batch))
+        )
         write_shard(data, made, seed=DATA_SEED, config=config)
 
 
@@ -145,10 +157,15 @@ def check_twins(left: list[Episode], right: list[Episode]) -> None:
         DatasetError: their episodes differ in proprioception or heights.
     """
     if len(left) != len(right):
-        raise DatasetError(f"{STEREO} has {len(left)} episodes, {CLEAN} has {len(right)}: they must be of one motion")
+        raise DatasetError(
+            f"{STEREO} has {len(left)} episodes, {CLEAN} has {len(right)}: they must be of one "
+            f"motion"
+        )
     for i, (a, b) in enumerate(zip(left, right, strict=True)):
         if not (_same(a.proprioception, b.proprioception) and _same(a.height, b.height)):
-            raise DatasetError(f"episode {i} of {STEREO} and of {CLEAN} differ: they must be of one motion")
+            raise DatasetError(
+                f"episode {i} of {STEREO} and of {CLEAN} differ: they must be of one motion"
+            )
 
 
 def _same(left: Reals, right: Reals) -> bool:
@@ -159,7 +176,8 @@ def trained(out: Path, name: str, updates: int) -> Path:
     """The checkpoint of one network, trained unless it is there."""
     images, checkpoint = NETWORKS[name], out / name / "heightmap.pt"
     config = PredictorTraining(
-        updates=updates, batch=16, noise=images.data == STEREO, delivery=images.delivery, forgets=0.0, seed=SEED,
+        updates=updates, batch=16, noise=images.data == STEREO, delivery=images.delivery,
+        forgets=0.0, seed=SEED,
         device="cpu",
     )  # fmt: skip
     train(out / images.data, checkpoint, config)
@@ -172,7 +190,14 @@ def exported(model: HeightmapModel, path: Path) -> Path:
     export(
         model,
         path,
-        Origin(robot="go1", grid=LINE, camera=SHIPPED["d435i"], warmup_frames=MIN_WARMUP, dataset="", seed=SEED),
+        Origin(
+            robot="go1",
+            grid=LINE,
+            camera=SHIPPED["d435i"],
+            warmup_frames=MIN_WARMUP,
+            dataset="",
+            seed=SEED,
+        ),
     )
     return path
 
@@ -180,11 +205,14 @@ def exported(model: HeightmapModel, path: Path) -> Path:
 def with_age_held(model: HeightmapModel, latency_s: float) -> HeightmapModel:
     """A network that takes every image to be `latency_s` old when it comes, and a tick older at the tick after that.
 
-    Where this is so, as in its training, outputs do not change: the age then follows from whether the image is new.
+    Where this is so, as in its training, outputs do not change: the age then follows from whether
+        the image is new.
     """
     held = copy.deepcopy(model)
     weight, bias = (held.gru.get_parameter(f"{name}_ih_l0") for name in ("weight", "bias"))
-    age = held.gru.input_size - len(PROPRIOCEPTION) - 2  # after the features of the image; then whether it is new
+    age = (
+        held.gru.input_size - len(PROPRIOCEPTION) - 2
+    )  # after the features of the image; then whether it is new
     first, later = latency_s / MAX_IMAGE_AGE_S, (latency_s + TICK_S) / MAX_IMAGE_AGE_S
     with torch.no_grad():
         bias.add_(later * weight[:, age])
@@ -195,18 +223,27 @@ def with_age_held(model: HeightmapModel, latency_s: float) -> HeightmapModel:
 
 def measured(model: Path, runs: int, held_out: dict[str, list[Episode]]) -> dict[str, Any]:
     """Scores of a network in the loop, with the realistic and an ideal camera, and on shown images."""
-    table: dict[str, Any] = {camera: in_the_loop(model, runs, camera) for camera in _CAMERAS.values()}
+    table: dict[str, Any] = {
+        camera: in_the_loop(model, runs, camera) for camera in _CAMERAS.values()
+    }
     return {**table, "shown": shown(model, held_out)}
 
 
 def in_the_loop(model: Path, runs: int, camera: str) -> dict[str, Any]:
     """Errors in the held-out runs, with the network in the loop."""
-    config = HeldOutRuns(robot="go1", grid="line", runs=runs, seed=EVAL_SEED, camera=camera, baselines=())
+    config = HeldOutRuns(
+        robot="go1", grid="line", runs=runs, seed=EVAL_SEED, camera=camera, baselines=()
+    )
     found = scores([run for batch in config.batches for run in config.measure(model, batch)])
     table: dict[str, Any] = {key: round(1e3 * found[key], 2) for key in _LENGTHS}
     table |= {key: round(1e2 * found[key], 1) for key in _PERCENT}
     terrains = {kind: round(1e3 * row["mae_m"], 2) for kind, row in found["by_terrain"].items()}
-    return {**table, "nll": round(found["nll"], 2), "terrains": terrains, "steps": found["points"] // 30}
+    return {
+        **table,
+        "nll": round(found["nll"], 2),
+        "terrains": terrains,
+        "steps": found["points"] // 30,
+    }
 
 
 def shown(model: Path, held_out: dict[str, list[Episode]]) -> dict[str, dict[str, float]]:
@@ -214,7 +251,9 @@ def shown(model: Path, held_out: dict[str, list[Episode]]) -> dict[str, dict[str
     table = {}
     for name in SHOWN_AS:
         images = NETWORKS[name]
-        found = accuracy(HeightmapNetwork(ROBOT, model), held_out[images.data], DELIVERIES[images.delivery])
+        found = accuracy(
+            HeightmapNetwork(ROBOT, model), held_out[images.data], DELIVERIES[images.delivery]
+        )
         table[f"as {name}"] = {
             "mae_m": round(1e3 * found.mae_m, 2),
             "ahead_m": round(1e3 * found.ahead_m, 2),

@@ -1,10 +1,11 @@
 """Speed of the depth camera: frames per second of every back end that this machine has, and growth of memory.
 
-A row says by which back end ("backend") what was rendered ("legs": terrain and the 12 shapes of the legs, which are in
-view in half of the frames; else terrain only), with which noise ("native": the sensor's 80 x 240 pixels with their true
-second view, then pooled to 16 x 48; "fast": the chain for training, three rays a pixel of the model), and the growth of
-the processes over 20,000 frames of 16 x 48, or of other images with as many pixels. The processor time of a frame is
-the steadier figure on a shared machine; cores over it are the frames per second of a machine that is at rest.
+A row says by which back end ("backend") what was rendered ("legs": terrain and the 12 shapes of the
+legs, which are in view in half of the frames; else terrain only), with which noise ("native": the
+sensor's 80 x 240 pixels with their true second view, then pooled to 16 x 48; "fast": the chain for
+training, three rays a pixel of the model), and the growth of the processes over 20,000 frames of 16
+x 48, or of other images with as many pixels. The processor time of a frame is the steadier figure
+on a shared machine; cores over it are the frames per second of a machine that is at rest.
 
     saltus bench render
     saltus bench render -- --backend warp --seconds 2
@@ -38,9 +39,12 @@ from saltus.terrain.curriculum import make_terrain
 
 ROBOT = load_robot(DEFAULT_ROBOT)
 TERRAIN = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.06))
-WIDE = Intrinsics(width=60, height=48, fx=42.28, fy=42.28, cx=30.0, cy=24.0)  # the model's pixels, a wider view
+WIDE = Intrinsics(
+    width=60, height=48, fx=42.28, fy=42.28, cx=30.0, cy=24.0
+)  # the model's pixels, a wider view
 CAMERAS = (MODEL_CAMERA, WIDE, D435I)
-# Images of the model's camera in a batch, of others as many as have as many pixels; pyrender makes one after the other
+# Images of the model's camera in a batch, of others as many as have as many pixels; pyrender makes
+# one after the other
 BATCH = {"embree": 1024, "pyrender": 32, "warp": 8192}
 NATIVE = 5  # pixels of the sensor for each of the model's, along both axes
 NATIVE_BATCH, FAST_BATCH = 7, 64  # their arrays stay in the processor's cache
@@ -82,8 +86,13 @@ class Benchmark(Command):
             for case in cases(backend, self.batch or BATCH[backend])
             if self.noise in (None, case.noise)
         ]
-        crops = {f"{c.width}x{c.height}": crop_ms(c, 0.2 * self.seconds) for c in (MODEL_CAMERA, D435I)}
-        return {"rows": [measure(case, self.seconds, self.frames) for case in progress(rows)], "crop_ms": crops}
+        crops = {
+            f"{c.width}x{c.height}": crop_ms(c, 0.2 * self.seconds) for c in (MODEL_CAMERA, D435I)
+        }
+        return {
+            "rows": [measure(case, self.seconds, self.frames) for case in progress(rows)],
+            "crop_ms": crops,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +118,10 @@ class Case:
 
 
 def poses(count: int) -> tuple[Floats, Floats, Floats]:
-    """Robots along the course, somewhat turned; every second one stretches its legs into the picture."""
+    """Robots along the course, somewhat turned.
+
+    Every second one stretches its legs into the picture.
+    """
     rng = np.random.default_rng(0)
     position = rng.uniform([0.0, -0.1, 0.3], [4.0, 0.1, 0.6], (count, 3))
     position[:, 2] += TERRAIN.height_at(position[:, 0], position[:, 1])
@@ -131,7 +143,13 @@ def cases(backend: str, images: int) -> Iterator[Case]:
             yield Case(backend=backend, camera=camera, legs=legs, batch=batch)
     for legs in (False, True):
         if backend != "warp":
-            yield Case(backend=backend, camera=MODEL_CAMERA, legs=legs, noise="native", batch=min(images, NATIVE_BATCH))
+            yield Case(
+                backend=backend,
+                camera=MODEL_CAMERA,
+                legs=legs,
+                noise="native",
+                batch=min(images, NATIVE_BATCH),
+            )
         batch = images if backend == "warp" else min(images, FAST_BATCH)
         yield Case(backend=backend, camera=MODEL_CAMERA, legs=legs, noise="fast", batch=batch)
 
@@ -143,7 +161,9 @@ def exposure(case: Case) -> Callable[[], object]:
     robots = poses(case.batch)
     if case.noise != "none":
         return noisy_exposure(case, robots)
-    renderer = make_renderer(case.backend, TERRAIN, RobotCamera.on(ROBOT, case.camera, legs=case.legs))
+    renderer = make_renderer(
+        case.backend, TERRAIN, RobotCamera.on(ROBOT, case.camera, legs=case.legs)
+    )
     return lambda: renderer.render_batch(*robots)
 
 
@@ -166,7 +186,10 @@ def noisy_exposure(case: Case, robots: Poses) -> Callable[[], object]:
 
 
 def warp_exposure(case: Case) -> Callable[[], object]:
-    """On the GPU, where there is one, from torch's tensors to torch's tensors; ends when the device has finished."""
+    """On the GPU, where there is one, from torch's tensors to torch's tensors.
+
+    Ends when the device has finished.
+    """
     import torch
     import warp
 
@@ -175,7 +198,10 @@ def warp_exposure(case: Case) -> Callable[[], object]:
 
     view = case.camera if case.noise == "none" else supersampled_model_camera(ROWS, COLUMNS)
     caster = WarpRenderer(TERRAIN, RobotCamera.on(ROBOT, view, legs=case.legs)).caster
-    robots = [torch.as_tensor(array, dtype=torch.float32, device=caster.device) for array in poses(case.batch)]
+    robots = [
+        torch.as_tensor(array, dtype=torch.float32, device=caster.device)
+        for array in poses(case.batch)
+    ]
     optics = Optics.of(view)
     cameras = StereoCamera(StereoConfig(), optics, KorniaWindows())
     drawn = cameras.init((case.batch,), np.random.default_rng(0)) if case.noise != "none" else ()
@@ -187,8 +213,12 @@ def warp_exposure(case: Case) -> Callable[[], object]:
         if case.noise == "none":
             images = warp.to_torch(caster.cast(*robots))
         else:
-            times = torch.full((case.batch,), next(instants), dtype=torch.float64, device=caster.device)
-            depth, hidden = map(warp.to_torch, caster.cast_pair(*robots, baseline_m=optics.baseline_m))
+            times = torch.full(
+                (case.batch,), next(instants), dtype=torch.float64, device=caster.device
+            )
+            depth, hidden = map(
+                warp.to_torch, caster.cast_pair(*robots, baseline_m=optics.baseline_m)
+            )
             image, state = cameras.step(depth, hidden, times, state)
             images = pooled(image.depth, ROWS, COLUMNS)
         warp.synchronize_device(caster.device)

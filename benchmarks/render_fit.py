@@ -1,8 +1,8 @@
 """How well the fit of the stereo camera finds hidden parameters, on rendered recordings of a step and a wall.
 
-Each camera has its own baseline, sub-pixel noise and disparity step, and looks from its own pose past a step of its own
-at a wall, while the robot stands. Embree renders both views at 424 x 240, the chain makes the frames. The figures are
-median and largest errors of each parameter.
+Each camera has its own baseline, sub-pixel noise and disparity step, and looks from its own pose
+past a step of its own at a wall, while the robot stands. Embree renders both views at 424 x 240,
+the chain makes the frames. The figures are median and largest errors of each parameter.
 
     saltus bench render_fit -- --cameras 96
 """
@@ -48,7 +48,9 @@ class Benchmark(Command):
         rng = np.random.default_rng([self.seed, index])
         hidden = HiddenCamera.draw(rng)
         found = errors(hidden, recording(hidden, self.frames, rng))
-        off = ", ".join(f"{n} {'untestable' if e is None else f'{100 * e:+.1f} %'}" for n, e in found.items())
+        off = ", ".join(
+            f"{n} {'untestable' if e is None else f'{100 * e:+.1f} %'}" for n, e in found.items()
+        )
         true = f"{1e3 * hidden.baseline_m:.1f} mm, {hidden.sigma_px:.3f} px, 1/{1 / hidden.step_px:.0f} px"
         tell(f"camera {index:2} ({true}): {off}")
         return found
@@ -121,7 +123,9 @@ def recording(hidden: HiddenCamera, count: int, rng: np.random.Generator) -> lis
     return frames_of(StereoCamera(hidden.config, optics), scene, count, rng)
 
 
-def frames_of(camera: StereoCamera, scene: tuple[Any, Any], count: int, rng: np.random.Generator) -> list[DepthFrame]:
+def frames_of(
+    camera: StereoCamera, scene: tuple[Any, Any], count: int, rng: np.random.Generator
+) -> list[DepthFrame]:
     """Returns what a D435i sends of a scene at rest: depth and what the right imager does not see."""
     state = camera.init((), rng)
     frames = []

@@ -1,6 +1,7 @@
 """The stereo camera beside what is published of the D435i, and what each of its effects costs.
 
-With a picture it draws the stages of the chain in front of stairs; with a recording it compares invalid pixels.
+With a picture it draws the stages of the chain in front of stairs; with a recording it compares
+invalid pixels.
 
     saltus bench render_noise -- --recording FILE.bag
 """
@@ -62,7 +63,9 @@ def wall(camera: Intrinsics, depth_m: float) -> tuple[Any, Any]:
     return np.full(shape, depth_m, dtype=np.float32), np.zeros(shape, dtype=bool)
 
 
-def exposures(config: StereoConfig, camera: Intrinsics, scene: tuple[Any, Any], count: int) -> Floats:
+def exposures(
+    config: StereoConfig, camera: Intrinsics, scene: tuple[Any, Any], count: int
+) -> Floats:
     """Frames [m], a second apart, shape (count, height, width)."""
     stereo = StereoCamera(config, Optics.of(camera, sensor=camera))
     state = stereo.init((), np.random.default_rng(0))
@@ -96,15 +99,30 @@ def place_rows() -> list[dict[str, Any]]:
         frame = exposures(UNFILTERED, D435I, wall(D435I, depth_m), 1)[0]
         band = float(np.mean(np.argmax(frame > 0.0, axis=1)))
         rows.append(
-            {"what": f"invalid band at {depth_m:g} m [px of 424]", "published": published, "model": round(band, 1)}
+            {
+                "what": f"invalid band at {depth_m:g} m [px of 424]",
+                "published": published,
+                "model": round(band, 1),
+            }
         )
     depths = np.arange(0.060, 0.120, 0.0005)
-    seen = [np.any(exposures(StereoConfig().only(["search_range"]), D435I, wall(D435I, z), 1) > 0.0) for z in depths]
+    seen = [
+        np.any(exposures(StereoConfig().only(["search_range"]), D435I, wall(D435I, z), 1) > 0.0)
+        for z in depths
+    ]
     rows.append(
-        {"what": "minimum depth [mm]", "published": 84.0, "model": round(1e3 * float(depths[np.argmax(seen)]), 1)}
+        {
+            "what": "minimum depth [mm]",
+            "published": 84.0,
+            "model": round(1e3 * float(depths[np.argmax(seen)]), 1),
+        }
     )
-    # published of real frames, at distances that are not stated; the band alone says that they were near 0.9 m
-    frames = [exposures(UNFILTERED, HD, wall(HD, z), 1)[0][:, :40] == 0.0 for z in np.linspace(0.85, 0.90, 6)]
+    # published of real frames, at distances that are not stated; the band alone says that they were
+    # near 0.9 m
+    frames = [
+        exposures(UNFILTERED, HD, wall(HD, z), 1)[0][:, :40] == 0.0
+        for z in np.linspace(0.85, 0.90, 6)
+    ]
     rows.append(
         {
             "what": "invalid in the left 40 of 1280 columns, walls at 0.85 to 0.90 m [%]",
@@ -126,7 +144,9 @@ def recorded_rows(path: Path) -> list[dict[str, Any]]:
     config = replace(UNFILTERED, search_range=replace(UNFILTERED.search_range, margin=margin))
     camera = StereoCamera(config, optics)
     hidden = shadows_of(nearest * optics.disparity_at_1m)
-    image, _ = camera.step(depth, hidden, np.asarray(0.0), camera.init((), np.random.default_rng(0)))
+    image, _ = camera.step(
+        depth, hidden, np.asarray(0.0), camera.init((), np.random.default_rng(0))
+    )
     model, real = image.depth == 0.0, scene.presence < 0.5
     rows: list[dict[str, Any]] = [
         {
@@ -141,7 +161,13 @@ def recorded_rows(path: Path) -> list[dict[str, Any]]:
         )
     ]
     likeness = float(np.corrcoef(np.mean(model, axis=0), np.mean(real, axis=0))[0, 1])
-    rows.append({"what": "correlation of invalid shares by column", "published": 1.0, "model": round(likeness, 3)})
+    rows.append(
+        {
+            "what": "correlation of invalid shares by column",
+            "published": 1.0,
+            "model": round(likeness, 3),
+        }
+    )
     return rows
 
 
@@ -152,7 +178,10 @@ def filled(inverse: Reals) -> Reals:
     for row in result:
         valid = np.flatnonzero(row > 0.0)
         place = np.searchsorted(valid, columns)
-        sides = row[valid[np.clip(place - 1, 0, None)]], row[valid[np.clip(place, None, len(valid) - 1)]]
+        sides = (
+            row[valid[np.clip(place - 1, 0, None)]],
+            row[valid[np.clip(place, None, len(valid) - 1)]],
+        )
         row[row == 0.0] = np.minimum(*sides)[row == 0.0]
     return result
 
@@ -176,19 +205,25 @@ def pose(x: float, yaw: float, joints: Floats = ROBOT.stand_pose) -> tuple[Float
 def cost_rows() -> list[dict[str, Any]]:
     """Milliseconds of each effect on the native crop, one image on one core."""
     optics = Optics.of(NATIVE)
-    pair = StereoEmbree(make_terrain(TerrainConfig(rise_m=0.06)), optics, RobotCamera.on(ROBOT, NATIVE))
+    pair = StereoEmbree(
+        make_terrain(TerrainConfig(rise_m=0.06)), optics, RobotCamera.on(ROBOT, NATIVE)
+    )
     depth, hidden = pair.render_pair(*pose(0.8, 0.2))
     rows = []
     signal: Any = stereo_image(depth, hidden, np.asarray(0.0), optics)
     camera = StereoCamera(StereoConfig(), optics)
-    image, _ = camera.step(depth, hidden, np.asarray(0.0), camera.init((), np.random.default_rng(0)))
+    image, _ = camera.step(
+        depth, hidden, np.asarray(0.0), camera.init((), np.random.default_rng(0))
+    )
     for effect in StereoConfig().effects:
         given = image if effect.name in DEPTH_EFFECTS else signal
         state = effect.init((), np.random.default_rng(0))
         begin = time.perf_counter()
         for k in range(REPEATS):
             _, state = effect.apply(replace(given, time_s=np.asarray(0.02 * k)), 0.0, state)
-        rows.append({"effect": effect.name, "ms": round(1e3 * (time.perf_counter() - begin) / REPEATS, 3)})
+        rows.append(
+            {"effect": effect.name, "ms": round(1e3 * (time.perf_counter() - begin) / REPEATS, 3)}
+        )
     return rows
 
 
@@ -200,7 +235,9 @@ def colours(depth: Reals, height: int = 360) -> Any:
     near = np.clip(1.0 - np.nan_to_num(depth, posinf=3.0) / 3.0, 0.0, 1.0)
     image = cv2.applyColorMap((255 * near).astype(np.uint8), cv2.COLORMAP_TURBO)
     with np.errstate(invalid="ignore"):
-        dark = depth % (2.0 * CONTOUR_M) < CONTOUR_M  # every second step is darker, so that noise shows
+        dark = (
+            depth % (2.0 * CONTOUR_M) < CONTOUR_M
+        )  # every second step is darker, so that noise shows
     image[dark] = (0.8 * image[dark]).astype(np.uint8)
     image[np.isinf(depth)] = 70
     image[depth == 0.0] = 0
@@ -211,7 +248,9 @@ def colours(depth: Reals, height: int = 360) -> Any:
 def draw(path: Path) -> None:
     """The stages of the chain, for a robot beside stairs with its front legs in view, on a grey page."""
     optics = Optics.of(D435I)
-    pair = StereoEmbree(make_terrain(TerrainConfig(rise_m=0.06)), optics, RobotCamera.on(ROBOT, D435I))
+    pair = StereoEmbree(
+        make_terrain(TerrainConfig(rise_m=0.06)), optics, RobotCamera.on(ROBOT, D435I)
+    )
     depth, hidden = pair.render_pair(*pose(1.0, 0.35, REACHING))
     stages: list[tuple[str, Reals]] = [("true depth", depth)]
     stages.append(("not seen by the right imager", np.where(hidden, 0.0, depth)))
@@ -238,4 +277,6 @@ def titled(title: str, image: Any) -> Any:
     """An image under its title."""
     right = 12 + round(image.shape[0] * D435I.width / D435I.height) - image.shape[1]
     page = cv2.copyMakeBorder(image, 34, 10, 0, right, cv2.BORDER_CONSTANT, value=(255, 255, 255))
-    return cv2.putText(page, title, (2, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.75, (40, 40, 40), 2, cv2.LINE_AA)
+    return cv2.putText(
+        page, title, (2, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.75, (40, 40, 40), 2, cv2.LINE_AA
+    )

@@ -1,11 +1,12 @@
 """Worth of pyrender's images in the training of the heightmap network, beside Embree's.
 
-Both render the images of the same motion, from the same cameras, which make the same errors of them. Networks are
-trained from nothing on either, one a seed, and then shown the images of both on motion that none was trained on, as is
-the shipped network: mean absolute errors in millimetres, over all seeds and of each.
+Both render the images of the same motion, from the same cameras, which make the same errors of
+them. Networks are trained from nothing on either, one a seed, and then shown the images of both on
+motion that none was trained on, as is the shipped network: mean absolute errors in millimetres,
+over all seeds and of each.
 
-The folder keeps data and checkpoints, and a run that was stopped goes on; runs with different seeds may go on side by
-side once the data are there.
+The folder keeps data and checkpoints, and a run that was stopped goes on; runs with different seeds
+may go on side by side once the data are there.
 
     OMP_NUM_THREADS=1 saltus bench renderers -- --out runs/renderers
 """
@@ -60,9 +61,13 @@ class Benchmark(Command):
         shown = {renderer: read_dataset(self._data(renderer, "held-out")) for renderer in RENDERERS}
         check_twins(shown["embree"], shown["pyrender"])
         errors = {
-            trained_on: [self._errors_mm(trained_on, seed, shown) for seed in self.seeds] for trained_on in RENDERERS
+            trained_on: [self._errors_mm(trained_on, seed, shown) for seed in self.seeds]
+            for trained_on in RENDERERS
         }
-        mean = {name: float(np.mean([list(found.values()) for found in each])) for name, each in errors.items()}
+        mean = {
+            name: float(np.mean([list(found.values()) for found in each]))
+            for name, each in errors.items()
+        }
         return {
             "size": self.size,
             "updates": self.updates,
@@ -84,15 +89,31 @@ class Benchmark(Command):
         loop = ClosedLoop(robot="go1", grid="line", learned=LEARNED, renderer=renderer)
         keys = [(seed, 0, batch) for batch in range(batches)]
         with closing(closed_loop_batches(loop, None, keys)) as made:
-            episodes = (episode for batch in progress(made, f"{use}, {renderer}", batches) for episode in batch)
-            write_shard(self._data(renderer, use), episodes, seed=seed, config=round_table(loop, batches, 0, None))
+            episodes = (
+                episode
+                for batch in progress(made, f"{use}, {renderer}", batches)
+                for episode in batch
+            )
+            write_shard(
+                self._data(renderer, use),
+                episodes,
+                seed=seed,
+                config=round_table(loop, batches, 0, None),
+            )
 
-    def _errors_mm(self, trained_on: BackEnd, seed: int, shown: dict[BackEnd, list[Episode]]) -> dict[str, float]:
+    def _errors_mm(
+        self, trained_on: BackEnd, seed: int, shown: dict[BackEnd, list[Episode]]
+    ) -> dict[str, float]:
         """Trains a network unless it is there; its errors with the images of each renderer."""
         folder = self.out / f"{trained_on}-{self.size}-{seed}"
         size = SIZES[self.size]
         config = PredictorTraining(
-            updates=self.updates, batch=self.batch, forgets=0.0, seed=seed, device=self.device, model=size
+            updates=self.updates,
+            batch=self.batch,
+            forgets=0.0,
+            seed=seed,
+            device=self.device,
+            model=size,
         )
         model = train(
             self._data(trained_on, "fitted"), folder / "heightmap.pt", config,

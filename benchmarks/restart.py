@@ -1,8 +1,9 @@
 """How long a network that has lost its hidden state in mid-run is worse than one that has kept it.
 
-Each episode that is long enough runs twice, images late, with jitter and losses, as in training: as it is, and with the
-hidden state emptied in its middle. The mean error over all 30 points of the first, and by how much more the second errs
-in the 0.1 s that follow some times after the loss.
+Each episode that is long enough runs twice, images late, with jitter and losses, as in training: as
+    it is, and with the
+hidden state emptied in its middle. The mean error over all 30 points of the first, and by how much
+more the second errs in the 0.1 s that follow some times after the loss.
 
     saltus heightmap collect gpu --device cpu --episodes 128 --seed 4711 --out runs/unseen
     saltus bench restart -- runs/unseen models/heightmap.onnx
@@ -44,7 +45,11 @@ class Benchmark(Command):
         if not long_enough:
             raise SaltusError(f"no episode of {self.data} lasts {2 * LAST * TICK_S:g} s")
         networks = [HeightmapNetwork(load_robot(DEFAULT_ROBOT), path) for path in self.models]
-        return {"models": [measure(network, long_enough[: self.episodes]) for network in progress(networks)]}
+        return {
+            "models": [
+                measure(network, long_enough[: self.episodes]) for network in progress(networks)
+            ]
+        }
 
 
 def measure(network: HeightmapNetwork, episodes: list[Episode]) -> dict[str, object]:

@@ -2,8 +2,9 @@
 
 The floor is taken to be level: what the attitude is off counts.
 
-The folder holds images (NNN.png, 16-bit, mm) and plane.csv: per image camera_height_m, pitch_down_deg
-and roll_deg of the floor's fit. Attitude is that of the image before; each image makes a map of its own.
+The folder holds images (NNN.png, 16-bit, mm) and plane.csv: per image camera_height_m,
+pitch_down_deg and roll_deg of the floor's fit. Attitude is that of the image before; each image
+makes a map of its own.
 
     saltus bench scan_floor -- --folder floor_d4xx
 """
@@ -53,7 +54,10 @@ class Benchmark(Command):
         widths: dict[str, list[Floats]] = {}
         for before, row in zip(rows[::2], rows[1::2], strict=False):
             self._judge(before, row, network, errors, widths)
-        return {method: _summary(np.concatenate(errors[method]), np.concatenate(widths[method])) for method in errors}
+        return {
+            method: _summary(np.concatenate(errors[method]), np.concatenate(widths[method]))
+            for method in errors
+        }
 
     def _judge(
         self, before: dict[str, float], row: dict[str, float], network: ScanNetwork,
@@ -64,16 +68,22 @@ class Benchmark(Command):
         level = points @ assumed.T
         on_floor = np.abs((points @ true.T)[:, 2] + row["camera_height_m"]) < ON_FLOOR_M
         truth = -row["camera_height_m"]
-        seen = _near(AHEAD.points, level[on_floor, :2]) & ~_near(AHEAD.points, level[~on_floor, :2], 0.1)
+        seen = _near(AHEAD.points, level[on_floor, :2]) & ~_near(
+            AHEAD.points, level[~on_floor, :2], 0.1
+        )
         pose = Pose(np.zeros((1, 3), np.float32), assumed[None].astype(np.float32))
         measured = Measurement(
-            points=points[None].astype(np.float32), depth=depth[None].astype(np.float32), exposed=pose, now=pose,
+            points=points[None].astype(np.float32), depth=depth[None].astype(np.float32),
+            exposed=pose, now=pose,
             feet=np.zeros((1, 1, 3), np.float32), standing=np.zeros((1, 1), bool),
-            body_height=np.full(1, before["camera_height_m"], np.float32), exposed_s=np.zeros(1, np.float32),
+            body_height=np.full(1, before["camera_height_m"], np.float32),
+            exposed_s=np.zeros(1, np.float32),
         )  # fmt: skip
         predictor = ScanPredictor(network)
         predictor.see(measured, 0.05)
-        state, around = advanced(new_map(1, network.settings, pose.position), measured, network.settings)
+        state, around = advanced(
+            new_map(1, network.settings, pose.position), measured, network.settings
+        )
         classical = geometric_heights(state, around, np.full(1, 0.05, np.float32), network.settings)
         at = places(AHEAD.points[None], state.corner, network.settings)
         found = {
@@ -113,7 +123,9 @@ def _attitude(row: dict[str, float], off_deg: float) -> Floats:
     return found
 
 
-def _near(places_m: Floats, points: Floats, within_m: float = SEEN_M) -> np.ndarray[Any, np.dtype[np.bool_]]:
+def _near(
+    places_m: Floats, points: Floats, within_m: float = SEEN_M
+) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Which places have a point within a distance, in x and y."""
     if not len(points):
         return np.zeros(len(places_m), bool)

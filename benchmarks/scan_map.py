@@ -51,10 +51,15 @@ class Benchmark(Command):
         figures: dict[str, Any] = {}
         for row in self.rows:
             flights = {row: known[row]}
-            scores = evaluate(None, settings, robots=self.robots, device=device, rows=flights, rivals=variants)
+            scores = evaluate(
+                None, settings, robots=self.robots, device=device, rows=flights, rivals=variants
+            )
             figures[row] = by_method(scores)
             for method, errors in figures[row].items():
-                tell(f"{row:14} {method:24} " + "  ".join(f"{errors[group]:7.2f}" for group in GROUPS))
+                tell(
+                    f"{row:14} {method:24} "
+                    + "  ".join(f"{errors[group]:7.2f}" for group in GROUPS)
+                )
         return figures
 
 

@@ -40,7 +40,8 @@ SPEED_MPS = 0.5
 class Benchmark(Command):
     """Milliseconds of one core for an image with map and network, for the network alone, and for a state.
 
-    A robot goes over level ground; its camera is a D435i of 424x240 pixels, its own body is taken out.
+    A robot goes over level ground; its camera is a D435i of 424x240 pixels, its own body is taken
+    out.
     """
 
     images: int = 40
@@ -51,7 +52,8 @@ class Benchmark(Command):
         robot, network = load_robot(DEFAULT_ROBOT), ScanNetwork(model_path("scan"))
         mount = Mount.of(robot)
         rig = ScanRig(
-            grid=SCAN, cameras={FIRST: ScanCamera(mount)}, dialect="isaaclab", spoken=dialect_of("isaaclab"),
+            grid=SCAN, cameras={FIRST: ScanCamera(mount)}, dialect="isaaclab",
+            spoken=dialect_of("isaaclab"),
             robot=robot, body=RobotBody(robot),
         )  # fmt: skip
         service, inputs, pixels = ScanService(network, rig), _inputs(network), _level(robot, mount)
@@ -60,13 +62,19 @@ class Benchmark(Command):
             now = _state(robot, step)
             frame = None
             if step % EVERY == EVERY - 1:
-                frame = depth_frame(D435I, pixels, time_ns=now.time_ns - LATENCY_NS, frame_id=step // EVERY)
+                frame = depth_frame(
+                    D435I, pixels, time_ns=now.time_ns - LATENCY_NS, frame_id=step // EVERY
+                )
                 alone.append(_ms(partial(network, inputs)))
             (state if frame is None else image).append(_ms(partial(_answered, service, now, frame)))
         times = {"image_ms": image, "network_alone_ms": alone, "state_ms": state}
         table = {name: round(float(np.median(values)), 3) for name, values in times.items()}
         least = {f"least_{name}": round(float(np.min(values)), 3) for name, values in times.items()}
-        return table | least | {"image_over_network": round(table["image_ms"] / table["network_alone_ms"], 2)}
+        return (
+            table
+            | least
+            | {"image_over_network": round(table["image_ms"] / table["network_alone_ms"], 2)}
+        )
 
 
 def _answered(service: ScanService, state: RobotState, frame: DepthFrame | None) -> Heightmap:
@@ -76,7 +84,9 @@ def _answered(service: ScanService, state: RobotState, frame: DepthFrame | None)
 def _state(robot: Robot, step: int) -> RobotState:
     velocity = np.array([SPEED_MPS, 0.0, 0.0])
     time_ns = LATENCY_NS + step * STEP_NS
-    return replace(standing_state(robot), step=step, time_ns=time_ns, velocity_base_in_world=velocity)
+    return replace(
+        standing_state(robot), step=step, time_ns=time_ns, velocity_base_in_world=velocity
+    )
 
 
 def _level(robot: Robot, mount: Mount) -> np.ndarray[Any, np.dtype[np.uint16]]:

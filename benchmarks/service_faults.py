@@ -1,7 +1,7 @@
 """Effects of faults of the camera's stream on the heights: error over time after each, on runs of the whole stack.
 
-The learned policy crosses long stairs with a D435i in lockstep; states, images and arrival times of these runs go
-through the service once as they were, and once for each fault and moment.
+The learned policy crosses long stairs with a D435i in lockstep; states, images and arrival times of
+these runs go through the service once as they were, and once for each fault and moment.
 
     saltus bench service_faults -- --runs 6 --picture service_faults.png
 """
@@ -26,14 +26,23 @@ from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.messages import ControllerMode, DepthFrame, HeightmapStatus, RobotState
 
-STAIRS = TerrainConfig(terrain="stairs", rise_m=0.08, steps=60)  # nine seconds: a pause of 3 s, and time after it
+STAIRS = TerrainConfig(
+    terrain="stairs", rise_m=0.08, steps=60
+)  # nine seconds: a pause of 3 s, and time after it
 TICK_S = 0.01
-FIRST_S, MOMENTS, APART_S = 2.5, 6, 0.17  # the robot has been running for a second; a third of a cycle apart
+FIRST_S, MOMENTS, APART_S = (
+    2.5,
+    6,
+    0.17,
+)  # the robot has been running for a second; a third of a cycle apart
 LOSSES = (0.01, 0.05, 0.2, 0.5)
 SHOWN_S = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 1.0)
 BEFORE_S, AFTER_S = 0.6, 1.2
-NORMAL = 1.1  # an error at most 10 % above that of an undisturbed run, as for the warm-up of a model
-WINDOW = 5  # ticks of the running mean of the plot and the table: error varies within a cycle of the gait
+NORMAL = (
+    1.1  # an error at most 10 % above that of an undisturbed run, as for the warm-up of a model
+)
+# Ticks of the running mean of the plot and the table: error varies within a cycle of the gait
+WINDOW = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +74,8 @@ class Call:
 
 
 Fault = Callable[[Sequence[Call], int], tuple[list[Call], int]]
-"""Calls of a clean run and the tick at which the fault begins to the calls with it and the tick at which it is over."""
+"""Calls of a clean run and the tick at which the fault begins to the calls with it and the tick at
+which it is over."""
 
 
 def next_image(calls: Sequence[Call], at: int) -> int:
@@ -142,7 +152,9 @@ def calls_of(run: ComparedRun) -> list[Call]:
     return calls
 
 
-def answers(network: HeightmapNetwork, calls: Sequence[Call], run: ComparedRun) -> tuple[Floats, Floats]:
+def answers(
+    network: HeightmapNetwork, calls: Sequence[Call], run: ComparedRun
+) -> tuple[Floats, Floats]:
     """Error [m] and status at each step; not a number where the service was not asked."""
     service = HeightmapService(network)
     error, status = np.full((2, max(run.states) + 1), np.nan)
@@ -180,14 +192,18 @@ class Curves:
     @property
     def ok_s(self) -> float:
         """When the status of the last trial is OK again, for good."""
-        bad = np.flatnonzero(np.any(self.status[:, round(BEFORE_S / TICK_S) :] != HeightmapStatus.OK, axis=0))
+        bad = np.flatnonzero(
+            np.any(self.status[:, round(BEFORE_S / TICK_S) :] != HeightmapStatus.OK, axis=0)
+        )
         return TICK_S * (bad[-1] + 1) if len(bad) else 0.0
 
     @property
     def figures(self) -> dict[str, Any]:
         """Mean errors [mm] at the times that are shown, and times to normal [s]."""
         places = [round((BEFORE_S + after) / TICK_S) for after in SHOWN_S]
-        error, clean = ([round(1e3 * float(part[place]), 1) for place in places] for part in self.mean)
+        error, clean = (
+            [round(1e3 * float(part[place]), 1) for place in places] for part in self.mean
+        )
         return {"error_mm": error, "clean_mm": clean, "normal_s": self.normal_s, "ok_s": self.ok_s}
 
 
@@ -252,7 +268,13 @@ def draw(curves: dict[str, Curves], out: Path) -> None:
         time_s = TICK_S * np.arange(len(error)) - BEFORE_S
         share_ok = np.mean(curve.status == HeightmapStatus.OK, axis=0)
         axis.fill_between(
-            time_s, 0, 1, where=share_ok < 1.0, transform=axis.get_xaxis_transform(), color="0.92", step="post"
+            time_s,
+            0,
+            1,
+            where=share_ok < 1.0,
+            transform=axis.get_xaxis_transform(),
+            color="0.92",
+            step="post",
         )
         axis.plot(time_s, 1e3 * clean, "--", color="0.3", label="without the fault")
         axis.plot(time_s, 1e3 * error, color="tab:orange", label="with it")
@@ -268,7 +290,16 @@ def draw(curves: dict[str, Curves], out: Path) -> None:
 def record(seed: int) -> ComparedRun:
     """A run of the stack."""
     return read_run(
-        recorded_run(RunConfig(robot="go1", grid="line", terrain=STAIRS, camera="d435i", planner="learned", seed=seed))
+        recorded_run(
+            RunConfig(
+                robot="go1",
+                grid="line",
+                terrain=STAIRS,
+                camera="d435i",
+                planner="learned",
+                seed=seed,
+            )
+        )
     )
 
 

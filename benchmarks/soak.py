@@ -1,13 +1,15 @@
 """Hours of the stack, or of one heightmap service of several robots, under random faults: what grows, what ages.
 
-stack: camera, service and planner are killed, and images are held up. fleet: images are lost, and robots start anew.
+stack: camera, service and planner are killed, and images are held up. fleet: images are lost, and
+    robots start anew.
 
     saltus bench soak -- --hours 1 --out runs/soak.jsonl
     saltus bench soak -- --what fleet --hours 1 --speed 0.25 --out runs/soak.jsonl
 
-Hours are those of the run's clock. They are made of goes, each a run of its own; the same command adds goes to the file
-until its hours are full. Memory is what a process does not share with its file (RssAnon). A slope is the median over
-pairs of samples of one process that are half of its life apart (Theil and Sen), after its warm-up.
+Hours are those of the run's clock. They are made of goes, each a run of its own; the same command
+adds goes to the file until its hours are full. Memory is what a process does not share with its
+file (RssAnon). A slope is the median over pairs of samples of one process that are half of its life
+apart (Theil and Sen), after its warm-up.
 """
 
 import contextlib
@@ -58,7 +60,10 @@ class Benchmark(Command):
     apart_s: float = 120.0
     """From fault to fault, on average."""
     killed: tuple[Literal["render", "heightmap", "policy"], ...] = ("render", "heightmap", "policy")
-    """Processes of the stack that are killed; one that is not lives as long as the run. None: only images are lost."""
+    """Processes of the stack that are killed; one that is not lives as long as the run.
+
+    None: only images are lost.
+    """
     warm_up_s: float = 60.0
     """Beginning of each process that is not measured."""
     robots: int = 8
@@ -105,8 +110,11 @@ class Benchmark(Command):
         """Rows of one run of the whole stack."""
         with tempfile.TemporaryDirectory() as folder, Stack(config, Path(folder)) as stack:
             names = [*PRODUCT, "controller"]
-            watch = UsageWatch(config, {topic: stack.latest(topic).take for topic in PRODUCT.values()})
-            # the first comes while the robot jumps, as in `saltus bench faults`; after it the robot stands
+            watch = UsageWatch(
+                config, {topic: stack.latest(topic).take for topic in PRODUCT.values()}
+            )
+            # the first comes while the robot jumps, as in `saltus bench faults`; after it the robot
+            # stands
             faults = Faults(watch.clock, rng, self.apart_s, first_s=float(rng.uniform(1.5, 3.5)))
             held: tuple[int, float] | None = None
             while not stack.wait(POLL_S * config.speed):
@@ -118,22 +126,36 @@ class Benchmark(Command):
                     name = str(rng.choice([*self.killed, "images"]))
                     with contextlib.suppress(StackError):  # it is being started again
                         if name == "images":
-                            pid, until_s = stack.pid("render"), watch.clock.elapsed_s() + loss_s(rng)
+                            pid, until_s = (
+                                stack.pid("render"),
+                                watch.clock.elapsed_s() + loss_s(rng),
+                            )
                             held = pid, until_s
                             os.kill(pid, signal.SIGSTOP)
                         else:
                             os.kill(stack.pid(name), signal.SIGKILL)
                         yield {"time_s": watch.clock.elapsed_s(), "fault": name}
                     continue  # what was killed is not there to be sampled
-                yield from watch.sample(lambda: {"supervisor": os.getpid(), **running(stack, names)})
-            yield {"end": {"rejected": stack.rejected, "overruns": stack.overruns, "restarts": stack.restarts}}
+                yield from watch.sample(
+                    lambda: {"supervisor": os.getpid(), **running(stack, names)}
+                )
+            yield {
+                "end": {
+                    "rejected": stack.rejected,
+                    "overruns": stack.overruns,
+                    "restarts": stack.restarts,
+                }
+            }
 
     def _fleet(self, config: RunConfig, rng: np.random.Generator) -> Iterator[Row]:
         """Rows of one service, whose robots are all in this process."""
         prefixes = [f"soak/{number}" for number in range(self.robots)]
         with served(config, prefixes) as (endpoint, service), contextlib.ExitStack() as resources:
             scenes = Scenes()
-            robots = [resources.enter_context(contextlib.closing(FleetRobot(endpoint, prefix))) for prefix in prefixes]
+            robots = [
+                resources.enter_context(contextlib.closing(FleetRobot(endpoint, prefix)))
+                for prefix in prefixes
+            ]
             watch = UsageWatch(config, {robot.prefix: robot.take for robot in robots})
             faults = Faults(watch.clock, rng, self.apart_s / self.robots, first_s=self.apart_s)
             ticker = Ticker(STEP_HZ, clock=watch.clock)
@@ -182,7 +204,9 @@ class UsageWatch:
 class Faults:
     """When the next fault is due, at random."""
 
-    def __init__(self, clock: RunClock, rng: np.random.Generator, apart_s: float, first_s: float) -> None:
+    def __init__(
+        self, clock: RunClock, rng: np.random.Generator, apart_s: float, first_s: float
+    ) -> None:
         self._clock, self._rng, self._apart_s = clock, rng, apart_s
         self._next_s = clock.elapsed_s() + first_s
 
@@ -208,7 +232,9 @@ class FleetRobot:
     def start(self) -> None:
         """As a process that is started, with a boot id of its own."""
         self._bus, self._step = ZenohBus(self._endpoint, self.prefix), 0
-        self._frames, self._states = (self._bus.publisher(topic) for topic in ("camera/depth", "controller/state"))
+        self._frames, self._states = (
+            self._bus.publisher(topic) for topic in ("camera/depth", "controller/state")
+        )
         self._heightmaps = self._bus.latest("heightmap/heightmap")
 
     def close(self) -> None:
@@ -267,7 +293,9 @@ def summary(rows: list[Row], warm_up_s: float) -> dict[str, Any]:
         "faults": dict(Counter(row["fault"] for row in rows if "fault" in row)),
         "processes": {name: growth(found) for name, found in warm.items()},
         "age_p99_ms_early_late": {
-            topic: np.median([early_late(series) for series in goes.values()], axis=0).round(2).tolist()
+            topic: np.median([early_late(series) for series in goes.values()], axis=0)
+            .round(2)
+            .tolist()
             for topic, goes in ages.items()
         },
         "ends": [row["end"] for row in rows if "end" in row],
@@ -281,11 +309,16 @@ def growth(lives: list[list[tuple[float, Use]]]) -> dict[str, float]:
         half = len(life) // 2
         for (begin_s, before), (end_s, after) in zip(life[:-half], life[half:], strict=True):
             slopes.append(3600.0 * (after.memory_mb - before.memory_mb) / (end_s - begin_s))
-        pairs = [early_late([float(getattr(use, name)) for _, use in life]) for name in ("handles", "threads")]
+        pairs = [
+            early_late([float(getattr(use, name)) for _, use in life])
+            for name in ("handles", "threads")
+        ]
         more.append([late - early for early, late in pairs])
     handles, threads = np.max(more, axis=0)
     return {
-        "memory_mb": round(statistics.median(use.memory_mb for life in lives for _, use in life), 1),
+        "memory_mb": round(
+            statistics.median(use.memory_mb for life in lives for _, use in life), 1
+        ),
         "mb_per_h": round(statistics.median(slopes), 2),
         "handles": float(handles),
         "threads": float(threads),

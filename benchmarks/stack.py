@@ -36,12 +36,18 @@ class Benchmark(Command):
     def measure(self) -> dict[str, Any]:
         load = os.getloadavg()[0]
         config = RunConfig(
-            robot="go1", grid="line", terrain=TerrainConfig(terrain=self.terrain), camera=self.camera, seed=self.seed,
+            robot="go1", grid="line", terrain=TerrainConfig(terrain=self.terrain),
+            camera=self.camera, seed=self.seed,
             pace="realtime", speed=self.speed,
         )  # fmt: skip
         recording, spent = _metered_run(config)
         topics = {
-            topic: {"hz": row.rate_hz, "p50": row.age_p50_ms, "p99": row.age_p99_ms, "lost": row.lost}
+            topic: {
+                "hz": row.rate_hz,
+                "p50": row.age_p50_ms,
+                "p99": row.age_p99_ms,
+                "lost": row.lost,
+            }
             for topic, row in rates_and_ages(recording).items()
         }
         seconds = _seconds(recording)

@@ -1,8 +1,8 @@
 """How far the batched stance solver of training is from the exact one, on what bounding robots ask for.
 
-Robots bound over all terrains with random exploration around a slow bound. Force error (largest component) [N] and
-excess of the tracking cost over the exact solution's, for the batched solver, and for the closed form that is clipped
-afterwards (original).
+Robots bound over all terrains with random exploration around a slow bound. Force error (largest
+component) [N] and excess of the tracking cost over the exact solution's, for the batched solver,
+and for the closed form that is clipped afterwards (original).
 
     saltus bench stance_batched
 """
@@ -49,7 +49,9 @@ class Benchmark(Command):
             ("clipped", clipped(qp, robot, config)),
         ):
             excess = legs.tracking_cost(qp, force) - legs.tracking_cost(qp, exact)
-            figures[f"{name}_force_error_n"] = percentiles(np.abs(force - exact).max(axis=-1), SHOWN)
+            figures[f"{name}_force_error_n"] = percentiles(
+                np.abs(force - exact).max(axis=-1), SHOWN
+            )
             figures[f"{name}_excess_cost"] = percentiles(excess, SHOWN)
         return {**figures, "exact_cost": percentiles(legs.tracking_cost(qp, exact), SHOWN)}
 
@@ -86,7 +88,10 @@ class ProblemRecorder:
         """The problems that were kept, in numpy."""
         names = ("hessian", "gradient", "contact", "model", "target")
         joined = {name: torch.cat([getattr(qp, name) for qp in self._kept]) for name in names}
-        arrays = {name: a.numpy() if name == "contact" else a.double().numpy() for name, a in joined.items()}
+        arrays = {
+            name: a.numpy() if name == "contact" else a.double().numpy()
+            for name, a in joined.items()
+        }
         standing = arrays["contact"].any(axis=-1)
         return StanceQP(**{name: array[standing] for name, array in arrays.items()})
 
@@ -96,7 +101,9 @@ def clipped(qp: StanceQP, robot: Robot, config: StanceConfig) -> Floats:
     root = np.sqrt(np.array(config.acceleration_weight))
     A = (qp.model * root).swapaxes(-1, -2) * np.repeat(qp.contact, 3, -1)[:, None]
     right = A.swapaxes(-1, -2) @ (qp.target * root)[..., None]
-    force = np.linalg.solve(A.swapaxes(-1, -2) @ A + config.force_weight * np.eye(12), right).reshape(-1, 4, 3)
+    force = np.linalg.solve(
+        A.swapaxes(-1, -2) @ A + config.force_weight * np.eye(12), right
+    ).reshape(-1, 4, 3)
     fz = np.clip(force[..., 2], *robot.foot_force) * qp.contact
     scale = np.minimum(1.0, config.friction * fz / (np.linalg.norm(force[..., :2], axis=-1) + 1e-3))
     return np.concatenate([force[..., :2] * scale[..., None], fz[..., None]], -1).reshape(-1, 12)

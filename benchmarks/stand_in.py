@@ -1,7 +1,7 @@
 """Which effects of the stand-in for the real robot are hard: each alone in the shipped profile, and all of them.
 
-On 14 stairs of 0.20 m, as the ablations of `saltus paper`; by default the shipped policy, else those that are named.
-With `--left-out` effects it is all of them, and all but each of these.
+On 14 stairs of 0.20 m, as the ablations of `saltus paper`; by default the shipped policy, else
+those that are named. With `--left-out` effects it is all of them, and all but each of these.
 
     saltus bench stand_in
     saltus bench stand_in -- runs/mine/policy.onnx --trials 24
@@ -50,7 +50,9 @@ class Benchmark(Command):
     """Time limit of each trial."""
 
     def measure(self) -> dict[str, Any]:
-        policies: dict[str, Path | None] = {str(path): path for path in self.policies} or {"shipped": None}
+        policies: dict[str, Path | None] = {str(path): path for path in self.policies} or {
+            "shipped": None
+        }
         for policy in policies.values():  # what is wrong with one is said before anything runs
             make_planner("learned", load_robot(DEFAULT_ROBOT), LINE, policy)
         cases = profiles(self.left_out)
@@ -61,7 +63,12 @@ class Benchmark(Command):
             for profile in cases.values()
         ]
         with tqdm(total=self.trials * len(settings), unit="trial", disable=None) as bar:
-            effort = Effort(trials=self.trials, first_seed=self.seed, time_limit_s=self.time_limit_s, say=bar.update)
+            effort = Effort(
+                trials=self.trials,
+                first_seed=self.seed,
+                time_limit_s=self.time_limit_s,
+                say=bar.update,
+            )
             results = iter(ran(settings, effort))
         return {name: {case: summary(next(results)) for case in cases} for name in policies}
 
@@ -76,10 +83,16 @@ def profiles(left_out: Sequence[str] = ()) -> dict[str, Profile]:
     """
     shipped, hard = load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)), stand_in()
     known = shipped.effects
-    alone = {name: shipped.having(effect) for name, effect in hard.effects.items() if known.get(name) != effect}
+    alone = {
+        name: shipped.having(effect)
+        for name, effect in hard.effects.items()
+        if known.get(name) != effect
+    }
     for name in left_out:
         if name not in alone:
-            raise SaltusError(f"the stand-in has no effect '{name}': {nearest_hint(name, list(alone))}")
+            raise SaltusError(
+                f"the stand-in has no effect '{name}': {nearest_hint(name, list(alone))}"
+            )
     if left_out:
         return {ALL: hard, **{f"{ALL} but {name}": _but(name, shipped, hard) for name in left_out}}
     return {NONE: shipped, **alone, ALL: hard}

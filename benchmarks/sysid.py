@@ -1,8 +1,9 @@
 """real2sim beside `mujoco.sysid`, on a question that both can answer: armature, damping and friction of the calves.
 
-Three effects are hidden in a held robot and one log of joint chirps is written. `mujoco.sysid` is told which three
-parameters are unknown and fits them by rollouts of the engine from measured states; real2sim is told nothing. Both
-values come with their 90 % intervals. Needs `pip install "mujoco[sysid]"`.
+Three effects are hidden in a held robot and one log of joint chirps is written. `mujoco.sysid` is
+told which three parameters are unknown and fits them by rollouts of the engine from measured
+states; real2sim is told nothing. Both values come with their 90 % intervals. Needs `pip install
+"mujoco[sysid]"`.
 
     saltus bench sysid -- --seed 0
 """
@@ -42,7 +43,10 @@ HIDDEN = {"armature": 0.004, "viscous_friction": 0.15, "coulomb_friction": 0.25}
 PARAMETER = {"armature": "added", "viscous_friction": "coefficient", "coulomb_friction": "torque"}
 LARGEST = {"armature": 0.02, "viscous_friction": 1.0, "coulomb_friction": 1.0}
 RESTART_ROWS, FORGOTTEN_ROWS = 500, 100
-"""Each second a rollout starts at the measured state; its noise is forgotten after 0.2 s of feedback."""
+"""Each second a rollout starts at the measured state.
+
+Its noise is forgotten after 0.2 s of feedback.
+"""
 ROBOT = load_robot(DEFAULT_ROBOT)
 NOISE = SensorNoise()
 QUANTILE = float(stats.norm.ppf(0.95))
@@ -61,7 +65,12 @@ class Benchmark(Command):
             start = time.process_time()
             found = way(log)
             figures[name] = {
-                effect: {"value": value, "low": low, "high": high, "holds": low <= HIDDEN.get(effect, 0.0) <= high}
+                effect: {
+                    "value": value,
+                    "low": low,
+                    "high": high,
+                    "holds": low <= HIDDEN.get(effect, 0.0) <= high,
+                }
                 for effect, (value, low, high) in found.items()
             }
             figures[f"{name}_cpu_s"] = round(time.process_time() - start, 1)
@@ -98,7 +107,15 @@ def _by_sysid(log: RunLog) -> dict[str, tuple[float, float, float]]:
 
     unknown = ParameterDict()
     for name, largest in LARGEST.items():
-        unknown.add(Parameter(name, nominal=0.1 * largest, min_value=0.0, max_value=largest, modifier=_modifier(name)))
+        unknown.add(
+            Parameter(
+                name,
+                nominal=0.1 * largest,
+                min_value=0.0,
+                max_value=largest,
+                modifier=_modifier(name),
+            )
+        )
 
     def residuals(x: Floats, params: ParameterDict) -> tuple[list[Floats], None, None]:
         params.update_from_vector(x)

@@ -1,7 +1,7 @@
 """How fast the motion policy trains, and where the time goes.
 
-Environment steps per second with learning, and milliseconds per policy step of all robots. "learning" is the update of
-the networks, divided by the steps that it learns from.
+Environment steps per second with learning, and milliseconds per policy step of all robots.
+"learning" is the update of the networks, divided by the steps that it learns from.
 
     saltus bench train -- --robots 16384
 """
@@ -39,10 +39,14 @@ class Benchmark(Command):
     def measure(self) -> dict[str, Any]:
         device = device_of_this_process(self.device).device
         config = for_cpu("go1", "line") if device == "cpu" else for_gpu("go1", "line")
-        return measure(replace(config, robots=self.robots or config.robots), device, self.iterations)
+        return measure(
+            replace(config, robots=self.robots or config.robots), device, self.iterations
+        )
 
 
-def measure(config: TrainConfig, device: str, iterations: int, repeats: int = _REPEATS) -> dict[str, Any]:
+def measure(
+    config: TrainConfig, device: str, iterations: int, repeats: int = _REPEATS
+) -> dict[str, Any]:
     """Trains for some iterations, then times the stages of a step one by one."""
     engine = make_engine(load_robot(DEFAULT_ROBOT), config.robots, config.env, device)
     env = JumpEnv(engine, config.env, load_grid(config.grid), seed=0, device=device)

@@ -1,8 +1,9 @@
 """How a training of the motion policy went: the last row of the table that it writes, and a picture of all.
 
-A panel for each kind of terrain: the share of episodes that came to the end of the course, exploring; the mean level of
-the courses; speed. Marks: what the deployed stack did with the policy of that moment, where the training was evaluated
-with it, filled for its share of successes, hollow for its speed.
+A panel for each kind of terrain: the share of episodes that came to the end of the course,
+    exploring; the mean level of
+the courses; speed. Marks: what the deployed stack did with the policy of that moment, where the
+training was evaluated with it, filled for its share of successes, hollow for its speed.
 
     saltus bench training_curve -- runs/policy --picture training.png
 """
@@ -38,7 +39,10 @@ class Benchmark(Pictured):
             draw(table, read_rows(self.folder / "evaluation.csv"), kinds, self.picture)
         last = {name: float(table[name][-1]) for name in ("iteration", "steps", "seconds")}
         rows = {
-            kind: {name: float(table[f"{kind}/{name}"][-1]) for name in ("way_m", "speed", "level", "finished")}
+            kind: {
+                name: float(table[f"{kind}/{name}"][-1])
+                for name in ("way_m", "speed", "level", "finished")
+            }
             for kind in kinds
         }
         return {**last, "terrains": rows}
@@ -51,7 +55,9 @@ def read_columns(path: Path) -> dict[str, Column]:
     return {name: np.array([float(line[name]) for line in lines]) for name in lines[0]}
 
 
-def draw(table: dict[str, Column], rows: Sequence[EvaluationRow], kinds: Sequence[str], path: Path) -> None:
+def draw(
+    table: dict[str, Column], rows: Sequence[EvaluationRow], kinds: Sequence[str], path: Path
+) -> None:
     """Draws the curves of some kinds of terrain over minutes."""
     across = min(_ACROSS, len(kinds))
     down = -(-len(kinds) // across)
@@ -64,21 +70,36 @@ def draw(table: dict[str, Column], rows: Sequence[EvaluationRow], kinds: Sequenc
     for panel in axes.flat[len(kinds) :]:
         panel.set_visible(False)
     lines = [line for line in axes[0, 0].get_lines() if not line.get_label().startswith("_")]
-    figure.legend(lines, [line.get_label() for line in lines], loc="outside upper center", ncols=3, frameon=False)
+    figure.legend(
+        lines,
+        [line.get_label() for line in lines],
+        loc="outside upper center",
+        ncols=3,
+        frameon=False,
+    )
     figure.supxlabel(f"time [min]; {table['steps'][-1] / 1e6:.1f} million steps of training")
     save(figure, path)
 
 
-def _draw_kind(panel: Any, table: dict[str, Column], rows: Sequence[EvaluationRow], kind: str) -> None:
+def _draw_kind(
+    panel: Any, table: dict[str, Column], rows: Sequence[EvaluationRow], kind: str
+) -> None:
     minutes = table["seconds"] / 60.0
     panel.plot(minutes, table[f"{kind}/finished"], label="came to the end (share)")
     panel.plot(minutes, 0.1 * table[f"{kind}/level"], label="level (of the hardest)")
     panel.plot(minutes, table[f"{kind}/speed"], color="0.6", label="speed [m/s]")
-    markers = zip(("o", "s", "^"), ("C2", "C3", "C4"), dict.fromkeys(row.course for row in rows), strict=False)
+    markers = zip(
+        ("o", "s", "^"), ("C2", "C3", "C4"), dict.fromkeys(row.course for row in rows), strict=False
+    )
     for marker, color, course in markers:
         mine = [row for row in rows if row.course == course]
         when = np.interp([row.iteration for row in mine], table["iteration"], minutes)
-        style: dict[str, Any] = {"marker": marker, "color": color, "linestyle": "none", "markersize": 4}
+        style: dict[str, Any] = {
+            "marker": marker,
+            "color": color,
+            "linestyle": "none",
+            "markersize": 4,
+        }
         panel.plot(when, [row.success_rate for row in mine], **style)
         panel.plot(when, [row.mean_speed_mps for row in mine], fillstyle="none", **style)
     panel.set_title(kind.replace("_", " "), fontsize=10)

@@ -1,16 +1,20 @@
 r"""Cost of the bus: codec, latency of each message, the way from an image to the heightmap made of it.
 
-Every sender publishes at 100 Hz from a process of its own; latency is the monotonic time from before `put` to after
-`wait`, so it holds encoding, one hop of TCP, the receiver's waking up and decoding.
+Every sender publishes at 100 Hz from a process of its own; latency is the monotonic time from
+before `put` to after `wait`, so it holds encoding, one hop of TCP, the receiver's waking up and
+decoding.
 
-Frame to heightmap: a robot's process and the heightmap service, linked directly as in a stack; beside them a consumer
-that takes heightmaps at a quarter of the rate. Images are sent at fixed times, whether answers have come or not. An
-image counts from before it is published to after the heightmap made of it was taken; one whose heightmap never came, or
-came after that of a later image, counts as unanswered and as infinitely late. 60,000 images take ten minutes.
+Frame to heightmap: a robot's process and the heightmap service, linked directly as in a stack;
+    beside them a consumer
+that takes heightmaps at a quarter of the rate. Images are sent at fixed times, whether answers have
+come or not. An image counts from before it is published to after the heightmap made of it was
+taken; one whose heightmap never came, or came after that of a later image, counts as unanswered and
+as infinitely late. 60,000 images take ten minutes.
 
     saltus bench transport -- --count 6000 --robots 8
 
-An idle processor sleeps, and waking it is a good part of what is measured. To measure without (root, bash):
+An idle processor sleeps, and waking it is a good part of what is measured. To measure without
+(root, bash):
 
     exec 3<>/dev/cpu_dma_latency; printf '\0\0\0\0' >&3; saltus bench transport
 """
@@ -59,12 +63,17 @@ REPEATS = 7
 NUMBER = 300
 SLOWER = 4  # times the period of the slow consumer
 SETTLE = 500  # the first 5 s do not count
-NATIVE_PIXELS = 5  # of the D435i for one pixel of the model: its centre crop of 80x240, as the stack sends it
+NATIVE_PIXELS = (
+    5  # of the D435i for one pixel of the model: its centre crop of 80x240, as the stack sends it
+)
 SCENES = 20
 READY_S = 60.0
 PATIENCE = 0.95  # of a period: until then answers are awaited before the next images are sent
 EDGES_MS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0)
-"""Upper edges of the histogram; a last count is of what is later than all of them, or unanswered."""
+"""Upper edges of the histogram.
+
+A last count is of what is later than all of them, or unanswered.
+"""
 SPAWN = multiprocessing.get_context("spawn")
 
 
@@ -80,7 +89,10 @@ class Benchmark(Command):
     def measure(self) -> dict[str, Any]:
         endpoint, router = open_router()
         with closing(router):
-            table = {name: self._topic(endpoint, name, message) for name, message in sample_messages().items()}
+            table = {
+                name: self._topic(endpoint, name, message)
+                for name, message in sample_messages().items()
+            }
         return {**frame_to_heightmap(self.count, self.robots), "transport": table}
 
     def _topic(self, endpoint: str, topic: str, message: Message) -> dict[str, float]:
@@ -102,7 +114,11 @@ def sample_messages() -> dict[str, Message]:
     """One message a topic, in the sizes that travel."""
     frame = random_frames(D435I, 1, np.random.default_rng(0))[0]
     plan = plan_message(REST, PlanStatus.GO)
-    return {"policy/plan": plan, "controller/state": standing_state(load_robot(DEFAULT_ROBOT)), "camera/depth": frame}
+    return {
+        "policy/plan": plan,
+        "controller/state": standing_state(load_robot(DEFAULT_ROBOT)),
+        "camera/depth": frame,
+    }
 
 
 def send(endpoint: str, topic: str, count: int, peer: bool) -> None:
@@ -153,7 +169,10 @@ class BusRobot:
         self.newest = -1
         """The image of the newest heightmap."""
         self._sent_times = np.zeros(count, np.int64)
-        self._frames, self._states = self.bus.publisher("camera/depth"), self.bus.publisher("controller/state")
+        self._frames, self._states = (
+            self.bus.publisher("camera/depth"),
+            self.bus.publisher("controller/state"),
+        )
         self._heightmaps = self.bus.latest("heightmap/heightmap")
 
     def send(self, frame: DepthFrame, state: RobotState) -> None:
@@ -167,10 +186,14 @@ class BusRobot:
         sample = self._heightmaps.take()
         if sample is not None and sample.message.frame_id > self.newest:
             self.newest = sample.message.frame_id
-            self.latency_ms[self.newest] = 1e-6 * (time.monotonic_ns() - self._sent_times[self.newest])
+            self.latency_ms[self.newest] = 1e-6 * (
+                time.monotonic_ns() - self._sent_times[self.newest]
+            )
 
 
-def run_robots(endpoint: str, prefixes: list[str], epoch_ns: int, count: int, newest: Any, result: Any) -> None:
+def run_robots(
+    endpoint: str, prefixes: list[str], epoch_ns: int, count: int, newest: Any, result: Any
+) -> None:
     """The process of the robots: tells the newest heightmap of the first, and at last all latencies [ms]."""
     os.environ.update(ENVIRONMENT)
     scenes, bell = Scenes(), Bell()
@@ -195,7 +218,9 @@ def run_robots(endpoint: str, prefixes: list[str], epoch_ns: int, count: int, ne
         robot.bus.close()
 
 
-def run_slow_consumer(endpoint: str, prefix: str, epoch_ns: int, newest: Any, over: Any, result: Any) -> None:
+def run_slow_consumer(
+    endpoint: str, prefix: str, epoch_ns: int, newest: Any, over: Any, result: Any
+) -> None:
     """Takes heightmaps at a quarter of the rate and any phase: age [ms], and how many newer ones there were already."""
     rng, ages, behind = np.random.default_rng(0), [], []
     ticker = Ticker(RATE_HZ / SLOWER)
@@ -221,7 +246,9 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
     """
     prefixes = [f"bench/{i}" for i in range(robots)]
     load = os.getloadavg()[0]
-    config = RunConfig(robot="go1", grid="line", prefix=prefixes[0], pace="realtime", epoch_ns=time.monotonic_ns())
+    config = RunConfig(
+        robot="go1", grid="line", prefix=prefixes[0], pace="realtime", epoch_ns=time.monotonic_ns()
+    )
     with served(config, prefixes) as (endpoint, service):
         latency, overruns, ages, behind, share, memory_mb = _watched(
             service, endpoint, prefixes, config.epoch_ns, count
@@ -230,7 +257,10 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
     histogram = np.histogram(np.where(np.isfinite(latency), latency, np.finfo(float).max), edges)[0]
     return {
         "frame_to_heightmap_ms": percentiles(latency, method="higher"),
-        "slow_consumer_age_ms": {"max": round(max(ages), 2), "p50": round(float(np.median(ages)), 2)},
+        "slow_consumer_age_ms": {
+            "max": round(max(ages), 2),
+            "p50": round(float(np.median(ages)), 2),
+        },
         "slow_consumer_frames_behind": {"max": max(behind)},
         "samples": len(latency),
         "unanswered": int(np.sum(~np.isfinite(latency))),
@@ -258,9 +288,19 @@ def served(config: RunConfig, prefixes: list[str]) -> Iterator[tuple[str, int]]:
     ):
         write_run(Path(directory), config, named_setup(config))
         status = bus.latest("status", "heightmap")
-        arguments = ["--run-dir", directory, "--endpoint", endpoint, PEER_FLAG, "--robots", *prefixes]
+        arguments = [
+            "--run-dir",
+            directory,
+            "--endpoint",
+            endpoint,
+            PEER_FLAG,
+            "--robots",
+            *prefixes,
+        ]
         environment = {**os.environ, **ENVIRONMENT}
-        service = subprocess.Popen([sys.executable, "-m", "saltus.heightmap", *arguments], env=environment)
+        service = subprocess.Popen(
+            [sys.executable, "-m", "saltus.heightmap", *arguments], env=environment
+        )
         try:
             if status.wait(READY_S) is None:
                 raise RuntimeError("the heightmap service is not ready")
@@ -273,7 +313,9 @@ def served(config: RunConfig, prefixes: list[str]) -> Iterator[tuple[str, int]]:
 def allowed_latency_us() -> int | None:
     """How long processors of this machine may take to wake [us]: the kernel's PM QoS; None where nobody may tell."""
     try:
-        return int.from_bytes(Path("/dev/cpu_dma_latency").read_bytes()[:4], sys.byteorder, signed=True)
+        return int.from_bytes(
+            Path("/dev/cpu_dma_latency").read_bytes()[:4], sys.byteorder, signed=True
+        )
     except OSError:
         return None
 
@@ -285,9 +327,12 @@ def _watched(
     newest, over = SPAWN.Value("q", -1), SPAWN.Event()
     robots_end, robots_result = SPAWN.Pipe(duplex=False)
     consumer_end, consumer_result = SPAWN.Pipe(duplex=False)
-    robots = SPAWN.Process(target=run_robots, args=(endpoint, prefixes, epoch_ns, count, newest, robots_result))
+    robots = SPAWN.Process(
+        target=run_robots, args=(endpoint, prefixes, epoch_ns, count, newest, robots_result)
+    )
     consumer = SPAWN.Process(
-        target=run_slow_consumer, args=(endpoint, prefixes[0], epoch_ns, newest, over, consumer_result)
+        target=run_slow_consumer,
+        args=(endpoint, prefixes[0], epoch_ns, newest, over, consumer_result),
     )
     start_s, before_s = time.monotonic(), processor_s([pid])
     robots.start()

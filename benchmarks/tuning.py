@@ -1,6 +1,7 @@
 """Worth of `saltus.tuning`: age of messages that are dated, work for each, pauses of the collector.
 
-The heap takes hours: `saltus bench soak`; the scheduler a busy program: `tests/saltus/test_priority.py`.
+The heap takes hours: `saltus bench soak`; the scheduler a busy program:
+    `tests/saltus/test_priority.py`.
 
     saltus bench tuning -- --repeats 20
 """
@@ -43,13 +44,16 @@ class Benchmark(Command):
         ways = {"without": False, "with": True}
         return {
             "switch_soon: age of a message that is dated beside a thread that computes, median [ms]": {
-                way: round(_in_a_process(_late_ms, self.messages, 200.0, tuned), 2) for way, tuned in ways.items()
+                way: round(_in_a_process(_late_ms, self.messages, 200.0, tuned), 2)
+                for way, tuned in ways.items()
             },
             "keep_thread: work for each message [us]": {
-                way: round(_in_a_process(_work_us, 10 * self.messages, 5000.0, tuned), 1) for way, tuned in ways.items()
+                way: round(_in_a_process(_work_us, 10 * self.messages, 5000.0, tuned), 1)
+                for way, tuned in ways.items()
             },
             "freeze: full collection in the controller's process [ms]": {
-                way: round(_in_a_process(_pause_ms, self.repeats, 0.0, tuned), 2) for way, tuned in ways.items()
+                way: round(_in_a_process(_pause_ms, self.repeats, 0.0, tuned), 2)
+                for way, tuned in ways.items()
             },
         }
 
@@ -74,7 +78,9 @@ def _send(endpoint: str, count: int, rate_hz: float) -> None:
 def _sender(endpoint: str, count: int, rate_hz: float) -> threading.Thread:
     """A process that sends, as a thread that waits for it."""
     program = f"from benchmarks.tuning import _send; _send({endpoint!r}, {count}, {rate_hz})"
-    thread = threading.Thread(target=subprocess.run, args=([sys.executable, "-c", program],), kwargs={"check": True})
+    thread = threading.Thread(
+        target=subprocess.run, args=([sys.executable, "-c", program],), kwargs={"check": True}
+    )
     thread.start()
     return thread
 
@@ -84,12 +90,18 @@ def _late_ms(count: int, rate_hz: float, is_tuned: bool) -> float:
     endpoint, router = open_router()
     as_is = tuning.switch_soon if is_tuned else lambda: lambda: None
     ages_ms: list[float] = []
-    with closing(router), patch.object(zenoh_bus, "switch_soon", as_is), ZenohBus(endpoint, PREFIX, peer=True) as bus:
+    with (
+        closing(router),
+        patch.object(zenoh_bus, "switch_soon", as_is),
+        ZenohBus(endpoint, PREFIX, peer=True) as bus,
+    ):
         stream, sender = bus.stream(), _sender(endpoint, count, rate_hz)
         while sender.is_alive():
             sum(number * number for number in range(1_000_000))  # 0.1 s of plain Python
             heard = stream.drain()
-            ages_ms += [1e-6 * (raw.arrival_ns - decode(Done, raw.payload).time_ns) for raw in heard]
+            ages_ms += [
+                1e-6 * (raw.arrival_ns - decode(Done, raw.payload).time_ns) for raw in heard
+            ]
     return float(np.median(ages_ms))
 
 
@@ -97,7 +109,11 @@ def _work_us(count: int, rate_hz: float, is_tuned: bool) -> float:
     """Processor time of the receiver for each message."""
     endpoint, router = open_router()
     as_is = tuning.keep_thread if is_tuned else lambda: None
-    with closing(router), patch.object(zenoh_bus, "keep_thread", as_is), ZenohBus(endpoint, PREFIX, peer=True) as bus:
+    with (
+        closing(router),
+        patch.object(zenoh_bus, "keep_thread", as_is),
+        ZenohBus(endpoint, PREFIX, peer=True) as bus,
+    ):
         latest, sender = bus.latest("done", "render"), _sender(endpoint, count, rate_hz)
         latest.wait(60.0)
         start_s = time.process_time()

@@ -102,7 +102,8 @@ def _looked_at(seed: int, number: int, is_whole: bool) -> dict[str, Any]:
     lines = [fault.text for fault in screen(wrong) if fault.is_fatal]
     row: dict[str, Any] = {
         "experiment": experiment.name, "strength": strength, "channel": channel, "factor": factor,
-        "accused": [fault.text for fault in screen(log) if fault.is_fatal], "outcome": "bad_log" if lines else "passed",
+        "accused": [fault.text for fault in screen(log) if fault.is_fatal],
+        "outcome": "bad_log" if lines else "passed",
         "effects": [],
     }  # fmt: skip
     if is_whole:
@@ -131,7 +132,9 @@ def _is_there(log: RunLog, channel: str) -> bool:
         values = getattr(log.joints, channel)
         return values is not None and bool(np.std(values, axis=0).max() > MOVES)
     table = getattr(log, signal.table)
-    return table is not None and bool(np.std(table.values[:, slice(*signal.columns)], axis=0).max() > MOVES)
+    return table is not None and bool(
+        np.std(table.values[:, slice(*signal.columns)], axis=0).max() > MOVES
+    )
 
 
 def in_another_unit(log: RunLog, channel: str, factor: float) -> RunLog:
@@ -140,11 +143,15 @@ def in_another_unit(log: RunLog, channel: str, factor: float) -> RunLog:
         return replace(log, joints=replace(log.joints, time_s=factor * log.joints.time_s))
     if channel == "depth":
         assert log.depth is not None
-        steps = np.clip(np.rint(factor * log.depth.depth_mm.astype(np.float64)), 0, 65535).astype(np.uint16)
+        steps = np.clip(np.rint(factor * log.depth.depth_mm.astype(np.float64)), 0, 65535).astype(
+            np.uint16
+        )
         return replace(log, depth=replace(log.depth, depth_mm=steps))
     signal = SIGNALS[channel]
     if signal.table == "joints":
-        return replace(log, joints=replace(log.joints, **{channel: factor * getattr(log.joints, channel)}))
+        return replace(
+            log, joints=replace(log.joints, **{channel: factor * getattr(log.joints, channel)})
+        )
     table = getattr(log, signal.table)
     values = table.values.copy()
     values[:, slice(*signal.columns)] *= factor

@@ -29,8 +29,10 @@ from saltus.recordings.timing import rates_and_ages
 from saltus.runtime.stack import Stack
 
 CAMERA = {
-    "type": "ViewerCameraMessage", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, -2.0, 0.5), "fov": 1.0, "near": 0.1,
-    "far": 100.0, "image_height": 600, "image_width": 800, "look_at": (0.0, 0.0, 0.0), "up_direction": (0.0, 0.0, 1.0),
+    "type": "ViewerCameraMessage", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, -2.0, 0.5),
+    "fov": 1.0, "near": 0.1,
+    "far": 100.0, "image_height": 600, "image_width": 800, "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
 }  # fmt: skip
 """By which a page says that it is there."""
 SETTLED_S = 2.0  # of the machine; what a page is sent at first is more
@@ -57,7 +59,9 @@ class Benchmark(Command):
             if watched:
                 rates.append(figures["messages_hz"])
                 shares.append(figures["processor"])
-            ages[watched].append({name: (row.age_p50_ms, row.age_p99_ms) for name, row in timing.items()})
+            ages[watched].append(
+                {name: (row.age_p50_ms, row.age_p99_ms) for name, row in timing.items()}
+            )
             heights = ages[watched][-1]["heightmap/heightmap"][1]
             tell(f"{'watched' if watched else 'alone'}: heights are {heights:.2f} ms old (p99)")
         return {
@@ -66,7 +70,11 @@ class Benchmark(Command):
         }  # fmt: skip
 
     def _run(self, run_dir: Path, *, watched: bool) -> dict[str, float]:
-        """One run; of the page the messages that its reader receives and the share of a processor that it takes."""
+        """One run.
+
+        Of the page the messages that its reader receives and the share of a processor that it
+        takes.
+        """
         config = RunConfig(
             robot="go1",
             grid="line",
@@ -83,14 +91,19 @@ class Benchmark(Command):
             return {} if page is None else page.end()
 
 
-def _compared(ages: dict[bool, list[dict[str, tuple[float, float]]]], topic: str) -> dict[str, float]:
+def _compared(
+    ages: dict[bool, list[dict[str, tuple[float, float]]]], topic: str
+) -> dict[str, float]:
     """Medians of a topic's ages, and quartiles of the ratios of pairs: a computer's speed changes from hour to hour."""
     alone, watched = (np.array([row[topic] for row in ages[which]]) for which in (False, True))
     low, ratio, high = np.quantile(watched[:, 1] / alone[:, 1], [0.25, 0.5, 0.75])
     return {
-        "p50_alone_ms": float(np.median(alone[:, 0])), "p50_watched_ms": float(np.median(watched[:, 0])),
-        "p99_alone_ms": float(np.median(alone[:, 1])), "p99_watched_ms": float(np.median(watched[:, 1])),
-        "p99_ratio": float(ratio), "p99_ratio_quarter": float(low), "p99_ratio_three_quarters": float(high),
+        "p50_alone_ms": float(np.median(alone[:, 0])),
+        "p50_watched_ms": float(np.median(watched[:, 0])),
+        "p99_alone_ms": float(np.median(alone[:, 1])),
+        "p99_watched_ms": float(np.median(watched[:, 1])),
+        "p99_ratio": float(ratio), "p99_ratio_quarter": float(low),
+        "p99_ratio_three_quarters": float(high),
     }  # fmt: skip
 
 
@@ -98,7 +111,16 @@ class WatchedPage:
     """`saltus watch` and a reader that draws nothing, each in a process of its own."""
 
     def __init__(self, run_dir: Path) -> None:
-        command = [sys.executable, "-P", "-m", "saltus.cli.main", "watch", str(run_dir), "--port", "0"]
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "saltus.cli.main",
+            "watch",
+            str(run_dir),
+            "--port",
+            "0",
+        ]
         self._server = subprocess.Popen(
             command,
             stdout=subprocess.PIPE,
@@ -138,14 +160,23 @@ class WatchedPage:
         }
 
     def _processor_s(self) -> float:
-        fields = Path(f"/proc/{self._server.pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")  # proc(5): utime and stime
+        fields = (
+            Path(f"/proc/{self._server.pid}/stat")
+            .read_text(encoding="utf-8")
+            .rpartition(")")[2]
+            .split()
+        )
+        return (int(fields[11]) + int(fields[12])) / os.sysconf(
+            "SC_CLK_TCK"
+        )  # proc(5): utime and stime
 
 
 def read(address: str, count: Any) -> None:
     """Receives what the page is sent and counts the messages."""
     version = Subprotocol(f"viser-v{viser.__version__}")
-    with connect(address.replace("http", "ws", 1).rstrip("/"), subprotocols=[version], max_size=None) as link:
+    with connect(
+        address.replace("http", "ws", 1).rstrip("/"), subprotocols=[version], max_size=None
+    ) as link:
         link.send(msgspec.msgpack.encode(CAMERA))
         try:
             while True:

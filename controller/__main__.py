@@ -21,11 +21,14 @@ from saltus.wire.messages import ControllerMode
 TICK_NS = round(1e9 * PHYSICS_DT)
 STEP_NS = TICK_NS * POLICY_STEPS
 CATCH_UP_TICKS = 10
-"""20 ms: the robot is simulated, and its time should not fall behind the run's clock when the machine stalls."""
+"""20 ms: the robot is simulated, and its time should not fall behind the run's clock when the
+machine stalls."""
 STEPS_AT_REST = 100
-"""A robot that has landed stands up within a second: the end of a recording shows one that stands."""
+"""A robot that has landed stands up within a second: the end of a recording shows one that
+stands."""
 MAX_STEPS_TO_STAND = 250
-"""2.5 s: a landing takes 1.1 s at most, and the supervisor kills what has not ended 3 s after it was told to."""
+"""2.5 s: a landing takes 1.1 s at most, and the supervisor kills what has not ended 3 s after it
+was told to."""
 AT_REST = (ControllerMode.STAND, ControllerMode.STOPPED, ControllerMode.DAMP)
 
 
@@ -51,7 +54,9 @@ class ControllerRun:
         self._robot = robot
         kind = context.setup.robot
         compensation = compensation_for(context.config.known, kind)
-        lockstep = context.config.pace == "lockstep"  # nobody is late there: the reference itself, to the bit
+        lockstep = (
+            context.config.pace == "lockstep"
+        )  # nobody is late there: the reference itself, to the bit
         self._loop = ControlLoop(kind, (Tick if lockstep else CompiledTick)(kind, compensation))
         self._course = Course(robot.terrain, context.config.time_limit_s)
         self._progress = CourseState(outcome=None, halt=False, over=False)

@@ -1,9 +1,10 @@
 """Brings a bounding robot to walking pace without a planner: a plan that the controller makes itself.
 
-At 1.8 m/s the capture point is 0.3 m ahead of the hips: no single contact can stop the robot. It goes on bounding on
-the schedule of the gait while the reference of forward velocity is zero, which the stance legs follow within their
-friction cones; one or two contacts of each pair later it is slow enough to be caught on sprung legs. It does not see:
-the ground is taken to be the plane through the places where its feet last stood, which on stairs is their slope.
+At 1.8 m/s the capture point is 0.3 m ahead of the hips: no single contact can stop the robot. It
+goes on bounding on the schedule of the gait while the reference of forward velocity is zero, which
+the stance legs follow within their friction cones; one or two contacts of each pair later it is
+slow enough to be caught on sprung legs. It does not see: the ground is taken to be the plane
+through the places where its feet last stood, which on stairs is their slope.
 """
 
 from dataclasses import dataclass, replace
@@ -19,21 +20,24 @@ from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
 
 _FRONT, _REAR = 0, 2  # a leg of each pair
-_SHORTEST_BASE = 0.2  # distance of the pairs' footholds along x below which a slope is not read from them [m]
+_SHORTEST_BASE = (
+    0.2  # distance of the pairs' footholds along x below which a slope is not read from them [m]
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class BrakingConfig:
     """Numbers of the braking plan for a robot of the reference's size (`Similarity`).
 
-    From the scripted planner, then by trial over landings at every phase of the gait (`saltus bench landing`, figures
-    in docs/reliability.md).
+    From the scripted planner, then by trial over landings at every phase of the gait (`saltus bench
+    landing`, figures in docs/reliability.md).
     """
 
     stepping_frequency_hz: float = 3.46
     """Frequency of the scripted planner: the schedule goes on without a break."""
     height_m: float = 0.37
-    """Towards which the stance legs lift the base [m]: weight and the next landing keep it below."""
+    """Towards which the stance legs lift the base [m]: weight and the next landing keep it
+    below."""
     height_gain: float = 4.4
     """Vertical velocity by error of height [1/s]."""
     climb_gain: float = 3.0
@@ -51,7 +55,8 @@ class BrakingConfig:
     clearance_m: float = 0.13
     """Clearance of the foot over the ground on the way [m]: stairs of 6 cm, and their edges."""
     landing_height_m: float = 0.02
-    """Height over the expected ground at which a swing ends [m]: a step that is higher is not run into."""
+    """Height over the expected ground at which a swing ends [m]: a step that is higher is not run
+    into."""
     lift_until: float = 0.2
     """Progress of the swing at which a foot is up."""
     lower_from: float = 0.65
@@ -64,7 +69,9 @@ class BrakingConfig:
         """The numbers of a robot of another size."""
         lengths = ("height_m", "rear_reach_m", "clearance_m", "landing_height_m")
         rates = ("stepping_frequency_hz", "height_gain", "pitch_rate", "pitch_gain")
-        return replace(size.scaled(self, lengths, ("slow_mps",), rates), reach_s=self.reach_s * size.time)
+        return replace(
+            size.scaled(self, lengths, ("slow_mps",), rates), reach_s=self.reach_s * size.time
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,7 +131,10 @@ class Braking:
         self._up = Constant([0.0, 0.0, 1.0])
 
     def init(self, foot_yaw: Legs) -> BrakingState:
-        """Memory of robots that stand; foot positions relative to the base, yaw frame [m], shape (..., 4, 3)."""
+        """Memory of robots that stand.
+
+        Foot positions relative to the base, yaw frame [m], shape (..., 4, 3).
+        """
         return BrakingState(foothold=foot_yaw)
 
     def observe(self, diagnostics: Diagnostics, state: BrakingState) -> BrakingState:
@@ -132,15 +142,23 @@ class Braking:
         xp = namespace(state.foothold)
         body = diagnostics.body
         moved = state.foothold - body.velocity[..., None, :] * PHYSICS_DT
-        return BrakingState(foothold=xp.where(diagnostics.gait.trusted[..., None], body.foot_yaw, moved))
+        return BrakingState(
+            foothold=xp.where(diagnostics.gait.trusted[..., None], body.foot_yaw, moved)
+        )
 
     def is_slow(self, last: LastTick) -> Flags:
         """True where sprung legs can catch the body. Bool, shape (...)."""
         body = last.body
-        x, y, hips = body.velocity[..., 0], body.velocity[..., 1], self._hip_x[_FRONT] * body.angular_velocity[..., 1]
+        x, y, hips = (
+            body.velocity[..., 0],
+            body.velocity[..., 1],
+            self._hip_x[_FRONT] * body.angular_velocity[..., 1],
+        )
         return x * x + y * y + hips * hips < self.config.slow_mps**2
 
-    def reference(self, last: LastTick, base_height: Scalars, heading: Scalars, state: BrakingState) -> Reference:
+    def reference(
+        self, last: LastTick, base_height: Scalars, heading: Scalars, state: BrakingState
+    ) -> Reference:
         """The reference of the braking plan.
 
         Args:
@@ -161,10 +179,13 @@ class Braking:
         plan = Plan(
             stepping_frequency_hz=zero + config.stepping_frequency_hz,
             velocity_x=zero,
-            velocity_z=config.height_gain * (config.height_m - height) + config.climb_gain * slope * forward,
+            velocity_z=config.height_gain * (config.height_m - height)
+            + config.climb_gain * slope * forward,
             pitch_rate=push - config.pitch_gain * (body.pitch + slope),  # nose down is positive
             foot_residual_front=self._residual(last, base_height, slope, state, _FRONT, 0.0),
-            foot_residual_rear=self._residual(last, base_height, slope, state, _REAR, config.rear_reach_m),
+            foot_residual_rear=self._residual(
+                last, base_height, slope, state, _REAR, config.rear_reach_m
+            ),
         )
         return reference_of(plan, heading)
 
@@ -179,10 +200,18 @@ class Braking:
         pairs = xp.mean(xp.reshape(state.foothold, (*state.foothold.shape[:-2], 2, 2, 3)), axis=-2)
         ahead = pairs[..., 0, :] - pairs[..., 1, :]
         limit = self.config.slope_limit
-        return xp.clip(ahead[..., 2] / xp.clip(ahead[..., 0], self._shortest_base, None), -limit, limit)
+        return xp.clip(
+            ahead[..., 2] / xp.clip(ahead[..., 0], self._shortest_base, None), -limit, limit
+        )
 
     def _residual(
-        self, last: LastTick, base_height: Scalars, slope: Scalars, state: BrakingState, leg: int, shift: float
+        self,
+        last: LastTick,
+        base_height: Scalars,
+        slope: Scalars,
+        state: BrakingState,
+        leg: int,
+        shift: float,
     ) -> Vectors:
         """Residual of one pair of feet, shape (..., 3)."""
         xp = namespace(slope)
@@ -192,9 +221,16 @@ class Braking:
         limit = self._landing_limit
         step = xp.clip(forward * (0.5 * (1.0 - self._swing_ratio) * period), -limit, limit)
         reach = shift + config.reach_s * forward
-        landing_x = self._hip_x[leg] + step + reach + forward * (1.0 - swing) * (self._swing_ratio * period)
+        landing_x = (
+            self._hip_x[leg] + step + reach + forward * (1.0 - swing) * (self._swing_ratio * period)
+        )
         middle = xp.mean(state.foothold, axis=-2)
-        ground = middle[..., 2] + slope * (landing_x - middle[..., 0]) + base_height  # the swing stays at -base_height
-        over, down = xp.clip(ground, 0.0, None) + config.clearance_m, ground + config.landing_height_m
+        ground = (
+            middle[..., 2] + slope * (landing_x - middle[..., 0]) + base_height
+        )  # the swing stays at -base_height
+        over, down = (
+            xp.clip(ground, 0.0, None) + config.clearance_m,
+            ground + config.landing_height_m,
+        )
         lift = swing_lift(swing, over, down, config.lift_until, config.lower_from)
         return xp.stack([reach, xp.zeros_like(reach), lift], axis=-1)

@@ -1,8 +1,8 @@
 """Compensation: known effects of drives are taken out of the commands, so that joints do what the law asks for.
 
-A drive makes kp (q* - q) + kd (v* - v) + torque, of which the joint gets `gain` times as much, less `damping` times its
-velocity v. So gains and torque are divided by `gain`, and the joint's own damping counts as a part of kd: it acts at
-once, while a torque from outside would come late.
+A drive makes kp (q* - q) + kd (v* - v) + torque, of which the joint gets `gain` times as much, less
+`damping` times its velocity v. So gains and torque are divided by `gain`, and the joint's own
+damping counts as a part of kd: it acts at once, while a torque from outside would come late.
 """
 
 from dataclasses import dataclass, replace
@@ -38,7 +38,10 @@ class Compensation:
     """Torque limit of the drives, for the feed-forward torque [Nm], shape (12,)."""
 
     def __call__(self, command: JointCommand) -> JointCommand:
-        """Returns what makes such joints do what `command` asks of ideal ones. All arrays have shape (..., 12)."""
+        """Returns what makes such joints do what `command` asks of ideal ones.
+
+        All arrays have shape (..., 12).
+        """
         kd: Joints = command.kd
         xp = namespace(kd)
         gain, limit = self.gain.like(kd), self.torque_limit.like(kd)
@@ -63,12 +66,20 @@ def compensation_of(profile: Profile, robot: Robot) -> Compensation | None:
         return None
     gains, damping = _of_joints(gain, "gain", 1.0), _of_joints(friction, "coefficient", 0.0)
     if gains.min() < LEAST_GAIN:
-        raise ConfigError(f"torque_gain = {gains.min():g}: a leg controller makes up for no less than {LEAST_GAIN:g}")
-    return Compensation(gain=Constant(gains), damping=Constant(damping), torque_limit=Constant(robot.torque_limit))
+        raise ConfigError(
+            f"torque_gain = {gains.min():g}: a leg controller makes up for no less than "
+            f"{LEAST_GAIN:g}"
+        )
+    return Compensation(
+        gain=Constant(gains), damping=Constant(damping), torque_limit=Constant(robot.torque_limit)
+    )
 
 
 def compensation_for(known: str | None, robot: Robot) -> Compensation | None:
-    """The same of a profile by its name or path; None where none is named. The errors of `load_profile`, too."""
+    """The same of a profile by its name or path; None where none is named.
+
+    The errors of `load_profile`, too.
+    """
     return None if known is None else compensation_of(load_profile(known, robot), robot)
 
 

@@ -37,9 +37,17 @@ class Course:
         self._resting_s: float | None = None
 
     def step(
-        self, time_s: float, position: Floats, quaternion: Floats, trunk_contact: bool, mode: ControllerMode
+        self,
+        time_s: float,
+        position: Floats,
+        quaternion: Floats,
+        trunk_contact: bool,
+        mode: ControllerMode,
     ) -> CourseState:
-        """Takes in one sample; arguments as for `TrialMonitor.step`, and the mode of the controller."""
+        """Takes in one sample.
+
+        Arguments as for `TrialMonitor.step`, and the mode of the controller.
+        """
         outcome = self._monitor.step(time_s, position, quaternion, trunk_contact)
         if outcome is None:
             return CourseState(outcome=None, halt=False, over=False)

@@ -1,14 +1,24 @@
 """Velocity and height of the base from IMU and stance legs: the Kalman filter of the original.
 
-The state is the velocity of the base in the world and the height of its centre over the feet in stance; the input is
-the rotated accelerometer; the measurement is the mean over trusted legs of what a foot at rest says about the base.
-All matrices of the original are diagonal, so the filter falls apart into four scalar filters: no inverse is needed.
-Yaw and attitude come from the IMU's quaternion as they are.
+The state is the velocity of the base in the world and the height of its centre over the feet in
+stance; the input is the rotated accelerometer; the measurement is the mean over trusted legs of
+what a foot at rest says about the base. All matrices of the original are diagonal, so the filter
+falls apart into four scalar filters: no inverse is needed. Yaw and attitude come from the IMU's
+quaternion as they are.
 """
 
 from dataclasses import dataclass
 
-from saltus.arrays import Array, Constant, LegFlags, MotionEstimates, Rotations, Scalars, Vectors, namespace
+from saltus.arrays import (
+    Array,
+    Constant,
+    LegFlags,
+    MotionEstimates,
+    Rotations,
+    Scalars,
+    Vectors,
+    namespace,
+)
 from saltus.constants import GRAVITY, PHYSICS_DT
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -25,11 +35,16 @@ class EstimatorConfig:
 
     process_variance: tuple[float, ...] = (1.42e-5, 1.58e-5, 8.75e-5, 2e-5)
     """Added at each 2 ms tick [(m/s)^2, m^2]."""
-    measurement_variance: tuple[float, ...] = (0.337 * 0.03, 0.1486 * 0.03, 0.684 * 0.03, 0.68 * 0.03)
+    measurement_variance: tuple[float, ...] = (
+        0.337 * 0.03,
+        0.1486 * 0.03,
+        0.684 * 0.03,
+        0.68 * 0.03,
+    )
     rest_speed_mps: float = 0.3
     """A trusted foot that moves in the world by the prediction is believed less: half at this speed (Cauchy weight).
-    Not in the original. Feet slip and land late; measured over bounding at 1 m/s, in most of three runs the error of
-    forward velocity fell from 0.10-0.21 to 0.05-0.10 m/s (RMS)."""
+    Not in the original. Feet slip and land late; measured over bounding at 1 m/s, in most of three
+    runs the error of forward velocity fell from 0.10-0.21 to 0.05-0.10 m/s (RMS)."""
     initial_variance: float = 0.1
 
 
@@ -67,20 +82,33 @@ class Estimator:
         """State of robots that stand still; arrays of the kind of `like`."""
         xp = namespace(like)
         zeros = xp.zeros((*batch, 4), dtype=like.dtype, device=like.device)
-        return EstimatorState(mean=zeros + self._start.like(like), variance=zeros + self.config.initial_variance)
+        return EstimatorState(
+            mean=zeros + self._start.like(like), variance=zeros + self.config.initial_variance
+        )
 
-    def step(self, measured: Measurement, trusted: LegFlags, state: EstimatorState) -> EstimatorState:
-        """One tick of 2 ms; legs that are `trusted`, bool, shape (..., 4), are known to stand (as the gait says)."""
+    def step(
+        self, measured: Measurement, trusted: LegFlags, state: EstimatorState
+    ) -> EstimatorState:
+        """One tick of 2 ms.
+
+        Legs that are `trusted`, bool, shape (..., 4), are known to stand (as the gait says).
+        """
         xp = namespace(state.mean)
         rotation = rotation_matrix(measured.quaternion_base_in_world)
-        acceleration = (rotation @ measured.acceleration_base[..., None])[..., 0] + _GRAVITY.like(state.mean)
+        acceleration = (rotation @ measured.acceleration_base[..., None])[..., 0] + _GRAVITY.like(
+            state.mean
+        )
         change = xp.concat([acceleration, state.mean[..., 2:3]], axis=-1) * PHYSICS_DT
         mean, variance = state.mean + change, state.variance + self._process.like(state.mean)
 
         measurement, weight = self._legs(measured, rotation, trusted, mean[..., :3])
         noise = self._measurement.like(mean)
-        gain = variance * weight / (variance * weight + noise)  # noise / weight is the variance of what legs say
-        return EstimatorState(mean=mean + gain * (measurement - mean), variance=variance * (1.0 - gain))
+        gain = (
+            variance * weight / (variance * weight + noise)
+        )  # noise / weight is the variance of what legs say
+        return EstimatorState(
+            mean=mean + gain * (measurement - mean), variance=variance * (1.0 - gain)
+        )
 
     def _legs(
         self, measured: Measurement, rotation: Rotations, trusted: LegFlags, velocity: Vectors
@@ -96,6 +124,8 @@ class Estimator:
         rest = 1.0 / (1.0 + xp.sum(slip * slip, axis=-1, keepdims=True))
         weight = xp.where(trusted[..., None], rest, xp.zeros_like(rest))
         total = xp.clip(xp.sum(weight, axis=-2), _TINY, None)
-        count = xp.sum(xp.where(trusted[..., None], xp.ones_like(rest), xp.zeros_like(rest)), axis=-2)
+        count = xp.sum(
+            xp.where(trusted[..., None], xp.ones_like(rest), xp.zeros_like(rest)), axis=-2
+        )
         mean = xp.sum(xp.concat([by_foot, height], axis=-1) * weight, axis=-2) / total
         return mean, xp.sum(weight, axis=-2) / xp.clip(count, 1.0, None)

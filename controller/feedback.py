@@ -1,8 +1,8 @@
 """Velocity feedback of stance legs: the joints are damped towards the motion that the body should have.
 
-A foot that stands still in the world while the base moves at its reference has the velocity -(v + w x p) in the base
-frame; the inverse leg Jacobian turns it into joint velocities, and the drives track those with a small gain.
-Source: paper ("Feedback Velocity Tracking").
+A foot that stands still in the world while the base moves at its reference has the velocity -(v + w
+x p) in the base frame; the inverse leg Jacobian turns it into joint velocities, and the drives
+track those with a small gain. Source: paper ("Feedback Velocity Tracking").
 """
 
 from dataclasses import dataclass
@@ -29,10 +29,14 @@ class VelocityFeedback:
     def __init__(self, robot: Robot, config: FeedbackConfig) -> None:
         self.config = config
         damping = config.damping_m * Similarity.of_robot(robot).length
-        self._identity = Constant([[float(i == j) * damping**2 for j in range(3)] for i in range(3)])
+        self._identity = Constant(
+            [[float(i == j) * damping**2 for j in range(3)] for i in range(3)]
+        )
         self._limit = Constant(robot.speed_limit)
 
-    def joint_velocity(self, body: YawFrameBody, velocity: Vectors, angular_velocity: Vectors) -> Joints:
+    def joint_velocity(
+        self, body: YawFrameBody, velocity: Vectors, angular_velocity: Vectors
+    ) -> Joints:
         """Joint velocities [rad/s], shape (..., 12), within the drives' speed limits.
 
         Args:
@@ -58,5 +62,7 @@ def _solve_symmetric(xp: Array, matrix: Jacobians, right: Legs) -> Legs:
     aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
     bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
     x, y, z = right[..., 0], right[..., 1], right[..., 2]
-    solution = xp.stack([aa * x + ab * y + ac * z, ab * x + bb * y + bc * z, ac * x + bc * y + cc * z], -1)
+    solution = xp.stack(
+        [aa * x + ab * y + ac * z, ab * x + bb * y + bc * z, ac * x + bc * y + cc * z], -1
+    )
     return solution / (a * aa + b * ab + c * ac)[..., None]

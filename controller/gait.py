@@ -1,8 +1,10 @@
 """The bounding gait: four contact modes driven by one phase.
 
-In cycles since the start, modulo 1: front legs stand in [0.95, 1) and [0, 0.35), flight, rear legs stand in
-[0.40, 0.80), flight. A leg that has had no stance yet counts as standing, so a robot that starts on the ground begins
-with all four feet on it. Source: paper ("bounding gait with 4 contact modes"), original (offsets and ratio).
+In cycles since the start, modulo 1: front legs stand in [0.95, 1) and [0, 0.35), flight, rear legs
+    stand in
+[0.40, 0.80), flight. A leg that has had no stance yet counts as standing, so a robot that starts on
+the ground begins with all four feet on it. Source: paper ("bounding gait with 4 contact modes"),
+original (offsets and ratio).
 """
 
 from dataclasses import dataclass
@@ -48,11 +50,18 @@ class GaitSignal:
 
 
 def standing(batch: tuple[int, ...], like: Array) -> GaitSignal:
-    """The schedule of robots that have not begun: all feet on the ground; arrays of the kind of `like`."""
+    """The schedule of robots that have not begun: all feet on the ground.
+
+    Arrays of the kind of `like`.
+    """
     xp = namespace(like)
     zero = xp.zeros((*batch, 4), dtype=like.dtype, device=like.device)
     return GaitSignal(
-        contact=zero == 0.0, progress=zero, trusted=zero == 0.0, cycle=zero[..., 0], stance_duration=zero[..., 0]
+        contact=zero == 0.0,
+        progress=zero,
+        trusted=zero == 0.0,
+        cycle=zero[..., 0],
+        stance_duration=zero[..., 0],
     )
 
 

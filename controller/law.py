@@ -1,14 +1,28 @@
-"""The leg controller: gait, swing, stance feed-forward, feedback, command. One law, 500 Hz, numpy and torch.
+"""The leg controller: gait, swing, stance feed-forward, feedback, command.
 
-All robots of a batch are in one mode. Headings: a plan says nothing about yaw, so the controller itself turns the
-robot back to `Reference.heading` with a yaw rate proportional to the error, and asks for no lateral velocity.
+One law, 500 Hz, numpy and torch.
+
+All robots of a batch are in one mode. Headings: a plan says nothing about yaw, so the controller
+itself turns the robot back to `Reference.heading` with a yaw rate proportional to the error, and
+asks for no lateral velocity.
 """
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, Flags, Joints, LegFlags, Legs, Scalars, Vectors, namespace, smooth_step
+from saltus.arrays import (
+    Array,
+    Constant,
+    Flags,
+    Joints,
+    LegFlags,
+    Legs,
+    Scalars,
+    Vectors,
+    namespace,
+    smooth_step,
+)
 from saltus.constants import PHYSICS_DT
 from saltus.controller.compensation import Compensation
 from saltus.controller.feedback import FeedbackConfig, VelocityFeedback
@@ -35,11 +49,15 @@ class LegControllerConfig:
     stance: StanceConfig = field(default_factory=StanceConfig)
     feedback: FeedbackConfig = field(default_factory=FeedbackConfig)
     velocity_step: tuple[float, float, float] = (1.0, 1.0, np.inf)
-    """References are not taken to be further from the present velocity than this, yaw frame [m/s]; original."""
+    """References are not taken to be further from the present velocity than this, yaw frame [m/s].
+
+    Original.
+    """
     yaw_rate_step: float = 1.0
     """The same for the yaw rate [rad/s]; original."""
     heading_gain: float = 1.0
-    """Yaw rate by heading error [1/s]: with the yaw gain of 10 1/s in stance this is far from oscillating."""
+    """Yaw rate by heading error [1/s]: with the yaw gain of 10 1/s in stance this is far from
+    oscillating."""
     stand_blend_s: float = 1.0
     """Time from the present pose to the standing pose; the original takes 1.5 s from the floor."""
     steepest_stand: float = 0.8
@@ -47,7 +65,8 @@ class LegControllerConfig:
     landing_frequency_hz: float = 2.0
     """Slowest stepping while landing: a flight phase is over within 0.3 s."""
     settled_speed_mps: float = 0.3
-    """A landing is over below this speed: v^2 / 2g = 5 mm of height, which the standing joints take up."""
+    """A landing is over below this speed: v^2 / 2g = 5 mm of height, which the standing joints take
+    up."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +97,8 @@ class Diagnostics:
     force: Joints
     """Planned forces on the feet, yaw frame [N], shape (..., 12); zero when standing."""
     tracking_cost: Scalars
-    """Weighted distance of the planned acceleration from its reference, shape (...); zero when standing."""
+    """Weighted distance of the planned acceleration from its reference, shape (...); zero when
+    standing."""
     velocity_reference: Vectors
     """After clipping, yaw frame [m/s], shape (..., 3)."""
     angular_velocity_reference: Vectors
@@ -88,8 +108,8 @@ class Diagnostics:
 class LegController:
     """Turns a plan and what is sensed into joint commands.
 
-    The stance problem is by default solved exactly, robot by robot; training hands in a batched solver. What is known
-    of the drives may be taken out of the commands.
+    The stance problem is by default solved exactly, robot by robot; training hands in a batched
+    solver. What is known of the drives may be taken out of the commands.
     """
 
     def __init__(
@@ -103,7 +123,10 @@ class LegController:
         self._robot, self._gains, self._legs = robot, robot.gains, LegKinematics(robot)
         self._stand_pose = Constant(robot.stand_pose)
         self._stand_feet = Constant(self._legs.position(robot.stand_pose))
-        self._joint_lower, self._joint_upper = Constant(robot.joint_lower), Constant(robot.joint_upper)
+        self._joint_lower, self._joint_upper = (
+            Constant(robot.joint_lower),
+            Constant(robot.joint_upper),
+        )
         self._gait = Gait(self.config.gait)
         self._swing = SwingLegs(robot, self.config.swing)
         self._stance = StanceLegs(robot, self.config.stance)
@@ -115,7 +138,10 @@ class LegController:
         self._yaw_axis = Constant([0.0, 0.0, 1.0])
 
     def init(self, batch: tuple[int, ...], like: Array) -> LawState:
-        """State of robots that stand at the start of a gait; arrays of the library, dtype and device of `like`."""
+        """State of robots that stand at the start of a gait.
+
+        Arrays of the library, dtype and device of `like`.
+        """
         xp = namespace(like)
         zeros = xp.zeros((*batch, 12), dtype=like.dtype, device=like.device)
         pose = zeros + self._stand_pose.like(like)
@@ -144,15 +170,23 @@ class LegController:
         )
 
     def step(
-        self, reference: Reference, sensed: Proprioception, state: LawState, mode: ControllerMode = ControllerMode.RUN
+        self,
+        reference: Reference,
+        sensed: Proprioception,
+        state: LawState,
+        mode: ControllerMode = ControllerMode.RUN,
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         """One tick of 2 ms: the command, the next state, and the details of this step.
 
-        The plan is read while running and coasting; of it, while landing, frequency and foot residual. A change of mode
-        starts its blend or its landing.
+        The plan is read while running and coasting; of it, while landing, frequency and foot
+        residual. A change of mode starts its blend or its landing.
         """
         command, state, diagnostics = self._commanded(reference, sensed, state, mode)
-        return (command if self._compensation is None else self._compensation(command)), state, diagnostics
+        return (
+            (command if self._compensation is None else self._compensation(command)),
+            state,
+            diagnostics,
+        )
 
     def _commanded(
         self, reference: Reference, sensed: Proprioception, state: LawState, mode: ControllerMode
@@ -168,7 +202,10 @@ class LegController:
         return (command, *self._at_rest(body, state))
 
     def settled(self, state: LawState, diagnostics: Diagnostics) -> Flags:
-        """True where a landing is over: all feet have come down and the body is at rest. Bool, shape (...)."""
+        """True where a landing is over: all feet have come down and the body is at rest.
+
+        Bool, shape (...).
+        """
         xp = namespace(state.landed)
         body = diagnostics.body
         energy = xp.sum(body.velocity * body.velocity, axis=-1) + 0.01 * xp.sum(
@@ -176,7 +213,9 @@ class LegController:
         )  # 0.1 m from the centre to where legs are attached: angular speed as speed
         return xp.all(state.landed, axis=-1) & (energy < self.config.settled_speed_mps**2)
 
-    def _entered(self, state: LawState, mode: ControllerMode, sensed: Proprioception, body: YawFrameBody) -> LawState:
+    def _entered(
+        self, state: LawState, mode: ControllerMode, sensed: Proprioception, body: YawFrameBody
+    ) -> LawState:
         if mode == state.mode:
             return state
         if mode in _MOVING and state.mode in _MOVING:
@@ -184,7 +223,9 @@ class LegController:
         xp = namespace(sensed.joint_position)
         return replace(
             state,
-            gait=GaitState(phase=xp.zeros_like(state.gait.phase)) if mode in _MOVING else state.gait,
+            gait=GaitState(phase=xp.zeros_like(state.gait.phase))
+            if mode in _MOVING
+            else state.gait,
             landed=state.landed | (state.mode in _STANDING),
             mode=mode,
             blend_from=sensed.joint_position,
@@ -197,7 +238,12 @@ class LegController:
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         gait = self._gait.advance(state.gait, reference.stepping_frequency, PHYSICS_DT)
         signal = self._gait.read(gait, reference.stepping_frequency)
-        state = replace(state, gait=gait, landed=state.landed & False, mode_time_s=state.mode_time_s + PHYSICS_DT)
+        state = replace(
+            state,
+            gait=gait,
+            landed=state.landed & False,
+            mode_time_s=state.mode_time_s + PHYSICS_DT,
+        )
         return self._track(reference, sensed, body, state, signal)
 
     def _land(
@@ -205,12 +251,15 @@ class LegController:
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         """All legs are springs that reach for the ground at the capture point, in whatever order they touch it.
 
-        Forces cannot be planned here: feet come down when the schedule does not say so. It still tells the estimator
+        Forces cannot be planned here: feet come down when the schedule does not say so. It still
+            tells the estimator
         which feet to trust. The plan's foot residual is added, so that legs can follow a slope.
         """
         xp = namespace(body.roll)
         config = self.config
-        frequency = xp.maximum(reference.stepping_frequency, xp.zeros_like(body.roll) + config.landing_frequency_hz)
+        frequency = xp.maximum(
+            reference.stepping_frequency, xp.zeros_like(body.roll) + config.landing_frequency_hz
+        )
         gait = self._gait.advance(state.gait, frequency, PHYSICS_DT)
         signal = self._gait.read(gait, frequency)
         landed = state.landed | signal.contact
@@ -225,10 +274,18 @@ class LegController:
             kd=zero + self._gains.landing_kd,
             torque=zero,
         )
-        return (command, *self._without_plan(body, replace(state, gait=gait, landed=landed), signal))
+        return (
+            command,
+            *self._without_plan(body, replace(state, gait=gait, landed=landed), signal),
+        )
 
     def _track(
-        self, reference: Reference, sensed: Proprioception, body: YawFrameBody, state: LawState, signal: GaitSignal
+        self,
+        reference: Reference,
+        sensed: Proprioception,
+        body: YawFrameBody,
+        state: LawState,
+        signal: GaitSignal,
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         """Swing, stance feed-forward, feedback, command."""
         xp = namespace(body.roll)
@@ -236,8 +293,12 @@ class LegController:
         standing = contact[..., None]
 
         liftoff = xp.where(standing, body.foot_yaw, state.liftoff)
-        path = self._swing.nominal_path(body, liftoff, signal.progress, signal.stance_duration, sensed.base_height)
-        swing_joint = self._swing.joint_target(body, path + reference.foot_residual, sensed.joint_position)
+        path = self._swing.nominal_path(
+            body, liftoff, signal.progress, signal.stance_duration, sensed.base_height
+        )
+        swing_joint = self._swing.joint_target(
+            body, path + reference.foot_residual, sensed.joint_position
+        )
 
         velocity, angular_velocity = self._velocities(reference, body)
         acceleration = self._stance.acceleration_reference(body, velocity, angular_velocity)
@@ -275,12 +336,15 @@ class LegController:
         wanted = reference.angular_velocity + yaw_rate[..., None] * self._yaw_axis.like(error)
         step, angular_step = self._velocity_step.like(error), self._angular_step.like(error)
         velocity = xp.clip(reference.velocity, body.velocity - step, body.velocity + step)
-        return velocity, xp.clip(wanted, body.angular_velocity - angular_step, body.angular_velocity + angular_step)
+        return velocity, xp.clip(
+            wanted, body.angular_velocity - angular_step, body.angular_velocity + angular_step
+        )
 
     def _rest_pose(self, body: YawFrameBody) -> Joints:
         """Joint angles to stand on the slope that the feet give, shape (..., 12).
 
-        The base is over the middle of the feet and pitched by half the slope: a trunk that is parallel to stairs of
+        The base is over the middle of the feet and pitched by half the slope: a trunk that is
+            parallel to stairs of
         0.20 m has its weight behind the rear feet, and for a level one the rear legs are too short.
         """
         xp = namespace(body.roll)
@@ -289,11 +353,19 @@ class LegController:
         stand = self._stand_feet.like(body.roll)
         apart = float(stand[0, 0] - stand[2, 0])
         steepest = self.config.steepest_stand
-        slope = xp.clip(ahead[..., 2] / xp.clip(ahead[..., 0], 0.5 * apart, None), -steepest, steepest)[..., None]
+        slope = xp.clip(
+            ahead[..., 2] / xp.clip(ahead[..., 0], 0.5 * apart, None), -steepest, steepest
+        )[..., None]
         pitch = 0.5 * xp.atan(slope)
         cosine, sine = xp.cos(pitch), xp.sin(pitch)
-        x, y, z = stand[..., 0] + 0.0 * slope, stand[..., 1] + 0.0 * slope, stand[..., 2] + slope * stand[..., 0]
-        angles = self._legs.inverse(xp.stack([cosine * x + sine * z, y, cosine * z - sine * x], axis=-1))
+        x, y, z = (
+            stand[..., 0] + 0.0 * slope,
+            stand[..., 1] + 0.0 * slope,
+            stand[..., 2] + slope * stand[..., 0],
+        )
+        angles = self._legs.inverse(
+            xp.stack([cosine * x + sine * z, y, cosine * z - sine * x], axis=-1)
+        )
         return xp.clip(angles, self._joint_lower.like(angles), self._joint_upper.like(angles))
 
     def _stand(self, sensed: Proprioception, state: LawState) -> JointCommand:
@@ -312,7 +384,9 @@ class LegController:
     def _damp(self, sensed: Proprioception) -> JointCommand:
         xp = namespace(sensed.joint_position)
         zero = xp.zeros_like(sensed.joint_position)
-        return JointCommand(position=zero, velocity=zero, kp=zero, kd=zero + self._gains.damp_kd, torque=zero)
+        return JointCommand(
+            position=zero, velocity=zero, kp=zero, kd=zero + self._gains.damp_kd, torque=zero
+        )
 
     def _at_rest(self, body: YawFrameBody, state: LawState) -> tuple[LawState, Diagnostics]:
         """State and diagnostics of a step without a schedule: every leg is in contact."""
@@ -328,7 +402,9 @@ class LegController:
         )
         return self._without_plan(body, replace(state, landed=down), signal)
 
-    def _without_plan(self, body: YawFrameBody, state: LawState, signal: GaitSignal) -> tuple[LawState, Diagnostics]:
+    def _without_plan(
+        self, body: YawFrameBody, state: LawState, signal: GaitSignal
+    ) -> tuple[LawState, Diagnostics]:
         """State and diagnostics of a step in which no forces are planned."""
         xp = namespace(body.roll)
         still = xp.zeros_like(body.velocity)
@@ -340,4 +416,6 @@ class LegController:
             velocity_reference=still,
             angular_velocity_reference=still,
         )
-        return replace(state, liftoff=body.foot_yaw, mode_time_s=state.mode_time_s + PHYSICS_DT), diagnostics
+        return replace(
+            state, liftoff=body.foot_yaw, mode_time_s=state.mode_time_s + PHYSICS_DT
+        ), diagnostics

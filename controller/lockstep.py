@@ -10,7 +10,8 @@ from saltus.wire.messages import GroundTruth, RobotState
 
 RESEND_S = 0.5
 SILENCE_LIMIT_S = 20.0
-"""Longer than a stranger who subscribes and then stands still holds up a run: 8 to 10 s (zenoh_cfg/README.md)."""
+"""Longer than a stranger who subscribes and then stands still holds up a run: 8 to 10 s
+(zenoh_cfg/README.md)."""
 POLL_S = 0.1  # how often a wait looks whether the process should stop
 
 
@@ -30,14 +31,16 @@ class Lockstep:
     def answered(self, truth: GroundTruth, state: Callable[[int, int, int], RobotState]) -> bool:
         """Takes one policy step through camera, heightmap and planner; False if the process is to stop.
 
-        `state` makes the robot state from time, step and the newest camera frame that is due. The plan is then in
-        `Plans`.
+        `state` makes the robot state from time, step and the newest camera frame that is due. The
+        plan is then in `Plans`.
 
         Raises:
             StackError: one of them has not answered for `SILENCE_LIMIT_S`.
         """
         step = truth.step
-        if not self._ask(lambda _: self._truths.put(truth), lambda wait_s: self._rendered(step, wait_s), step):
+        if not self._ask(
+            lambda _: self._truths.put(truth), lambda wait_s: self._rendered(step, wait_s), step
+        ):
             return False
         message = state(truth.time_ns, step, self._depth_due)
 
@@ -59,7 +62,8 @@ class Lockstep:
             looked = now
             if silent_s > SILENCE_LIMIT_S:
                 raise StackError(
-                    f"process '{silent}' has not answered step {step} for {SILENCE_LIMIT_S:.0f} s: see its log"
+                    f"process '{silent}' has not answered step {step} for {SILENCE_LIMIT_S:.0f} s: "
+                    f"see its log"
                 )
             if now - sent > RESEND_S:
                 send(True)

@@ -1,4 +1,7 @@
-"""The 500 Hz loop of one robot as a pure class: sense, decide, act. It knows no bus and no clock."""
+"""The 500 Hz loop of one robot as a pure class: sense, decide, act.
+
+It knows no bus and no clock.
+"""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -61,7 +64,10 @@ class ControlLoop:
         return self._watch.mode
 
     def sense(self, reading: Reading) -> None:
-        """Takes in what the robot measures now. The yaw of the first reading is the heading that it will hold."""
+        """Takes in what the robot measures now.
+
+        The yaw of the first reading is the heading that it will hold.
+        """
         measured = reading.measurement
         sensing = self._tick.sense(measured, self._gait.trusted, self._estimate)
         if self._reading is None:
@@ -71,7 +77,10 @@ class ControlLoop:
         self._estimate, self._finite = sensing.estimate, isfinite(sensing.total)
 
     def act(self, plan: MotionPlan | None, plan_age_s: float) -> JointCommand:
-        """Decides the mode and computes the command; before the first plan there is none, and its age is infinite."""
+        """Decides the mode and computes the command.
+
+        Before the first plan there is none, and its age is infinite.
+        """
         reading = self._sensed_reading()
         self._watch = watch(
             self._watch,
@@ -149,11 +158,15 @@ class ControlLoop:
         if last is None or self.mode not in (ControllerMode.COAST, ControllerMode.LANDING):
             self._caught = False
             return self.mode, reference
-        self._caught = self.mode == ControllerMode.LANDING and (self._caught or bool(self._tick.braking.is_slow(last)))
+        self._caught = self.mode == ControllerMode.LANDING and (
+            self._caught or bool(self._tick.braking.is_slow(last))
+        )
         if self._caught:
             return ControllerMode.LANDING, self._tick.braking.catching(reference, self._ground)
         height = np.asarray(self._estimate.base_height)
-        return ControllerMode.COAST, self._tick.braking.reference(last, height, np.asarray(self._heading), self._ground)
+        return ControllerMode.COAST, self._tick.braking.reference(
+            last, height, np.asarray(self._heading), self._ground
+        )
 
 
 _NO_PLAN = plan_message(REST, PlanStatus.STAND, reason="no plan yet")

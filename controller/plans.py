@@ -38,7 +38,9 @@ class Plans:
         lost = self._plan is not None and age_s > self._lost_age_s
         if lost != self._lost:
             self._lost = lost
-            self._context.event("plan_lost" if lost else "plan_back", f"the newest plan is {1e3 * age_s:.0f} ms old")
+            self._context.event(
+                "plan_lost" if lost else "plan_back", f"the newest plan is {1e3 * age_s:.0f} ms old"
+            )
         if halt and self._plan is not None:
             self._standing = self._standing or replace(self._plan, status=PlanStatus.STAND)
             return self._standing, 0.0

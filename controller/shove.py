@@ -13,7 +13,8 @@ HARDEST_NS = 100.0
 class Shove:
     """Obeys "push", whose detail is the impulse towards the left of the course [Ns], negative to the right.
 
-    It lasts 0.1 s, and another one that comes meanwhile takes its place. What is no number pushes nobody.
+    It lasts 0.1 s, and another one that comes meanwhile takes its place. What is no number pushes
+    nobody.
     """
 
     def __init__(self, bus: Bus) -> None:
@@ -24,7 +25,10 @@ class Shove:
         """Force along the world's y on the trunk over the next policy step [N]."""
         sample = self._events.take()
         if sample is not None and sample.message.code == "push":
-            self._force, self._steps = _impulse(sample.message.detail) / (PUSH_STEPS * POLICY_DT), PUSH_STEPS
+            self._force, self._steps = (
+                _impulse(sample.message.detail) / (PUSH_STEPS * POLICY_DT),
+                PUSH_STEPS,
+            )
         if self._steps == 0:
             return 0.0
         self._steps -= 1

@@ -23,11 +23,16 @@ class Reference:
     velocity: Vectors
     """Reference velocity of the base, yaw frame [m/s], shape (..., 3)."""
     angular_velocity: Vectors
-    """Reference angular velocity, yaw frame [rad/s], shape (..., 3); the yaw rate is added by the controller."""
+    """Reference angular velocity, yaw frame [rad/s], shape (..., 3); the yaw rate is added by the
+    controller."""
     foot_residual: Legs
-    """Added to the nominal swing position of each foot, yaw frame (y to the left) [m], shape (..., 4, 3)."""
+    """Added to the nominal swing position of each foot, yaw frame (y to the left) [m], shape (...,
+    4, 3)."""
     heading: Scalars
-    """Yaw that the robot holds [rad], shape (...). Nothing else keeps it on a course: plans have no yaw."""
+    """Yaw that the robot holds [rad], shape (...).
+
+    Nothing else keeps it on a course: plans have no yaw.
+    """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,8 +93,9 @@ def observe(sensed: Proprioception, legs: LegKinematics) -> YawFrameBody:
 
 
 def _yaw_in_world(xp: Array, rotation: Rotations) -> Rotations:
-    # From the matrix itself: no second pass through sine and cosine of the yaw. The columns are x, y and z of the
-    # yaw frame. Vertical noses (no yaw at all) are outside what the controller may meet: damping begins at 60 deg.
+    # From the matrix itself: no second pass through sine and cosine of the yaw. The columns are x,
+    # y and z of the yaw frame. Vertical noses (no yaw at all) are outside what the controller may
+    # meet: damping begins at 60 deg.
     forward_x, forward_y = rotation[..., 0, 0], rotation[..., 1, 0]
     inverse = 1.0 / xp.sqrt(forward_x * forward_x + forward_y * forward_y)
     c, s = forward_x * inverse, forward_y * inverse

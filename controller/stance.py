@@ -2,7 +2,8 @@
 
 minimise  (a - a_ref)' U (a - a_ref) + f' V f     with a = M f - g, the centroidal model, in the base frame,
 subject to |fx|, |fy| <= mu fz, fz in [fz_min, fz_max] for standing feet and f = 0 for the others,
-where f are forces on the feet in the yaw frame. Source: paper ("Feed-forward Optimal Control"); numbers: original.
+where f are forces on the feet in the yaw frame. Source: paper ("Feed-forward Optimal Control");
+numbers: original.
 
 `StanceLegs.build_qp` is batched; `solve_exact` loops over the robots of a batch.
 """
@@ -81,7 +82,8 @@ class StanceLegs:
         self.config = config
         size = Similarity.of_robot(robot)
         rate = 1.0 / size.time
-        # One foot's (linear, angular) acceleration by force, transposed: [I / m | -[p]x / I], linear in p.
+        # One foot's (linear, angular) acceleration by force, transposed: [I / m | -[p]x / I],
+        # linear in p.
         lever = np.zeros((3, 3, 6))
         lever[:, :, 3:] = -SKEW.reshape(3, 3, 3) / robot.inertia
         constant = np.zeros((3, 6))
@@ -113,14 +115,20 @@ class StanceLegs:
         step = self.config.roll_step_rad
         roll = xp.clip(body.roll, -step, step)[..., None, None]
         acceleration = error * self._gain.like(velocity) - roll * self._roll_gain.like(velocity)
-        return xp.clip(acceleration @ body.base_in_yaw, self._low.like(velocity), self._high.like(velocity))
+        return xp.clip(
+            acceleration @ body.base_in_yaw, self._low.like(velocity), self._high.like(velocity)
+        )
 
-    def build_qp(self, body: YawFrameBody, acceleration: AccelerationPairs, contact: LegFlags) -> StanceQP:
+    def build_qp(
+        self, body: YawFrameBody, acceleration: AccelerationPairs, contact: LegFlags
+    ) -> StanceQP:
         """Writes the problem down; `acceleration` (..., 2, 3) and `contact` (..., 4) as elsewhere."""
         batch = acceleration.shape[:-2]
         rotation = body.base_in_yaw
         lever = (body.foot_base @ self._lever.like(acceleration)).reshape((*batch, 4, 3, 6))
-        model = (rotation[..., None, :, :] @ (lever + self._constant.like(acceleration))).reshape((*batch, 12, 6))
+        model = (rotation[..., None, :, :] @ (lever + self._constant.like(acceleration))).reshape(
+            (*batch, 12, 6)
+        )
         gravity = self._up.like(acceleration) * rotation[..., 2:3, :]
         target = (acceleration + gravity).reshape((*batch, 6))
         weighted = model * self._weight.like(acceleration)
@@ -168,13 +176,18 @@ class StanceSolver(Protocol):
 
 
 class ExactSolver:
-    """Solves stance problems to optimality with a dense active-set method; legs in the air are eliminated first."""
+    """Solves stance problems to optimality with a dense active-set method.
+
+    Legs in the air are eliminated first.
+    """
 
     def __init__(self, robot: Robot, config: StanceConfig) -> None:
         import daqp  # here, because training with another solver runs where it is not installed
 
         self._daqp = daqp.solve
-        self._constraints = [_constraints(feet, robot.foot_force, config.friction) for feet in range(5)]
+        self._constraints = [
+            _constraints(feet, robot.foot_force, config.friction) for feet in range(5)
+        ]
         self._columns = [_columns(pattern) for pattern in range(16)]
         self._square = [(12 * c[:, None] + c).reshape(-1) for c in self._columns]
 
@@ -195,7 +208,10 @@ class ExactSolver:
         return xp.asarray(force, dtype=qp.gradient.dtype, device=qp.gradient.device)
 
     def _solve_all(
-        self, hessian: NDArray[np.float64], gradient: NDArray[np.float64], contact: NDArray[np.bool_]
+        self,
+        hessian: NDArray[np.float64],
+        gradient: NDArray[np.float64],
+        contact: NDArray[np.bool_],
     ) -> NDArray[np.float64]:
         patterns = (contact @ _PATTERN_BITS).reshape(-1).tolist()
         hessians = hessian.reshape(-1, 144)
@@ -207,14 +223,19 @@ class ExactSolver:
                 forces[robot, columns] = self._solve_one(hessians[robot], gradients[robot], pattern)
         return forces.reshape(gradient.shape)
 
-    def _solve_one(self, hessian: NDArray[np.float64], gradient: NDArray[np.float64], pattern: int) -> Floats:
+    def _solve_one(
+        self, hessian: NDArray[np.float64], gradient: NDArray[np.float64], pattern: int
+    ) -> Floats:
         columns = self._columns[pattern]
         size = len(columns)
         matrix, upper, lower = self._constraints[size // 3]
         square = hessian[self._square[pattern]].reshape(size, size)
         force, _, status, _ = self._daqp(square, gradient[columns], matrix, upper, lower)
         if status != 1:
-            raise SaltusError(f"stance forces: the solver ended with status {status}; is the robot's state finite?")
+            raise SaltusError(
+                f"stance forces: the solver ended with status {status}; is the robot's state "
+                f"finite?"
+            )
         return force
 
 
@@ -223,7 +244,10 @@ _PATTERN_BITS = np.array([1, 2, 4, 8])
 
 def _columns(pattern: int) -> NDArray[np.intp]:
     """Force components of the feet in contact, for a pattern of four bits."""
-    return np.array([3 * leg + axis for leg in range(4) if pattern >> leg & 1 for axis in range(3)], dtype=np.intp)
+    return np.array(
+        [3 * leg + axis for leg in range(4) if pattern >> leg & 1 for axis in range(3)],
+        dtype=np.intp,
+    )
 
 
 def _constraints(

@@ -1,21 +1,28 @@
 """Stance forces of thousands of robots at once: a fixed number of steps of ADMM on the same quadratic program.
 
-The exact solver takes one robot after the other; training needs a fixed amount of arithmetic on whole batches. With
-A = U^(1/2) M' the objective is |A f - b|^2 + V |f|^2, and one step is: the minimiser of the objective plus a spring to
-the last iterate (a matrix product, as the matrix does not change), and the projection of each foot's force onto its
-friction pyramid between the force limits, which has a closed form. Iterates end on the pyramid: friction and force
-limits hold exactly whatever the number of steps; what is approximate is the cost.
+The exact solver takes one robot after the other; training needs a fixed amount of arithmetic on
+whole batches. With A = U^(1/2) M' the objective is |A f - b|^2 + V |f|^2, and one step is: the
+minimiser of the objective plus a spring to the last iterate (a matrix product, as the matrix does
+not change), and the projection of each foot's force onto its friction pyramid between the force
+limits, which has a closed form. Iterates end on the pyramid: friction and force limits hold exactly
+whatever the number of steps; what is approximate is the cost.
 
-Reference: S. Boyd et al., "Distributed Optimization and Statistical Learning via ADMM" (2011), 3.4.3 and 5.
+Reference: S. Boyd et al., "Distributed Optimization and Statistical Learning via ADMM" (2011),
+    3.4.3 and 5.
 """
 
 from saltus.arrays import Array, Constant, JointMatrices, Joints, Levers, namespace
-from saltus.controller.stance import StanceConfig, StanceQP, scaled_acceleration_weight, scaled_force_weight
+from saltus.controller.stance import (
+    StanceConfig,
+    StanceQP,
+    scaled_acceleration_weight,
+    scaled_force_weight,
+)
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
 
-# Measured over random demands (tests/controller/test_stance_batched.py): a stiffer spring settles the cost sooner and
-# the forces later. Over-relaxation: Boyd et al. recommend 1.5 to 1.8.
+# Measured over random demands (tests/controller/test_stance_batched.py): a stiffer spring settles
+# the cost sooner and the forces later. Over-relaxation: Boyd et al. recommend 1.5 to 1.8.
 SPRING = 0.4
 RELAXATION = 1.7
 STEPS = 16
@@ -24,7 +31,9 @@ STEPS = 16
 class BatchedSolver:
     """Approximate stance forces by batched arithmetic, numpy or torch, float32 or float64; `steps` of ADMM."""
 
-    def __init__(self, robot: Robot, config: StanceConfig | None = None, steps: int = STEPS) -> None:
+    def __init__(
+        self, robot: Robot, config: StanceConfig | None = None, steps: int = STEPS
+    ) -> None:
         config = config or StanceConfig()
         self._steps = steps
         self._friction = config.friction
@@ -40,8 +49,12 @@ class BatchedSolver:
         xp = namespace(qp.gradient)
         batch = qp.gradient.shape[:-1]
         one = xp.ones_like(qp.gradient)
-        standing = one * xp.where(qp.contact[..., None], one.reshape((*batch, 4, 3)), 0.0).reshape((*batch, 12))
-        model = qp.model * self._root_weight.like(one) * standing[..., None]  # A transposed, (..., 12, 6)
+        standing = one * xp.where(qp.contact[..., None], one.reshape((*batch, 4, 3)), 0.0).reshape(
+            (*batch, 12)
+        )
+        model = (
+            qp.model * self._root_weight.like(one) * standing[..., None]
+        )  # A transposed, (..., 12, 6)
         pull = (model @ (qp.target * self._root_weight.like(one))[..., None])[..., 0]
         inverse = self._inverse(model)
 
@@ -50,7 +63,12 @@ class BatchedSolver:
         excess = xp.zeros_like(force)
         start, held = RELAXATION * free, (RELAXATION * self._spring) * inverse
         for _ in range(self._steps):
-            relaxed = start + (held @ (force - excess)[..., None])[..., 0] + (1.0 - RELAXATION) * force + excess
+            relaxed = (
+                start
+                + (held @ (force - excess)[..., None])[..., 0]
+                + (1.0 - RELAXATION) * force
+                + excess
+            )
             force = self._project(relaxed, standing)
             excess = relaxed - force
         return force
@@ -60,7 +78,9 @@ class BatchedSolver:
         xp = namespace(model)
         d = self._diagonal
         small = invert(model.mT @ model + d * self._identity6.like(model))
-        return (self._identity12.like(model) - (model @ small) @ model.mT) * (1.0 / d) + xp.zeros_like(model[..., :1])
+        return (self._identity12.like(model) - (model @ small) @ model.mT) * (
+            1.0 / d
+        ) + xp.zeros_like(model[..., :1])
 
     def _project(self, force: Joints, standing: Joints) -> Joints:
         """The nearest forces that friction and limits allow; 0 for feet in the air."""
@@ -70,11 +90,14 @@ class BatchedSolver:
         sides, z = feet[..., :2], feet[..., 2]
         size = xp.abs(sides)
         x, y = size[..., 0], size[..., 1]
-        # fz minimises a convex function of one variable, whose slope is the least of those with no side of the pyramid
-        # active, one, or both: the zero of the least of rising lines is the largest of their zeros
+        # fz minimises a convex function of one variable, whose slope is the least of those with no
+        # side of the pyramid active, one, or both: the zero of the least of rising lines is the
+        # largest of their zeros
         one_side = (z + mu * xp.maximum(x, y)) * (1.0 / (1.0 + mu * mu))
         two_sides = (z + mu * (x + y)) * (1.0 / (1.0 + 2.0 * mu * mu))
-        z = xp.clip(xp.maximum(xp.maximum(z, one_side), two_sides), self._low, self._high)[..., None]
+        z = xp.clip(xp.maximum(xp.maximum(z, one_side), two_sides), self._low, self._high)[
+            ..., None
+        ]
         bound = mu * z
         allowed = xp.concat([xp.clip(sides, -bound, bound), z], axis=-1)
         return allowed.reshape(force.shape) * standing
@@ -83,8 +106,8 @@ class BatchedSolver:
 def invert(matrix: Array) -> Array:
     """Inverse of small symmetric positive definite matrices by Gauss-Jordan elimination, all at once.
 
-    Pivots need no search as they are positive. Libraries factorise batches of tiny matrices slower than this, and no
-    compiler can join their work with its surroundings. Shape (..., k, k).
+    Pivots need no search as they are positive. Libraries factorise batches of tiny matrices slower
+    than this, and no compiler can join their work with its surroundings. Shape (..., k, k).
     """
     xp = namespace(matrix)
     size = matrix.shape[-1]
@@ -93,7 +116,11 @@ def invert(matrix: Array) -> Array:
     for k in range(size):
         unit, rest = units[k], 1.0 - units[k]
         pivot = 1.0 / rows[k][..., k : k + 1]
-        # The column that becomes a unit vector is stored as the column of the inverse that it makes room for.
+        # The column that becomes a unit vector is stored as the column of the inverse that it makes
+        # room for.
         scaled = (rows[k] * rest + unit) * pivot
-        rows = [scaled if i == k else row * rest - row[..., k : k + 1] * scaled for i, row in enumerate(rows)]
+        rows = [
+            scaled if i == k else row * rest - row[..., k : k + 1] * scaled
+            for i, row in enumerate(rows)
+        ]
     return xp.stack(rows, -2)

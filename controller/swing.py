@@ -1,8 +1,8 @@
 """Swing legs: Raibert's heuristic plus a learned residual, tracked at the joints.
 
-A foot goes from where it lifted off, under its hip, to the neutral point ahead of the hip, in two cubic segments that
-meet at half time. The nominal path stays at ground height: the whole lift comes from the residual. Source: paper
-("Gait Generation and Swing Leg Control"); numbers: original.
+A foot goes from where it lifted off, under its hip, to the neutral point ahead of the hip, in two
+cubic segments that meet at half time. The nominal path stays at ground height: the whole lift comes
+from the residual. Source: paper ("Gait Generation and Swing Leg Control"); numbers: original.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,10 @@ class SwingConfig:
 
 
 class SwingLegs:
-    """Targets of the feet and joints of swinging legs; computed for all legs, used where they swing."""
+    """Targets of the feet and joints of swinging legs.
+
+    Computed for all legs, used where they swing.
+    """
 
     def __init__(self, robot: Robot, config: SwingConfig) -> None:
         x, y = robot.neutral_foot
@@ -46,7 +49,12 @@ class SwingLegs:
         self._joint_high = Constant(robot.joint_upper - config.joint_margin_rad)
 
     def nominal_path(
-        self, body: YawFrameBody, liftoff: Legs, progress: PerLeg, stance_duration: Scalars, base_height: Scalars
+        self,
+        body: YawFrameBody,
+        liftoff: Legs,
+        progress: PerLeg,
+        stance_duration: Scalars,
+        base_height: Scalars,
     ) -> Legs:
         """Position of the feet relative to the base without the residual, yaw frame [m], shape (..., 4, 3).
 
@@ -68,7 +76,8 @@ class SwingLegs:
     def capture_point(self, body: YawFrameBody, height: float) -> Legs:
         """Where feet must stand to bring the body to rest at a height [m]: hip + velocity sqrt(height / g).
 
-        The capture point of the linear inverted pendulum, within the landing limits; yaw frame, shape (..., 4, 3).
+        The capture point of the linear inverted pendulum, within the landing limits; yaw frame,
+        shape (..., 4, 3).
         """
         xp = namespace(body.roll)
         hip = self._hip.like(body.roll) @ body.base_in_yaw.mT
@@ -88,6 +97,10 @@ class SwingLegs:
         xp = namespace(target)
         low, high = self._foot_low.like(target), self._foot_high.like(target)
         foot_base = xp.clip(target @ body.base_in_yaw, low, high)
-        angles = xp.clip(self._legs.inverse(foot_base), self._joint_low.like(target), self._joint_high.like(target))
+        angles = xp.clip(
+            self._legs.inverse(foot_base),
+            self._joint_low.like(target),
+            self._joint_high.like(target),
+        )
         step = self.config.joint_step_rad
         return xp.minimum(xp.maximum(angles, joint_position - step), joint_position + step)

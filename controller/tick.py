@@ -1,7 +1,8 @@
 """The laws of one tick of the control loop: on numpy, which is the reference, or compiled for one robot.
 
-`CompiledTick` has the same laws as straight-line Python on floats (`saltus.straight_line`), which takes a fifth of the
-time. A test holds it to `Tick` over thousands of drawn robots (tests/controller/test_tick.py).
+`CompiledTick` has the same laws as straight-line Python on floats (`saltus.straight_line`), which
+takes a fifth of the time. A test holds it to `Tick` over thousands of drawn robots
+(tests/controller/test_tick.py).
 """
 
 from dataclasses import dataclass, fields, replace
@@ -72,26 +73,38 @@ class Tick:
     """Laws of a tick on numpy."""
 
     def __init__(
-        self, robot: Robot, compensation: Compensation | None = None, solver: StanceSolver | None = None
+        self,
+        robot: Robot,
+        compensation: Compensation | None = None,
+        solver: StanceSolver | None = None,
     ) -> None:
         self.estimator = Estimator(robot)
         self.law = LegController(robot, compensation=compensation, solver=solver)
         self.braking = Braking(robot)
 
     def sense(self, measured: Measurement, trusted: LegFlags, estimate: EstimatorState) -> Sensing:
-        """Attitude and estimate; legs that are `trusted`, bool, shape (..., 4), are known to stand."""
+        """Attitude and estimate.
+
+        Legs that are `trusted`, bool, shape (..., 4), are known to stand.
+        """
         xp = namespace(measured.joint_position)
         roll, pitch, yaw = roll_pitch_yaw(rotation_matrix(measured.quaternion_base_in_world))
         estimate = self.estimator.step(measured, trusted, estimate)
         known = (
-            measured.quaternion_base_in_world, measured.angular_velocity_base, measured.acceleration_base,
+            measured.quaternion_base_in_world, measured.angular_velocity_base,
+            measured.acceleration_base,
             measured.joint_position, measured.joint_velocity, estimate.mean,
         )  # fmt: skip
         total = xp.sum(xp.concat(known, axis=-1), axis=-1)
         return Sensing(roll=roll, pitch=pitch, yaw=yaw, estimate=estimate, total=total)
 
     def act(
-        self, reference: Reference, states: RobotStates, law: LawState, ground: BrakingState, mode: ControllerMode
+        self,
+        reference: Reference,
+        states: RobotStates,
+        law: LawState,
+        ground: BrakingState,
+        mode: ControllerMode,
     ) -> Acting:
         """Command, and what is remembered for the next tick."""
         command, law, diagnostics = self.law.step(reference, states, law, mode)
@@ -100,14 +113,19 @@ class Tick:
             command=command,
             law=law,
             gait=diagnostics.gait,
-            body=BodyMotion(pitch=body.pitch, velocity=body.velocity, angular_velocity=body.angular_velocity),
+            body=BodyMotion(
+                pitch=body.pitch, velocity=body.velocity, angular_velocity=body.angular_velocity
+            ),
             ground=self.braking.observe(diagnostics, ground),
             settled=self.law.settled(law, diagnostics),
         )
 
 
 class CompiledTick(Tick):
-    """The same for one robot, on floats; numpy does what they cannot: changes of mode, and numbers that are none."""
+    """The same for one robot, on floats.
+
+    Numpy does what they cannot: changes of mode, and numbers that are none.
+    """
 
     def __init__(self, robot: Robot, compensation: Compensation | None = None) -> None:
         super().__init__(robot, compensation)
@@ -134,7 +152,12 @@ class CompiledTick(Tick):
         return sensing
 
     def act(
-        self, reference: Reference, states: RobotStates, law: LawState, ground: BrakingState, mode: ControllerMode
+        self,
+        reference: Reference,
+        states: RobotStates,
+        law: LawState,
+        ground: BrakingState,
+        mode: ControllerMode,
     ) -> Acting:
         """See `Tick.act`."""
         if mode != law.mode:
@@ -143,7 +166,11 @@ class CompiledTick(Tick):
             acting: Acting = self._act[ALIKE.get(mode, mode)](reference, states, law, ground, mode)
         except (ArithmeticError, ValueError):
             return super().act(reference, states, law, ground, mode)
-        return acting if acting.law.mode == mode else replace(acting, law=replace(acting.law, mode=mode))
+        return (
+            acting
+            if acting.law.mode == mode
+            else replace(acting, law=replace(acting.law, mode=mode))
+        )
 
 
 class NotedSolver(ExactSolver):

@@ -19,7 +19,8 @@ class WatchdogConfig:
     """Beyond this a robot is not upright: the definition of a failed trial."""
     landing_limit_s: float = 1.1
     """A landing is over after this at the latest, and so 1.2 s after the planner has gone. From 1.8 m/s the robot
-    brakes with one or two contacts of each pair of legs before sprung legs catch it: it does not jump on, but no
+    brakes with one or two contacts of each pair of legs before sprung legs catch it: it does not
+        jump on, but no
     single contact could stop it."""
 
 
@@ -52,12 +53,15 @@ class WatchdogState:
     """The landing under way was forced: it ends in STOPPED, not in STAND."""
 
 
-def watch(state: WatchdogState, now: WatchdogInput, dt_s: float, config: WatchdogConfig | None = None) -> WatchdogState:
+def watch(
+    state: WatchdogState, now: WatchdogInput, dt_s: float, config: WatchdogConfig | None = None
+) -> WatchdogState:
     """One tick: the next state. STOPPED and DAMP are latched; DAMP wins over everything.
 
-    STAND -> RUN on a fresh GO. RUN <-> COAST by the age of the plan. RUN, COAST -> LANDING when the plan is lost or
-    says STOP (a fault) or STAND (no fault). LANDING -> STOPPED after a fault, else STAND. A plan that is lost or says
-    STOP while the robot stands changes nothing: it already does the safe thing.
+    STAND -> RUN on a fresh GO. RUN <-> COAST by the age of the plan. RUN, COAST -> LANDING when the
+    plan is lost or says STOP (a fault) or STAND (no fault). LANDING -> STOPPED after a fault, else
+    STAND. A plan that is lost or says STOP while the robot stands changes nothing: it already does
+    the safe thing.
     """
     config = config or WatchdogConfig()
     mode, fault = _decide(state, now, config)
@@ -66,7 +70,9 @@ def watch(state: WatchdogState, now: WatchdogInput, dt_s: float, config: Watchdo
     return WatchdogState(mode=mode, mode_time_s=0.0, fault=fault)
 
 
-def _decide(state: WatchdogState, now: WatchdogInput, config: WatchdogConfig) -> tuple[ControllerMode, bool]:
+def _decide(
+    state: WatchdogState, now: WatchdogInput, config: WatchdogConfig
+) -> tuple[ControllerMode, bool]:
     if state.mode == ControllerMode.DAMP or not _upright(now, config):
         return ControllerMode.DAMP, True
     if state.mode == ControllerMode.STOPPED:
@@ -85,7 +91,9 @@ def _decide(state: WatchdogState, now: WatchdogInput, config: WatchdogConfig) ->
         return ControllerMode.LANDING, True
     if now.plan_status == PlanStatus.STAND:
         return ControllerMode.LANDING, False
-    return (ControllerMode.RUN if now.plan_age_s <= config.coast_age_s else ControllerMode.COAST), False
+    return (
+        ControllerMode.RUN if now.plan_age_s <= config.coast_age_s else ControllerMode.COAST
+    ), False
 
 
 def _upright(now: WatchdogInput, config: WatchdogConfig) -> bool:

@@ -3,7 +3,8 @@
     pip install numpy onnxruntime
     python examples/feed_networks.py models/heightmap.onnx models/policy.onnx
 
-Here the robot stands still on level ground, and its camera sees just that: put your own readings in their place.
+Here the robot stands still on level ground, and its camera sees just that: put your own readings in
+    their place.
 """
 
 import argparse
@@ -17,7 +18,14 @@ import numpy as np
 import onnxruntime
 
 THIGH, CALF, SIDE = 0.213, 0.213, 0.08  # [m]
-HIP = np.array([[0.1881, -0.04675, 0.0], [0.1881, 0.04675, 0.0], [-0.1881, -0.04675, 0.0], [-0.1881, 0.04675, 0.0]])
+HIP = np.array(
+    [
+        [0.1881, -0.04675, 0.0],
+        [0.1881, 0.04675, 0.0],
+        [-0.1881, -0.04675, 0.0],
+        [-0.1881, 0.04675, 0.0],
+    ]
+)
 WIDTH, HEIGHT, FOCAL, RANGE_M = 16, 48, 42.278131, 3.0  # of the network's camera
 LONGEST_GAP_S, OLDEST_S, MOST_INVALID = 0.13, 0.17, 0.8
 
@@ -26,14 +34,19 @@ class Body:
     """A robot's reading in its yaw frame.
 
     Args:
-        state: has `quaternion_base_in_world` (w, x, y, z), `angular_velocity_base` [rad/s], `velocity_base_in_world`
-            [m/s], `base_height` [m], `joint_position` [rad], and `leg_contact`, `leg_progress`, `leg_trusted`.
+        state: has `quaternion_base_in_world` (w, x, y, z), `angular_velocity_base` [rad/s],
+            `velocity_base_in_world` [m/s], `base_height` [m], `joint_position` [rad], and
+            `leg_contact`, `leg_progress`, `leg_trusted`.
     """
 
     def __init__(self, state: Any) -> None:
         w, x, y, z = state.quaternion_base_in_world
-        ahead = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z)])  # of the base, x and y in the world
-        up = np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])  # of the world, in the base
+        ahead = np.array(
+            [1 - 2 * (y * y + z * z), 2 * (x * y + w * z)]
+        )  # of the base, x and y in the world
+        up = np.array(
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]
+        )  # of the world, in the base
         self.roll, self.pitch = math.atan2(up[1], up[2]), math.asin(min(max(-up[0], -1.0), 1.0))
         yaw = math.atan2(ahead[1], ahead[0])
         base_in_yaw = turn_y(self.pitch) @ turn_x(self.roll)
@@ -66,7 +79,9 @@ def feet(joints: np.ndarray) -> np.ndarray:
     side = SIDE * np.array([-1.0, 1.0, -1.0, 1.0])
     x = -THIGH * np.sin(b) - CALF * np.sin(b + c)
     d = THIGH * np.cos(b) + CALF * np.cos(b + c)
-    return HIP + np.stack([x, side * np.cos(a) + d * np.sin(a), side * np.sin(a) - d * np.cos(a)], axis=-1)
+    return HIP + np.stack(
+        [x, side * np.cos(a) + d * np.sin(a), side * np.sin(a) - d * np.cos(a)], axis=-1
+    )
 
 
 def proprioception(state: Any) -> np.ndarray:
@@ -82,14 +97,19 @@ def features(state: Any, heights: np.ndarray) -> np.ndarray:
     body, contact = Body(state), np.asarray(state.leg_contact, dtype=float)
     attitude, height = (body.roll, body.pitch), (state.base_height,)
     motion = (body.velocity, body.angular_velocity)
-    return np.concatenate([contact, state.leg_progress, attitude, *motion, height, body.feet.ravel(), heights])
+    return np.concatenate(
+        [contact, state.leg_progress, attitude, *motion, height, body.feet.ravel(), heights]
+    )
 
 
-def pooled(depth_m: np.ndarray, focal: tuple[float, float], centre: tuple[float, float]) -> np.ndarray:
+def pooled(
+    depth_m: np.ndarray, focal: tuple[float, float], centre: tuple[float, float]
+) -> np.ndarray:
     """Returns what the heightmap network sees of an image, shape (2, 48, 16).
 
     Args:
-        depth_m: along the optical axis, rows from the top; infinite where nothing is within range, 0 where invalid.
+        depth_m: along the optical axis, rows from the top; infinite where nothing is within range,
+            0 where invalid.
         focal: Across and down [px].
         centre: The same, counted from the corner of the first pixel (0.5 more than in ROS).
     """
@@ -116,14 +136,18 @@ class Heights:
 
     network: onnxruntime.InferenceSession
     hidden: np.ndarray = field(init=False)
-    image: np.ndarray = field(default_factory=lambda: np.stack([np.ones((HEIGHT, WIDTH)), np.zeros((HEIGHT, WIDTH))]))
+    image: np.ndarray = field(
+        default_factory=lambda: np.stack([np.ones((HEIGHT, WIDTH)), np.zeros((HEIGHT, WIDTH))])
+    )
     taken_s: float = -math.inf
 
     def __post_init__(self) -> None:
         (size,) = (given.shape[-1] for given in self.network.get_inputs() if given.name == "hidden")
         self.hidden = np.zeros((1, size), np.float32)
 
-    def step(self, now_s: float, state: Any, image: np.ndarray | None = None, taken_s: float = 0.0) -> np.ndarray:
+    def step(
+        self, now_s: float, state: Any, image: np.ndarray | None = None, taken_s: float = 0.0
+    ) -> np.ndarray:
         """Heights and half of their 90 % intervals [m], shape (2, 30).
 
         Args:
@@ -144,7 +168,11 @@ class Heights:
         return np.stack([height[0], 1.645 * std[0]])
 
     def _accept(self, now_s: float, image: np.ndarray, taken_s: float) -> bool:
-        if taken_s <= self.taken_s or now_s - taken_s > OLDEST_S or image[1].mean() < 1.0 - MOST_INVALID:
+        if (
+            taken_s <= self.taken_s
+            or now_s - taken_s > OLDEST_S
+            or image[1].mean() < 1.0 - MOST_INVALID
+        ):
             return False
         if LONGEST_GAP_S < taken_s - self.taken_s < math.inf:  # not before the first
             self.hidden = np.zeros_like(self.hidden)
@@ -158,7 +186,9 @@ class Policy:
     def __init__(self, network: onnxruntime.InferenceSession) -> None:
         self.network = network
         metadata = network.get_modelmeta().custom_metadata_map
-        self.past_steps, self.low, self.high = (json.loads(metadata[name]) for name in ("past_steps", "low", "high"))
+        self.past_steps, self.low, self.high = (
+            json.loads(metadata[name]) for name in ("past_steps", "low", "high")
+        )
         self.past: list[np.ndarray] = []
 
     def step(self, state: Any, heights: np.ndarray) -> np.ndarray:
@@ -176,7 +206,9 @@ class Policy:
 
 def main() -> None:
     """One second of standing on level ground: heights ahead, and what the policy would do."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("heightmap", help="models/heightmap.onnx")
     parser.add_argument("policy", help="models/policy.onnx")
     options = parser.parse_args()
@@ -184,16 +216,23 @@ def main() -> None:
     policy = Policy(onnxruntime.InferenceSession(options.policy))
     standing = SimpleNamespace(
         quaternion_base_in_world=(1.0, 0.0, 0.0, 0.0), angular_velocity_base=np.zeros(3),
-        velocity_base_in_world=np.zeros(3), base_height=0.285, joint_position=np.tile([0.0, 0.9, -1.8], 4),
+        velocity_base_in_world=np.zeros(3), base_height=0.285,
+        joint_position=np.tile([0.0, 0.9, -1.8], 4),
         leg_contact=np.ones(4), leg_progress=np.zeros(4), leg_trusted=np.ones(4),
     )  # fmt: skip
-    down = 0.52 + np.arctan((np.arange(HEIGHT) + 0.5 - 0.5 * HEIGHT) / FOCAL)  # below the horizon, of each row
-    reach = np.where(down > 0.0, (0.285 + 0.092) / np.maximum(np.sin(down), 1e-3), np.inf)  # along each ray
+    down = 0.52 + np.arctan(
+        (np.arange(HEIGHT) + 0.5 - 0.5 * HEIGHT) / FOCAL
+    )  # below the horizon, of each row
+    reach = np.where(
+        down > 0.0, (0.285 + 0.092) / np.maximum(np.sin(down), 1e-3), np.inf
+    )  # along each ray
     depth_m = np.tile((reach * np.cos(down - 0.52))[:, None], WIDTH)
     image = pooled(depth_m, (FOCAL, FOCAL), (0.5 * WIDTH, 0.5 * HEIGHT))
     for tick in range(100):
         now_s = 0.01 * tick
-        height, half_width_90 = heights.step(now_s, standing, image if tick % 2 else None, now_s - 0.05)
+        height, half_width_90 = heights.step(
+            now_s, standing, image if tick % 2 else None, now_s - 0.05
+        )
     print("heights", np.round(height[10::5], 3), "+-", np.round(half_width_90[10::5], 3), "m")
     print("plan", np.round(policy.step(standing, height), 2))
 

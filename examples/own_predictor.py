@@ -4,8 +4,9 @@
     python examples/own_predictor.py runs/depth_to_heights/inputs.parquet mine.parquet
     saltus bench depth_to_heights score mine.parquet
 
-It takes all ground to be as high as the feet that stand. Yours may look at the images (`observation.depth`) and keep a
-memory within a run; docs/benchmark.md says what the columns hold. Needs numpy and pyarrow.
+It takes all ground to be as high as the feet that stand. Yours may look at the images
+(`observation.depth`) and keep a memory within a run; docs/benchmark.md says what the columns hold.
+Needs numpy and pyarrow.
 """
 
 import sys
@@ -15,7 +16,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 POINTS = 30  # evenly from 0.4 m behind the base to 0.8 m ahead of it, along its yaw
-HALF_WIDTH_90_M = 0.8  # 90 % of the heights are within this: how high the ground is ahead nobody knows here
+HALF_WIDTH_90_M = (
+    0.8  # 90 % of the heights are within this: how high the ground is ahead nobody knows here
+)
 
 
 def predict(run: pa.Table) -> tuple[np.ndarray, np.ndarray]:
@@ -32,7 +35,9 @@ def main(inputs: str, out: str) -> None:
         run = file.read_row_group(number)
         height, half_width_90 = predict(run)
         columns = {name: run[name] for name in ("episode_index", "frame_index")}
-        runs.append(pa.table({**columns, "height": list(height), "half_width_90": list(half_width_90)}))
+        runs.append(
+            pa.table({**columns, "height": list(height), "half_width_90": list(half_width_90)})
+        )
     pq.write_table(pa.concat_tables(runs), out)
 
 

@@ -5,7 +5,8 @@
     saltus heightmap serve --run-dir runs/mine          # another
     python examples/own_robot.py runs/mine/client.json5
 
-Here the robot stands still on level ground, and its camera sees just that: put your own readings in their place.
+Here the robot stands still on level ground, and its camera sees just that: put your own readings in
+    their place.
 Payloads are CDR of the ROS 2 messages below, times those of this computer's monotonic clock [ns].
 """
 
@@ -93,7 +94,9 @@ class Publisher:
     def __init__(self, session: zenoh.Session, key: str, kind: str) -> None:
         self.kind, self.count, self.sender = kind, 0, os.urandom(16)
         # Never wait for a slow reader
-        self.publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP, express=True)
+        self.publisher = session.declare_publisher(
+            key, congestion_control=zenoh.CongestionControl.DROP, express=True
+        )
 
     def put(self, time_ns: int, **fields: object) -> None:
         """Sends one."""
@@ -105,7 +108,9 @@ class Publisher:
 
 def level_ground() -> np.ndarray:
     """Depth along the optical axis [mm], shape (240, 80)."""
-    down = (np.arange(HEIGHT) + 0.5 - 0.5 * HEIGHT) / FOCAL  # of each row of pixels, per metre of depth
+    down = (
+        np.arange(HEIGHT) + 0.5 - 0.5 * HEIGHT
+    ) / FOCAL  # of each row of pixels, per metre of depth
     drop = np.sin(CAMERA_PITCH) + down * np.cos(CAMERA_PITCH)
     depth = np.where(drop > 0.0, CAMERA_HEIGHT_M / np.maximum(drop, 1e-3), np.inf)
     # 65535: nothing within range; 0: invalid
@@ -116,14 +121,25 @@ def level_ground() -> np.ndarray:
 def image_fields(depth: np.ndarray, time_ns: int, focal: float = FOCAL) -> dict[str, object]:
     """The image and its intrinsics, as in ROS: pixel (u, v) looks through ((u - cx) / fx, (v - cy) / fy)."""
     height, width = depth.shape
-    intrinsics = np.array([focal, 0.0, 0.5 * width - 0.5, 0.0, focal, 0.5 * height - 0.5, 0.0, 0.0, 1.0])
-    region = make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+    intrinsics = np.array(
+        [focal, 0.0, 0.5 * width - 0.5, 0.0, focal, 0.5 * height - 0.5, 0.0, 0.0, 1.0]
+    )
+    region = make(
+        "sensor_msgs/msg/RegionOfInterest",
+        x_offset=0,
+        y_offset=0,
+        height=0,
+        width=0,
+        do_rectify=False,
+    )
     image = make(
-        "sensor_msgs/msg/Image", header=header(time_ns), height=height, width=width, encoding="16UC1",
+        "sensor_msgs/msg/Image", header=header(time_ns), height=height, width=width,
+        encoding="16UC1",
         is_bigendian=0, step=2 * width, data=depth.view(np.uint8).ravel(),
     )  # fmt: skip
     info = make(
-        "sensor_msgs/msg/CameraInfo", header=header(time_ns), height=height, width=width, distortion_model="plumb_bob",
+        "sensor_msgs/msg/CameraInfo", header=header(time_ns), height=height, width=width,
+        distortion_model="plumb_bob",
         d=np.zeros(5), k=intrinsics, r=np.eye(3).ravel(), p=np.insert(intrinsics, [3, 6, 9], 0.0),
         binning_x=0, binning_y=0, roi=region,
     )  # fmt: skip
@@ -133,8 +149,8 @@ def image_fields(depth: np.ndarray, time_ns: int, focal: float = FOCAL) -> dict[
 def standing() -> dict[str, object]:
     """Returns what a robot that stands tells.
 
-    The network reads the attitude, the rate of turn, the velocity, the height of the base above its feet, and the joint
-    angles of the legs that are trusted to stand; it does not read the rest.
+    The network reads the attitude, the rate of turn, the velocity, the height of the base above its
+    feet, and the joint angles of the legs that are trusted to stand; it does not read the rest.
     """
     return {
         "quaternion_base_in_world": np.array([1.0, 0.0, 0.0, 0.0]),  # w, x, y, z
@@ -152,17 +168,28 @@ def standing() -> dict[str, object]:
         "mode": 0,
         "depth_due": -1,
         "position_base_in_odometry": np.zeros(0),  # or x, y, z, if your odometry has them
-        "standing_feet": np.zeros(0),  # or x, y, z of the ground under each, if the legs are not a Go1's
+        "standing_feet": np.zeros(
+            0
+        ),  # or x, y, z of the ground under each, if the legs are not a Go1's
     }
 
 
 def main() -> None:
-    """Sends at 100 Hz and prints twice a second what is ahead; one JSON line a heightmap with --json."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    """Sends at 100 Hz and prints twice a second what is ahead.
+
+    One JSON line a heightmap with --json.
+    """
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("client", help="client.json5 of the run")
     parser.add_argument("--prefix", default="robot/0", help="of the keys")
-    parser.add_argument("--seconds", type=float, default=math.inf, help="how long; by default until Ctrl-C")
-    parser.add_argument("--json", action="store_true", help="print every heightmap as one line of JSON")
+    parser.add_argument(
+        "--seconds", type=float, default=math.inf, help="how long; by default until Ctrl-C"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print every heightmap as one line of JSON"
+    )
     options = parser.parse_args()
     session = zenoh.open(zenoh.Config.from_file(options.client))
     states = Publisher(session, f"{options.prefix}/controller/state", "saltus_msgs/msg/RobotState")
@@ -172,7 +199,9 @@ def main() -> None:
         heights = store.deserialize_cdr(sample.payload.to_bytes(), "saltus_msgs/msg/Heightmap")
         if options.json:
             names = ("step", "x", "height", "half_width_90", "status")
-            fields = SimpleNamespace(**{name: np.asarray(getattr(heights, name)).tolist() for name in names})
+            fields = SimpleNamespace(
+                **{name: np.asarray(getattr(heights, name)).tolist() for name in names}
+            )
             print(json.dumps(vars(fields)), flush=True)
         elif heights.step % 50 == 0:
             pairs = zip(heights.height[10::5], heights.half_width_90[10::5], strict=True)
@@ -182,7 +211,9 @@ def main() -> None:
     subscriber = session.declare_subscriber(f"{options.prefix}/heightmap/heightmap", receive)
     depth, start = level_ground(), time.monotonic_ns()
     with contextlib.suppress(KeyboardInterrupt):
-        for step in itertools.takewhile(lambda step: step * PERIOD_S < options.seconds, itertools.count()):
+        for step in itertools.takewhile(
+            lambda step: step * PERIOD_S < options.seconds, itertools.count()
+        ):
             time.sleep(max(0.0, 1e-9 * (start - time.monotonic_ns()) + PERIOD_S * step))
             now_ns = time.monotonic_ns()
             if step % 2 == 0:

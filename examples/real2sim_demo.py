@@ -1,4 +1,6 @@
-"""real2sim from Python: an effect hidden in a robot is found in its log; one joint is drawn before and after the patch.
+"""real2sim from Python: an effect hidden in a robot is found in its log.
+
+One joint is drawn before and after the patch.
 
 Needs matplotlib; `saltus real2sim demo` does the same without the picture.
 
@@ -45,7 +47,9 @@ def draw(shown: Demonstration, log: RunLog, path: Path) -> None:
     joint = int(miss.mean(axis=0).argmax())
     centre = int(np.convolve(miss[:, joint], np.ones(250), mode="same").argmax())
     rows = slice(max(0, centre - 300), centre + 300)
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 3.4), width_ratios=(3, 1), layout="constrained")
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(9.0, 3.4), width_ratios=(3, 1), layout="constrained"
+    )
     t = log.joints.time_s[rows]
     left.plot(t, log.joints.q[rows, joint], ".", color="0.6", markersize=3, label="measured")
     left.plot(t, without[rows, joint], color="#d1495b", label="simulated as claimed")
@@ -54,7 +58,11 @@ def draw(shown: Demonstration, log: RunLog, path: Path) -> None:
     left.legend(frameon=False)
     gap = shown.found.verdict.gap
     if gap is not None:
-        right.bar(["before", "after", "noise"], [gap.before, gap.after, gap.floor], color=["#d1495b", "#1f5fa8", "0.6"])
+        right.bar(
+            ["before", "after", "noise"],
+            [gap.before, gap.after, gap.floor],
+            color=["#d1495b", "#1f5fa8", "0.6"],
+        )
         right.set(yscale="log", title="gap, unseen segments")
     figure.savefig(path, dpi=130)
 

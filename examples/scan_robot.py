@@ -5,8 +5,9 @@
     saltus heightmap serve --run-dir runs/mine --dialect isaaclab --body none      # another
     python examples/scan_robot.py runs/mine/client.json5
 
-Here a robot without known legs goes over level ground at 0.3 m/s, 0.4 m above it, and its camera sees just that: put
-your own readings in the place of `attitude_and_velocity` and `depth_image`. Everything else is the format.
+Here a robot without known legs goes over level ground at 0.3 m/s, 0.4 m above it, and its camera
+sees just that: put your own readings in the place of `attitude_and_velocity` and `depth_image`.
+Everything else is the format.
 """
 
 import argparse
@@ -31,8 +32,12 @@ def attitude_and_velocity(seconds: float) -> dict[str, object]:
         "quaternion_base_in_world": np.array([1.0, 0.0, 0.0, 0.0]),  # w, x, y, z
         "angular_velocity_base": np.zeros(3),  # [rad/s]
         "velocity_base_in_world": np.array([SPEED_MPS, 0.0, 0.0]),  # [m/s]
-        "position_base_in_odometry": np.array([SPEED_MPS * seconds, 0.0, BASE_HEIGHT_M]),  # or np.zeros(0)
-        "standing_feet": np.zeros(0),  # x, y, z in the base frame of the ground under each foot that surely stands
+        "position_base_in_odometry": np.array(
+            [SPEED_MPS * seconds, 0.0, BASE_HEIGHT_M]
+        ),  # or np.zeros(0)
+        "standing_feet": np.zeros(
+            0
+        ),  # x, y, z in the base frame of the ground under each foot that surely stands
         "base_height": BASE_HEIGHT_M,  # of the base above the ground when it stands, roughly [m]
         "leg_trusted": np.zeros(4, np.bool_),  # of the legs of a robot that Saltus has a model of
     }
@@ -49,10 +54,14 @@ def depth_image() -> np.ndarray:
 
 def main() -> None:
     """Sends at 100 Hz and prints twice a second what is told."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("client", help="client.json5 of the run")
     parser.add_argument("--prefix", default="robot/0", help="of the keys")
-    parser.add_argument("--seconds", type=float, default=math.inf, help="how long; by default until Ctrl-C")
+    parser.add_argument(
+        "--seconds", type=float, default=math.inf, help="how long; by default until Ctrl-C"
+    )
     options = parser.parse_args()
     session = zenoh.open(zenoh.Config.from_file(options.client))
     states = Publisher(session, f"{options.prefix}/controller/state", "saltus_msgs/msg/RobotState")
@@ -67,22 +76,29 @@ def main() -> None:
             table = told.height.reshape(len(told.x), len(told.y))  # rows ahead, columns to the left
             ahead = table[len(told.x) // 2 :: 2, len(told.y) // 2]
             print(
-                f"{STATUS[told.status]}: {told.height.size} heights, {100 * told.seen_share:.0f} % seen, half-width "
-                f"{np.median(told.half_width_90):.3f} m; ahead {', '.join(f'{z:+.3f}' for z in ahead)} m; "
-                f"{told.dialect or 'no'} observation {', '.join(f'{o:+.2f}' for o in told.observation[:4])} ...",
+                f"{STATUS[told.status]}: {told.height.size} heights, {100 * told.seen_share:.0f} % "
+                f"seen, half-width "
+                f"{np.median(told.half_width_90):.3f} m; ahead "
+                f"{', '.join(f'{z:+.3f}' for z in ahead)} m; "
+                f"{told.dialect or 'no'} observation "
+                f"{', '.join(f'{o:+.2f}' for o in told.observation[:4])} ...",
                 flush=True,
             )
 
     subscriber = session.declare_subscriber(f"{options.prefix}/heightmap/heightmap", receive)
     depth, start = depth_image(), time.monotonic_ns()
     with contextlib.suppress(KeyboardInterrupt):
-        for step in itertools.takewhile(lambda step: step * PERIOD_S < options.seconds, itertools.count()):
+        for step in itertools.takewhile(
+            lambda step: step * PERIOD_S < options.seconds, itertools.count()
+        ):
             time.sleep(max(0.0, 1e-9 * (start - time.monotonic_ns()) + PERIOD_S * step))
             now_ns = time.monotonic_ns()
             if step % 3 == 0:
                 taken_ns = now_ns - round(1e9 * LATENCY_S)
                 frames.put(taken_ns, frame_id=step // 3, **image_fields(depth, taken_ns, FOCAL))
-            states.put(now_ns, step=step, **(standing() | attitude_and_velocity(1e-9 * (now_ns - start))))
+            states.put(
+                now_ns, step=step, **(standing() | attitude_and_velocity(1e-9 * (now_ns - start)))
+            )
         time.sleep(0.2)
     subscriber.undeclare()
     session.close()

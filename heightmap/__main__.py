@@ -18,7 +18,12 @@ from saltus.wire.zenoh_bus import ZenohBus
 
 
 def body(
-    context: ProcessContext, robots: Sequence[str], endpoint: str, *, peer: bool, scan: ScanChoice | None = None
+    context: ProcessContext,
+    robots: Sequence[str],
+    endpoint: str,
+    *,
+    peer: bool,
+    scan: ScanChoice | None = None,
 ) -> None:
     """Serves `robots`, each on a bus of its own (`peer`: see `ZenohBus`); run.toml's robot where there are none."""
     own = context.config.prefix
@@ -29,7 +34,9 @@ def body(
                 contexts.append(context)
                 continue
             config = replace(context.config, prefix=robot)
-            bus = buses.enter_context(ZenohBus.of_run(endpoint, config, peer=peer, bell=context.bus.bell))
+            bus = buses.enter_context(
+                ZenohBus.of_run(endpoint, config, peer=peer, bell=context.bus.bell)
+            )
             contexts.append(ProcessContext(context.name, config, context.run_dir, bus))
         process = HeightmapProcess(contexts, scan)
         for each in contexts:
@@ -42,7 +49,8 @@ def _run(context: ProcessContext, own: argparse.Namespace) -> None:
     grid, scan = own.grid or context.config.grid, None
     if grid != DEFAULT_GRID:
         scan = ScanChoice(
-            grid=load_grid(grid), dialect=own.dialect, cameras=tuple(map(load_camera, own.cameras)), body=own.body,
+            grid=load_grid(grid), dialect=own.dialect, cameras=tuple(map(load_camera, own.cameras)),
+            body=own.body,
             model=own.model,
         )  # fmt: skip
         sys.stdout.write(f"heightmap: {scan.missing(context.setup.robot)}\n")
@@ -64,7 +72,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--model", type=Path)
     own, others = parser.parse_known_args(arguments)
     run = partial(_run, own=own)
-    shared = [*(["--endpoint", own.endpoint] if own.endpoint else []), *([PEER_FLAG] if own.peer else [])]
+    shared = [
+        *(["--endpoint", own.endpoint] if own.endpoint else []),
+        *([PEER_FLAG] if own.peer else []),
+    ]
     return run_process("heightmap", run, [*others, *shared])
 
 

@@ -31,13 +31,22 @@ def collect(
     cluster: str | None = None,
     listener: Listener | None = None,
 ) -> Collection:
-    """Adds a shard to a dataset; arguments and errors as those of `collect_batches` and `closed_loop_batches`."""
+    """Adds a shard to a dataset.
+
+    Arguments and errors as those of `collect_batches` and `closed_loop_batches`.
+    """
     keys = [(settings.seed, 0, batch) for batch in range(settings.batches)]
     table = round_table(settings.loop, settings.batches, 0, settings.model)
-    table |= hardware_table(settings.profile, settings.loop.robot, load_camera(settings.loop.camera))
-    made = closed_loop_batches(settings.loop, settings.model, keys, settings.profile, processes, cluster, listener)
+    table |= hardware_table(
+        settings.profile, settings.loop.robot, load_camera(settings.loop.camera)
+    )
+    made = closed_loop_batches(
+        settings.loop, settings.model, keys, settings.profile, processes, cluster, listener
+    )
     with closing(made):
-        return collect_batches([(directory, table)], ([batch] for batch in made), done, seed=settings.seed)
+        return collect_batches(
+            [(directory, table)], ([batch] for batch in made), done, seed=settings.seed
+        )
 
 
 def closed_loop_batches(
@@ -51,12 +60,16 @@ def closed_loop_batches(
 ) -> Generator[list[Episode], None, None]:
     """The batch of each key, in the order of the keys, from this machine or from a Ray cluster.
 
-    Batches follow from the keys alone, wherever they are made. Without a model robots go by true heights; the listener
-    is told of steps while batches are made, but not by a cluster.
+    Batches follow from the keys alone, wherever they are made. Without a model robots go by true
+    heights; the listener is told of steps while batches are made, but not by a cluster.
     """
     if cluster is not None:
-        return in_order_on_ray(partial(closed_loop_episodes, loop, profile=profile), model, keys, cluster, processes)
-    return in_order(partial(closed_loop_episodes, loop, model, profile=profile), keys, processes, listener)
+        return in_order_on_ray(
+            partial(closed_loop_episodes, loop, profile=profile), model, keys, cluster, processes
+        )
+    return in_order(
+        partial(closed_loop_episodes, loop, model, profile=profile), keys, processes, listener
+    )
 
 
 def round_table(loop: ClosedLoop, batches: int, index: int, model: Path | None) -> dict[str, Any]:
@@ -64,5 +77,11 @@ def round_table(loop: ClosedLoop, batches: int, index: int, model: Path | None) 
     camera = load_camera(loop.camera)
     robot = camera.mounted_on(load_robot(loop.robot))
     heights = "true" if model is None else HeightmapNetwork(robot, model).model_id
-    table = {"source": "dagger", "round": index, "batches": batches, **loop.table, "heights": heights}
+    table = {
+        "source": "dagger",
+        "round": index,
+        "batches": batches,
+        **loop.table,
+        "heights": heights,
+    }
     return {**table, "camera": camera.record}

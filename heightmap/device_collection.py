@@ -45,8 +45,9 @@ def collect(
 ) -> Collection:
     """Adds one shard to each dataset, one for each of the loop's cameras; all show the same motion.
 
-    `ticked` is called after each tick; `done` is told after each batch how fast it is, and the share of robots whose
-    physics left out contacts for want of room. `code` and interruptions are as in `collect_batches`.
+    `ticked` is called after each tick; `done` is told after each batch how fast it is, and the
+    share of robots whose physics left out contacts for want of room. `code` and interruptions are
+    as in `collect_batches`.
 
     Raises:
         SaltusError: there is no such device, or policy or predictor cannot be read.
@@ -56,10 +57,18 @@ def collect(
     policy, predictor = settings.policy or model_path("policy"), settings.predictor
     model = None if predictor is None else load_checkpoint(predictor)[0]
     rollouts = DeviceRollouts(
-        loop, read_policy(policy), model, device=device, seed=settings.seed, profile=settings.profile
+        loop,
+        read_policy(policy),
+        model,
+        device=device,
+        seed=settings.seed,
+        profile=settings.profile,
     )
     table: dict[str, Any] = {"source": "device rollouts", "batches": settings.batches, **loop.table}
-    table |= {"policy": _sha16(policy), "heights": "true" if predictor is None else _sha16(predictor)}
+    table |= {
+        "policy": _sha16(policy),
+        "heights": "true" if predictor is None else _sha16(predictor),
+    }
     began, moving_s = time.perf_counter(), 0.0
 
     def batches() -> Iterator[list[Iterator[Episode]]]:
@@ -75,8 +84,13 @@ def collect(
         done(speed, rollouts.crowded_share())
 
     cameras = {folder: load_camera(camera) for camera, folder in outputs.items()}
-    known = {folder: hardware_table(rollouts.profile, loop.robot, camera) for folder, camera in cameras.items()}
-    datasets = [(folder, {**table, "camera": cameras[folder].record, **known[folder]}) for folder in cameras]
+    known = {
+        folder: hardware_table(rollouts.profile, loop.robot, camera)
+        for folder, camera in cameras.items()
+    }
+    datasets = [
+        (folder, {**table, "camera": cameras[folder].record, **known[folder]}) for folder in cameras
+    ]
     return collect_batches(datasets, batches(), tell, seed=settings.seed, code=code)
 
 

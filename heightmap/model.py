@@ -1,8 +1,9 @@
 """The heightmap network: a small CNN reads the newest depth image, a GRU keeps what has left the view.
 
-One call of `step` is one tick at 100 Hz. Beyond the paper's network (original: channels 2, 4, 8, one GRU layer of 256,
-three hidden layers of 256 with ELU) it sees which pixels are valid and how old its image is, and states an interval for
-every height. Normalisation is part of it: whoever runs it hands over plain SI units.
+One call of `step` is one tick at 100 Hz. Beyond the paper's network (original: channels 2, 4, 8,
+one GRU layer of 256, three hidden layers of 256 with ELU) it sees which pixels are valid and how
+old its image is, and states an interval for every height. Normalisation is part of it: whoever runs
+it hands over plain SI units.
 """
 
 import math
@@ -20,7 +21,10 @@ from saltus.heightmap.settings import ModelConfig
 MAX_IMAGE_AGE_S = 0.5
 """An image older than this looks like one of this age; the service gives up at a third of it."""
 MIN_STD_M, MAX_STD_M = 0.0003, 0.5
-"""Bounds of what the file calls `std`: of rounding to the depth unit of a D435i, 1 mm; the deepest trench."""
+"""Bounds of what the file calls `std`: of rounding to the depth unit of a D435i, 1 mm.
+
+The deepest trench.
+"""
 WIDTHS = 13
 """Widths of intervals that are corrected each by its own: one is 1.86 times the one before, from
 MIN_STD_M to MAX_STD_M."""
@@ -62,7 +66,11 @@ class HeightmapModel(nn.Module):
 
     def __init__(self, config: ModelConfig, normalisation: Normalisation) -> None:
         super().__init__()
-        self.config, self.hidden_size, self.points = config, config.hidden, len(normalisation.height_mean)
+        self.config, self.hidden_size, self.points = (
+            config,
+            config.hidden,
+            len(normalisation.height_mean),
+        )
         a, b, c = config.channels
         self.encoder = nn.Sequential(
             nn.Conv2d(IMAGE_SHAPE[0], a, 5),
@@ -75,12 +83,16 @@ class HeightmapModel(nn.Module):
             nn.Flatten(),
         )
         image_features = c * 17 * 1  # (48, 16) -> 44x12 -> 22x6 -> 19x3 -> 17x1
-        self.gru = nn.GRU(image_features + 2 + len(normalisation.proprioception_mean), config.hidden)
+        self.gru = nn.GRU(
+            image_features + 2 + len(normalisation.proprioception_mean), config.hidden
+        )
         widths = (config.hidden, *config.head)
         layers: list[nn.Module] = []
         for inputs, outputs in pairwise(widths):
             layers += [nn.Linear(inputs, outputs), nn.ELU()]
-        self.head = nn.Sequential(*layers, nn.Linear(widths[-1], 2 * len(normalisation.height_mean)))
+        self.head = nn.Sequential(
+            *layers, nn.Linear(widths[-1], 2 * len(normalisation.height_mean))
+        )
         for name, value in normalisation._asdict().items():
             self.register_buffer(name, value.to(torch.float32).clone())
         self.register_buffer("correction", torch.zeros(WIDTHS))
@@ -110,7 +122,10 @@ class HeightmapModel(nn.Module):
     def step(
         self, image: Tensor, age: Tensor, new: Tensor, proprioception: Tensor, hidden: Tensor
     ) -> tuple[HeightEstimate, Tensor]:
-        """One tick: the same law as `ticks`, written out for export; images have shape (batch, 2, 48, 16)."""
+        """One tick: the same law as `ticks`, written out for export.
+
+        Images have shape (batch, 2, 48, 16).
+        """
         inputs = self._inputs(self.encode(image), age, new, proprioception)
         weight_input, weight_hidden, bias_input, bias_hidden = self.gru.all_weights[0]
         from_input = functional.linear(inputs, weight_input, bias_input)
@@ -124,7 +139,9 @@ class HeightmapModel(nn.Module):
         return self._estimate(hidden), hidden
 
     @torch.no_grad()
-    def tick(self, image: Tensor, age: Tensor, new: Tensor, proprioception: Tensor, hidden: Tensor) -> Tick:
+    def tick(
+        self, image: Tensor, age: Tensor, new: Tensor, proprioception: Tensor, hidden: Tensor
+    ) -> Tick:
         """One tick as a file's network answers it, see `saltus.heightmap.service.sight.Network`."""
         estimate, hidden = self.step(image, age.float(), new.float(), proprioception, hidden)
         return Tick(estimate.height, INTERVAL90 * estimate.log_std.exp(), hidden)
@@ -141,5 +158,7 @@ class HeightmapModel(nn.Module):
         least, most = math.log(MIN_STD_M), math.log(MAX_STD_M)
         log_std = (log_std + self.height_std.log()).clamp(least, most)
         width = (log_std - least) * ((WIDTHS - 1) / (most - least))
-        near = functional.relu(1.0 - (width[..., None] - torch.arange(WIDTHS, device=width.device)).abs())
+        near = functional.relu(
+            1.0 - (width[..., None] - torch.arange(WIDTHS, device=width.device)).abs()
+        )
         return HeightEstimate(height, (log_std + near @ self.correction).clamp(least, most))

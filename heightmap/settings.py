@@ -14,7 +14,8 @@ from saltus.flags import Flag
 
 BackEnd = Literal["embree", "pyrender", "warp"]
 DeliveryName = Literal["training", "nominal", "at-once"]
-"""How late images come: as drawn for training, as in a run without delays of its own, or at once."""
+"""How late images come: as drawn for training, as in a run without delays of its own, or at
+once."""
 VARIATION = 0.15
 """Standard deviation of each of the scripted planner's numbers, as a share of it."""
 MIN_TICKS = 60  # the first 0.5 s are warm-up; of a shorter run nothing would be left
@@ -68,7 +69,10 @@ class PredictorTraining:
     batch: int = 32
     """Windows in a gradient step; 1024 fill a GPU."""
     window: int = 100
-    """Ticks of 10 ms in a window; the hidden state is carried across windows, its gradient is not."""
+    """Ticks of 10 ms in a window.
+
+    The hidden state is carried across windows, its gradient is not.
+    """
     learning_rate: float = FIRST_RATE
     """Greatest rate, after the warm-up; by default 0.0005 where it begins with another network."""
     weight_decay: float = 0.01  # original
@@ -76,7 +80,10 @@ class PredictorTraining:
     gradient_norm: float = 1.0
     """A longer gradient is cut to this."""
     noise: bool = True
-    """Errors on the images, as far as they do not have them; without it a network learns from what is in the data."""
+    """Errors on the images, as far as they do not have them.
+
+    Without it a network learns from what is in the data.
+    """
     delivery: DeliveryName = "training"
     """Delivery of the images. training: 30 to 110 ms late with jitter, losses and pauses. nominal:
     50 ms late, none lost. at-once: neither late nor lost."""
@@ -93,7 +100,8 @@ class PredictorTraining:
 
     def __post_init__(self) -> None:
         check_between(
-            self, updates=(1, MANY), batch=(1, LARGEST), window=(1, LARGEST), learning_rate=_SHARE, weight_decay=_SHARE,
+            self, updates=(1, MANY), batch=(1, LARGEST), window=(1, LARGEST), learning_rate=_SHARE,
+            weight_decay=_SHARE,
             gradient_norm=(1e-9, 1e9), forgets=_SHARE, seed=SEEDS, save_every_s=(0.0, math.inf),
         )  # fmt: skip
 
@@ -107,7 +115,8 @@ class LoopSettings:
     """
 
     robot: str
-    """Their kind: a robot that Saltus ships, or the path of an MJCF or of a folder with a robot.toml."""
+    """Their kind: a robot that Saltus ships, or the path of an MJCF or of a folder with a
+    robot.toml."""
     grid: str
     """Grid of the heights: a name, or path of a TOML file (`saltus.grid`)."""
     robots: int
@@ -125,7 +134,8 @@ class LoopSettings:
 
     def __post_init__(self) -> None:
         check_between(
-            self, robots=(1, LARGEST), ticks=(MIN_TICKS, LARGEST), hardest=(0.0, MOST_DIFFICULT), learned=_SHARE,
+            self, robots=(1, LARGEST), ticks=(MIN_TICKS, LARGEST), hardest=(0.0, MOST_DIFFICULT),
+            learned=_SHARE,
             variation=_SHARE,
         )  # fmt: skip
         if not self.terrains:
@@ -134,9 +144,18 @@ class LoopSettings:
     @property
     def table(self) -> dict[str, Any]:
         """Table for a manifest: of robots, grids, terrains and renderers only others than older manifests mean."""
-        usual = {**UNNAMED, "terrains": list(USUAL_TERRAINS), "renderer": USUAL_RENDERER, "plans": False}
+        usual = {
+            **UNNAMED,
+            "terrains": list(USUAL_TERRAINS),
+            "renderer": USUAL_RENDERER,
+            "plans": False,
+        }
         table = asdict(self) | {"terrains": list(self.terrains)}
-        return {name: value for name, value in table.items() if name not in usual or value != usual[name]}
+        return {
+            name: value
+            for name, value in table.items()
+            if name not in usual or value != usual[name]
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,8 +173,8 @@ class ClosedLoop(LoopSettings):
     """Share of robots that the learned policy drives; the scripted planner drives the others."""
     camera: str = "d435i"
     """Takes the images that are kept. d435i: stereo errors of different strength for each robot. ideal: true depth. Or
-    a TOML file. The predictor in the loop sees true depth: what it costs a robot to step a little worse is not worth
-    the time."""
+    a TOML file. The predictor in the loop sees true depth: what it costs a robot to step a little
+    worse is not worth the time."""
     renderer: Annotated[BackEnd, tyro.conf.arg(aliases=["--renderer"])] = USUAL_RENDERER
     """Back end that renders these images."""
 
@@ -163,7 +182,9 @@ class ClosedLoop(LoopSettings):
         super().__post_init__()
         check_between(self, hardest=_SHARE)
         if not 1 <= self.courses <= self.robots:
-            raise ConfigError(f"courses = {self.courses}: it must be from 1 to robots = {self.robots}")
+            raise ConfigError(
+                f"courses = {self.courses}: it must be from 1 to robots = {self.robots}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,7 +211,14 @@ class DaggerConfig:
     loop: ClosedLoop
 
     def __post_init__(self) -> None:
-        check_between(self, rounds=(1, MANY), batches=(1, MANY), updates=(1, MANY), batch=(1, LARGEST), seed=SEEDS)
+        check_between(
+            self,
+            rounds=(1, MANY),
+            batches=(1, MANY),
+            updates=(1, MANY),
+            batch=(1, LARGEST),
+            seed=SEEDS,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,7 +259,8 @@ class DeviceLoop(LoopSettings):
     """Cameras whose images are kept, of the same motion; the predictor in the loop sees those of
     the first. d435i: with the errors of a stereo camera. ideal: true depth. Or TOML files."""
     plans: Flag = False
-    """Keep what the policy sees of the robot, and what it plans on true heights: what an imitation of it needs."""
+    """Keep what the policy sees of the robot, and what it plans on true heights: what an imitation
+    of it needs."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -251,18 +280,20 @@ class DeviceCollection:
     """How many robots in all, in equal batches; falls make more episodes of them."""
     seed: int = 0
     """Seed of courses, robots and cameras."""
-    policy: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="(default: the shipped one)")] = (
-        None
-    )
+    policy: Annotated[
+        Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="(default: the shipped one)")
+    ] = None
     """The policy: an ONNX file, or the checkpoint of a training."""
-    predictor: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="(default: true heights)")] = (
-        None
-    )
+    predictor: Annotated[
+        Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="(default: true heights)")
+    ] = None
     """Checkpoint of the predictor in the loop."""
     profile: Annotated[
-        str | None, tyro.conf.arg(metavar="STR", help_behavior_hint="(default: that of the policy's training)")
+        str | None,
+        tyro.conf.arg(metavar="STR", help_behavior_hint="(default: that of the policy's training)"),
     ] = None
-    """Hardware of the robots and of their cameras: shipped, ideal, one of your own, or a TOML file."""
+    """Hardware of the robots and of their cameras: shipped, ideal, one of your own, or a TOML
+    file."""
     device: Literal["cuda", "cpu"] = "cuda"
     """Where all of it runs."""
     loop: DeviceLoop

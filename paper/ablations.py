@@ -66,7 +66,9 @@ class System:
 
 SYSTEMS = {
     **{name: System(policy=name) for name in ABLATIONS},
-    **{f"round {i + 1}": System(predictor=PREDICTOR, file=f"round-{i}.onnx") for i in range(ROUNDS)},
+    **{
+        f"round {i + 1}": System(predictor=PREDICTOR, file=f"round-{i}.onnx") for i in range(ROUNDS)
+    },
     NO_LATENCY: System(predictor=NO_LATENCY),
     "no-sysid": System(policy="no-saturation", predictor=NO_LATENCY),
     IMITATION: System(policy=IMITATION),
@@ -119,9 +121,12 @@ def files_of(name: str, trained: Path) -> list[tuple[Path, ...]]:
     for part, seeds in found.items():
         if not seeds:
             raise SaltusError(
-                f"no results in {trained / part}: make them with saltus paper train {part} --seed 0 (GPU)"
+                f"no results in {trained / part}: make them with saltus paper train {part} --seed "
+                f"0 (GPU)"
             )
-    common = [seed for seed in found[system.policy] if all(seed in seeds for seeds in found.values())]
+    common = [
+        seed for seed in found[system.policy] if all(seed in seeds for seeds in found.values())
+    ]
     if not common:
         raise SaltusError(f"no seed of which {' and '.join(parts)} are trained, in {trained}")
     return [tuple(trained / part / seed / file for part, file in parts.items()) for seed in common]
@@ -146,7 +151,9 @@ def _training(files: tuple[Path, ...]) -> dict[str, Any]:
     told: dict[str, Any] = {"seed": int(files[0].parent.name.removeprefix("seed-"))}
     for kind, before, path in zip(("policy", "predictor"), ("", "predictor_"), files, strict=False):
         code = path.parent / COMMIT
-        told[f"{before}commit"] = code.read_text(encoding="utf-8").strip() if code.exists() else "unknown"
+        told[f"{before}commit"] = (
+            code.read_text(encoding="utf-8").strip() if code.exists() else "unknown"
+        )
         told[kind] = model_id(path.read_bytes()) if path.exists() else _recorded_id(path)
     return told
 
@@ -170,27 +177,40 @@ def check_weights(name: str, trained: Path, known: Sequence[Places | None]) -> N
     for files, there in zip_longest(files_of(name, trained), known):
         missing = [path for path in files if not (there or path.exists())]
         if missing:
-            raise SaltusError(f"the weights {missing[0]} are not kept here: {BRING_BACK}, or train them again")
+            raise SaltusError(
+                f"the weights {missing[0]} are not kept here: {BRING_BACK}, or train them again"
+            )
 
 
-def measure(name: str, effort: Effort, trained: Path, known: Sequence[Places | None] = ()) -> dict[str, Any]:
+def measure(
+    name: str, effort: Effort, trained: Path, known: Sequence[Places | None] = ()
+) -> dict[str, Any]:
     """Returns what a system came to on 14 stairs, by place: in simulation, and on the stand-in for the real robot.
 
     Args:
         name: Of `SYSTEMS`.
         effort: How much is run.
         trained: Folder of trainings.
-        known: What its trainings came to, in the order of `trainings_of`; those of which nothing is known are run.
+        known: What its trainings came to, in the order of `trainings_of`; those of which nothing is
+            known are run.
     """
     policy = SYSTEMS[name].policy
     feedback = policy not in ABLATIONS or ABLATIONS[policy].feedback
     profiles = {SIMULATION: load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)), STAND_IN: stand_in()}
     files = files_of(name, trained)
     known = known or [None] * len(files)
-    new = [replace(_setting(each), feedback=feedback) for each, there in zip(files, known, strict=True) if not there]
-    settings = [replace(setting, profile=profile) for setting in new for profile in profiles.values()]
+    new = [
+        replace(_setting(each), feedback=feedback)
+        for each, there in zip(files, known, strict=True)
+        if not there
+    ]
+    settings = [
+        replace(setting, profile=profile) for setting in new for profile in profiles.values()
+    ]
     results = iter(ran(settings, effort) if settings else ())
-    return together([there or {where: _figures(next(results)) for where in profiles} for there in known])
+    return together(
+        [there or {where: _figures(next(results)) for where in profiles} for there in known]
+    )
 
 
 def _setting(files: tuple[Path, ...]) -> Setting:
@@ -204,12 +224,16 @@ def _setting(files: tuple[Path, ...]) -> Setting:
 def compare(systems: Mapping[str, Mapping[str, Any]], trained: Path) -> Made:
     """Systems beside each other: what `measure` came to, by name."""
     places = list(next(iter(systems.values())))
-    figure, axes = subplots(1, len(places), 1.1 + 0.42 * len(systems), sharey=True, sharex=True, squeeze=False)
+    figure, axes = subplots(
+        1, len(places), 1.1 + 0.42 * len(systems), sharey=True, sharex=True, squeeze=False
+    )
     for axis, where in zip(axes[0], places, strict=True):
         for row, (name, numbers) in enumerate(systems.items()):
             figures = numbers[where]
             axis.barh(row, figures["steps"], 0.6, color=OURS if name in WHOLE else OTHER, alpha=0.5)
-            axis.plot(figures["steps_of_each_seed"], [row] * len(figures["success"]), "k.", markersize=4)
+            axis.plot(
+                figures["steps_of_each_seed"], [row] * len(figures["success"]), "k.", markersize=4
+            )
             axis.text(14.5, row, _share(figures), va="center", fontsize=8)
         axis.set_yticks(range(len(systems)), list(systems))
         axis.set_xlim(0.0, 19.5)
@@ -229,7 +253,11 @@ def compare(systems: Mapping[str, Mapping[str, Any]], trained: Path) -> Made:
 
 def learning_curves(_: Effort, trained: Path) -> Made:
     """Curves of each training of the full system by experience, and of the networks that see by updates."""
-    columns = {"reward": "reward of an iteration", "stairs/level": "stairs", "stepping_stones/level": "stones"}
+    columns = {
+        "reward": "reward of an iteration",
+        "stairs/level": "stairs",
+        "stepping_stones/level": "stones",
+    }
     columns |= {"step/level": "step", "gap/level": "gap"}
     curves = [_progress(policy.parent / PROGRESS) for (policy,) in files_of(FULL, trained)]
     errors = _errors(trained)
@@ -237,10 +265,16 @@ def learning_curves(_: Effort, trained: Path) -> Made:
     shortest = min(curves, key=lambda curve: len(curve["steps"]))
     million = 1e-6 * shortest["steps"]
     for axis, (column, title) in zip(axes, columns.items(), strict=True):
-        values = np.array([np.interp(shortest["steps"], curve["steps"], curve[column]) for curve in curves])
-        axis.fill_between(million, values.min(axis=0), values.max(axis=0), color=OURS, alpha=0.3, linewidth=0)
+        values = np.array(
+            [np.interp(shortest["steps"], curve["steps"], curve[column]) for curve in curves]
+        )
+        axis.fill_between(
+            million, values.min(axis=0), values.max(axis=0), color=OURS, alpha=0.3, linewidth=0
+        )
         axis.plot(million, values.mean(axis=0), color=OURS)
-        axis.set_title(f"{title}{', level' if column.endswith('level') else ''}", loc="left", fontsize=9)
+        axis.set_title(
+            f"{title}{', level' if column.endswith('level') else ''}", loc="left", fontsize=9
+        )
         axis.set_xlabel("million steps")
     for axis in below[len(_NETWORKS) :]:
         axis.set_axis_off()
@@ -255,7 +289,9 @@ def learning_curves(_: Effort, trained: Path) -> Made:
         "seeds": len(curves),
         "million_steps": [round(float(1e-6 * curve["steps"][-1]), 1) for curve in curves],
         "minutes": [round(float(curve["seconds"][-1]) / 60.0, 1) for curve in curves],
-        "at_the_end": {column: [round(float(curve[column][-1]), 2) for curve in curves] for column in columns},
+        "at_the_end": {
+            column: [round(float(curve[column][-1]), 2) for curve in curves] for column in columns
+        },
         "networks": {
             part: {name: _tenths(unit * curve["error"]) for name, curve in errors[part].items()}
             for part, (_, unit) in _NETWORKS.items()
@@ -278,15 +314,22 @@ def _errors(trained: Path) -> dict[str, dict[str, dict[str, Floats]]]:
             columns = _columns(path)
             for name in dict.fromkeys(columns["network"]):
                 mine = np.array([each == name for each in columns["network"]])
-                shown = f"round {int(name.removeprefix('round-')) + 1}" if part == PREDICTOR else part
-                curves[shown] = {key: np.array(columns[key], float)[mine] for key in ("update", "error")}
+                shown = (
+                    f"round {int(name.removeprefix('round-')) + 1}" if part == PREDICTOR else part
+                )
+                curves[shown] = {
+                    key: np.array(columns[key], float)[mine] for key in ("update", "error")
+                }
     return found
 
 
 def _tenths(error: Floats) -> list[float]:
     """Means of the last but one tenth, and of the last."""
     tenth = max(1, len(error) // 10)
-    return [round(float(np.mean(error[-2 * tenth : -tenth])), 3), round(float(np.mean(error[-tenth:])), 3)]
+    return [
+        round(float(np.mean(error[-2 * tenth : -tenth])), 3),
+        round(float(np.mean(error[-tenth:])), 3),
+    ]
 
 
 def _progress(path: Path) -> dict[str, Floats]:
@@ -315,15 +358,21 @@ def _figures(runs: Sequence[Ran]) -> Figures:
 
 
 def together(trainings: Sequence[Places]) -> dict[str, Any]:
-    """Returns what trainings came to that differ in their seed alone, by place; all ran the same trials.
+    """Returns what trainings came to that differ in their seed alone, by place.
 
-    The interval is that of the share of all their trials [%]. For each training it says which code ran.
+    All ran the same trials.
+
+    The interval is that of the share of all their trials [%]. For each training it says which code
+    ran.
     """
     return {where: _together([places[where] for places in trainings]) for where in trainings[0]}
 
 
 def _together(each: Sequence[Figures]) -> dict[str, Any]:
-    success, steps = [figures["success"] for figures in each], [figures["steps"] for figures in each]
+    success, steps = (
+        [figures["success"] for figures in each],
+        [figures["steps"] for figures in each],
+    )
     trials = each[0]["trials"]
     low, high = success_interval(sum(success), trials * len(each))
     return {

@@ -25,8 +25,8 @@ REPORT, TRAIN = "report", "train"
 class Paper:
     """Makes the paper's tables and figures again from the shipped models: lists them, makes one, or a page of all.
 
-    A row is written as PNG and JSON. `report` makes those that are not there yet, and one page of all. All of it is
-    measured in simulation. Figures need matplotlib.
+    A row is written as PNG and JSON. `report` makes those that are not there yet, and one page of
+    all. All of it is measured in simulation. Figures need matplotlib.
 
     For example:
       saltus paper
@@ -47,7 +47,9 @@ class Paper:
     """Number of processes that share the trials."""
     out: Path = Path("runs/paper")
     """Folder for the files."""
-    trained: Annotated[Path | None, shown("PATH", "to train runs/paper-train, to measure the published ones")] = None
+    trained: Annotated[
+        Path | None, shown("PATH", "to train runs/paper-train, to measure the published ones")
+    ] = None
     """Folder of the ablations' trainings."""
     minutes: float = 30.0
     """Time limit of a policy's training, which goes on where it was interrupted."""
@@ -63,12 +65,18 @@ class Paper:
         if self.name == TRAIN:
             return self._train()
         if self.ablation:
-            raise SaltusError(f"'{self.ablation}' is not understood: only saltus paper train names two things")
+            raise SaltusError(
+                f"'{self.ablation}' is not understood: only saltus paper train names two things"
+            )
         from paper.making import check_makeable, find_row, is_makeable
         from paper.rows import ROWS
 
         report = self.name == REPORT
-        rows = [row for row in ROWS if is_makeable(row, self.trained)] if report else [find_row(self.name)]
+        rows = (
+            [row for row in ROWS if is_makeable(row, self.trained)]
+            if report
+            else [find_row(self.name)]
+        )
         check_between(self, trials=(1, MOST_TRIALS))
         check_processes(self.processes)
         for row in rows:
@@ -103,14 +111,23 @@ class Paper:
         from paper.rows import ROWS
 
         if self.json:
-            print_json({"rows": {r.name: {"paper": r.where, "needs": r.needs, "shows": r.shows} for r in ROWS}})
+            print_json(
+                {
+                    "rows": {
+                        r.name: {"paper": r.where, "needs": r.needs, "shows": r.shows} for r in ROWS
+                    }
+                }
+            )
             return 0
         for row in ROWS:
             print(f"{row.name:24} {row.where:21} {row.needs:19} {row.shows}")
         return 0
 
     def _made(self, row: "Row", again: bool) -> dict[str, Any]:
-        """Returns what a row came to; one that is there is taken as it is, unless it is to be made again."""
+        """Returns what a row came to.
+
+        One that is there is taken as it is, unless it is to be made again.
+        """
         from tqdm import tqdm
 
         from paper.making import made_before, make
@@ -121,5 +138,7 @@ class Paper:
             return there
         with tqdm(unit="trial", desc=row.name, file=sys.stderr, disable=None) as bar:
             seed = FIRST_SEED if self.seed is None else self.seed
-            effort = Effort(trials=self.trials, first_seed=seed, processes=self.processes, say=bar.update)
+            effort = Effort(
+                trials=self.trials, first_seed=seed, processes=self.processes, say=bar.update
+            )
             return make(row, effort, self.out, self.trained, again=again)

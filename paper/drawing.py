@@ -24,17 +24,23 @@ FRONT, REAR, OURS, OTHER = "tab:blue", "tab:orange", "tab:blue", "tab:red"
 def check_drawing() -> None:
     """Before the work: `SaltusError` where figures cannot be drawn."""
     if importlib.util.find_spec("matplotlib") is None:
-        raise SaltusError("figures need matplotlib, which is not installed: pip install 'saltus[paper]'")
+        raise SaltusError(
+            "figures need matplotlib, which is not installed: pip install 'saltus[paper]'"
+        )
 
 
-def subplots(rows: int = 1, columns: int = 1, height_in: float = 3.4, **options: Any) -> tuple[Any, Any]:
+def subplots(
+    rows: int = 1, columns: int = 1, height_in: float = 3.4, **options: Any
+) -> tuple[Any, Any]:
     """A figure without a screen, and its axes."""
     import matplotlib as mpl
 
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
-    return plt.subplots(rows, columns, figsize=(WIDTH_IN, height_in), layout="constrained", **options)
+    return plt.subplots(
+        rows, columns, figsize=(WIDTH_IN, height_in), layout="constrained", **options
+    )
 
 
 def save(figure: Any, path: Path) -> None:
@@ -68,6 +74,14 @@ def draw_stance(axis: Any, time_s: Any, rows: Sequence[tuple[str, Any, Any]]) ->
     """Bars of what is to stand (light) and what bears (dark), one row for each name, from the top."""
     for place, (_, stands, bears) in enumerate(rows):
         for mask, colour, half in ((stands, "0.8", 0.4), (bears, "tab:red", 0.22)):
-            axis.fill_between(time_s, place - half, place + half, where=mask, color=colour, step="post", linewidth=0)
+            axis.fill_between(
+                time_s,
+                place - half,
+                place + half,
+                where=mask,
+                color=colour,
+                step="post",
+                linewidth=0,
+            )
     axis.set_yticks(range(len(rows)), [name for name, _, _ in rows])
     axis.invert_yaxis()

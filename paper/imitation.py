@@ -1,7 +1,8 @@
 """The imitation baseline as it runs: a network that plans from images, without heights between.
 
-Like the heightmap service it gets late images, and like the policy it knows what the robot knows of itself. In a
-roll-out it stands where the predictor stands: its plan travels in the place of heights, and a planner passes it on.
+Like the heightmap service it gets late images, and like the policy it knows what the robot knows of
+itself. In a roll-out it stands where the predictor stands: its plan travels in the place of
+heights, and a planner passes it on.
 """
 
 from pathlib import Path
@@ -28,7 +29,9 @@ from saltus.states import RobotStates
 
 
 class ImitationNetwork:
-    """A file of `paper.networks.write_imitator` in ONNX Runtime; called as a predictor's network is.
+    """A file of `paper.networks.write_imitator` in ONNX Runtime.
+
+    Called as a predictor's network is.
 
     Raises:
         ModelError: the file is unreadable, or is something else.
@@ -37,22 +40,34 @@ class ImitationNetwork:
     def __init__(self, path: Path) -> None:
         file = ModelFile(path)
         robot = load_robot(DEFAULT_ROBOT)
-        for name, wanted in {"format": IMITATOR_FORMAT, "robot": robot.name, "actions": list(ACTIONS)}.items():
+        for name, wanted in {
+            "format": IMITATOR_FORMAT,
+            "robot": robot.name,
+            "actions": list(ACTIONS),
+        }.items():
             if file.field(name) != wanted:
-                raise ModelError(f"{path}: '{name}' is {file.field(name)!r}, this program needs {wanted!r}")
+                raise ModelError(
+                    f"{path}: '{name}' is {file.field(name)!r}, this program needs {wanted!r}"
+                )
         self.legs, self._session = LegKinematics(robot), file.session
         self.bounds = ActionBounds(low=tuple(file.field("low")), high=tuple(file.field("high")))
         shapes = {value.name: list(value.shape[1:]) for value in self._session.get_inputs()}
         hidden: Any = next(iter(shapes.get("hidden", [])), None)
         file.check(
-            {name: shapes.get(name, []) for name in IMITATOR_INPUTS}, {"plan": [len(ACTIONS)], "hidden_out": [hidden]}
+            {name: shapes.get(name, []) for name in IMITATOR_INPUTS},
+            {"plan": [len(ACTIONS)], "hidden_out": [hidden]},
         )
         self.hidden_size, self.points = int(hidden), len(HEIGHTMAP_X)
 
-    def tick(self, image: Singles, age_s: Floats, new: NDArray[np.bool_], state: Singles, hidden: Singles) -> Tick:
+    def tick(
+        self, image: Singles, age_s: Floats, new: NDArray[np.bool_], state: Singles, hidden: Singles
+    ) -> Tick:
         """One tick of many robots: normalised plans, zeros behind them, and widths that say nothing."""
         values = (image, age_s, new, state, hidden)
-        given = {name: np.asarray(value, np.float32) for name, value in zip(IMITATOR_INPUTS, values, strict=True)}
+        given = {
+            name: np.asarray(value, np.float32)
+            for name, value in zip(IMITATOR_INPUTS, values, strict=True)
+        }
         plan, hidden_out = self._session.run(list(IMITATOR_OUTPUTS), given)
         rows = np.zeros((len(plan), len(HEIGHTMAP_X)), np.float32)
         rows[:, : len(ACTIONS)] = plan
@@ -74,7 +89,11 @@ class PassOn:
     def __init__(self, bounds: ActionBounds) -> None:
         self._bounds = bounds
 
-    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Plan:
+    def step(
+        self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False
+    ) -> Plan:
         """The plan; see `saltus.policy.planner.Planner`."""
         del observation, fresh
-        return plan_from_values(self._bounds.clipped(self._bounds.denormalised(heights[..., : len(ACTIONS)])))
+        return plan_from_values(
+            self._bounds.clipped(self._bounds.denormalised(heights[..., : len(ACTIONS)]))
+        )

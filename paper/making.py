@@ -53,7 +53,8 @@ def check_makeable(row: Row, folder: Path, trained: Path | None) -> None:
     """Before the work.
 
     Raises:
-        SaltusError: the row cannot be made now; the message says what is missing. Or the folder cannot be written.
+        SaltusError: the row cannot be made now; the message says what is missing. Or the folder
+            cannot be written.
     """
     if row.needs == ABLATION:
         for name in _needed(row, trained):
@@ -64,11 +65,16 @@ def check_makeable(row: Row, folder: Path, trained: Path | None) -> None:
     ask_for_room(folder)
 
 
-def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *, again: bool = True) -> dict[str, Any]:
-    """Makes FOLDER/NAME.png and .json of a row that `check_makeable` allows; returns what the latter holds.
+def make(
+    row: Row, effort: Effort, folder: Path, trained: Path | None = None, *, again: bool = True
+) -> dict[str, Any]:
+    """Makes FOLDER/NAME.png and .json of a row that `check_makeable` allows.
 
-    What trainings of other systems came to that stand beside an ablation is taken from the folder or from what is
-    published; so is, unless it shall be measured `again`, what its own came to. The others are measured.
+    Returns what the latter holds.
+
+    What trainings of other systems came to that stand beside an ablation is taken from the folder
+    or from what is published; so is, unless it shall be measured `again`, what its own came to. The
+    others are measured.
     """
     trainings = trainings_folder(trained)
     if row.make:
@@ -78,12 +84,16 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *,
         seeds = [effort.seeds[0], effort.seeds[: made.most_seeds][-1]]
     else:
         taken = {
-            system: [] if again and system == row.name else _measured(system, effort, folder, trainings)
+            system: []
+            if again and system == row.name
+            else _measured(system, effort, folder, trainings)
             for system in shown_in(row.name, trainings)
         }
         for system, known in taken.items():
             check_weights(system, trainings, known)
-        came_to = {system: measure(system, effort, trainings, known) for system, known in taken.items()}
+        came_to = {
+            system: measure(system, effort, trainings, known) for system, known in taken.items()
+        }
         if row.name == TRANSFER:
             came_to = {name: {STAND_IN: places[STAND_IN]} for name, places in came_to.items()}
         made = compare(came_to, trainings)
@@ -107,9 +117,9 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *,
 def _measured(system: str, effort: Effort, folder: Path, trainings: Path) -> list[Places | None]:
     """Returns what each training of a system came to by results in the folder or published ones.
 
-    Taken are results with the shipped models that run in this system. Where that is all of them, and they ran the same
-    trials, these may be others than those of `effort`; else nothing is taken of other trials, so that all of a system
-    run the same.
+    Taken are results with the shipped models that run in this system. Where that is all of them,
+    and they ran the same trials, these may be others than those of `effort`; else nothing is taken
+    of other trials, so that all of a system run the same.
     """
     folders = (folder, PUBLISHED)
     wanted, models, ran_with = trainings_of(system, trainings), _models(), shipped_in(system)
@@ -117,13 +127,17 @@ def _measured(system: str, effort: Effort, folder: Path, trainings: Path) -> lis
     for row in (row for row in ROWS if row.needs == ABLATION and row.name != TRANSFER):
         for path in (place / f"{row.name}.json" for place in folders):
             result = _read(path, row) if path.exists() else None
-            if result is None or any(result["models"].get(kind) != models[kind] for kind in ran_with):
+            if result is None or any(
+                result["models"].get(kind) != models[kind] for kind in ran_with
+            ):
                 continue
             for training, places in _trainings_in(result, system):
                 if training in wanted:
                     index = wanted.index(training)
                     taken[index] = taken[index] or places
-    ran = [None if places is None else next(iter(places.values()))["trial_seeds"] for places in taken]
+    ran = [
+        None if places is None else next(iter(places.values()))["trial_seeds"] for places in taken
+    ]
     if None not in ran and all(trials == ran[0] for trials in ran):
         return taken
     usual = [effort.seeds[0], effort.seeds[-1]]
@@ -131,9 +145,18 @@ def _measured(system: str, effort: Effort, folder: Path, trainings: Path) -> lis
 
 
 def _trainings_in(result: dict[str, Any], system: str) -> list[tuple[Any, Places]]:
-    """The trainings of a system that a result holds, and what they came to; none of results in an older form."""
+    """The trainings of a system that a result holds, and what they came to.
+
+    None of results in an older form.
+    """
     try:
-        return list(zip(result["configuration"]["trainings"][system], apart(result["numbers"][system]), strict=True))
+        return list(
+            zip(
+                result["configuration"]["trainings"][system],
+                apart(result["numbers"][system]),
+                strict=True,
+            )
+        )
     except (KeyError, TypeError, ValueError, StopIteration):
         return []
 
@@ -141,7 +164,8 @@ def _trainings_in(result: dict[str, Any], system: str) -> list[tuple[Any, Places
 def made_before(row: Row, folder: Path) -> dict[str, Any] | None:
     """Reads what `make` has written; None where it has not, or of other models than the shipped ones.
 
-    Also for an ablation: its picture shows other systems, of which more may have been trained since.
+    Also for an ablation: its picture shows other systems, of which more may have been trained
+        since.
 
     Raises:
         SaltusError: the file holds something else.
@@ -165,7 +189,9 @@ def _read(path: Path, row: Row) -> dict[str, Any]:
             raise ValueError(row.name)
         return result
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise SaltusError(f"{path} holds no row of the paper: remove it, or name another folder with --out") from error
+        raise SaltusError(
+            f"{path} holds no row of the paper: remove it, or name another folder with --out"
+        ) from error
 
 
 def number_at(numbers: dict[str, Any], place: str) -> Any:

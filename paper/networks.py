@@ -1,7 +1,8 @@
 """Trainings of the paper's networks that see: the predictor, one without delay, and one that imitates plans.
 
-All of a seed learn from the same data, which the predictor's rounds make: robots that the full system's policy drives,
-in the first round with true heights, then with the predictor of the round before.
+All of a seed learn from the same data, which the predictor's rounds make: robots that the full
+system's policy drives, in the first round with true heights, then with the predictor of the round
+before.
 """
 
 import shutil
@@ -62,11 +63,16 @@ class NetworkEffort:
     """How much is collected and learned; the defaults are minutes of an H200."""
 
     updates: int = 1500
-    """Gradient steps of a round, as in the original; the other networks take those of all rounds."""
+    """Gradient steps of a round, as in the original.
+
+    The other networks take those of all rounds.
+    """
     batch: int = 512
     """Windows in a gradient step."""
     loop: DeviceLoop = field(
-        default_factory=lambda: DeviceLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID, terrains=TERRAINS, plans=True)
+        default_factory=lambda: DeviceLoop(
+            robot=DEFAULT_ROBOT, grid=DEFAULT_GRID, terrains=TERRAINS, plans=True
+        )
     )
     """Loop of a round."""
 
@@ -85,16 +91,24 @@ class _Work:
 
     def settings(self, rounds: int) -> PredictorTraining:
         """Settings of a training with the updates of so many rounds."""
-        return PredictorTraining(updates=rounds * self.effort.updates, batch=self.effort.batch, seed=self.seed)
+        return PredictorTraining(
+            updates=rounds * self.effort.updates, batch=self.effort.batch, seed=self.seed
+        )
 
 
 def train_network(
-    name: str, seed: int, trained: Path, commit: str | None = None, effort: NetworkEffort | None = None
+    name: str,
+    seed: int,
+    trained: Path,
+    commit: str | None = None,
+    effort: NetworkEffort | None = None,
 ) -> Path:
-    """Trains one of `NETWORKS`, or goes on; returns its ONNX file, beside which the predictor leaves one of each round.
+    """Trains one of `NETWORKS`, or goes on.
 
-    The policy that drives and is imitated is the full system's of the least seed that is trained; where none is in
-    `trained`, the published one.
+    Returns its ONNX file, beside which the predictor leaves one of each round.
+
+    The policy that drives and is imitated is the full system's of the least seed that is trained;
+    where none is in `trained`, the published one.
 
     Args:
         name: Which one.
@@ -104,15 +118,18 @@ def train_network(
         effort: How much.
 
     Raises:
-        SaltusError: there is no GPU for the usual effort; there is no policy, or no data of this seed: the message says
-            what makes them. Or what the trainings say.
+        SaltusError: there is no GPU for the usual effort; there is no policy, or no data of this
+            seed: the message says what makes them. Or what the trainings say.
     """
     if effort is None and not has_gpu():
-        raise SaltusError(f"training '{name}' needs a GPU: {NetworkEffort().loop.robots} robots that see")
+        raise SaltusError(
+            f"training '{name}' needs a GPU: {NetworkEffort().loop.robots} robots that see"
+        )
     teachers = _trained_policies(trained) or _trained_policies(PUBLISHED_TRAININGS)
     if not teachers:
         raise SaltusError(
-            f"no policy of {FULL} in {trained}: saltus paper train {FULL} --seed 0 makes one, or {BRING_BACK}"
+            f"no policy of {FULL} in {trained}: saltus paper train {FULL} --seed 0 makes one, or "
+            f"{BRING_BACK}"
         )
     work = _Work(data=trained / "data" / f"seed-{seed}", own=trained / name / f"seed-{seed}", seed=seed,
                  teacher=teachers[0], commit=commit, effort=effort or NetworkEffort())  # fmt: skip
@@ -121,12 +138,18 @@ def train_network(
     if name == PREDICTOR:
         return _rounds(work)
     if len(read_manifest(work.data)) < ROUNDS:
-        raise SaltusError(f"{work.data} lacks rounds: saltus paper train {PREDICTOR} --seed {seed} makes them")
+        raise SaltusError(
+            f"{work.data} lacks rounds: saltus paper train {PREDICTOR} --seed {seed} makes them"
+        )
     settings = work.settings(ROUNDS)
     if name == NO_LATENCY:
-        return _exported(_trained(work, replace(settings, delivery="at-once")), work.own / PREDICTED, work)
+        return _exported(
+            _trained(work, replace(settings, delivery="at-once")), work.own / PREDICTED, work
+        )
     model = _trained(work, settings, shown=for_imitation)
-    return write_imitator(model, config_of(read_policy(work.teacher)), work.own / IMITATOR, seed, commit)
+    return write_imitator(
+        model, config_of(read_policy(work.teacher)), work.own / IMITATOR, seed, commit
+    )
 
 
 def for_imitation(episode: Episode) -> Episode:
@@ -137,19 +160,31 @@ def for_imitation(episode: Episode) -> Episode:
     """
     if episode.state is None or episode.plan is None:
         raise SaltusError("the dataset keeps no plans: collect it with --loop.plans")
-    return replace(episode, proprioception=episode.state, height=episode.plan, state=None, plan=None)
+    return replace(
+        episode, proprioception=episode.state, height=episode.plan, state=None, plan=None
+    )
 
 
-def write_imitator(model: HeightmapModel, config: PolicyConfig, path: Path, seed: int, commit: str | None) -> Path:
+def write_imitator(
+    model: HeightmapModel, config: PolicyConfig, path: Path, seed: int, commit: str | None
+) -> Path:
     """Writes the network as ONNX: normalised plans within [-1, 1]; see `paper.imitation`."""
     shapes = (IMAGE_SHAPE, (), (), (PROPRIOCEPTION_SIZE,), (model.config.hidden,))
     example = tuple(torch.zeros(2, *shape) for shape in shapes)
     robot, bounds = load_robot(DEFAULT_ROBOT), config.env.bounds
     metadata = {
-        "format": IMITATOR_FORMAT, "robot": robot.name, "actions": list(ACTIONS), "low": list(bounds.low),
+        "format": IMITATOR_FORMAT, "robot": robot.name, "actions": list(ACTIONS),
+        "low": list(bounds.low),
         "high": list(bounds.high), "seed": seed, "commit": commit,
     }  # fmt: skip
-    write_onnx(_Plan(model), example, path, inputs=IMITATOR_INPUTS, outputs=IMITATOR_OUTPUTS, metadata=metadata)
+    write_onnx(
+        _Plan(model),
+        example,
+        path,
+        inputs=IMITATOR_INPUTS,
+        outputs=IMITATOR_OUTPUTS,
+        metadata=metadata,
+    )
     return path
 
 
@@ -160,7 +195,9 @@ class _Plan(nn.Module):
         super().__init__()
         self.model = model.cpu().eval()
 
-    def forward(self, image: Tensor, age: Tensor, new: Tensor, state: Tensor, hidden: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(
+        self, image: Tensor, age: Tensor, new: Tensor, state: Tensor, hidden: Tensor
+    ) -> tuple[Tensor, Tensor]:
         estimate, hidden = self.model.step(image, age, new, state, hidden)
         return estimate.height.clamp(-1.0, 1.0), hidden
 
@@ -225,7 +262,10 @@ def _trained(
 
 
 def _exported(model: HeightmapModel, path: Path, work: "_Work") -> Path:
-    """Writes it as a predictor; its warm-up is the service's business, no roll-out reads it: it is not measured."""
+    """Writes it as a predictor.
+
+    Its warm-up is the service's business, no roll-out reads it: it is not measured.
+    """
     records = read_records(work.data)
     origin = Origin(
         robot=DEFAULT_ROBOT,

@@ -14,7 +14,10 @@ PLACES = (SIMULATION, STAND_IN)
 
 
 def write_report(results: Mapping[str, dict[str, Any]], folder: Path) -> Path:
-    """Writes FOLDER/report.html of rows that `paper.making` made there, by name; returns its path."""
+    """Writes FOLDER/report.html of rows that `paper.making` made there, by name.
+
+    Returns its path.
+    """
     path = folder / "report.html"
     text = render(
         __file__,
@@ -34,7 +37,9 @@ def _worth(results: Mapping[str, dict[str, Any]]) -> list[tuple[str, ...]]:
     """Returns what each part of the system is worth, of all that stands in rows of ablations."""
     systems: dict[str, Any] = {}
     against: dict[str, str] = {}
-    for row in (row for row in ROWS if row.needs == ABLATION and not row.make and row.name in results):
+    for row in (
+        row for row in ROWS if row.needs == ABLATION and not row.make and row.name in results
+    ):
         numbers = results[row.name]["numbers"]
         for name, places in numbers.items():
             systems[name] = systems.get(name, {}) | places
@@ -57,7 +62,9 @@ def _worth(results: Mapping[str, dict[str, Any]]) -> list[tuple[str, ...]]:
 def _difference(places: Mapping[str, Any], others: Mapping[str, Any]) -> str:
     """Difference of the shares of successes [percentage points], in each of `PLACES` that both have."""
     both = [where for where in PLACES if where in places and where in others]
-    return ", ".join(f"{100.0 * (_share(places[where]) - _share(others[where])):+.0f}" for where in both)
+    return ", ".join(
+        f"{100.0 * (_share(places[where]) - _share(others[where])):+.0f}" for where in both
+    )
 
 
 def _share(figures: Mapping[str, Any]) -> float:
@@ -74,13 +81,19 @@ def _successes(figures: Mapping[str, Any]) -> str:
 def _side_by_side(row: Row, result: dict[str, Any] | None) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for number in row.numbers:
-        ours = number_at(result["numbers"], number.ours) if result is not None and number.ours else None
+        ours = (
+            number_at(result["numbers"], number.ours)
+            if result is not None and number.ours
+            else None
+        )
         said = "-" if ours is None else f"{_text(ours)} {number.unit}".strip()
         if ours is not None and number.ours.endswith(".success") and result is not None:
             trials = number_at(result["numbers"], number.ours.replace("success", "trials"))
             low, high = (100.0 * share for share in success_interval(ours, trials))
             said += f" of {trials} ({low:.0f} to {high:.0f} %)"
-        rows.append((number.what, number.paper, number.source, said, "-" if ours is None else "simulation"))
+        rows.append(
+            (number.what, number.paper, number.source, said, "-" if ours is None else "simulation")
+        )
     return rows
 
 
@@ -107,9 +120,12 @@ def _text(value: Any, between: str = ", ") -> str:
 
 def _provenance(row: Row, result: dict[str, Any]) -> str:
     trainings = result["configuration"].get("trainings")
-    if trainings is not None and not row.make:  # what ran, and which code, is said of each system among its numbers
+    if (
+        trainings is not None and not row.make
+    ):  # what ran, and which code, is said of each system among its numbers
         ran = ", ".join(
-            f"{system} {' '.join(known['policy'] for known in seeds)}" for system, seeds in trainings.items()
+            f"{system} {' '.join(known['policy'] for known in seeds)}"
+            for system, seeds in trainings.items()
         )
         return f"{row.trial}; policies {ran}; drawn by commit {result['commit']}; saltus paper {row.name}"
     models = ", ".join(f"{kind} {name}" for kind, name in result["models"].items())

@@ -1,6 +1,7 @@
 """Every table, figure and claim of the paper's experiments: what it shows, its numbers, and how Saltus makes it.
 
-Paper: "Agile Continuous Jumping in Discontinuous Terrains". What it shows is said in words of our own. Each number says
+Paper: "Agile Continuous Jumping in Discontinuous Terrains". What it shows is said in words of our
+    own. Each number says
 where it was measured; a number that the paper gives in a picture only is not repeated.
 """
 
@@ -13,7 +14,9 @@ SOURCES: tuple[Source, ...] = get_args(Source)
 Needs = Literal["nothing", "a trained ablation", "cited only"]
 ABLATION: Needs = "a trained ablation"
 NEEDS: tuple[Needs, ...] = get_args(Needs)
-_UNTRAINED = "Needs its own training, and that of the full system beside it: saltus paper train NAME (GPU)."
+_UNTRAINED = (
+    "Needs its own training, and that of the full system beside it: saltus paper train NAME (GPU)."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +48,10 @@ class Row:
     trial: str = ""
     """How ours was measured, where that is not how the paper's was."""
     differs: str = ""
-    """Where ours disagrees with the paper, and why; of a row that cannot be made, what is missing."""
+    """Where ours disagrees with the paper, and why.
+
+    Of a row that cannot be made, what is missing.
+    """
 
     @property
     def missing(self) -> str:
@@ -56,7 +62,9 @@ class Row:
 _SIMULATED = "ours: MuJoCo, shipped policy and predictor, late images of a D435i with its errors, what trials draw"
 _TRAINED = "ours: MuJoCo, policies of 250 million steps, shipped predictor, late images of a D435i with its errors"
 _ALL = "ours: MuJoCo, what was trained for the row of each system, late images of a D435i with its errors"
-_SEEING = "ours: MuJoCo, a policy of 250 million steps, networks of the same data, late images of a D435i"
+_SEEING = (
+    "ours: MuJoCo, a policy of 250 million steps, networks of the same data, late images of a D435i"
+)
 
 
 def _on_stairs(system: str, simulation: str, robot: str) -> tuple[Number, Number]:
@@ -89,7 +97,8 @@ ROWS: tuple[Row, ...] = (
         shows="A dynamometer measures less torque than is commanded, from a few Nm on.",
         numbers=(
             Number(
-                what="delivered by a calf of which 35 Nm are asked", paper="25.68 Nm (authors' table)",
+                what="delivered by a calf of which 35 Nm are asked",
+                paper="25.68 Nm (authors' table)",
                 source="hardware test", ours="delivered_at_35_nm.found", unit="Nm",
             ),
         ),
@@ -150,7 +159,8 @@ ROWS: tuple[Row, ...] = (
         differs="Saltus has no walking gait: a number that is cited only.",
     ),
     Row(
-        name="generalisation", where="Sec. VIII-B, Fig. 1c", make="motion.generalisation", trial=_SIMULATED,
+        name="generalisation", where="Sec. VIII-B, Fig. 1c", make="motion.generalisation",
+        trial=_SIMULATED,
         shows="Four places with ground not seen in training; all go well but stairs of separate planks.",
         numbers=(
             Number(what="stairs of planks", paper="20 %", source="real robot",
@@ -159,7 +169,8 @@ ROWS: tuple[Row, ...] = (
                    ours="stairs with noses.success"),
         ),
         differs="The paper's places are known from pictures only; ours are in no training. Planks fail with true "
-        "heights, too: the policy is at fault as well. Stairs with noses fail mostly because of predicted heights. In "
+        "heights, too: the policy is at fault as well. Stairs with noses fail mostly because of "
+        "predicted heights. In "
         "the row of four most robots with true heights fail: its gaps are deeper than in training.",
     ),
     Row(
@@ -176,8 +187,10 @@ ROWS: tuple[Row, ...] = (
         shows="The higher the step, the further the policy pitches the nose up.",
     ),
     Row(
-        name="no-feedback-deployment", where="Fig. 10, Sec. VIII-E", make="motion.no_feedback_deployment",
-        trial=_SIMULATED, shows="Without velocity feedback in the stance legs the robot cannot jump up.",
+        name="no-feedback-deployment", where="Fig. 10, Sec. VIII-E",
+        make="motion.no_feedback_deployment",
+        trial=_SIMULATED,
+        shows="Without velocity feedback in the stance legs the robot cannot jump up.",
         differs="The paper leaves it out in training, too; here it is left out when deployed only.",
     ),
     Row(
@@ -185,14 +198,17 @@ ROWS: tuple[Row, ...] = (
         shows="The full system completes 14 stairs in simulation and on the robot.",
         numbers=_on_stairs("full-system", "all", "all"),
         differs="The stand-in for the robot is harder than the paper's robot was: its drives are weak and its joints "
-        "have friction. Each of its ten effects alone fails few trials, all together two of three (docs/paper.md).",
+        "have friction. Each of its ten effects alone fails few trials, all together two of three "
+        "(docs/paper.md).",
     ),
     Row(
-        name="no-height-randomisation", where="Fig. 10, Sec. VIII-E", needs=ABLATION, trial=_TRAINED,
+        name="no-height-randomisation", where="Fig. 10, Sec. VIII-E", needs=ABLATION,
+        trial=_TRAINED,
         shows="Trained on exact heights, the policy fails on predicted ones already in simulation.",
         numbers=_on_stairs("no-height-randomisation", "not all", "not all"),
         differs="Two seeds of three fail in simulation, in four trials of ten. On the stand-in they do better than "
-        "the full system's: there the power of the drives decides. Where these are not weak, they do worse, as in the "
+        "the full system's: there the power of the drives decides. Where these are not weak, they "
+        "do worse, as in the "
         "paper (docs/paper.md).",
     ),
     Row(
@@ -205,7 +221,8 @@ ROWS: tuple[Row, ...] = (
         shows="Without the controller's cost in the reward: well in simulation, some steps and a fall on the robot.",
         numbers=_on_stairs("no-tracking-reward", "all", "a few"),
         differs="On the stand-in no loss can be shown: 91 of 300 succeed, and 107 of the full system, and "
-        "from seed to seed there is more; the power of the drives decides there. Where these are not weak, it does "
+        "from seed to seed there is more; the power of the drives decides there. Where these are "
+        "not weak, it does "
         "worse, as in the paper (docs/paper.md).",
     ),
     Row(
@@ -238,7 +255,8 @@ ROWS: tuple[Row, ...] = (
         differs="Ours are 3 rounds of 2.4 million pairs; in the first the robots are driven with true heights.",
     ),
     Row(
-        name="learning-curves", where="Sec. VIII-A", needs=ABLATION, make="ablations.learning_curves",
+        name="learning-curves", where="Sec. VIII-A", needs=ABLATION,
+        make="ablations.learning_curves",
         shows="The policy takes 8,000 iterations, 7 hours on one RTX 4090; the predictor one hour.",
         differs="Ours are of the full system's policies, 250 million steps each, and of the networks that see.",
     ),

@@ -1,6 +1,7 @@
 """Trials of the deployed system in one process: what rows about motion are measured on.
 
-Robots see as deployed: the shipped predictor on late images of a D435i with its errors. All of it is simulation.
+Robots see as deployed: the shipped predictor on late images of a D435i with its errors. All of it
+    is simulation.
 """
 
 from collections.abc import Callable, Sequence
@@ -100,7 +101,8 @@ class Ran:
     failure: Failure
     trace: Trace
     reference: Floats
-    """Velocities that were planned: ahead and up [m/s], pitch rate (nose down positive) [rad/s], shape (t, 3)."""
+    """Velocities that were planned: ahead and up [m/s], pitch rate (nose down positive) [rad/s],
+    shape (t, 3)."""
     velocity: Floats
     """The same as they were, shape (t, 3)."""
     frequency_hz: Floats
@@ -122,7 +124,9 @@ class Ran:
             if bears.any():
                 row = int(begin + np.argmax(bears))
                 x, _, z = self.trace.foot[row, legs].mean(axis=0)
-                found.append(Landing(row=row, time_s=float(self.trace.time_s[row]), x=float(x), z=float(z)))
+                found.append(
+                    Landing(row=row, time_s=float(self.trace.time_s[row]), x=float(x), z=float(z))
+                )
         return found
 
     @property
@@ -148,12 +152,20 @@ def ran(settings: Sequence[Setting], effort: Effort) -> list[list[Ran]]:
     """The trials of each setting, in the order of their seeds."""
     tasks = []
     for place, setting in enumerate(settings):
-        seeds = list(effort.seeds) if not setting.starts_x else [effort.first_seed] * len(setting.starts_x)
+        seeds = (
+            list(effort.seeds)
+            if not setting.starts_x
+            else [effort.first_seed] * len(setting.starts_x)
+        )
         starts = setting.starts_x or (None,) * len(seeds)
         numbered = list(zip(seeds, starts, strict=True))
-        tasks += [(place, (setting, numbered[i : i + BATCH])) for i in range(0, len(numbered), BATCH)]
+        tasks += [
+            (place, (setting, numbered[i : i + BATCH])) for i in range(0, len(numbered), BATCH)
+        ]
     results: list[list[Ran]] = [[] for _ in settings]
-    batches = in_order(partial(_run, effort.time_limit_s), [task for _, task in tasks], effort.processes)
+    batches = in_order(
+        partial(_run, effort.time_limit_s), [task for _, task in tasks], effort.processes
+    )
     for (place, _), batch in zip(tasks, batches, strict=True):
         results[place] += batch
         if effort.say is not None:
@@ -183,12 +195,16 @@ def _run(
     """Robots of one setting, by seed and start."""
     setting, numbered = task
     robot = load_robot(DEFAULT_ROBOT)
-    driven = robot if setting.feedback else replace(robot, gains=replace(robot.gains, stance_kd=0.0))
+    driven = (
+        robot if setting.feedback else replace(robot, gains=replace(robot.gains, stance_kd=0.0))
+    )
     trials = [
         trial if start is None else replace(trial, position_x=start)
         for trial, start in ((Trial.draw(seed), start) for seed, start in numbered)
     ]
-    setups = named_setups(driven, LINE, CAMERA, setting.profile, [setting.terrain] * len(trials), trials)
+    setups = named_setups(
+        driven, LINE, CAMERA, setting.profile, [setting.terrain] * len(trials), trials
+    )
     planner: Planner
     source: HeightSource
     if setting.imitator is None:

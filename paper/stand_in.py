@@ -34,10 +34,14 @@ def stand_in(seed: int = STAND_IN_SEED) -> Profile:
     def drawn(low: float, high: float) -> float:
         return round(float(rng.uniform(low, high)), 5)
 
-    gains = tuple(round(float(gain), 4) for gain in rng.uniform(0.80, 0.89, 12))  # trainings: 0.9 to 1.1, of all alike
+    gains = tuple(
+        round(float(gain), 4) for gain in rng.uniform(0.80, 0.89, 12)
+    )  # trainings: 0.9 to 1.1, of all alike
     effects: tuple[Effect, ...] = (
         ActuatorLag(time_constant=drawn(0.002, 0.008)),  # what is published of such drives
-        CoulombFriction(torque=drawn(0.1, 0.4)),  # to what the wide draws of the shipped policy end at
+        CoulombFriction(
+            torque=drawn(0.1, 0.4)
+        ),  # to what the wide draws of the shipped policy end at
         ViscousFriction(coefficient=drawn(0.05, 0.3)),  # the same
         Armature(added=drawn(0.0005, 0.002)),  # up to that of the rotors of a hip
         TorqueGain(gain=gains),

@@ -1,6 +1,7 @@
 """Rows about what the simulator lacks: both effects of the paper are hidden in a simulated robot and found in its logs.
 
-The dynamometer's table is a hardware measurement of the original's authors; everything else here is simulation.
+The dynamometer's table is a hardware measurement of the original's authors; everything else here is
+simulation.
 """
 
 import tempfile
@@ -40,20 +41,33 @@ LAGS_S = np.arange(0.0, 0.1501, 0.001)
 def torque_saturation(effort: Effort) -> Made:
     """The table of delivered torque, found in the log of a held robot that takes large steps."""
     robot = load_robot(DEFAULT_ROBOT)
-    table = next(e for e in load_profile(SHIPPED, robot).actuator if isinstance(e, TorqueSaturation))
+    table = next(
+        e for e in load_profile(SHIPPED, robot).actuator if isinstance(e, TorqueSaturation)
+    )
     _, judgement = _searched("large_steps", Profile(actuator=(table,)), effort.first_seed, robot)
     effects = judgement.verdict.effects
     curves = [np.array(((0.0, 0.0), *e.curve)) for e in effects if "FR_calf" in e.where and e.curve]
     true = np.array(((0.0, 0.0), *table.curve))
     figure, axis = subplots(1, 1, 3.6)
     axis.plot((0, MOST_NM), (0, MOST_NM), ":", color="0.5", label="no saturation")
-    axis.plot(*true.T, "o-", color="0.3", markersize=4, label="dynamometer's table, hidden in the simulated robot")
-    numbers: dict[str, Any] = {"verdict": judgement.verdict.verdict, "effects": sorted({e.name for e in effects})}
+    axis.plot(
+        *true.T,
+        "o-",
+        color="0.3",
+        markersize=4,
+        label="dynamometer's table, hidden in the simulated robot",
+    )
+    numbers: dict[str, Any] = {
+        "verdict": judgement.verdict.verdict,
+        "effects": sorted({e.name for e in effects}),
+    }
     if curves:
         torque = np.linspace(LEAST_NM, MOST_NM, 500)
         fitted = np.interp(torque, *curves[0].T)
         axis.plot(torque, fitted, color=OURS, label="found in its log")
-        numbers["greatest_error_percent"] = round(100 * float(np.abs(fitted / np.interp(torque, *true.T) - 1).max()), 2)
+        numbers["greatest_error_percent"] = round(
+            100 * float(np.abs(fitted / np.interp(torque, *true.T) - 1).max()), 2
+        )
         numbers["delivered_at_35_nm"] = {
             "table": float(np.interp(MOST_NM, *true.T)),
             "found": round(float(fitted[-1]), 2),
@@ -61,11 +75,16 @@ def torque_saturation(effort: Effort) -> Made:
     axis.set_xlabel("torque commanded to a calf [Nm]")
     axis.set_ylabel("delivered [Nm]")
     legend(axis, fontsize=8)
-    return Made(numbers=numbers, figure=figure, configuration={"experiment": "large_steps"}, most_seeds=1)
+    return Made(
+        numbers=numbers, figure=figure, configuration={"experiment": "large_steps"}, most_seeds=1
+    )
 
 
 def camera_latency(effort: Effort) -> Made:
-    """Body height of a robot that heaves, from its joints and from its images; and what `real2sim` finds."""
+    """Body height of a robot that heaves, from its joints and from its images.
+
+    And what `real2sim` finds.
+    """
     robot = load_robot(DEFAULT_ROBOT)
     hidden = Profile(camera=(CameraLatency(latency=LATENCY_S),))
     sine = run(experiment_named("heave_sine"), robot, hidden, seed=effort.first_seed)
@@ -89,14 +108,23 @@ def camera_latency(effort: Effort) -> Made:
     axis.set_xlim(begin, begin + 2.0)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("body height [m]")
-    axis.set_title(f"images lag by {1e3 * lag_s:.0f} ms; {1e3 * LATENCY_S:.0f} ms were hidden", loc="left", fontsize=10)
+    axis.set_title(
+        f"images lag by {1e3 * lag_s:.0f} ms; {1e3 * LATENCY_S:.0f} ms were hidden",
+        loc="left",
+        fontsize=10,
+    )
     legend(axis, fontsize=8)
     return Made(
-        numbers=numbers, figure=figure, configuration={"experiments": ["heave_sine", "heave_and_pitch"]}, most_seeds=1
+        numbers=numbers,
+        figure=figure,
+        configuration={"experiments": ["heave_sine", "heave_and_pitch"]},
+        most_seeds=1,
     )
 
 
-def _searched(experiment: str, hidden: Profile, seed: int, robot: Robot) -> tuple[RunLog, Judgement]:
+def _searched(
+    experiment: str, hidden: Profile, seed: int, robot: Robot
+) -> tuple[RunLog, Judgement]:
     """The log of a robot with hidden effects, and what is found in it."""
     log = run(experiment_named(experiment), robot, hidden, seed=seed)
     with tempfile.TemporaryDirectory() as folder:
@@ -119,7 +147,9 @@ def _height_by_images(log: RunLog) -> tuple[Floats, Floats]:
     by = claim["width"] / columns
     x = (np.arange(columns) + 0.5 - claim["cx"] / by) / (claim["fx"] / by)
     y = (np.arange(rows) + 0.5 - claim["cy"] / by) / (claim["fy"] / by)
-    down = np.sin(claim["pitch"]) + np.cos(claim["pitch"]) * y[:, None] + 0.0 * x  # of a ray with depth 1
+    down = (
+        np.sin(claim["pitch"]) + np.cos(claim["pitch"]) * y[:, None] + 0.0 * x
+    )  # of a ray with depth 1
     heights = 1e-3 * depth.depth_mm * down
     valid = (depth.depth_mm > 0) & (down > 0.2)
     camera = np.nanmedian(np.where(valid, heights, np.nan), axis=(1, 2))
@@ -128,5 +158,7 @@ def _height_by_images(log: RunLog) -> tuple[Floats, Floats]:
 
 def _lag(late_s: Floats, late: Floats, time_s: Floats, early: Floats) -> float:
     """By how much one curve follows another [s]: where they correlate most."""
-    scores = [float(np.corrcoef(late, np.interp(late_s - lag, time_s, early))[0, 1]) for lag in LAGS_S]
+    scores = [
+        float(np.corrcoef(late, np.interp(late_s - lag, time_s, early))[0, 1]) for lag in LAGS_S
+    ]
     return float(LAGS_S[int(np.argmax(scores))])

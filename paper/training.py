@@ -1,7 +1,9 @@
 """The paper's ablations as values: what the training of each policy differs in, and how it is trained.
 
-All begin with the defaults of one GPU: the paper's terrains and its randomisation, without what Saltus draws beyond
-it. The shipped policy is another one, trained wider and longer. Machines that only train need no camera.
+All begin with the defaults of one GPU: the paper's terrains and its randomisation, without what
+    Saltus draws beyond
+it. The shipped policy is another one, trained wider and longer. Machines that only train need no
+camera.
 """
 
 import shutil
@@ -30,7 +32,8 @@ PUBLISHED = Path(__file__).resolve().parents[1] / "benchmarks" / "paper"
 PUBLISHED_TRAININGS = PUBLISHED / "trainings"
 """Folder of the trainings that they are of, without their weights."""
 BRING_BACK = "git restore --source=a1142b1 'benchmarks/paper/trainings/*.onnx'"
-"""Brings back their weights, which the commit named held last: the repository keeps their checksums alone."""
+"""Brings back their weights, which the commit named held last: the repository keeps their checksums
+alone."""
 STEPS = 250e6
 """Environment steps of each training: 7 minutes of an H200."""
 MODEL = "policy.onnx"
@@ -44,7 +47,10 @@ ROUNDS = 3
 """Rounds of a predictor; in the first, robots are driven with true heights."""
 PREDICTED, IMITATOR = "heightmap.onnx", "imitator.onnx"
 IMITATOR_FORMAT = "saltus-imitation-1"
-IMITATOR_INPUTS, IMITATOR_OUTPUTS = ("image", "age", "new", "state", "hidden"), ("plan", "hidden_out")
+IMITATOR_INPUTS, IMITATOR_OUTPUTS = (
+    ("image", "age", "new", "state", "hidden"),
+    ("plan", "hidden_out"),
+)
 _FEEDBACK = "\nstance_kd = "
 
 
@@ -80,7 +86,10 @@ def find_ablation(name: str) -> Ablation:
 
 
 def config_of(name: str, seed: int, folder: Path) -> TrainConfig:
-    """Returns what `saltus policy train` is given; writes a profile or a robot that it needs into a folder."""
+    """Returns what `saltus policy train` is given.
+
+    Writes a profile or a robot that it needs into a folder.
+    """
     ablation, config = find_ablation(name), replace(for_gpu(DEFAULT_ROBOT, DEFAULT_GRID), seed=seed)
     changes = dict(ablation.changes)
     if ablation.without:
@@ -91,17 +100,22 @@ def config_of(name: str, seed: int, folder: Path) -> TrainConfig:
 
 
 def train(name: str, seed: int, trained: Path, minutes: float, commit: str | None = None) -> Path:
-    """Trains a policy, or goes on with one that was interrupted; returns its ONNX file, made when all is trained.
+    """Trains a policy, or goes on with one that was interrupted.
+
+    Returns its ONNX file, made when all is trained.
 
     `commit` says which code trains, where this machine cannot tell.
 
     Raises:
-        SaltusError: what `saltus policy train` says; there is no GPU, or the time is over before all is trained.
+        SaltusError: what `saltus policy train` says; there is no GPU, or the time is over before
+            all is trained.
     """
     find_ablation(name)
     folder = trained / name / f"seed-{seed}"
     if not has_gpu():
-        raise SaltusError(f"training '{name}' needs a GPU: 16384 robots, {STEPS / 1e6:.0f} million steps")
+        raise SaltusError(
+            f"training '{name}' needs a GPU: 16384 robots, {STEPS / 1e6:.0f} million steps"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     config, checkpoint = config_of(name, seed, folder), folder / CHECKPOINT
     iterations = int(np.ceil(STEPS / (config.robots * config.learning.horizon)))
@@ -118,7 +132,10 @@ def train(name: str, seed: int, trained: Path, minutes: float, commit: str | Non
 
     done = int(read_checkpoint(checkpoint)["steps"])
     if done < STEPS:
-        raise SaltusError(f"{done / 1e6:.0f} of {STEPS / 1e6:.0f} million steps are trained: run the command again")
+        raise SaltusError(
+            f"{done / 1e6:.0f} of {STEPS / 1e6:.0f} million steps are trained: run the command "
+            f"again"
+        )
     export(checkpoint, folder / MODEL)
     return folder / MODEL
 

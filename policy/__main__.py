@@ -39,11 +39,16 @@ class PlannerLoop:
             pending = self._answer(sample) if sample is not None else None
 
     def _answer(self, sample: Sample) -> Sample | None:
-        """Answers one state; returns a newer one that came while it waited for the heightmap of this one."""
+        """Answers one state.
+
+        Returns a newer one that came while it waited for the heightmap of this one.
+        """
         state: RobotState = sample.message
         if sample.envelope.boot_id != self._robot:  # another robot, or a restarted one
             self._robot = sample.envelope.boot_id
-            self._process = PlannerProcess(self._context.setup.robot, self._context.setup.grid, self._planner)
+            self._process = PlannerProcess(
+                self._context.setup.robot, self._context.setup.grid, self._planner
+            )
             self._newest_step = -1
         if self._lockstep:
             self._context.clock.set(state.time_ns)
@@ -73,7 +78,10 @@ class PlannerLoop:
         return heightmap
 
     def _heightmap_of(self, state: RobotState) -> tuple[Heightmap | None, Sample | None]:
-        """Lockstep: the heightmap of `state`, waited for; or a newer state that ends the waiting."""
+        """Lockstep: the heightmap of `state`, waited for.
+
+        Or a newer state that ends the waiting.
+        """
         heightmap = None
         while self._newest_step < state.step and not self._context.stopped:
             self._context.beat(ticks=self.ticks)

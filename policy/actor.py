@@ -33,11 +33,12 @@ _TOLERANCE = 1e-6  # of a number that went through text
 class PolicyActor:
     """Plans for any batch of robots, with the interface of the scripted planner, by a file of `policy.training.export`.
 
-    One thread that sleeps between calls. A plan follows from one observation, one heightmap, and, if the policy was
-    trained to recall them, from the calls before: see `past_steps`.
+    One thread that sleeps between calls. A plan follows from one observation, one heightmap, and,
+    if the policy was trained to recall them, from the calls before: see `past_steps`.
 
     Raises:
-        ModelError: the file is unreadable or made for another robot, features or actions; the message names which.
+        ModelError: the file is unreadable or made for another robot, features or actions; the
+            message names which.
     """
 
     def __init__(self, robot: Robot, grid: HeightGrid, path: Path) -> None:
@@ -47,13 +48,18 @@ class PolicyActor:
         _check(robot, grid, file)
         self._size = size_with(grid, _past_steps(file))
         self.past_steps = _past_steps(file)
-        """Which earlier calls the policy recalls, 1 is the last one; none where it was trained without a past."""
+        """Which earlier calls the policy recalls, 1 is the last one.
+
+        None where it was trained without a past.
+        """
         file.check({"features": [self._size]}, {"plan": [len(ACTIONS)]})
         self._bounds = ActionBounds(low=tuple(file.field("low")), high=tuple(file.field("high")))
         self._past = np.zeros((0, max(self.past_steps, default=0), RECALLED))
         self._latest = np.zeros((0, RECALLED))
 
-    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Plan:
+    def step(
+        self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False
+    ) -> Plan:
         """Plans the next 10 ms, within the bounds; see `saltus.policy.planner.Planner`."""
         vector = features(observation, heights)
         if not self.past_steps:
@@ -64,7 +70,9 @@ class PolicyActor:
             self._past = np.zeros((*batch, *self._past.shape[-2:]))
         self._past = remembered(self._past, self._latest, vector, np.broadcast_to(fresh, batch))
         values = self.values(with_past(vector, self._past, self.past_steps))
-        self._latest = np.concatenate([vector[..., :PROPRIOCEPTION_SIZE], self._bounds.normalised(values)], axis=-1)
+        self._latest = np.concatenate(
+            [vector[..., :PROPRIOCEPTION_SIZE], self._bounds.normalised(values)], axis=-1
+        )
         return plan_from_values(values)
 
     def values(self, given: Reals) -> Floats:
@@ -81,16 +89,20 @@ def _check(robot: Robot, grid: HeightGrid, file: ModelFile) -> None:
         found = file.field(name)
         if found != value:
             raise ModelError(
-                f"{file.path}: '{name}' is {found!r}, this program needs {value!r}: export the policy again"
+                f"{file.path}: '{name}' is {found!r}, this program needs {value!r}: export the "
+                f"policy again"
             )
     made_for = file.field("robot")
     if made_for != robot.name:
         raise ModelError(
-            f"{file.path}: it plans for the robot {made_for!r}, not for '{robot.name}': train a policy for this robot, "
+            f"{file.path}: it plans for the robot {made_for!r}, not for '{robot.name}': train a "
+            f"policy for this robot, "
             "or let rules plan (--planner scripted)"
         )
     if not file.grid.equals(grid):
-        raise ModelError(f"{file.path}: 'grid_m' is not the grid of the heights that it would be given")
+        raise ModelError(
+            f"{file.path}: 'grid_m' is not the grid of the heights that it would be given"
+        )
     swing = _numbers(file, "swing_foot_z_range_m", 2)
     if np.abs(swing - robot.swing_foot_z).max() > _TOLERANCE:
         raise ModelError(
@@ -112,7 +124,9 @@ def _past_steps(file: ModelFile) -> tuple[int, ...]:
     try:
         check_past_steps(tuple(found))
     except (TypeError, ConfigError) as error:
-        raise ModelError(f"{file.path}: 'past_steps' is {found!r}: export the policy again") from error
+        raise ModelError(
+            f"{file.path}: 'past_steps' is {found!r}: export the policy again"
+        ) from error
     return tuple(found)
 
 
@@ -124,7 +138,8 @@ def _check_bounds(path: Path, low: Floats, high: Floats) -> None:
     for name, field, lowest, highest in zip(ACTIONS, allowed, low, high, strict=True):
         if not field.low <= lowest < highest <= field.high:
             raise ModelError(
-                f"{path}: '{name}' goes from {lowest:g} to {highest:g}, the leg controller takes {field.low:g} to "
+                f"{path}: '{name}' goes from {lowest:g} to {highest:g}, the leg controller takes "
+                f"{field.low:g} to "
                 f"{field.high:g}"
             )
 

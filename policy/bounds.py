@@ -26,12 +26,15 @@ ACTIONS = (
 class ActionBounds:
     """Lowest and highest value of each entry of `ACTIONS`.
 
-    Wider than the original where its own range held back high steps: its configuration names residuals of +-0.3 m and
+    Wider than the original where its own range held back high steps: its configuration names
+        residuals of +-0.3 m and
     more lift for them, and a first training spent 17 % of the time at +-6 rad/s.
 
-    The nominal swing stays at the height of the feet in stance, so the lift is all that brings a foot onto a step: at
-    most 0.5 m, no sole comes higher than 0.48 m, where a step of 0.75 m asks for 0.80 m. On stairs of 0.25 m front feet
-    land two treads above the rear feet in stance, and rear feet one or two below the front feet in stance.
+    The nominal swing stays at the height of the feet in stance, so the lift is all that brings a
+        foot onto a step: at
+    most 0.5 m, no sole comes higher than 0.48 m, where a step of 0.75 m asks for 0.80 m. On stairs
+    of 0.25 m front feet land two treads above the rear feet in stance, and rear feet one or two
+    below the front feet in stance.
     """
 
     low: tuple[float, ...] = (0.5, -3.0, -3.0, -8.0, -0.3, -0.07, -0.4, -0.3, -0.07, -0.4)
@@ -40,7 +43,10 @@ class ActionBounds:
     def __post_init__(self) -> None:
         check_between(self, low=(-1e3, 1e3), high=(-1e3, 1e3))
         if not len(self.low) == len(self.high) == len(ACTIONS):
-            raise ConfigError(f"low and high have {len(self.low)} and {len(self.high)} entries: {len(ACTIONS)} each")
+            raise ConfigError(
+                f"low and high have {len(self.low)} and {len(self.high)} entries: {len(ACTIONS)} "
+                f"each"
+            )
         for name, low, high in zip(ACTIONS, self.low, self.high, strict=True):
             if low >= high:
                 raise ConfigError(f"bounds of {name}: {low:g} to {high:g}, the lowest comes first")
@@ -77,4 +83,6 @@ def values_of(plan: Plan) -> Array:
     """The values of a plan in the order of `ACTIONS`, shape (..., 10): the inverse of `plan_from_values`."""
     xp = namespace(plan.velocity_x)
     scalars = (plan.stepping_frequency_hz, plan.velocity_x, plan.velocity_z, plan.pitch_rate)
-    return xp.concat([xp.stack(scalars, axis=-1), plan.foot_residual_front, plan.foot_residual_rear], axis=-1)
+    return xp.concat(
+        [xp.stack(scalars, axis=-1), plan.foot_residual_front, plan.foot_residual_rear], axis=-1
+    )

@@ -1,9 +1,12 @@
 """Features, which the learned policy sees: one vector, in SI units, made from an observation and a heightmap.
 
-Everything in it is known to a robot without its position: attitude from the IMU, velocity and height from the
-estimator, feet from the joints, the gait's schedule, and terrain heights. Scaling belongs to the network.
+Everything in it is known to a robot without its position: attitude from the IMU, velocity and
+    height from the
+estimator, feet from the joints, the gait's schedule, and terrain heights. Scaling belongs to the
+network.
 
-A policy may also recall instants of the past, from which it can tell late commands, slippery ground or soft soles: what
+A policy may also recall instants of the past, from which it can tell late commands, slippery ground
+    or soft soles: what
 its proprioception said then, and the plan that it made.
 """
 
@@ -64,7 +67,9 @@ def read(vector: Array, grid: HeightGrid) -> tuple[Observation, Array]:
         first += size
     heights, foot = vector[..., first : first + grid.size], parts.pop("foot")
     contact = parts.pop("contact") > 0.5
-    return Observation(contact=contact, foot=foot.reshape((*foot.shape[:-1], 4, 3)), **parts), heights
+    return Observation(
+        contact=contact, foot=foot.reshape((*foot.shape[:-1], 4, 3)), **parts
+    ), heights
 
 
 MOST_PAST_STEPS = 100
@@ -73,9 +78,13 @@ MOST_PAST_STEPS = 100
 
 def check_past_steps(past_steps: tuple[int, ...]) -> None:
     """Refuses instants that cannot be recalled: `ConfigError`."""
-    possible = {steps for steps in past_steps if isinstance(steps, int) and 1 <= steps <= MOST_PAST_STEPS}
+    possible = {
+        steps for steps in past_steps if isinstance(steps, int) and 1 <= steps <= MOST_PAST_STEPS
+    }
     if list(past_steps) != sorted(possible):
-        raise ConfigError(f"past_steps = {past_steps}: whole numbers from 1 to {MOST_PAST_STEPS}, ascending")
+        raise ConfigError(
+            f"past_steps = {past_steps}: whole numbers from 1 to {MOST_PAST_STEPS}, ascending"
+        )
 
 
 def size_with(grid: HeightGrid, past_steps: tuple[int, ...] = ()) -> int:
@@ -94,7 +103,9 @@ def with_past(vector: Array, past: Array, past_steps: tuple[int, ...]) -> Array:
     Returns:
         Shape (..., size_with(grid, past_steps)).
     """
-    return namespace(vector).concat([vector, *(past[..., steps - 1, :] for steps in past_steps)], axis=-1)
+    return namespace(vector).concat(
+        [vector, *(past[..., steps - 1, :] for steps in past_steps)], axis=-1
+    )
 
 
 def remembered(past: Array, latest: Array, vector: Array, fresh: Array) -> Array:

@@ -20,12 +20,17 @@ class HeightLine:
         x = np.array(grid.x)
         steps = np.diff(x)
         if len(grid.y) != 1 or len(x) < 2 or np.ptp(steps) > _EVEN_M:
-            raise ConfigError("rules read heights on one line of even spacing: give another grid, or train a policy")
+            raise ConfigError(
+                "rules read heights on one line of even spacing: give another grid, or train a "
+                "policy"
+            )
         self._x, self._first, self._last = x, float(x[0]), len(x) - 1
         self._spacing, self._points = float(x[1] - x[0]), Constant(x)
 
     def height_at(self, heights: Array, x: Array) -> Array:
-        """Heights at any distance ahead of the base, by linear interpolation; the outermost heights go on for ever.
+        """Heights at any distance ahead of the base, by linear interpolation.
+
+        The outermost heights go on for ever.
 
         Args:
             heights: On the grid [m], shape (..., n).
@@ -43,17 +48,24 @@ class HeightLine:
         return low + weight * (high - low)
 
     def highest_between(self, heights: Array, start: Array, end: Array) -> Array:
-        """Highest terrain between two distances, ends included. Shapes (..., n), (...), (...) -> (...)."""
+        """Highest terrain between two distances, ends included.
+
+        Shapes (..., n), (...), (...) -> (...).
+        """
         xp = namespace(heights)
         low, high = xp.minimum(start, end)[..., None], xp.maximum(start, end)[..., None]
         points = self._points.like(heights)
         ends = self.height_at(heights, xp.concat([low, high], axis=-1))
-        # Points outside of the interval are replaced by its start, which is no higher than the result.
+        # Points outside of the interval are replaced by its start, which is no higher than the
+        # result.
         inside = xp.where((low <= points) & (high >= points), heights, ends[..., :1])
         return xp.maximum(xp.max(ends, axis=-1), xp.max(inside, axis=-1))
 
     def slope(self, heights: Array, start: float, end: float) -> Array:
-        """Slope of the line that fits the heights between two distances best. Shape (..., n) -> (...)."""
+        """Slope of the line that fits the heights between two distances best.
+
+        Shape (..., n) -> (...).
+        """
         inside = (start <= self._x) & (end >= self._x)
         centred = inside * (self._x - self._x[inside].mean())
         return heights @ Constant(centred / (centred @ centred)).like(heights)

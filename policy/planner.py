@@ -14,7 +14,9 @@ from saltus.states import standing_state
 from saltus.used_networks import model_path
 
 
-def make_planner(name: PlannerName, robot: Robot, grid: HeightGrid, model: str | Path | None = None) -> Planner:
+def make_planner(
+    name: PlannerName, robot: Robot, grid: HeightGrid, model: str | Path | None = None
+) -> Planner:
     """A planner by its name, of robots that are given heights on a grid.
 
     The learned one comes from an ONNX file, by default the shipped policy.
@@ -28,7 +30,9 @@ def make_planner(name: PlannerName, robot: Robot, grid: HeightGrid, model: str |
 
         return PolicyActor(robot, grid, model_path("policy", model))
     if model is not None:
-        raise ConfigError(f"model = {model}: only the learned planner has one; add --planner learned")
+        raise ConfigError(
+            f"model = {model}: only the learned planner has one; add --planner learned"
+        )
     from saltus.policy.scripted import ScriptedPlanner
 
     return ScriptedPlanner(robot, grid)

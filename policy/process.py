@@ -9,7 +9,14 @@ from saltus.loop.planner import Planner, observe
 from saltus.plan import REST, plan_message
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
-from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
+from saltus.wire.messages import (
+    ControllerMode,
+    Heightmap,
+    HeightmapStatus,
+    MotionPlan,
+    PlanStatus,
+    RobotState,
+)
 from saltus.wire.topics import TOPICS
 
 STAND_NS = 500_000_000
@@ -33,9 +40,10 @@ class Notice:
 class PlannerProcess:
     """Turns states and heightmaps into plans; decides between STAND, GO and STOP.
 
-    STAND until the robot has stood for 0.5 s and a heightmap is OK; then GO, also on heightmaps that are degraded.
-    STOP, which is final, when heightmaps end, are invalid, or come from a hidden state that was reset; but STAND while
-    the robot has not moved yet, as on a computer that is still busy with starting.
+    STAND until the robot has stood for 0.5 s and a heightmap is OK; then GO, also on heightmaps
+    that are degraded. STOP, which is final, when heightmaps end, are invalid, or come from a hidden
+    state that was reset; but STAND while the robot has not moved yet, as on a computer that is
+    still busy with starting.
     """
 
     def __init__(self, robot: Robot, grid: HeightGrid, planner: Planner) -> None:
@@ -53,7 +61,8 @@ class PlannerProcess:
     def step(self, state: RobotState, heightmap: Heightmap | None, now_ns: int) -> MotionPlan:
         """Answers one robot state; the same step again gets the same plan again.
 
-        A heightmap is given once, when it has arrived since the last call; `now_ns` is in the run's clock.
+        A heightmap is given once, when it has arrived since the last call; `now_ns` is in the run's
+        clock.
         """
         if heightmap is not None and self._fits(heightmap):
             self._heightmap, self._arrival_ns = heightmap, now_ns
@@ -69,7 +78,10 @@ class PlannerProcess:
         return self._plan
 
     def _fits(self, heightmap: Heightmap) -> bool:
-        """True where a heightmap stands on the grid of the planner; says once where one does not."""
+        """True where a heightmap stands on the grid of the planner.
+
+        Says once where one does not.
+        """
         sides = ((heightmap.x, self._x), (heightmap.y, self._y))
         fits = all(len(a) == len(b) and float(np.abs(a - b).max()) <= ROUNDING_M for a, b in sides)
         if not fits and not self._told_of_grid:
@@ -94,9 +106,15 @@ class PlannerProcess:
             return
         silent_ns, age_ns = now_ns - self._arrival_ns, now_ns - heightmap.time_ns
         if max(silent_ns, age_ns) >= LOST_NS:
-            self._stop(state, "heightmap_lost", f"no heightmap for {max(silent_ns, age_ns) / 1e6:.0f} ms")
+            self._stop(
+                state, "heightmap_lost", f"no heightmap for {max(silent_ns, age_ns) / 1e6:.0f} ms"
+            )
         elif heightmap.status not in _TRUSTED:
-            self._stop(state, "heightmap_invalid", f"the heightmap of step {heightmap.step} is {heightmap.status.name}")
+            self._stop(
+                state,
+                "heightmap_invalid",
+                f"the heightmap of step {heightmap.step} is {heightmap.status.name}",
+            )
 
     def _stop(self, state: RobotState, code: str, detail: str) -> None:
         self._reason = detail
@@ -112,4 +130,6 @@ class PlannerProcess:
             heights = np.asarray(self._heightmap.height, dtype=np.float64)
             begins = self._plan is None or self._plan.status != PlanStatus.GO
             plan = self._planner.step(observe(state, self._legs), heights, begins)
-        return plan_message(plan, self._status, time_ns=state.time_ns, step=state.step, reason=self._reason)
+        return plan_message(
+            plan, self._status, time_ns=state.time_ns, step=state.step, reason=self._reason
+        )

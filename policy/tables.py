@@ -38,7 +38,9 @@ def append_table(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
 
 
 def carry_on(source: Path, target: Path, iteration: int) -> None:
-    """Begins a table with the rows of another one until `iteration`; without that one, nothing is written.
+    """Begins a table with the rows of another one until `iteration`.
+
+    Without that one, nothing is written.
 
     Rows after the resumed checkpoint are left out: those iterations are trained again.
 

@@ -15,7 +15,13 @@ from saltus.effects.effect import Effect
 from saltus.effects.encoders import VelocityFilter
 from saltus.effects.joint_loads import Stiction
 from saltus.effects.motor_limits import ActuatorLag, BatterySag, TorqueSaturation
-from saltus.effects.offsets_and_factors import Armature, CoulombFriction, EncoderBias, TorqueGain, ViscousFriction
+from saltus.effects.offsets_and_factors import (
+    Armature,
+    CoulombFriction,
+    EncoderBias,
+    TorqueGain,
+    ViscousFriction,
+)
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import SaltusError
 from saltus.real2sim.cycle.finding import search_until_told
@@ -38,14 +44,17 @@ def _spread(where: np.ndarray, value: float, null: float = 0.0) -> tuple[float, 
     return tuple(np.where(where, value, null).tolist())
 
 
-# Every effect of drives and encoders, with sizes within the published ranges for robots of this size, but for
+# Every effect of drives and encoders, with sizes within the published ranges for robots of this
+# size, but for
 # - backlash, the torque-speed limit and encoder quantisation: the plant crosses a gap, holds a limit or hunts between
 #   two encoder steps within a few of its time steps, which no other simulation repeats to within the noise of a sensor,
 #   so that a small gap remains after the patch;
 # - the delay of feed-forward torque alone: the first experiment has no such torque.
 _HIDDEN: tuple[_Draw, ...] = (
     lambda rng, at: CoulombFriction(torque=_spread(at, rng.uniform(0.2, 0.5))),
-    lambda rng, at: Stiction(breakaway=_spread(at, rng.uniform(0.3, 0.6)), stribeck_velocity=rng.uniform(0.05, 0.15)),
+    lambda rng, at: Stiction(
+        breakaway=_spread(at, rng.uniform(0.3, 0.6)), stribeck_velocity=rng.uniform(0.05, 0.15)
+    ),
     lambda rng, at: ViscousFriction(coefficient=_spread(at, rng.uniform(0.1, 0.3))),
     lambda rng, at: Armature(added=_spread(at, rng.uniform(0.003, 0.008))),
     lambda rng, at: EncoderBias(bias=_spread(at, rng.uniform(0.02, 0.05))),
@@ -55,7 +64,8 @@ _HIDDEN: tuple[_Draw, ...] = (
     lambda rng, _: ActuatorLag(time_constant=rng.uniform(0.003, 0.008)),
     lambda rng, _: VelocityFilter(time_constant=rng.uniform(0.003, 0.006)),
     lambda rng, _: TorqueSaturation(
-        knee=_spread(CALVES, rng.uniform(12.0, 16.0), np.inf), plateau=_spread(CALVES, rng.uniform(20.0, 26.0), np.inf)
+        knee=_spread(CALVES, rng.uniform(12.0, 16.0), np.inf),
+        plateau=_spread(CALVES, rng.uniform(20.0, 26.0), np.inf),
     ),
 )
 
@@ -84,11 +94,13 @@ class Demonstration:
     """After it, on the same logs."""
 
 
-def demonstrate(robot: Robot, out: Path, *, seed: int = 0, progress: Progress | None = None) -> Demonstration:
+def demonstrate(
+    robot: Robot, out: Path, *, seed: int = 0, progress: Progress | None = None
+) -> Demonstration:
     """Hides an effect in a robot, finds it in logs, adds it to the simulator and looks again.
 
-    The seed decides which effect is hidden, where and how large it is, and the noise of the sensors. The folder `out`,
-    in which logs and results land, exists.
+    The seed decides which effect is hidden, where and how large it is, and the noise of the
+    sensors. The folder `out`, in which logs and results land, exists.
 
     Raises:
         SaltusError: no effect that could be applied was found.
@@ -97,18 +109,33 @@ def demonstrate(robot: Robot, out: Path, *, seed: int = 0, progress: Progress | 
     hidden = hidden_robot(seed)
 
     def record(name: str) -> Path:
-        log = run(experiment_named(name), robot, hidden, seed=seed, progress=partial(tell, f"run {name}"))
+        log = run(
+            experiment_named(name), robot, hidden, seed=seed, progress=partial(tell, f"run {name}")
+        )
         write_run_log(log, out / "logs" / name, robot)
         return out / "logs" / name
 
     def look(logs: Sequence[Path]) -> Judgement:
-        return find(logs, out / "found", seed=seed, progress=lambda stage, x: tell(f"find: {stage}", x))
+        return find(
+            logs, out / "found", seed=seed, progress=lambda stage, x: tell(f"find: {stage}", x)
+        )
 
     found, logs = search_until_told([record(FIRST)], look, record)
     profile = found.patch.applied_to(IDEAL, robot)
     if profile == IDEAL:
-        raise SaltusError(f"the demonstration with seed {seed} ends here: {found.verdict.verdict}, nothing to apply")
+        raise SaltusError(
+            f"the demonstration with seed {seed} ends here: {found.verdict.verdict}, nothing to "
+            f"apply"
+        )
     (out / "profile.toml").write_text(profile.to_toml(), encoding="utf-8")
-    again = find(logs, out / "again", profile=profile, seed=seed, progress=lambda stage, x: tell(f"again: {stage}", x))
+    again = find(
+        logs,
+        out / "again",
+        profile=profile,
+        seed=seed,
+        progress=lambda stage, x: tell(f"again: {stage}", x),
+    )
     experiments = tuple(experiment_named(log.name) for log in logs)
-    return Demonstration(hidden=hidden, experiments=experiments, found=found, profile=profile, again=again)
+    return Demonstration(
+        hidden=hidden, experiments=experiments, found=found, profile=profile, again=again
+    )

@@ -58,7 +58,10 @@ class Evidence:
 
 @dataclass(frozen=True, kw_only=True)
 class Applicability:
-    """Range that the evidence covers; outside of it the patch extrapolates. None where the log does not say."""
+    """Range that the evidence covers; outside of it the patch extrapolates.
+
+    None where the log does not say.
+    """
 
     torque_nm: float | None = None
     """Largest commanded torque of a drive."""
@@ -94,7 +97,8 @@ class Patch:
         """A profile of `robot` with these effects, which replace its values of the same effect at the same joints.
 
         Raises:
-            ConfigError: an effect, parameter or joint that this version does not know, or a value out of bounds.
+            ConfigError: an effect, parameter or joint that this version does not know, or a value
+                out of bounds.
         """
         for found in self.effects:
             profile = _with(profile, robot, found, self.range)
@@ -105,12 +109,16 @@ def patch_from_toml(text: str) -> Patch:
     """Reads a patch; `ConfigError` says what is wrong with it."""
     table = read_toml(text)
     if table.get("schema") != SCHEMA:
-        raise ConfigError(f"schema {table.get('schema')!r}: this version reads patches of '{SCHEMA}'")
+        raise ConfigError(
+            f"schema {table.get('schema')!r}: this version reads patches of '{SCHEMA}'"
+        )
     try:
         return Patch(
             effects=tuple(effect_from_dict(entry) for entry in table.get("effects", [])),
             evidence=tuple(Evidence(**entry) for entry in table.get("evidence", [])),
-            range=Applicability(**{name: float(value) for name, value in table.get("range", {}).items()}),
+            range=Applicability(
+                **{name: float(value) for name, value in table.get("range", {}).items()}
+            ),
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"no patch: {type(error).__name__} {error}") from error
@@ -132,7 +140,11 @@ def supported(effects: Sequence[FoundEffect], profile: Profile = IDEAL) -> tuple
     base are searched each for itself: of an effect that both found in one place the values with the
     narrower intervals go in.
     """
-    certain = [e for e in effects if e.name not in EFFECTS or _is_certain(e, may_be_null=e.name in profile.effects)]
+    certain = [
+        e
+        for e in effects
+        if e.name not in EFFECTS or _is_certain(e, may_be_null=e.name in profile.effects)
+    ]
     narrowest: dict[tuple[object, ...], FoundEffect] = {}
     for found in sorted(certain, key=_width):
         narrowest.setdefault((found.name, found.where, *found.params), found)
@@ -148,7 +160,11 @@ def _is_certain(found: FoundEffect, *, may_be_null: bool) -> bool:
     known = {f.name: f.metadata for f in fields(EFFECTS[found.name])}
     crosses = []
     for name, interval in found.params.items():
-        null, least, most = known[name].get("null"), float(known[name]["low"]), float(known[name]["high"])
+        null, least, most = (
+            known[name].get("null"),
+            float(known[name]["low"]),
+            float(known[name]["high"]),
+        )
         low, high = interval.ci90
         # Where the null value is infinite, an interval that reaches 0 says nothing.
         if not least <= interval.value <= most or (null == np.inf and least > 0.0 >= low):
@@ -175,9 +191,13 @@ def applicability(log: RunLog) -> Applicability:
     return Applicability(
         torque_nm=_largest(torque),
         speed_rad_s=_largest(joints.dq),
-        depth_m=None if log.depth is None or not log.depth.depth_mm.size else 1e-3 * float(log.depth.depth_mm.max()),
+        depth_m=None
+        if log.depth is None or not log.depth.depth_mm.size
+        else 1e-3 * float(log.depth.depth_mm.max()),
         duration_s=float(joints.time_s[-1] - joints.time_s[0]),
-        focal_px=None if log.depth is None or not log.meta.get("camera") else float(log.meta["camera"]["fx"]),
+        focal_px=None
+        if log.depth is None or not log.meta.get("camera")
+        else float(log.meta["camera"]["fx"]),
     )
 
 
@@ -212,12 +232,16 @@ def _values(effect: Effect, found: FoundEffect) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for name, interval in found.params.items():
         if name not in known:
-            raise ConfigError(f"unknown parameter '{effect.name}.{name}': {nearest_hint(name, known)}")
+            raise ConfigError(
+                f"unknown parameter '{effect.name}.{name}': {nearest_hint(name, known)}"
+            )
         if not known[name]["per_joint"] or found.where == "all":
             values[name] = interval.value
             continue
         joints = _joints(found)
-        per_joint = np.broadcast_to(np.asarray(getattr(effect, name), dtype=np.float64), len(JOINTS)).copy()
+        per_joint = np.broadcast_to(
+            np.asarray(getattr(effect, name), dtype=np.float64), len(JOINTS)
+        ).copy()
         per_joint[joints] = interval.value
         values[name] = tuple(per_joint.tolist())
     return values
@@ -228,5 +252,7 @@ def _joints(found: FoundEffect) -> list[int]:
     names: Sequence[str] = (found.where,) if isinstance(found.where, str) else found.where
     for name in names:
         if name not in JOINTS:
-            raise ConfigError(f"'{found.name}' at an unknown joint '{name}': {nearest_hint(name, JOINTS)}")
+            raise ConfigError(
+                f"'{found.name}' at an unknown joint '{name}': {nearest_hint(name, JOINTS)}"
+            )
     return [JOINTS.index(name) for name in names]

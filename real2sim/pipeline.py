@@ -17,7 +17,14 @@ from saltus.errors import RecordingError, SaltusError
 from saltus.files import atomic_write
 from saltus.folders import ask_for_room
 from saltus.real2sim.experiments.next_experiment import next_experiment
-from saltus.real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of, supported
+from saltus.real2sim.patch import (
+    Applicability,
+    Evidence,
+    Patch,
+    applicability,
+    evidence_of,
+    supported,
+)
 from saltus.real2sim.problem.log import in_sequence, load_rigs, model_of, quadruped_of, shifts_s
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.progress import ComparisonProgress, Progress
@@ -44,8 +51,9 @@ def find(
     """Finds what the simulator lacks and writes verdict.json, patch.toml and report.html.
 
     Args:
-        runs: Folders of run logs of one robot. Logs that claim the same rig are read as one. Logs of several rigs make
-            one problem for each kind of sensor, if their unknowns mean the same.
+        runs: Folders of run logs of one robot. Logs that claim the same rig are read as one. Logs
+            of several rigs make one problem for each kind of sensor, if their unknowns mean the
+            same.
         out: Folder for the results; it is made if it does not exist.
         profile: Effects that the simulator has already, besides what the logs claim.
         seed: Seed of the bootstrap.
@@ -53,7 +61,8 @@ def find(
         progress: Called with the stage and the share that is done.
 
     Raises:
-        SaltusError: a log that cannot be read or compared with anything, or a folder that cannot be written.
+        SaltusError: a log that cannot be read or compared with anything, or a folder that cannot be
+            written.
     """
     logs = load_rigs(runs)
     with _results_folder(out):
@@ -79,7 +88,9 @@ def examine(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[Examination, ...]:
-    """Compares logs of one robot on several rigs with the simulator, sensor by sensor; nothing if one log is damaged.
+    """Compares logs of one robot on several rigs with the simulator, sensor by sensor.
+
+    Nothing if one log is damaged.
 
     Arguments are as in `find`.
     """
@@ -98,7 +109,9 @@ def examine(
         for own, problem in problems:
             seconds = sensor.search_s / len(problems)
             searched = shown.search(f"{sensor.name}: search", seconds)
-            found[own[0]] = _added(found[own[0]], sensor, problem, [logs[i] for i in own], seed, searched)
+            found[own[0]] = _added(
+                found[own[0]], sensor, problem, [logs[i] for i in own], seed, searched
+            )
             shown.end(seconds)
         if not problems:
             shown.end(sensor.search_s)
@@ -112,10 +125,16 @@ def _screened(log: RunLog) -> Examination:
         return examination
     lacking = {sensor: why for sensor in SENSORS if (why := sensor.lacks(log))}
     untestable = {name: why for sensor, why in lacking.items() for name in sensor.effects}
-    return replace(examination, untestable=untestable, lacking={sensor.name: why for sensor, why in lacking.items()})
+    return replace(
+        examination,
+        untestable=untestable,
+        lacking={sensor.name: why for sensor, why in lacking.items()},
+    )
 
 
-def _problems(sensor: Sensor, found: list[Examination], profile: Profile) -> list[tuple[list[int], Problem]]:
+def _problems(
+    sensor: Sensor, found: list[Examination], profile: Profile
+) -> list[tuple[list[int], Problem]]:
     """Problems of one kind of sensor, each with the indices of its logs.
 
     What goes wrong, and what is too short to be tested, is noted in `found`.
@@ -131,7 +150,9 @@ def _problems(sensor: Sensor, found: list[Examination], profile: Profile) -> lis
         try:
             problems.append(_posed(sensor, found[i].log, profile))
             own.append(i)
-        except Exception as error:  # whatever goes wrong with one sensor, the verdicts of the others stand
+        except (
+            Exception
+        ) as error:  # whatever goes wrong with one sensor, the verdicts of the others stand
             found[i] = _failed(found[i], sensor, error)
     if len(problems) > 1 and stackable(problems):
         return [(own, StackedProblem(problems, shifts_s([found[i].log for i in own])))]
@@ -162,16 +183,27 @@ def _added(
     seed: int,
     progress: Callable[[str, int], None],
 ) -> Examination:
-    """The examination with the findings of one more problem; without them where nothing was left to test them by."""
+    """The examination with the findings of one more problem.
+
+    Without them where nothing was left to test them by.
+    """
     try:
         findings = sensor.finished(problem, search(problem, progress=progress, seed=seed))
     except Exception as error:  # as above
         return _failed(examination, sensor, error)
     if not findings.gaps:
         return _without(examination, sensor, f"no part of the {sensor.needs} is left to test by")
-    log = logs[0] if len(logs) == 1 else in_sequence(logs, [str(number + 1) for number in range(len(logs))])
+    log = (
+        logs[0]
+        if len(logs) == 1
+        else in_sequence(logs, [str(number + 1) for number in range(len(logs))])
+    )
     return replace(
-        examination, comparisons=(*examination.comparisons, SensorResult(problem=problem, findings=findings, log=log))
+        examination,
+        comparisons=(
+            *examination.comparisons,
+            SensorResult(problem=problem, findings=findings, log=log),
+        ),
     )
 
 
@@ -192,45 +224,69 @@ def _posed(sensor: Sensor, log: RunLog, profile: Profile) -> Problem:
     return RebasedProblem(problem, profile)
 
 
-def judge(examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...], profile: Profile = IDEAL) -> Judgement:
+def judge(
+    examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...], profile: Profile = IDEAL
+) -> Judgement:
     """One verdict for all logs, and the patch; `RecordingError` if no sensor of any log could be compared."""
     bad = [fault.text for each in examinations for fault in each.faults if fault.is_fatal]
-    remarks = [text for each in examinations for text in (*(f.text for f in each.faults), *each.failures)]
+    remarks = [
+        text for each in examinations for text in (*(f.text for f in each.faults), *each.failures)
+    ]
     if bad:
         verdict = merge((), log_faults=remarks)
     else:
-        findings = resolved([comparison.findings for each in examinations for comparison in each.comparisons])
+        findings = resolved(
+            [comparison.findings for each in examinations for comparison in each.comparisons]
+        )
         if not findings and not any(each.brief for each in examinations):
             lacks = sorted({why for each in examinations for why in each.untestable.values()})
-            raise RecordingError("nothing in these logs can be compared: " + "; ".join(remarks or lacks))
+            raise RecordingError(
+                "nothing in these logs can be compared: " + "; ".join(remarks or lacks)
+            )
         # without any test nothing is known: neither that the log agrees with the simulator, nor
         # what differs
         verdict = merge(findings) if findings else Verdict(verdict="unexplained")
         brief = {sensor: why for each in examinations for sensor, why in each.brief.items()}
         missing = tuple(
-            Missing(sensor=s.name, why=brief[s.name], experiment=s.experiment) for s in SENSORS if s.name in brief
+            Missing(sensor=s.name, why=brief[s.name], experiment=s.experiment)
+            for s in SENSORS
+            if s.name in brief
         )
         verdict = replace(verdict, log_faults=tuple(remarks), missing=missing)
         rivals = [rival for f in findings for rival in (*f.rivals, *f.effects)]
         testable = {rival.name for rival in rivals}.union(*(f.minimum_detectable for f in findings))
         lacking = {name: why for each in examinations for name, why in each.untestable.items()}
-        untestable = {name: why for name, why in (lacking | verdict.untestable).items() if name not in testable}
+        untestable = {
+            name: why
+            for name, why in (lacking | verdict.untestable).items()
+            if name not in testable
+        }
         rigs = [each.log.meta for each in examinations]
         verdict = replace(
             verdict,
             untestable=untestable,
-            next_experiment=next_experiment(quadruped_of(model_of(examinations[0].log)), verdict.sets, rivals, rigs),
-            minimum_detectable={n: e for n, e in verdict.minimum_detectable.items() if math.isfinite(e.value)},
+            next_experiment=next_experiment(
+                quadruped_of(model_of(examinations[0].log)), verdict.sets, rivals, rigs
+            ),
+            minimum_detectable={
+                n: e for n, e in verdict.minimum_detectable.items() if math.isfinite(e.value)
+            },
         )
-    patch = Patch(effects=supported(verdict.effects, profile), evidence=evidence, range=_range(examinations))
-    return Judgement(verdict=verdict, patch=patch, examinations=examinations, evidence=evidence, profile=profile)
+    patch = Patch(
+        effects=supported(verdict.effects, profile), evidence=evidence, range=_range(examinations)
+    )
+    return Judgement(
+        verdict=verdict, patch=patch, examinations=examinations, evidence=evidence, profile=profile
+    )
 
 
 def _range(examinations: tuple[Examination, ...]) -> Applicability:
     """The largest range that any of the logs covers."""
     reaches = [vars(applicability(each.log)) for each in examinations if not each.is_bad]
     names = {name for reach in reaches for name in reach}
-    farthest = {name: [reach[name] for reach in reaches if reach[name] is not None] for name in names}
+    farthest = {
+        name: [reach[name] for reach in reaches if reach[name] is not None] for name in names
+    }
     return Applicability(**{name: max(values) for name, values in farthest.items() if values})
 
 
@@ -249,8 +305,13 @@ def _results_folder(out: Path) -> Iterator[None]:
 
 
 def _texts(judgement: Judgement) -> dict[str, str]:
-    """Results by file name. The baselines, what simpler methods would have named, are for the benchmark."""
-    findings = [comparison.findings for each in judgement.examinations for comparison in each.comparisons]
+    """Results by file name.
+
+    The baselines, what simpler methods would have named, are for the benchmark.
+    """
+    findings = [
+        comparison.findings for each in judgement.examinations for comparison in each.comparisons
+    ]
     baselines = {
         way: sorted({name for each in findings for name in getattr(each.baselines, way)})
         for way in ("threshold", "lowest_training_error")

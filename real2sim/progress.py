@@ -29,7 +29,9 @@ class ComparisonProgress:
 
     def __init__(self, tell: Progress | None, sensors: Sequence[Sensor]) -> None:
         self._tell = tell
-        self._total_s = SCREEN_S + sum(sensor.prepare_s + sensor.search_s for sensor in sensors) + CONCLUDE_S
+        self._total_s = (
+            SCREEN_S + sum(sensor.prepare_s + sensor.search_s for sensor in sensors) + CONCLUDE_S
+        )
         self._done_s = SCREEN_S
 
     def begin(self, stage: str) -> None:

@@ -25,14 +25,21 @@ class RebasedProblem(WrappedProblem):
         inner, profile = inner.holding(profile)
         super().__init__(inner)
         found = [_offset(inner, candidate, profile) for candidate in inner.candidates]
-        lost = {c.effect for c, offset in zip(inner.candidates, found, strict=True) if np.isnan(offset).any()}
+        lost = {
+            c.effect
+            for c, offset in zip(inner.candidates, found, strict=True)
+            if np.isnan(offset).any()
+        }
         self.untestable = inner.untestable | dict.fromkeys(lost, NOT_HELD)
         offsets = [np.nan_to_num(offset) for offset in found]
-        self._offset = np.concatenate(offsets, axis=1) if offsets else np.zeros((len(inner.blocks), 0))
+        self._offset = (
+            np.concatenate(offsets, axis=1) if offsets else np.zeros((len(inner.blocks), 0))
+        )
         """Shape (blocks, unknowns)."""
         self.likely = None if inner.likely is None else inner.likely - self._offset.mean(axis=0)
         self.candidates = tuple(
-            _moved(candidate, offset) for candidate, offset in zip(inner.candidates, offsets, strict=True)
+            _moved(candidate, offset)
+            for candidate, offset in zip(inner.candidates, offsets, strict=True)
         )
 
     def residuals(self, unknowns: Floats) -> Floats:
@@ -44,11 +51,16 @@ class RebasedProblem(WrappedProblem):
         # what a profile says as the log claims it anyway, or as no replay can hold, is not there to
         # be taken out
         held = self._bare.held
-        there = {candidate.effect for candidate in self.candidates if candidate.base or candidate.effect in held}
+        there = {
+            candidate.effect
+            for candidate in self.candidates
+            if candidate.base or candidate.effect in held
+        }
         parts = {part: getattr(self._profile, part) for part in PARTS.values()}
         return {
             gone.name: RebasedProblem(
-                self._bare, replace(self._profile, **{part: tuple(e for e in effects if e is not gone)})
+                self._bare,
+                replace(self._profile, **{part: tuple(e for e in effects if e is not gone)}),
             )
             for part, effects in parts.items()
             for gone in effects
@@ -86,14 +98,21 @@ def _offset(problem: Problem, candidate: Candidate, profile: Profile) -> Floats:
     if effect is None or candidate.is_nuisance:
         return offset
     told = candidate.parameters(candidate.absent)
-    if any(not np.all(np.equal(getattr(effect, name), null)) for name, null in _of_body(effect) if name not in told):
+    if any(
+        not np.all(np.equal(getattr(effect, name), null))
+        for name, null in _of_body(effect)
+        if name not in told
+    ):
         return np.full_like(offset, np.nan)
     for block, places in enumerate(problem.places):
         wanted = _values(effect, places.get(candidate.where, candidate.where), candidate)
         if np.isfinite(list(wanted.values())).all():
             unknowns = candidate.unknowns_of(wanted)
             found = candidate.parameters(unknowns)
-            fits = all(abs(found[name].value - value) <= FITS * abs(value) for name, value in wanted.items())
+            fits = all(
+                abs(found[name].value - value) <= FITS * abs(value)
+                for name, value in wanted.items()
+            )
             offset[block] = unknowns if fits else np.nan
     return offset
 
@@ -109,5 +128,7 @@ def _values(effect: Effect, place: str, candidate: Candidate) -> dict[str, float
     values: dict[str, float] = {}
     for name in candidate.parameters(np.asarray(candidate.starts[0], dtype=np.float64)):
         value = np.asarray(getattr(effect, name, np.nan), dtype=np.float64)
-        values[name] = float(value[JOINTS.index(place) if place in JOINTS else 0] if value.ndim else value)
+        values[name] = float(
+            value[JOINTS.index(place) if place in JOINTS else 0] if value.ndim else value
+        )
     return values

@@ -61,4 +61,6 @@ class Judgement:
     def not_compared(self) -> dict[str, str]:
         """Sensors of which no log poses a problem, and why the first does not."""
         first, *others = (each.lacking for each in self.examinations)
-        return {sensor: why for sensor, why in first.items() if all(sensor in other for other in others)}
+        return {
+            sensor: why for sensor, why in first.items() if all(sensor in other for other in others)
+        }

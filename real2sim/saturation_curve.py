@@ -37,15 +37,25 @@ def with_curves(problem: Problem, findings: Findings) -> Findings:
     """
     if not isinstance(problem, JointProblem):
         return findings
-    left, found = findings.residuals, [effect for effect in findings.effects if effect.name == EFFECT]
+    left, found = (
+        findings.residuals,
+        [effect for effect in findings.effects if effect.name == EFFECT],
+    )
     places = list(problem.places[0])
-    here = [[(effect, names) for effect in found if (names := _names(problem, effect, place))] for place in places]
+    here = [
+        [(effect, names) for effect in found if (names := _names(problem, effect, place))]
+        for place in places
+    ]
     if not found or left is None or any(len(effects) > 1 for effects in here):
         return findings  # legs that differ have no curve in common
     pieces = _Pieces.of_model(problem, left.unknowns)
     seen = np.where(left.is_test[None], 0.0, 1.0)
-    slopes, residuals = _fitted(problem, left.unknowns, pieces, np.broadcast_to(seen, left.after.shape))
-    in_pieces = bool(np.sum((residuals**2)[:, left.is_test]) < np.sum(left.after[:, left.is_test] ** 2))
+    slopes, residuals = _fitted(
+        problem, left.unknowns, pieces, np.broadcast_to(seen, left.after.shape)
+    )
+    in_pieces = bool(
+        np.sum((residuals**2)[:, left.is_test]) < np.sum(left.after[:, left.is_test] ** 2)
+    )
     stated = []
     for j, effects in enumerate(here):
         for effect, names in effects:
@@ -74,13 +84,23 @@ class _Pieces:
     @classmethod
     def of_model(cls, problem: JointProblem, unknowns: Floats) -> "_Pieces":
         """The pieces for a model that was fitted, unknowns of shape (blocks, unknowns)."""
-        blocks = tuple(unknowns[:, problem.columns_of(EFFECT, place).start] != 0.0 for place in problem.places[0])
-        spacing = SPACING * problem.limit / problem.limit.max()  # at weaker joints all happens at smaller torques
-        counts = [int(np.ceil(reach.torque / dx)) for reach, dx in zip(problem.reach, spacing, strict=True)]
+        blocks = tuple(
+            unknowns[:, problem.columns_of(EFFECT, place).start] != 0.0
+            for place in problem.places[0]
+        )
+        spacing = (
+            SPACING * problem.limit / problem.limit.max()
+        )  # at weaker joints all happens at smaller torques
+        counts = [
+            int(np.ceil(reach.torque / dx))
+            for reach, dx in zip(problem.reach, spacing, strict=True)
+        ]
         return cls(
             corners=spacing[:, None] * np.arange(max(counts)),
             blocks=blocks,
-            of=tuple((j, k) for j in range(len(counts)) if blocks[j].any() for k in range(counts[j])),
+            of=tuple(
+                (j, k) for j in range(len(counts)) if blocks[j].any() for k in range(counts[j])
+            ),
         )
 
     def everywhere(self, slopes: Floats) -> Floats:
@@ -94,16 +114,20 @@ class _Pieces:
         """Commanded and delivered torque of a place at the end of each piece."""
         own = np.array([slopes[i] for i, (j, _) in enumerate(self.of) if j == place])
         points = self.corners[place, 1] * np.arange(1, len(own) + 1)
-        taken = np.sum(own * np.maximum(points[:, None] - self.corners[place, : len(own)], 0.0), axis=1)
+        taken = np.sum(
+            own * np.maximum(points[:, None] - self.corners[place, : len(own)], 0.0), axis=1
+        )
         return tuple((float(a), float(a - b)) for a, b in zip(points, taken, strict=True))
 
 
-def _fitted(problem: JointProblem, unknowns: Floats, pieces: _Pieces, weight: Floats) -> tuple[Floats, Floats]:
+def _fitted(
+    problem: JointProblem, unknowns: Floats, pieces: _Pieces, weight: Floats
+) -> tuple[Floats, Floats]:
     """Gauss-Newton on slopes and on the nuisances, which had to make up for the law that was fitted before.
 
     Returns:
-        Slopes, shape (sought,), and the residuals that they leave, shape (blocks, m), of which `weight` has the weights
-        in the fit.
+        Slopes, shape (sought,), and the residuals that they leave, shape (blocks, m), of which
+        `weight` has the weights in the fit.
     """
     layout = Layout.of(problem)
     rest, slopes = _without(problem, unknowns, pieces)
@@ -114,10 +138,15 @@ def _fitted(problem: JointProblem, unknowns: Floats, pieces: _Pieces, weight: Fl
     def residuals(tries: Floats) -> Floats:
         sets = np.repeat(rest[None], len(tries), axis=0)
         sets[:, :, free] = tries[:, None, count:]
-        return problem.residuals_with_kinks(sets, pieces.corners, pieces.everywhere(tries[:, :count]))
+        return problem.residuals_with_kinks(
+            sets, pieces.corners, pieces.everywhere(tries[:, :count])
+        )
 
     for _ in range(ITERATIONS):
-        r = residuals(sought + np.concatenate([np.zeros((1, len(steps))), np.diag(steps)])) * weight.ravel()
+        r = (
+            residuals(sought + np.concatenate([np.zeros((1, len(steps))), np.diag(steps)]))
+            * weight.ravel()
+        )
         jacobian = (r[1:] - r[0]) / steps[:, None]
         hessian = jacobian @ jacobian.T
         hessian += STIFFNESS * np.trace(hessian[:count, :count]) * np.eye(len(steps))
@@ -133,9 +162,14 @@ def _without(problem: JointProblem, unknowns: Floats, pieces: _Pieces) -> tuple[
         column = problem.columns_of(EFFECT, place)
         rest[:, column] = 0.0
         if pieces.blocks[j].any():
-            fitted, spacing = np.median(unknowns[pieces.blocks[j], column], axis=0), pieces.corners[j, 1]
+            fitted, spacing = (
+                np.median(unknowns[pieces.blocks[j], column], axis=0),
+                pieces.corners[j, 1],
+            )
             missing = np.concatenate([[0.0], lost(pieces.corners[j] + spacing, *fitted)])
-            falls[j] = np.diff(np.diff(missing) / spacing, prepend=0.0)  # by how much the slope falls at each corner
+            falls[j] = np.diff(
+                np.diff(missing) / spacing, prepend=0.0
+            )  # by how much the slope falls at each corner
     return rest, np.array([falls[j, k] for j, k in pieces.of])
 
 
@@ -151,12 +185,21 @@ def _rises(curve: Curve) -> bool:
 
 
 def _moved(effect: FoundEffect, curve: Curve, limit: float) -> dict[str, Interval]:
-    """Knee and plateau of a curve; by how far they are from those of the law counts as half of an interval's width."""
+    """Knee and plateau of a curve.
+
+    By how far they are from those of the law counts as half of an interval's width.
+    """
     params = {}
-    for name, value in knee_and_plateau(lambda torque: torque - delivered(curve, torque), limit).items():
+    for name, value in knee_and_plateau(
+        lambda torque: torque - delivered(curve, torque), limit
+    ).items():
         before = effect.params[name]
-        half_width = float(np.hypot(0.5 * (before.ci90[1] - before.ci90[0]), 0.5 * (value - before.value)))
-        params[name] = Interval(value=value, ci90=(value - half_width, value + half_width), unit=before.unit)
+        half_width = float(
+            np.hypot(0.5 * (before.ci90[1] - before.ci90[0]), 0.5 * (value - before.value))
+        )
+        params[name] = Interval(
+            value=value, ci90=(value - half_width, value + half_width), unit=before.unit
+        )
     return params
 
 

@@ -19,7 +19,14 @@ from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.problem.imu import ImuProblem
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.jumps.problem import JumpProblem
-from saltus.real2sim.problem.log import clocks, has_changing_gains, robot_of, rows_between, segments_of, untold
+from saltus.real2sim.problem.log import (
+    clocks,
+    has_changing_gains,
+    robot_of,
+    rows_between,
+    segments_of,
+    untold,
+)
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.saturation_curve import with_curves
 from saltus.real2sim.search.findings import Findings
@@ -31,7 +38,9 @@ NO_EFFECTS_OF_HARDWARE = ("sample_and_hold", "heightmap_shift")
 
 DRIVES: tuple[Site, ...] = ("command", "torque", "joint", "joint_state", "stand")
 """Where the effects act that a held robot's joints show."""
-CHANGING_GAINS = "gains change from command to command: replays take one kp and one kd for each joint"
+CHANGING_GAINS = (
+    "gains change from command to command: replays take one kp and one kd for each joint"
+)
 STEP_S = 0.1
 """Over which a joint moves or rests: angles of a noise of 1 mrad then tell 0.05 rad/s."""
 LEAST_RAD = 0.005
@@ -112,7 +121,9 @@ def _no_free_base(log: RunLog) -> str:
     share = carried_by(log)
     if share >= LEAST_SHARE:
         return (
-            "no IMU data: how it turns at a landing is not known" if log.imu is None and has_changing_gains(log) else ""
+            "no IMU data: how it turns at a landing is not known"
+            if log.imu is None and has_changing_gains(log)
+            else ""
         )
     return f"the robot does not stand on its legs: their drives carry {share:.0%} of its weight"
 
@@ -147,7 +158,10 @@ def _moving_s(time_s: Floats, q: Floats) -> float:
     reach = np.maximum.reduceat(q, starts) - np.minimum.reduceat(q, starts)
     moves_s = time_s[starts][(reach > LEAST_RAD).any(axis=1)]
     edges = np.append(time_s[starts], time_s[-1])
-    since = edges[:-1] - np.concatenate([[-np.inf], moves_s])[np.searchsorted(moves_s, edges[:-1], side="right")]
+    since = (
+        edges[:-1]
+        - np.concatenate([[-np.inf], moves_s])[np.searchsorted(moves_s, edges[:-1], side="right")]
+    )
     return float(np.diff(edges)[since <= SETTLING_S].sum())
 
 
@@ -175,16 +189,19 @@ SENSORS = (
         finished=with_curves,
     ),
     Sensor(
-        name="camera", sites=("depth", "view"), lacks=_no_images, problem=CameraProblem, lasts_s=_covered_s("depth"),
+        name="camera", sites=("depth", "view"), lacks=_no_images, problem=CameraProblem,
+        lasts_s=_covered_s("depth"),
         least_s=LEAST_S,
         needs="images", experiment="heave_and_pitch", prepare_s=1.0, search_s=4.0,
     ),
     Sensor(
-        name="body", sites=("model",), lacks=_no_free_base, problem=_body, lasts_s=_covered_s("base"), least_s=LEAST_S,
+        name="body", sites=("model",), lacks=_no_free_base, problem=_body,
+        lasts_s=_covered_s("base"), least_s=LEAST_S,
         needs="measured poses", experiment="squat", prepare_s=15.0, search_s=10.0,
     ),
     Sensor(
-        name="imu", sites=("imu",), lacks=_no_imu, problem=ImuProblem, lasts_s=_covered_s("imu"), least_s=LEAST_S,
+        name="imu", sites=("imu",), lacks=_no_imu, problem=ImuProblem, lasts_s=_covered_s("imu"),
+        least_s=LEAST_S,
         needs="readings", experiment="heave_and_pitch", prepare_s=0.1, search_s=0.5,
     ),
 )  # fmt: skip

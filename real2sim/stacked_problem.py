@@ -25,7 +25,8 @@ class StackedProblem(Problem):
 
     Args:
         problems: Problems of one kind of sensor; see `stackable`.
-        shifts_s: Seconds by which each clock is set later so that logs follow each other, shape (logs,).
+        shifts_s: Seconds by which each clock is set later so that logs follow each other, shape
+            (logs,).
     """
 
     collinear = 1.0
@@ -39,7 +40,9 @@ class StackedProblem(Problem):
         self.samples_per_residual = max(problem.samples_per_residual for problem in problems)
         self.simulator_disagreement = max(problem.simulator_disagreement for problem in problems)
         self.untestable = {
-            name: why for name, why in first.untestable.items() if all(name in p.untestable for p in problems)
+            name: why
+            for name, why in first.untestable.items()
+            if all(name in p.untestable for p in problems)
         }
         self._merge_candidates()
         self._merge_rows(shifts_s)
@@ -51,7 +54,9 @@ class StackedProblem(Problem):
     def residuals(self, unknowns: Floats) -> Floats:
         """See `Problem`."""
         each = zip(self._problems, self._columns, self._alone, strict=True)
-        return np.concatenate([p.residuals(unknowns[..., columns] + alone) for p, columns, alone in each], axis=-1)
+        return np.concatenate(
+            [p.residuals(unknowns[..., columns] + alone) for p, columns, alone in each], axis=-1
+        )
 
     def explanatory_variables(self) -> tuple[ExplanatoryVariable, ...]:
         """See `Problem`; NaN for logs whose problem lacks the variable."""
@@ -59,7 +64,11 @@ class StackedProblem(Problem):
         ends = np.cumsum([len(problem.time_s) for problem in self._problems])
         for problem, end in zip(self._problems, ends, strict=True):
             for variable in problem.explanatory_variables():
-                values = found[variable.name].values if variable.name in found else np.full(len(self.time_s), np.nan)
+                values = (
+                    found[variable.name].values
+                    if variable.name in found
+                    else np.full(len(self.time_s), np.nan)
+                )
                 values[end - len(problem.time_s) : end] = variable.values
                 found[variable.name] = replace(variable, values=values)
         return tuple(found.values())
@@ -70,7 +79,9 @@ class StackedProblem(Problem):
         found: dict[str, Problem] = {}
         for name in dict.fromkeys(name for own in each for name in own):
             other = copy(self)
-            other._problems = tuple(own.get(name, p) for own, p in zip(each, self._problems, strict=True))
+            other._problems = tuple(
+                own.get(name, p) for own, p in zip(each, self._problems, strict=True)
+            )
             found[name] = other
         return found
 
@@ -82,27 +93,42 @@ class StackedProblem(Problem):
         listed_by_log = [_listed(problem, alone, number) for number, (problem, alone) in each]
         places = list(dict.fromkeys(place for listed in listed_by_log for place in listed))
         self.candidates = tuple(
-            _merged(place, [listed[place] for listed in listed_by_log if place in listed]) for place in places
+            _merged(place, [listed[place] for listed in listed_by_log if place in listed])
+            for place in places
         )
         sizes = [len(candidate.unknowns) for candidate in self.candidates]
         starts = dict(zip(places, np.cumsum([0, *sizes[:-1]]), strict=True))
         self._columns = [
-            np.concatenate([starts[place] + np.arange(len(c.unknowns)) for place, c in listed.items()])
+            np.concatenate(
+                [starts[place] + np.arange(len(c.unknowns)) for place, c in listed.items()]
+            )
             for listed in listed_by_log
         ]
         """Columns of each problem's unknowns among all unknowns."""
 
     def _merge_rows(self, shifts_s: Sequence[float]) -> None:
-        self.signals = tuple(dict.fromkeys(signal for problem in self._problems for signal in problem.signals))
+        self.signals = tuple(
+            dict.fromkeys(signal for problem in self._problems for signal in problem.signals)
+        )
         segments: list[Segment] = []
         segment: list[Indices] = []
         signal: list[Indices] = []
-        for number, (problem, shift_s) in enumerate(zip(self._problems, shifts_s, strict=True), start=1):
+        for number, (problem, shift_s) in enumerate(
+            zip(self._problems, shifts_s, strict=True), start=1
+        ):
             segment.append(np.asarray(problem.segment) + len(segments))
-            signal.append(np.array([self.signals.index(name) for name in problem.signals])[problem.signal])
+            signal.append(
+                np.array([self.signals.index(name) for name in problem.signals])[problem.signal]
+            )
             segments += [_moved(one, number, shift_s) for one in problem.segments]
-        self.segments, self.segment, self.signal = tuple(segments), np.concatenate(segment), np.concatenate(signal)
-        self.time_s = np.concatenate([p.time_s + s for p, s in zip(self._problems, shifts_s, strict=True)])
+        self.segments, self.segment, self.signal = (
+            tuple(segments),
+            np.concatenate(segment),
+            np.concatenate(signal),
+        )
+        self.time_s = np.concatenate(
+            [p.time_s + s for p, s in zip(self._problems, shifts_s, strict=True)]
+        )
 
 
 def stackable(problems: Sequence[Problem]) -> bool:
@@ -111,7 +137,9 @@ def stackable(problems: Sequence[Problem]) -> bool:
     They do not if they count from claims that differ, as a latency counts from the claimed one.
     """
     first, *others = problems
-    if any((p.name, p.blocks, p.places) != (first.name, first.blocks, first.places) for p in others):
+    if any(
+        (p.name, p.blocks, p.places) != (first.name, first.blocks, first.places) for p in others
+    ):
         return False
     return all(_mean_the_same(a, b) for i, a in enumerate(problems) for b in problems[:i])
 
@@ -136,7 +164,9 @@ def _mean_the_same(one: Problem, other: Problem) -> bool:
             return False
         start = np.asarray(mine.starts[0], dtype=np.float64)
         for added in (0.0, 1.0):
-            values = start + added * np.array([0.0 if u.is_shape else u.scale for u in mine.unknowns])
+            values = start + added * np.array(
+                [0.0 if u.is_shape else u.scale for u in mine.unknowns]
+            )
             here, there = mine.parameters(values), match.parameters(values)
             if here.keys() != there.keys():
                 return False
@@ -157,10 +187,16 @@ def _listed(problem: Problem, alone: Floats, number: int) -> dict[Place, Candida
             listed[candidate.effect, candidate.where] = candidate
             continue
         unknowns = tuple(
-            replace(unknown, low=unknown.low - float(value.max()), high=unknown.high - float(value.min()))
+            replace(
+                unknown,
+                low=unknown.low - float(value.max()),
+                high=unknown.high - float(value.min()),
+            )
             for unknown, value in zip(candidate.unknowns, own.T, strict=True)
         )
-        listed[f"{candidate.effect} of log {number}", candidate.where] = replace(candidate, unknowns=unknowns)
+        listed[f"{candidate.effect} of log {number}", candidate.where] = replace(
+            candidate, unknowns=unknowns
+        )
     return listed
 
 
@@ -168,7 +204,11 @@ def _merged(place: Place, same: Sequence[Candidate]) -> Candidate:
     """One candidate with the narrowest bounds and all starts."""
     first = same[0]
     unknowns = tuple(
-        replace(unknown, low=max(c.unknowns[k].low for c in same), high=min(c.unknowns[k].high for c in same))
+        replace(
+            unknown,
+            low=max(c.unknowns[k].low for c in same),
+            high=min(c.unknowns[k].high for c in same),
+        )
         for k, unknown in enumerate(first.unknowns)
     )
     low, high = ([getattr(unknown, end) for unknown in unknowns] for end in ("low", "high"))

@@ -70,7 +70,9 @@ class Verdict:
     log_faults: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.gap is None and (self.effects or self.sets or self.nearest or self.verdict in ("named", "set")):
+        if self.gap is None and (
+            self.effects or self.sets or self.nearest or self.verdict in ("named", "set")
+        ):
             raise ValueError("a verdict names effects that nothing was left to test by")
 
     def to_dict(self) -> dict[str, Any]:
@@ -79,14 +81,17 @@ class Verdict:
             "verdict": self.verdict,
             "effects": [effect_to_dict(effect) for effect in self.effects],
             "sets": [list(names) for names in self.sets],
-            "next_experiment": None if self.next_experiment is None else vars(self.next_experiment).copy(),
+            "next_experiment": None
+            if self.next_experiment is None
+            else vars(self.next_experiment).copy(),
             "untestable": [{"name": name, "why": why} for name, why in self.untestable.items()],
             "missing": [vars(each).copy() for each in self.missing],
             "misfits": list(self.misfits),
             "nearest": [effect_to_dict(effect) for effect in self.nearest],
             "gap": None if self.gap is None else {**vars(self.gap), "closed": self.gap.closed},
             "minimum_detectable": {
-                name: {"value": size.value, "unit": size.unit} for name, size in self.minimum_detectable.items()
+                name: {"value": size.value, "unit": size.unit}
+                for name, size in self.minimum_detectable.items()
             },
             "log_faults": list(self.log_faults),
         }
@@ -117,7 +122,9 @@ def merge(findings: Sequence[Findings], log_faults: Sequence[str] = ()) -> Verdi
         misfits=tuple(name for each in findings for name in each.misfits),
         nearest=tuple(effect for each in findings for effect in each.nearest),
         gap=_pool(findings),
-        minimum_detectable={name: size for each in findings for name, size in each.minimum_detectable.items()},
+        minimum_detectable={
+            name: size for each in findings for name, size in each.minimum_detectable.items()
+        },
     )
 
 
@@ -129,7 +136,9 @@ def _pool(findings: Sequence[Findings]) -> Gap | None:
         return None
 
     def mean(name: str) -> float:
-        return float(sum(getattr(gap, name) * gap.residuals for each in counted for gap in each.gaps) / rows)
+        return float(
+            sum(getattr(gap, name) * gap.residuals for each in counted for gap in each.gaps) / rows
+        )
 
     return Gap(before=mean("before"), after=mean("after"), floor=mean("floor"))
 
@@ -162,7 +171,9 @@ size, which doubles the gain in nats."""
 
 
 def resolved(findings: Sequence[Findings]) -> tuple[Findings, ...]:
-    """Findings without the effects that other findings rule out; a set of one effect becomes a name.
+    """Findings without the effects that other findings rule out.
+
+    A set of one effect becomes a name.
 
     If another finding names exactly one effect of a set, that one stays. If another finding would
     have detected an effect at the size that the set needs, and did not, that effect goes.
@@ -175,38 +186,60 @@ def resolved(findings: Sequence[Findings]) -> tuple[Findings, ...]:
         for members in each.sets:
             if len(named & set(members)) == 1:
                 continue
-            left = tuple(name for name in members if not any(_rules_out(other, name, each) for other in others))
-            if len(left) == 1 and (values := [rival for rival in each.rivals if rival.name == left[0]]):
+            left = tuple(
+                name
+                for name in members
+                if not any(_rules_out(other, name, each) for other in others)
+            )
+            if len(left) == 1 and (
+                values := [rival for rival in each.rivals if rival.name == left[0]]
+            ):
                 effects += values
             else:
                 sets.append(left if len(left) > 1 else members)
         decided = each.verdict == "set" and not sets
         result.append(
-            replace(each, effects=tuple(effects), sets=tuple(sets), verdict="named" if decided else each.verdict)
+            replace(
+                each,
+                effects=tuple(effects),
+                sets=tuple(sets),
+                verdict="named" if decided else each.verdict,
+            )
         )
     return tuple(result)
 
 
 def deviation(name: str, parameter: str, value: float) -> float:
     """Distance of a parameter from its null value; NaN if the null value is not finite."""
-    null = next((f.metadata["null"] for f in fields(EFFECTS[name]) if f.name == parameter), math.nan)
+    null = next(
+        (f.metadata["null"] for f in fields(EFFECTS[name]) if f.name == parameter), math.nan
+    )
     return abs(value - null) if isinstance(null, int | float) and math.isfinite(null) else math.nan
 
 
 def largest(name: str, rivals: Sequence[FoundEffect]) -> float:
     """Largest distance of the first parameter of an effect from null over all its places; NaN if unknown."""
     sizes = [
-        deviation(name, p, found.value) for r in rivals if r.name == name for p, found in list(r.params.items())[:1]
+        deviation(name, p, found.value)
+        for r in rivals
+        if r.name == name
+        for p, found in list(r.params.items())[:1]
     ]
     return max((size for size in sizes if math.isfinite(size)), default=math.nan)
 
 
 def _rules_out(other: Findings, name: str, of: Findings) -> bool:
     """True where a finding would have shown an effect of the size that another finding needs, and did not."""
-    if other.verdict not in ("no_gap", "named") or other.problem == of.problem or name not in other.minimum_detectable:
+    if (
+        other.verdict not in ("no_gap", "named")
+        or other.problem == of.problem
+        or name not in other.minimum_detectable
+    ):
         return False
     if any(effect.name == name for effect in other.effects):
         return False
     parameter = next((p for r in of.rivals if r.name == name for p in r.params), "")
-    would_show = deviation(name, parameter, other.minimum_detectable[name].value) if parameter else math.nan
+    would_show = (
+        deviation(name, parameter, other.minimum_detectable[name].value) if parameter else math.nan
+    )
     return MARGIN * would_show <= largest(name, of.rivals)  # false if either is NaN

@@ -32,7 +32,9 @@ class Cover:
         sample = self._events.take()
         if sample is not None and sample.message.code == "blind":
             self._until_ns = now_ns + round(1e9 * _seconds(sample.message.detail))
-        return replace(frame, depth=np.zeros_like(frame.depth)) if now_ns < self._until_ns else frame
+        return (
+            replace(frame, depth=np.zeros_like(frame.depth)) if now_ns < self._until_ns else frame
+        )
 
 
 def _seconds(text: str) -> float:
@@ -51,16 +53,28 @@ def build(context: ProcessContext) -> CameraProcess:
     exposure: Exposure
     if camera.ideal:
         view = RobotCamera.on(setup.robot, camera.image).moved(profile.view_chain)
-        exposure = PerfectExposure(make_renderer(config.renderer, setup.terrain, view), camera.image)
+        exposure = PerfectExposure(
+            make_renderer(config.renderer, setup.terrain, view), camera.image
+        )
     else:
         from saltus.render.stereo_exposure import (
             StereoExposure,
         )  # a camera that has died must be back soon: load what is needed
 
         exposure = StereoExposure(
-            setup.terrain, setup.robot, camera, random_stream(config.seed), profile.view_chain, config.renderer
+            setup.terrain,
+            setup.robot,
+            camera,
+            random_stream(config.seed),
+            profile.view_chain,
+            config.renderer,
         )
-    return CameraProcess(camera, exposure, to_images(profile, camera.image.fx).camera_chain, random_stream(config.seed))
+    return CameraProcess(
+        camera,
+        exposure,
+        to_images(profile, camera.image.fx).camera_chain,
+        random_stream(config.seed),
+    )
 
 
 def body(context: ProcessContext) -> None:
@@ -92,7 +106,9 @@ def run_lockstep(context: ProcessContext, camera: CameraProcess) -> None:
         if frame is not None:
             frames.put(cover.over(frame, truth.time_ns))
         frame_id = NOTHING_DUE if camera.due is None else camera.due.frame_id
-        done.put(Done(time_ns=truth.time_ns, step=truth.step, process=context.name, frame_id=frame_id))
+        done.put(
+            Done(time_ns=truth.time_ns, step=truth.step, process=context.name, frame_id=frame_id)
+        )
 
 
 def run_realtime(context: ProcessContext, camera: CameraProcess) -> None:

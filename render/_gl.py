@@ -1,9 +1,10 @@
 """Makes pyrender render on OSMesa, or on EGL where OSMesa is gone, with what its own requirements install.
 
-pyrender 0.1.45 demands PyOpenGL 3.1.0, which lacks the OSMesa calls that pyrender makes. And every PyOpenGL wraps the
-current context in a new pointer object at each question, although it keeps tables by context: the tables are asked for
-again at every call and never freed, a quarter of a megabyte a frame. Both are mended here at run time, for PyOpenGL
-3.1.0 as for later ones, and nothing is changed before `load_pyrender` is called.
+pyrender 0.1.45 demands PyOpenGL 3.1.0, which lacks the OSMesa calls that pyrender makes. And every
+PyOpenGL wraps the current context in a new pointer object at each question, although it keeps
+tables by context: the tables are asked for again at every call and never freed, a quarter of a
+megabyte a frame. Both are mended here at run time, for PyOpenGL 3.1.0 as for later ones, and
+nothing is changed before `load_pyrender` is called.
 """
 
 import ctypes
@@ -29,42 +30,56 @@ _ATTRIBUTES = {
 }
 
 
-# Platform of PyOpenGL: the library that it needs, and that library's name for the question which context is current
-_PLATFORMS = {"osmesa": ("OSMesa", "OSMesaGetCurrentContext"), "egl": ("EGL", "eglGetCurrentContext")}
+# Platform of PyOpenGL: the library that it needs, and that library's name for the question which
+# context is current
+_PLATFORMS = {
+    "osmesa": ("OSMesa", "OSMesaGetCurrentContext"),
+    "egl": ("EGL", "eglGetCurrentContext"),
+}
 
 
 def load_pyrender() -> ModuleType:
     """Imports pyrender; may be called again.
 
     Raises:
-        SaltusError: neither OSMesa nor EGL is installed, or this process already uses OpenGL on another platform.
+        SaltusError: neither OSMesa nor EGL is installed, or this process already uses OpenGL on
+            another platform.
     """
     platform = gl_platform()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # deprecations inside PyOpenGL and pyrender, not ours to mend
+            warnings.simplefilter(
+                "ignore"
+            )  # deprecations inside PyOpenGL and pyrender, not ours to mend
             _mend(importlib.import_module("OpenGL.platform"), platform)
             return importlib.import_module("pyrender")
     except (ImportError, AttributeError) as error:
         raise SaltusError(
-            f"pyrender cannot load {_PLATFORMS[platform][0]} ({error}): 'apt install libosmesa6 libxrender1', "
+            f"pyrender cannot load {_PLATFORMS[platform][0]} ({error}): 'apt install libosmesa6 "
+            f"libxrender1', "
             "or use the embree renderer"
         ) from error
 
 
 def gl_platform() -> str:
-    """Where pyrender draws: "osmesa" or "egl". What the environment says, else what is installed, OSMesa first.
+    """Where pyrender draws: "osmesa" or "egl".
+
+    What the environment says, else what is installed, OSMesa first.
 
     Written to the environment, where PyOpenGL and pyrender look.
 
     Raises:
         SaltusError: the environment names another.
     """
-    found = next((name for name, (library, _) in _PLATFORMS.items() if ctypes.util.find_library(library)), "osmesa")
+    found = next(
+        (name for name, (library, _) in _PLATFORMS.items() if ctypes.util.find_library(library)),
+        "osmesa",
+    )
     platform = os.environ.get("PYOPENGL_PLATFORM") or found
     if platform not in _PLATFORMS:
         raise SaltusError(
-            f"PYOPENGL_PLATFORM is '{platform}': the pyrender back end needs 'osmesa' or 'egl', or not set at all"
+            f"PYOPENGL_PLATFORM is '{platform}': the pyrender back end needs 'osmesa' or 'egl', or "
+            f"not set at all"
         )
     os.environ["PYOPENGL_PLATFORM"] = platform
     return platform

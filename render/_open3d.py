@@ -1,7 +1,7 @@
 """Loads Open3D without its plots in a browser.
 
-Open3D imports dash and plotly, which take two thirds of the second that it takes to load; and a camera that has died
-must be back soon. What they are for stays away from a process that casts rays.
+Open3D imports dash and plotly, which take two thirds of the second that it takes to load; and a
+camera that has died must be back soon. What they are for stays away from a process that casts rays.
 """
 
 import importlib
@@ -33,6 +33,8 @@ class _Absent(ModuleType):
             raise AttributeError(name)
 
         def refuse(*_: object, **__: object) -> None:
-            raise SaltusError(f"open3d.visualization.{name} was left out: import open3d before render")
+            raise SaltusError(
+                f"open3d.visualization.{name} was left out: import open3d before render"
+            )
 
         return refuse

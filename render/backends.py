@@ -38,7 +38,9 @@ def make_renderer(name: str, terrain: Terrain, camera: RobotCamera) -> Renderer:
 
 
 def make_stereo(name: str, terrain: Terrain, optics: Optics, camera: RobotCamera) -> StereoRenderer:
-    """A renderer of both views by name; "auto" is Embree, whose second view is exact. Errors as `make_renderer`.
+    """A renderer of both views by name; "auto" is Embree, whose second view is exact.
+
+    Errors as `make_renderer`.
 
     Args:
         name: of the back end.
@@ -63,14 +65,20 @@ def _loaded(name: str, preferred: Sequence[str]) -> BackEnd:
 
 
 def preference(intrinsics: Intrinsics) -> list[str]:
-    """Names of the back ends, the fastest for one image first. A GPU is worth its calls where images are large."""
+    """Names of the back ends, the fastest for one image first.
+
+    A GPU is worth its calls where images are large.
+    """
     if intrinsics.width * intrinsics.height < RASTER_PIXELS:
         return ["embree", "pyrender"]
     return [*(["warp"] if has_driver() else []), "pyrender", "embree"]
 
 
 def has_driver() -> bool:
-    """True where the driver of an NVIDIA GPU is installed; asked of the linker, since loading Warp takes a second."""
+    """True where the driver of an NVIDIA GPU is installed.
+
+    Asked of the linker, since loading Warp takes a second.
+    """
     return ctypes.util.find_library("cuda") is not None
 
 
@@ -96,4 +104,8 @@ def _warp() -> BackEnd:
     return BackEnd(WarpRenderer, StereoWarp)
 
 
-_LOADERS: dict[str, Callable[[], BackEnd]] = {"embree": _embree, "pyrender": _pyrender, "warp": _warp}
+_LOADERS: dict[str, Callable[[], BackEnd]] = {
+    "embree": _embree,
+    "pyrender": _pyrender,
+    "warp": _warp,
+}

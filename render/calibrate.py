@@ -1,8 +1,8 @@
 """Where a camera really sits on a robot, from a recording in which the robot stands on level, free ground.
 
-The IMU says how the trunk is turned and the legs say how high it is; so the ground is known in the base frame, and the
-camera's pitch, roll and height are those with which its points lie on it. The camera's place ahead and to the side do
-not show on a plane; they stay as claimed.
+The IMU says how the trunk is turned and the legs say how high it is; so the ground is known in the
+base frame, and the camera's pitch, roll and height are those with which its points lie on it. The
+camera's place ahead and to the side do not show on a plane; they stay as claimed.
 """
 
 from collections.abc import Sequence
@@ -28,11 +28,19 @@ from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
 
 STANDING = (ControllerMode.STAND, ControllerMode.STOPPED)
 STILL_MPS, STILL_RAD_S = 0.05, 0.1
-"""Slower than this a robot stands whose feet nobody knows of; noise of odometry is less, any gait is faster."""
+"""Slower than this a robot stands whose feet nobody knows of.
+
+Noise of odometry is less, any gait is faster.
+"""
 FEWEST_FRAMES, MOST_FRAMES = 10, 60
-"""0.2 s of a D435i, in which its noise becomes other noise seven times; more than a second adds little."""
+"""0.2 s of a D435i, in which its noise becomes other noise seven times.
+
+More than a second adds little.
+"""
 LEAST_SLOPE = 0.02  # of a ray, by which it comes down: flatter ones meet the ground beyond 10 m
-EVERY_PIXEL = 4  # along rows and columns: neighbours share their noise, which is correlated over 9 pixels
+EVERY_PIXEL = (
+    4  # along rows and columns: neighbours share their noise, which is correlated over 9 pixels
+)
 RANGE_M = (0.25, 3.0)
 """Nearer are the robot's feet, farther the noise of stereo matching is 7 cm."""
 SIGMA_PX, FLOOR_M = float(StereoConfig().disparity_noise.sigma), 0.002
@@ -40,10 +48,12 @@ SIGMA_PX, FLOOR_M = float(StereoConfig().disparity_noise.sigma), 0.002
 PITCHES, HEIGHTS_M = np.deg2rad(np.arange(-12.0, 12.1, 0.5)), np.arange(-0.08, 0.081, 0.01)
 """Off the claimed place, to begin with."""
 GATES_M = (0.05, 0.04, 0.03, 0.03, 0.03, 0.03)
-"""Points farther off the ground than this are no ground, in one round of the fit after the other."""
+"""Points farther off the ground than this are no ground, in one round of the fit after the
+other."""
 HUBER = 2.0  # in units of the noise: beyond, a point counts less
 LEAST_ON_GROUND = 0.6
-"""Share of the points that must lie on the ground: of level ground 0.9, as flying pixels and feet do not."""
+"""Share of the points that must lie on the ground: of level ground 0.9, as flying pixels and feet
+do not."""
 BLOCKS = 8
 """Parts of the recording that are fitted by themselves; their spread gives the intervals."""
 
@@ -80,7 +90,10 @@ class Calibration:
     claimed: CameraPlace
     found: CameraPlace
     half_width_90: CameraPlace
-    """Half of the 90 % interval of each, from the scatter of the recording's parts; not what IMU and legs are off."""
+    """Half of the 90 % interval of each, from the scatter of the recording's parts.
+
+    Not what IMU and legs are off.
+    """
     on_ground: float
     """Share of the points that lie on the ground."""
     frames: int
@@ -88,20 +101,23 @@ class Calibration:
     """The recording's, where it was found."""
     points_claimed: Floats
     points_found: Floats
-    """Points ahead of the base and over the ground [m], shape (n, 2), as the claimed place has them, and the found."""
+    """Points ahead of the base and over the ground [m], shape (n, 2), as the claimed place has
+    them, and the found."""
 
 
 def calibrate(path: Path) -> Calibration:
     """Reads a recording (.mcap) of a robot that stands.
 
     Raises:
-        RecordingError: it cannot be read, the robot hardly stands in it, or what lies ahead is no level, free ground.
+        RecordingError: it cannot be read, the robot hardly stands in it, or what lies ahead is no
+            level, free ground.
     """
     recording = read_recording(path)
     pairs = standing_pairs(recording.of(DepthFrame), recording.of(RobotState))
     if len(pairs) < FEWEST_FRAMES:
         raise RecordingError(
-            f"{path}: {len(pairs)} images of a robot that stands: it must stand for at least {FEWEST_FRAMES} of them, "
+            f"{path}: {len(pairs)} images of a robot that stands: it must stand for at least "
+            f"{FEWEST_FRAMES} of them, "
             "on level ground with nothing ahead"
         )
     try:
@@ -110,7 +126,9 @@ def calibrate(path: Path) -> Calibration:
         raise RecordingError(f"{path}: {error}") from error
 
 
-def standing_pairs(frames: Sequence[DepthFrame], states: Sequence[RobotState]) -> list[tuple[DepthFrame, RobotState]]:
+def standing_pairs(
+    frames: Sequence[DepthFrame], states: Sequence[RobotState]
+) -> list[tuple[DepthFrame, RobotState]]:
     """Images with the state at which each was taken, where the robot stood."""
     times = np.array([state.time_ns for state in states], dtype=np.int64)
     pairs = []
@@ -122,14 +140,19 @@ def standing_pairs(frames: Sequence[DepthFrame], states: Sequence[RobotState]) -
 
 
 def stands(state: RobotState) -> bool:
-    """True where a robot stands on all feet; by its rest where nobody says which feet stand, as in ROS."""
+    """True where a robot stands on all feet.
+
+    By its rest where nobody says which feet stand, as in ROS.
+    """
     if any(state.leg_trusted):
         return all(state.leg_trusted) and state.mode in STANDING
     turning = float(np.linalg.norm(state.angular_velocity_base))
     return float(np.linalg.norm(state.velocity_base_in_world)) < STILL_MPS and turning < STILL_RAD_S
 
 
-def fit_place(pairs: Sequence[tuple[DepthFrame, RobotState]], robot: Robot, camera: DepthCamera) -> Calibration:
+def fit_place(
+    pairs: Sequence[tuple[DepthFrame, RobotState]], robot: Robot, camera: DepthCamera
+) -> Calibration:
     """The camera's place by images and states of one robot, which claims the place that it has.
 
     Raises:
@@ -138,7 +161,9 @@ def fit_place(pairs: Sequence[tuple[DepthFrame, RobotState]], robot: Robot, came
     chosen = [pairs[int(i)] for i in np.unique(np.linspace(0, len(pairs) - 1, MOST_FRAMES).round())]
     views = [_View.of(frame, state, robot) for frame, state in chosen]
     claimed = CameraPlace(
-        pitch=float(robot.camera_pitch), roll=float(robot.camera_roll), height=float(robot.camera_position[2])
+        pitch=float(robot.camera_pitch),
+        roll=float(robot.camera_roll),
+        height=float(robot.camera_position[2]),
     )
     everything = _View.joined(views)
     found = _fit(everything, _begin(everything, claimed))
@@ -148,8 +173,10 @@ def fit_place(pairs: Sequence[tuple[DepthFrame, RobotState]], robot: Robot, came
     on_ground = float(np.mean(near[looked_at])) if looked_at.any() else 0.0
     if on_ground < LEAST_ON_GROUND:
         raise RecordingError(
-            f"{100 * on_ground:.0f} % of what the camera sees lies on the ground under the feet: it must be "
-            f"{100 * LEAST_ON_GROUND:.0f} %, so let the robot stand on level ground with nothing ahead"
+            f"{100 * on_ground:.0f} % of what the camera sees lies on the ground under the feet: "
+            f"it must be "
+            f"{100 * LEAST_ON_GROUND:.0f} %, so let the robot stand on level ground with nothing "
+            f"ahead"
         )
     blocks = np.array_split(np.arange(len(views)), min(BLOCKS, len(views)))
     parts = [_fit(_View.joined([views[i] for i in block]), found) for block in blocks]
@@ -198,7 +225,8 @@ class _View:
         up = rotation_matrix(np.asarray(state.quaternion_base_in_world))[2]
         return cls(
             points=points, up=np.broadcast_to(up, points.shape), focal_px=frame.fx,
-            base_height=np.full(len(points), state.base_height), position=np.asarray(robot.camera_position),
+            base_height=np.full(len(points), state.base_height),
+            position=np.asarray(robot.camera_position),
             yaw=robot.camera_yaw,
         )  # fmt: skip
 
@@ -233,7 +261,9 @@ class _View:
         above = self.up @ position + self.base_height
         depth = np.where(slope < -LEAST_SLOPE, above / np.maximum(-slope, LEAST_SLOPE), np.inf)
         near = np.minimum(depth, RANGE_M[1])
-        return depth, np.hypot(SIGMA_PX * near**2 / (self.focal_px * BASELINE_M) * np.abs(slope), FLOOR_M)
+        return depth, np.hypot(
+            SIGMA_PX * near**2 / (self.focal_px * BASELINE_M) * np.abs(slope), FLOOR_M
+        )
 
     def profile(self, place: CameraPlace) -> Floats:
         """Points ahead and over the ground [m], shape (n, 2)."""
@@ -242,9 +272,15 @@ class _View:
 
 def _begin(view: _View, claimed: CameraPlace) -> CameraPlace:
     """Place with the most points on the ground, of many about the claimed one."""
-    few = replace(view, points=view.points[::20], up=view.up[::20], base_height=view.base_height[::20])
-    places = [claimed.by(np.array([pitch, 0.0, height])) for pitch in PITCHES for height in HEIGHTS_M]
-    return max(places, key=lambda place: int((np.abs(few.over_ground(place)) < 0.5 * GATES_M[0]).sum()))
+    few = replace(
+        view, points=view.points[::20], up=view.up[::20], base_height=view.base_height[::20]
+    )
+    places = [
+        claimed.by(np.array([pitch, 0.0, height])) for pitch in PITCHES for height in HEIGHTS_M
+    ]
+    return max(
+        places, key=lambda place: int((np.abs(few.over_ground(place)) < 0.5 * GATES_M[0]).sum())
+    )
 
 
 def _fit(view: _View, place: CameraPlace) -> CameraPlace:
@@ -252,13 +288,19 @@ def _fit(view: _View, place: CameraPlace) -> CameraPlace:
     for gate in GATES_M:
         error, (depth, sigma) = view.over_ground(place), view.expected(place)
         counts = (np.abs(error) < gate) & in_range(depth)
-        # Slopes where the ground is expected: those of measured points have noise that goes with the error's
-        ground = replace(view, points=view.points * np.where(counts, depth / view.points[:, 2], 1.0)[:, None])
+        # Slopes where the ground is expected: those of measured points have noise that goes with
+        # the error's
+        ground = replace(
+            view, points=view.points * np.where(counts, depth / view.points[:, 2], 1.0)[:, None]
+        )
         here = ground.over_ground(place)
         slopes = np.stack(
-            [(ground.over_ground(near) - here) / STEP for near in map(place.by, STEP * np.eye(3))], axis=-1
+            [(ground.over_ground(near) - here) / STEP for near in map(place.by, STEP * np.eye(3))],
+            axis=-1,
         )
-        weight = counts * np.minimum(1.0, HUBER * sigma / np.maximum(np.abs(error), 1e-9)) / sigma**2
+        weight = (
+            counts * np.minimum(1.0, HUBER * sigma / np.maximum(np.abs(error), 1e-9)) / sigma**2
+        )
         normal = (slopes * weight[:, None]).T @ slopes + 1e-9 * np.eye(3)
         place = place.by(-np.linalg.solve(normal, (slopes * weight[:, None]).T @ error))
     return place

@@ -27,7 +27,10 @@ class PlaceRow:
 
 def rows_of(found: Calibration) -> list[PlaceRow]:
     """Pitch and roll [deg], height [mm]."""
-    units, scales = {"pitch": "deg", "roll": "deg", "height": "mm"}, {"deg": 180.0 / np.pi, "mm": 1e3}
+    units, scales = (
+        {"pitch": "deg", "roll": "deg", "height": "mm"},
+        {"deg": 180.0 / np.pi, "mm": 1e3},
+    )
     return [
         PlaceRow(
             name=name,
@@ -44,7 +47,10 @@ def write_calibration_plot(found: Calibration, path: Path) -> Path:
     """Writes one HTML file."""
     figure = go.Figure()
     every = max(1, len(found.points_found) // SHOWN)
-    for name, points, colour in (("claimed", found.points_claimed, CLAIMED), ("found", found.points_found, FOUND)):
+    for name, points, colour in (
+        ("claimed", found.points_claimed, CLAIMED),
+        ("found", found.points_found, FOUND),
+    ):
         figure.add_scattergl(
             x=points[::every, 0], y=100.0 * points[::every, 1], mode="markers", name=f"as {name}",
             marker={"color": colour, "size": 3},

@@ -38,7 +38,9 @@ class RobotCamera:
         _check_mount(self.mount, self.robot)
 
     @classmethod
-    def on(cls, robot: Robot, intrinsics: Intrinsics = MODEL_CAMERA, *, legs: bool = True) -> "RobotCamera":
+    def on(
+        cls, robot: Robot, intrinsics: Intrinsics = MODEL_CAMERA, *, legs: bool = True
+    ) -> "RobotCamera":
         """A camera where the robot has its own."""
         return cls(robot=robot, intrinsics=intrinsics, mount=Mount.of(robot), legs=legs)
 
@@ -51,7 +53,9 @@ class RobotCamera:
             self,
             intrinsics=replace(claimed, fx=claimed.fx / wider, fy=claimed.fy / wider),
             mount=replace(
-                self.mount, position=true.position, pitch=true.pitch if true.pitch.ndim else float(true.pitch)
+                self.mount,
+                position=true.position,
+                pitch=true.pitch if true.pitch.ndim else float(true.pitch),
             ),
         )
 
@@ -65,7 +69,8 @@ def camera_pose(mount: Mount, base_position: Array, base_quaternion: Array) -> t
         base_quaternion: (w, x, y, z), base to world, shape (..., 4).
 
     Returns:
-        Optical centre [m], world frame, shape (..., 3), and rotation from camera to world, shape (..., 3, 3).
+        Optical centre [m], world frame, shape (..., 3), and rotation from camera to world, shape
+        (..., 3, 3).
     """
     base_in_world = rotation_matrix(base_quaternion)
     position, rotation = (constant.like(base_in_world) for constant in mount.in_base)
@@ -88,7 +93,8 @@ def _check_pinhole(intrinsics: Intrinsics) -> None:
         if not math.isfinite(value) or (name not in ("cx", "cy") and value <= 0):
             allowed = "finite" if name in ("cx", "cy") else "finite and positive"
             raise SaltusError(
-                f"camera of {intrinsics.width} x {intrinsics.height} pixels: {name} = {value}; it must be {allowed}"
+                f"camera of {intrinsics.width} x {intrinsics.height} pixels: {name} = {value}; it "
+                f"must be {allowed}"
             )
 
 
@@ -97,7 +103,8 @@ def _check_mount(mount: Mount, robot: Robot) -> None:
     angles = mount.roll, mount.pitch, mount.yaw
     if not (np.isfinite(position).all() and all(np.isfinite(angle).all() for angle in angles)):
         raise SaltusError(
-            f"camera mount at {position.tolist()} m, roll, pitch, yaw {angles} rad: every number must be finite"
+            f"camera mount at {position.tolist()} m, roll, pitch, yaw {angles} rad: every number "
+            f"must be finite"
         )
     if (np.abs(position - robot.trunk_center) <= 0.5 * robot.trunk_size).all(-1).any():
         raise SaltusError(

@@ -43,10 +43,13 @@ class CameraCoverage:
     invalid: float
     """Share of the network's image that is invalid."""
     visible: NDArray[np.bool_]
-    """Points of the heightmap that are in the network's view and behind nothing, shape (points,)."""
+    """Points of the heightmap that are in the network's view and behind nothing, shape
+    (points,)."""
 
 
-def draw_camera(robot: Robot, grid: HeightGrid, terrain: Terrain, camera: DepthCamera, path: Path) -> CameraCoverage:
+def draw_camera(
+    robot: Robot, grid: HeightGrid, terrain: Terrain, camera: DepthCamera, path: Path
+) -> CameraCoverage:
     """Writes an HTML page about a camera on a robot that stands before a terrain's first edge.
 
     Args:
@@ -78,7 +81,10 @@ def draw_camera(robot: Robot, grid: HeightGrid, terrain: Terrain, camera: DepthC
         coverage=coverage,
         pitch_deg=np.degrees(coverage.pitch),
         legend=scale.legend(),
-        pictures=[_framed(scale, depth, camera), scale.picture("", "What the network gets", network)],
+        pictures=[
+            _framed(scale, depth, camera),
+            scale.picture("", "What the network gets", network),
+        ],
         aside=_from_aside(robot, terrain, view, coverage, points, pose),
     )
     write_page(path, text)
@@ -104,7 +110,9 @@ def _visible(
         u, v = pinhole.fx * x / z + pinhole.cx, pinhole.fy * y / z + pinhole.cy
         inside &= (u >= 0.0) & (u <= pinhole.width) & (v >= 0.0) & (v <= pinhole.height)
     line = origin + np.linspace(0.0, CLEAR, 400)[:, None, None] * (points - origin)
-    clear: NDArray[np.bool_] = (line[..., 2] >= terrain.height_at(line[..., 0], line[..., 1])).all(0)
+    clear: NDArray[np.bool_] = (line[..., 2] >= terrain.height_at(line[..., 0], line[..., 1])).all(
+        0
+    )
     return inside & clear & (z < RANGE_M)
 
 
@@ -117,23 +125,35 @@ def _points(grid: HeightGrid, terrain: Terrain, position: Floats) -> Floats:
 def _framed(scale: Scale, depth: Depth, camera: DepthCamera) -> Picture:
     """The image of a camera, with a frame about what the network gets of it."""
     image, picture = camera.image, scale.coloured(depth)
-    picture = cv2.resize(picture, None, fx=ENLARGED, fy=ENLARGED, interpolation=cv2.INTER_NEAREST).astype(np.uint8)
+    picture = cv2.resize(
+        picture, None, fx=ENLARGED, fy=ENLARGED, interpolation=cv2.INTER_NEAREST
+    ).astype(np.uint8)
     centre, reach = np.array([image.cx, image.cy]), np.array([image.fx, image.fy]) * HALF_TANGENTS
     first, last = (
-        tuple(np.rint(ENLARGED * corner).astype(int).tolist()) for corner in (centre - reach, centre + reach)
+        tuple(np.rint(ENLARGED * corner).astype(int).tolist())
+        for corner in (centre - reach, centre + reach)
     )
     cv2.rectangle(picture, first, last, FRAME, 2)
-    return Picture.of(f"{image.width} x {image.height}", "In the frame: what the network gets", picture)
+    return Picture.of(
+        f"{image.width} x {image.height}", "In the frame: what the network gets", picture
+    )
 
 
 def _from_aside(
-    robot: Robot, terrain: Terrain, view: RobotCamera, coverage: CameraCoverage, points: Floats, pose: Poses
+    robot: Robot,
+    terrain: Terrain,
+    view: RobotCamera,
+    coverage: CameraCoverage,
+    points: Floats,
+    pose: Poses,
 ) -> go.Figure:
     """Trunk, ground, the network's view and the heightmap's points, from the right-hand side."""
     position, quaternion, _ = pose
     figure = ground_figure(terrain, position[0] + SPAN_M[0], position[0] + SPAN_M[1])
     centre, half = position + robot.trunk_center, 0.5 * robot.trunk_size
-    corners = centre + half * np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1], [-1, 0, -1]])
+    corners = centre + half * np.array(
+        [[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1], [-1, 0, -1]]
+    )
     _add(figure, "trunk", corners, mode="lines", fill="toself", line={"color": GREY})
     origin, rotation = camera_pose(view.mount, position, quaternion)
     for side in (-1.0, 1.0):
@@ -141,9 +161,25 @@ def _from_aside(
         line = origin + np.linspace(0.0, RANGE_M, 600)[:, None] * ray
         under = line[:, 2] < terrain.height_at(line[:, 0], line[:, 1])
         line = line[: int(under.argmax())] if under.any() else line
-        _add(figure, "edges of the network's view", line, mode="lines", line={"color": ORANGE}, showlegend=side > 0.0)
-    for name, seen, colour in (("in view", coverage.visible, GREEN), ("not in view", ~coverage.visible, RED)):
-        _add(figure, f"heightmap points {name}", points[seen], mode="markers", marker={"color": colour})
+        _add(
+            figure,
+            "edges of the network's view",
+            line,
+            mode="lines",
+            line={"color": ORANGE},
+            showlegend=side > 0.0,
+        )
+    for name, seen, colour in (
+        ("in view", coverage.visible, GREEN),
+        ("not in view", ~coverage.visible, RED),
+    ):
+        _add(
+            figure,
+            f"heightmap points {name}",
+            points[seen],
+            mode="markers",
+            marker={"color": colour},
+        )
     _add(figure, "camera", origin[None], mode="markers", marker={"color": ORANGE, "size": 12})
     return laid_out(figure, 480, x="x [m]", y="z [m]", legend_y=1.12)
 

@@ -10,23 +10,33 @@ from saltus.arrays import Floats
 from saltus.depth import Intrinsics
 from saltus.robots.leg_shapes import Capsules
 
-NEAREST = 1e-3  # what is nearer to the image plane than this is taken to be this far [m]: bounds the window it is in
-PIXELS_PER_PASS = 1 << 14  # pixels that are worked on together: their numbers stay in the processor's cache
+# What is nearer to the image plane than this is taken to be this far [m]: bounds the window it is
+# in
+NEAREST = 1e-3
+PIXELS_PER_PASS = (
+    1 << 14
+)  # pixels that are worked on together: their numbers stay in the processor's cache
 
 
 def capsules_in_camera(capsules: Capsules, origin: Floats, rotation: Floats) -> Capsules:
     """Moves capsules into a frame with the given origin and rotation (to the frame in which they are given)."""
-    move = (capsules.start - origin[..., None, :]) @ rotation, (capsules.end - origin[..., None, :]) @ rotation
+    move = (
+        (capsules.start - origin[..., None, :]) @ rotation,
+        (capsules.end - origin[..., None, :]) @ rotation,
+    )
     return Capsules(start=move[0], end=move[1], radius=capsules.radius)
 
 
-def draw_capsules(depth: NDArray[np.float32], capsules: Capsules, directions: Floats, intrinsics: Intrinsics) -> None:
+def draw_capsules(
+    depth: NDArray[np.float32], capsules: Capsules, directions: Floats, intrinsics: Intrinsics
+) -> None:
     """Draws capsules into depth images, in place: each pixel keeps what is nearer.
 
     All images are worked on together, pixel by pixel of the windows in which capsules can be.
 
     Args:
-        depth: along the optical axis [m], infinite where there is nothing yet; shape (n, height, width), contiguous.
+        depth: along the optical axis [m], infinite where there is nothing yet; shape (n, height,
+            width), contiguous.
         capsules: in the camera frames; arrays of shape (n, capsules, 3).
         directions: of the pixels, of depth 1, shape (height, width, 3).
         intrinsics: of the camera.
@@ -34,7 +44,10 @@ def draw_capsules(depth: NDArray[np.float32], capsules: Capsules, directions: Fl
     rows, columns, seen = windows(capsules, intrinsics)
     image, k = np.nonzero(seen)
     quadrics = Quadrics.of(capsules.start[image, k], capsules.end[image, k], capsules.radius[k])
-    x, y = np.ascontiguousarray(directions[..., 0]).reshape(-1), np.ascontiguousarray(directions[..., 1]).reshape(-1)
+    x, y = (
+        np.ascontiguousarray(directions[..., 0]).reshape(-1),
+        np.ascontiguousarray(directions[..., 1]).reshape(-1),
+    )
     flat_depth = depth.reshape(-1)
     for owner, pixel in _pixels(rows[image, k], columns[image, k], intrinsics.width):
         hit = quadrics.take(owner).depth(x[pixel], y[pixel])
@@ -65,7 +78,11 @@ class Quadrics:
         """Quadrics of capsules with axes from start to end [m], shape (..., 3), and a radius [m], shape (...)."""
         first, last = np.moveaxis(start, -1, 0), np.moveaxis(end, -1, 0)
         axis = last - first
-        length_squared, offset, distance_squared = _dot(axis, axis), _dot(axis, first), _dot(first, first)
+        length_squared, offset, distance_squared = (
+            _dot(axis, axis),
+            _dot(axis, first),
+            _dot(first, first),
+        )
         radius_squared = np.square(radius)
         return cls(
             start=first,
@@ -79,7 +96,9 @@ class Quadrics:
 
     def take(self, index: NDArray[np.int64]) -> "Quadrics":
         """Those of some of the capsules, in any order, for arrays of shape (n,)."""
-        return Quadrics(**{name: np.take(value, index, axis=-1) for name, value in vars(self).items()})
+        return Quadrics(
+            **{name: np.take(value, index, axis=-1) for name, value in vars(self).items()}
+        )
 
     def depth(self, x: Floats, y: Floats) -> Floats:
         """The least depth at which a ray is within the radius of an end or of the line between them; else infinite.
@@ -100,18 +119,26 @@ class Quadrics:
         b = self.length_squared * to_start - self.offset * along
         depth = _first_root(a, b, self.side)
         place = np.where(depth < np.inf, depth, 0.0) * along - self.offset
-        return np.minimum(nearest, np.where((place > 0.0) & (place < self.length_squared), depth, np.inf))
+        return np.minimum(
+            nearest, np.where((place > 0.0) & (place < self.length_squared), depth, np.inf)
+        )
 
 
 def _first_root(a: Floats, b: Floats, c: Floats) -> Floats:
-    """The lesser t with a t^2 - 2 b t + c = 0; infinite where there is none or it is not positive."""
+    """The lesser t with a t^2 - 2 b t + c = 0.
+
+    Infinite where there is none or it is not positive.
+    """
     inside = b * b - a * c
     root = (b - np.sqrt(np.maximum(inside, 0.0))) / np.where(a > 0.0, a, 1.0)
     return np.where((inside >= 0.0) & (a > 0.0) & (root > 0.0), root, np.inf)
 
 
 def _dot(left: Floats, right: Floats) -> Floats:
-    """Inner product over the first axis; by components, so that it does not depend on the other dimensions."""
+    """Inner product over the first axis.
+
+    By components, so that it does not depend on the other dimensions.
+    """
     return left[0] * right[0] + left[1] * right[1] + left[2] * right[2]
 
 
@@ -121,7 +148,8 @@ def windows(
     """Where in an image capsules, in the camera frames, arrays of shape (n, capsules, 3), can be.
 
     Returns:
-        Rows and columns [first, last), each of shape (n, capsules, 2), and whether there are any, shape (n, capsules).
+        Rows and columns [first, last), each of shape (n, capsules, 2), and whether there are any,
+        shape (n, capsules).
     """
     start, end = _in_front(capsules)
     radius = capsules.radius
@@ -132,11 +160,15 @@ def windows(
     def window(axis: int, focal: float, centre: float, count: int) -> NDArray[np.int64]:
         first = np.minimum(low[..., axis] / nearest, low[..., axis] / farthest) * focal + centre
         last = np.maximum(high[..., axis] / nearest, high[..., axis] / farthest) * focal + centre
-        return np.stack([np.clip(np.floor(first), 0, count), np.clip(np.ceil(last), 0, count)], axis=-1).astype(int)
+        return np.stack(
+            [np.clip(np.floor(first), 0, count), np.clip(np.ceil(last), 0, count)], axis=-1
+        ).astype(int)
 
     columns = window(0, intrinsics.fx, intrinsics.cx, intrinsics.width)
     rows = window(1, intrinsics.fy, intrinsics.cy, intrinsics.height)
-    seen = (high[..., 2] > 0.0) & (rows[..., 1] > rows[..., 0]) & (columns[..., 1] > columns[..., 0])
+    seen = (
+        (high[..., 2] > 0.0) & (rows[..., 1] > rows[..., 0]) & (columns[..., 1] > columns[..., 0])
+    )
     return rows, columns, seen
 
 
@@ -166,5 +198,7 @@ def _pixels(
     for first, end in zip(groups, [*groups[1:], len(size)], strict=True):
         owner = np.repeat(np.arange(first, end), size[first:end])
         begin = last[first:end] - size[first:end]
-        row, column = np.divmod(np.arange(len(owner)) + begin[0] - np.repeat(begin, size[first:end]), wide[owner])
+        row, column = np.divmod(
+            np.arange(len(owner)) + begin[0] - np.repeat(begin, size[first:end]), wide[owner]
+        )
         yield owner, (rows[owner, 0] + row) * width + columns[owner, 0] + column

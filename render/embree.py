@@ -17,34 +17,43 @@ from saltus.terrain.terrain import Terrain
 
 open3d = load_open3d()
 
-# 256 images of the model's camera: 4.7 MB of rays, which stay in the cache between writing and casting them, while the
-# threads of a call have enough to do
+# 256 images of the model's camera: 4.7 MB of rays, which stay in the cache between writing and
+# casting them, while the threads of a call have enough to do
 RAYS_PER_CAST = 200_000
-RAYS_PER_THREAD = 10_000  # half a millisecond of work: below, waking a thread costs more than it brings
+RAYS_PER_THREAD = (
+    10_000  # half a millisecond of work: below, waking a thread costs more than it brings
+)
 
 
 class EmbreeRenderer(Renderer):
     """See `Renderer`. Takes many poses in one call.
 
     Args:
-        threads: for casting the rays of a batch; as many as this process has cores where it is not given. Single small
-            images are cast by one. Images do not depend on it. Several threads may call one renderer.
+        threads: for casting the rays of a batch; as many as this process has cores where it is not
+            given. Single small images are cast by one. Images do not depend on it. Several threads
+            may call one renderer.
     """
 
     name: ClassVar[str] = "embree"
 
-    def __init__(self, terrain: Terrain, camera: RobotCamera, *, threads: int | None = None) -> None:
+    def __init__(
+        self, terrain: Terrain, camera: RobotCamera, *, threads: int | None = None
+    ) -> None:
         super().__init__(terrain, camera)
         vertices, triangles = terrain_triangles(terrain)
         self._threads = threads or len(os.sched_getaffinity(0))
         self._scene = open3d.t.geometry.RaycastingScene(nthreads=self._threads)
-        self._scene.add_triangles(open3d.core.Tensor.from_numpy(vertices), open3d.core.Tensor.from_numpy(triangles))
+        self._scene.add_triangles(
+            open3d.core.Tensor.from_numpy(vertices), open3d.core.Tensor.from_numpy(triangles)
+        )
         self._directions = ray_directions(self.intrinsics)
         self._across = self._directions[0, :, 0].astype(np.float32)
         self._down = self._directions[:, 0, 1].astype(np.float32)
         self._kept = threading.local()
 
-    def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
+    def _render(
+        self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
+    ) -> NDArray[np.float32]:
         height, width = self.intrinsics.height, self.intrinsics.width
         depth = np.empty((len(base_position), height, width), dtype=np.float32)
         chunk = max(1, RAYS_PER_CAST // (height * width))
@@ -53,7 +62,9 @@ class EmbreeRenderer(Renderer):
             origin, rotation = camera_pose(self.mount, base_position[part], base_quaternion[part])
             depth[part] = self._cast(origin, rotation)
         if self.camera.legs:
-            legs = capsules_in_camera(self.legs.capsules(joint_position), self.mount.position, self.mount.rotation)
+            legs = capsules_in_camera(
+                self.legs.capsules(joint_position), self.mount.position, self.mount.rotation
+            )
             draw_capsules(depth, legs, self._directions, self.intrinsics)
         return depth
 
@@ -63,13 +74,17 @@ class EmbreeRenderer(Renderer):
         rays[..., :3] = origin[:, None, None, :]
         self._turn(rotation.astype(np.float32), rays[..., 3:])
         threads = min(self._threads, 1 + rays.size // (6 * RAYS_PER_THREAD))
-        return self._scene.cast_rays(open3d.core.Tensor.from_numpy(rays), nthreads=threads)["t_hit"].numpy()
+        return self._scene.cast_rays(open3d.core.Tensor.from_numpy(rays), nthreads=threads)[
+            "t_hit"
+        ].numpy()
 
     def _buffer(self, count: int) -> NDArray[np.float32]:
         """Room for the rays of `count` images, kept from call to call of a thread: fresh pages are slow."""
         rays: NDArray[np.float32] | None = getattr(self._kept, "rays", None)
         if rays is None or len(rays) < count:
-            rays = self._kept.rays = np.empty((count, *self._directions.shape[:2], 6), dtype=np.float32)
+            rays = self._kept.rays = np.empty(
+                (count, *self._directions.shape[:2], 6), dtype=np.float32
+            )
         return rays[:count]
 
     def _turn(self, rotation: NDArray[np.float32], out: NDArray[np.float32]) -> None:

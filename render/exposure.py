@@ -27,4 +27,6 @@ class PerfectExposure:
 
     def expose(self, truth: GroundTruth) -> Reals:
         """See `Exposure`; every pixel is valid."""
-        return self._renderer.render(truth.position_base_in_world, truth.quaternion_base_in_world, truth.joint_position)
+        return self._renderer.render(
+            truth.position_base_in_world, truth.quaternion_base_in_world, truth.joint_position
+        )

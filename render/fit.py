@@ -31,7 +31,9 @@ from saltus.wire.messages import DepthFrame
 
 FEW_FRAMES = 10  # below, a hole at an edge may be there in all of them
 WIDENED = "from few frames: holes at edges that never closed count as shadow and widen it"
-ASSUMED = f"with the data sheet's baseline of {1e3 * BASELINE_M:g} mm, as the recording does not show it"
+ASSUMED = (
+    f"with the data sheet's baseline of {1e3 * BASELINE_M:g} mm, as the recording does not show it"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +91,9 @@ class FitResult:
         found, base = self.parameters, UNFILTERED
 
         def changed(effect: Any, **values: StereoEstimate) -> Any:
-            return replace(effect, **{name: e.value for name, e in values.items() if e.value is not None})
+            return replace(
+                effect, **{name: e.value for name, e in values.items() if e.value is not None}
+            )
 
         return replace(
             base,
@@ -110,12 +114,20 @@ class FitResult:
     def camera(self) -> DepthCamera:
         """The fitted camera, where the robot has its own, with the rate and latency of a D435i."""
         errors = read_toml(to_toml(self.config))
-        return DepthCamera(name="fitted", image=self.image, baseline_m=self.baseline_m, stereo=errors)
+        return DepthCamera(
+            name="fitted", image=self.image, baseline_m=self.baseline_m, stereo=errors
+        )
 
     def to_toml(self) -> str:
-        """The camera as `saltus.depth_camera.load_camera` reads it; comments say what each parameter rests on."""
+        """The camera as `saltus.depth_camera.load_camera` reads it.
+
+        Comments say what each parameter rests on.
+        """
         found = vars(self.parameters).items()
-        return "".join(f"# {name:16} {estimate}\n" for name, estimate in found) + f"\n{self.camera.to_toml()}"
+        return (
+            "".join(f"# {name:16} {estimate}\n" for name, estimate in found)
+            + f"\n{self.camera.to_toml()}"
+        )
 
 
 def load_frames(path: Path) -> list[DepthFrame]:
@@ -129,17 +141,21 @@ def load_frames(path: Path) -> list[DepthFrame]:
     if path.suffix == ".mcap":
         messages = [message for _, _, message in read_recording(path).messages("camera/depth")]
         return [message for message in messages if isinstance(message, DepthFrame)]
-    raise RecordingError(f"{path} is neither a RealSense recording (.bag, .db3) nor a recorded run (.mcap)")
+    raise RecordingError(
+        f"{path} is neither a RealSense recording (.bag, .db3) nor a recorded run (.mcap)"
+    )
 
 
 def fit(frames: Sequence[DepthFrame]) -> FitResult:
     """Fits the stereo camera to a recording.
 
-    The focal length is taken from the frames. Noise gives sigma over f B, the comb of quantised disparities step over
-    f B; the left band and shadows give B, so that all three are known where a wall and something near are in view.
+    The focal length is taken from the frames. Noise gives sigma over f B, the comb of quantised
+    disparities step over f B; the left band and shadows give B, so that all three are known where a
+    wall and something near are in view.
 
     Args:
-        frames: of one camera, raw (no post-filters); the longest part in which nothing moves is used.
+        frames: of one camera, raw (no post-filters); the longest part in which nothing moves is
+            used.
 
     Raises:
         RecordingError: no frames, frames of different cameras or modes, or nothing valid.
@@ -157,7 +173,9 @@ def fit(frames: Sequence[DepthFrame]) -> FitResult:
     )
 
 
-def _parameters(scene: StaticScene, curves: NoiseCurves | str, edges: EdgeCurves) -> StereoParameters:
+def _parameters(
+    scene: StaticScene, curves: NoiseCurves | str, edges: EdgeCurves
+) -> StereoParameters:
     baseline, margin = fit_baseline(scene)
     if scene.frames < FEW_FRAMES:
         baseline = _noted(baseline, WIDENED)
@@ -182,7 +200,8 @@ def _parameters(scene: StaticScene, curves: NoiseCurves | str, edges: EdgeCurves
 
 
 NEED_MANY_FRAMES = (
-    "sigma_inverse", "step_inverse", "range_exponent", "correlation_px", "persistence_s", "flying_fraction",
+    "sigma_inverse", "step_inverse", "range_exponent", "correlation_px", "persistence_s",
+    "flying_fraction",
 )  # fmt: skip
 
 
@@ -193,7 +212,8 @@ def _of_noise(scene: StaticScene, curves: NoiseCurves | str) -> dict[str, Stereo
     spread = curves.variance_inverse**0.5
     step = fit_step(scene, spread)
     found = (
-        sigma_inverse(curves, scene, step), step, range_exponent(curves), correlation_px(curves, step),
+        sigma_inverse(curves, scene, step), step, range_exponent(curves),
+        correlation_px(curves, step),
         persistence(curves, scene, step), flying_fraction(scene, spread),
     )  # fmt: skip
     return dict(zip(NEED_MANY_FRAMES, found, strict=True))
@@ -216,7 +236,8 @@ def _noted(estimate: StereoEstimate, note: str) -> StereoEstimate:
 def _maximum(scene: StaticScene, baseline_m: float) -> StereoEstimate:
     largest = float(scene.median.max())
     return untestable(
-        f"the nearest surface, at {1.0 / largest:.2f} m, has a disparity of {largest * scene.fx * baseline_m:.0f} px: "
+        f"the nearest surface, at {1.0 / largest:.2f} m, has a disparity of "
+        f"{largest * scene.fx * baseline_m:.0f} px: "
         "nothing is so near that the search must fail"
     )
 
@@ -224,5 +245,6 @@ def _maximum(scene: StaticScene, baseline_m: float) -> StereoEstimate:
 def _reach(scene: StaticScene) -> StereoEstimate:
     known = scene.median[scene.median > 0.0]
     return untestable(
-        f"the farthest surface is at {1.0 / float(known.min()):.1f} m: needs a matt wall, square on, from 5 m away on"
+        f"the farthest surface is at {1.0 / float(known.min()):.1f} m: needs a matt wall, square "
+        f"on, from 5 m away on"
     )

@@ -29,18 +29,30 @@ TITLES = (
 
 def write_fit_plot(result: FitResult, path: Path) -> Path:
     """Writes one page with all plots; what is untestable says so."""
-    figure = make_subplots(rows=3, cols=2, subplot_titles=TITLES, vertical_spacing=0.11, horizontal_spacing=0.1)
+    figure = make_subplots(
+        rows=3, cols=2, subplot_titles=TITLES, vertical_spacing=0.11, horizontal_spacing=0.1
+    )
     _noise(figure, result)
     _widths(figure, result)
     _columns(figure, result)
     _edges(figure, result)
-    figure.update_layout(height=1080, width=1100, showlegend=False, margin={"l": 60, "r": 20, "t": 100, "b": 50})
-    figure.update_layout(title=f"{result.scene.frames} frames at rest: measured (dots) and fitted model (lines)")
+    figure.update_layout(
+        height=1080, width=1100, showlegend=False, margin={"l": 60, "r": 20, "t": 100, "b": 50}
+    )
+    figure.update_layout(
+        title=f"{result.scene.frames} frames at rest: measured (dots) and fitted model (lines)"
+    )
     write_page(path, render(__file__, plots=figure, found=vars(result.parameters)))
     return path
 
 
-def _add(figure: go.Figure, row: int, column: int, measured: tuple[Reals, Reals], model: tuple[Floats, Floats]) -> None:
+def _add(
+    figure: go.Figure,
+    row: int,
+    column: int,
+    measured: tuple[Reals, Reals],
+    model: tuple[Floats, Floats],
+) -> None:
     figure.add_trace(go.Scatter(x=measured[0], y=measured[1], **MEASURED), row=row, col=column)
     figure.add_trace(go.Scatter(x=model[0], y=model[1], **MODEL), row=row, col=column)
 
@@ -57,13 +69,16 @@ def _noise(figure: go.Figure, result: FitResult) -> None:
     _axes(figure, 3, 2, "lag [ms]", "correlation")
     if noise is None:
         for row, column in ((1, 1), (3, 1), (3, 2)):
-            figure.add_annotation(text="too few frames", showarrow=False, x=1.0, y=1.0, row=row, col=column)
+            figure.add_annotation(
+                text="too few frames", showarrow=False, x=1.0, y=1.0, row=row, col=column
+            )
         return
     depth = np.geomspace(noise.range_m.min() / 1.2, noise.range_m.max() * 1.2, 80)
     sigma = float(np.max(config.disparity_noise.sigma))
     disparity_variance = sigma**2 + config.disparity_step.step**2 / 12.0
     spread = np.sqrt(
-        disparity_variance * (depth**2 / result.optics.disparity_at_1m) ** 2 + result.scene.unit_m**2 / 12.0
+        disparity_variance * (depth**2 / result.optics.disparity_at_1m) ** 2
+        + result.scene.unit_m**2 / 12.0
     )
     _add(figure, 1, 1, (noise.range_m, 1e3 * noise.sigma_m), (depth, 1e3 * spread))
     figure.update_xaxes(type="log", row=1, col=1)
@@ -91,7 +106,9 @@ def _widths(figure: go.Figure, result: FitResult) -> None:
             _add(figure, 1, 2, (some.step, some.width), (line, model))
             steps.append(some.step)
     if not steps:
-        figure.add_annotation(text="no band, no shadow in view", showarrow=False, x=0.5, y=0.5, row=1, col=2)
+        figure.add_annotation(
+            text="no band, no shadow in view", showarrow=False, x=0.5, y=0.5, row=1, col=2
+        )
 
 
 def _columns(figure: go.Figure, result: FitResult) -> None:
@@ -115,6 +132,14 @@ def _edges(figure: go.Figure, result: FitResult) -> None:
     excess = math.ceil(holes.reach) / holes.reach
     model = np.where(inside, float(np.max(holes.fraction)) / excess, 0.0)
     if edges.edges:
-        _add(figure, 2, 2, (edges.distance_px, edges.invalid), (edges.distance_px.astype(float), model))
+        _add(
+            figure,
+            2,
+            2,
+            (edges.distance_px, edges.invalid),
+            (edges.distance_px.astype(float), model),
+        )
     else:
-        figure.add_annotation(text="no clean right edge in view", showarrow=False, x=0.5, y=0.5, row=2, col=2)
+        figure.add_annotation(
+            text="no clean right edge in view", showarrow=False, x=0.5, y=0.5, row=2, col=2
+        )

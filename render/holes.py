@@ -1,8 +1,9 @@
 """Holes in depth images take depths from around them, in the scan order of librealsense, as whole-array operations.
 
-Each rule exists once for lists of holes, which are few, and once for whole images. To make a list is to ask how many
-there are, for which a GPU would have to come to a stop; there, the number and the shapes of the operations depend on
-the size of the images only. Both give the same depths, to the bit.
+Each rule exists once for lists of holes, which are few, and once for whole images. To make a list
+is to ask how many there are, for which a GPU would have to come to a stop; there, the number and
+the shapes of the operations depend on the size of the images only. Both give the same depths, to
+the bit.
 """
 
 import math
@@ -15,9 +16,9 @@ from saltus.render.devices import on_host
 def filled_from_around(depth: Images) -> Images:
     """Holes take the nearest depth among what is above, above left, left, below left and below.
 
-    Pixels are visited row by row, so filled ones fill others. The pixel above must be valid, or filled. The first
-    column, the top and the bottom row are not filled. Depth is 0 where invalid, any unit, shape (..., height, width);
-    `depth` itself is returned where nothing can change.
+    Pixels are visited row by row, so filled ones fill others. The pixel above must be valid, or
+    filled. The first column, the top and the bottom row are not filled. Depth is 0 where invalid,
+    any unit, shape (..., height, width); `depth` itself is returned where nothing can change.
     """
     return _from_around_by_list(depth) if on_host(depth) else _from_around_by_lines(depth)
 
@@ -32,7 +33,8 @@ def _from_around_by_list(depth: Images) -> Images:
     (hole,) = xp.nonzero(xp.reshape(inner, (-1,)))
     if not hole.shape[0]:
         return depth
-    # a pixel below another that is valid, however far above, finds its upper neighbour filled when its turn comes
+    # a pixel below another that is valid, however far above, finds its upper neighbour filled when
+    # its turn comes
     supported = xp.concat([~xp.reshape(empty, (-1,))[hole - width], hole[:1] < 0])
     for jump in _jumps(hole, width):
         supported = supported | supported[jump]
@@ -57,7 +59,8 @@ def _from_around_by_list(depth: Images) -> Images:
 def _jumps(place: Array, step: int) -> list[Array]:
     """For each entry of a sorted list of places the entry that is `step`, 2 `step`, 4 `step`, ... places before it.
 
-    Only where all between are entries, too. An entry more, at the end, stands for none; each array has it as well.
+    Only where all between are entries, too. An entry more, at the end, stands for none; each array
+    has it as well.
     """
     xp = namespace(place)
     none = place.shape[0]
@@ -74,8 +77,9 @@ def _jumps(place: Array, step: int) -> list[Array]:
 def _from_around_by_lines(depth: Images) -> Images:
     """Works on whole images, a line after the other.
 
-    A hole that is filled gets the least of what its neighbours had by themselves (its own), and of what holes to its
-    left, above, and above left got. Rows and columns play the same part in this, so lines run along the longer axis.
+    A hole that is filled gets the least of what its neighbours had by themselves (its own), and of
+    what holes to its left, above, and above left got. Rows and columns play the same part in this,
+    so lines run along the longer axis.
     """
     xp = namespace(depth)
     empty = depth == 0.0
@@ -85,14 +89,19 @@ def _from_around_by_lines(depth: Images) -> Images:
     own = _least_around(xp.where(empty, xp.full_like(depth, math.inf), depth))
     nearest = xp.where(hole, own, xp.full_like(own, math.inf))
     if depth.shape[-1] < depth.shape[-2]:
-        nearest = xp.matrix_transpose(_along_lines(xp.matrix_transpose(nearest), xp.matrix_transpose(hole)))
+        nearest = xp.matrix_transpose(
+            _along_lines(xp.matrix_transpose(nearest), xp.matrix_transpose(hole))
+        )
     else:
         nearest = _along_lines(nearest, hole)
     return xp.where(hole, nearest, depth)
 
 
 def _least_around(far: Images) -> Images:
-    """The least of what is above, above left, left, below left and below; only of use off the borders."""
+    """The least of what is above, above left, left, below left and below.
+
+    Only of use off the borders.
+    """
     xp = namespace(far)
     left = xp.minimum(far[..., 1:-1, :-1], xp.minimum(far[..., :-2, :-1], far[..., 2:, :-1]))
     least = xp.full_like(far, math.inf)
@@ -118,7 +127,9 @@ def _along_lines(nearest: Images, hole: Masks) -> Images:
         line[..., 1:] = xp.minimum(line[..., 1:], before[..., :-1])
         line = xp.where(hole[..., i, :], line, no_way[..., 0])
         for reach, cost in costs:
-            line[..., reach:] = xp.minimum(line[..., reach:], line[..., :-reach] + cost[..., i, reach:])
+            line[..., reach:] = xp.minimum(
+                line[..., reach:], line[..., :-reach] + cost[..., i, reach:]
+            )
         lines.append(line)
     return xp.stack(lines, axis=-2)
 
@@ -137,8 +148,8 @@ def _running(values: Array, axis: int, pick: Callable[[Array, Array], Array]) ->
 def filled_along_rows(depth: Images, reach: int, passes: int = 1) -> Images:
     """Holes take what is to the left of them, then what is to the right, up to `reach` pixels away, `passes` times.
 
-    The last column stays as it is. Depth is 0 where invalid, any unit, shape (..., height, width); `depth` itself is
-    returned where nothing can change.
+    The last column stays as it is. Depth is 0 where invalid, any unit, shape (..., height, width);
+    `depth` itself is returned where nothing can change.
     """
     if reach <= 0:
         return depth
@@ -161,7 +172,9 @@ def _along_rows(depth: Images, reach: int, passes: int) -> Images:
     valid = depth > 0.0
     # the last column gives to the left, but not to the right: nothing is to the right of it
     left = _running(xp.where(valid, column, -1), -1, xp.maximum)
-    right = xp.flip(_running(xp.flip(xp.where(valid, column, width), axis=-1), -1, xp.minimum), axis=-1)
+    right = xp.flip(
+        _running(xp.flip(xp.where(valid, column, width), axis=-1), -1, xp.minimum), axis=-1
+    )
     never = passes + 1
     turn_left = xp.where(left >= 0, (column - left + reach - 1) // reach, never)
     turn_right = xp.where(right < width, (right - column + reach - 1) // reach, never)

@@ -1,11 +1,13 @@
 """The filters that librealsense offers for depth images, as the original's robot ran them.
 
-Order: hole filling, spatial, temporal, on depth in whole units (not on disparity). All follow the behaviour of
-librealsense 2 on 16-bit depth, scan order included, with whole-array operations for numpy and torch alike.
+Order: hole filling, spatial, temporal, on depth in whole units (not on disparity). All follow the
+    behaviour of
+librealsense 2 on 16-bit depth, scan order included, with whole-array operations for numpy and torch
+alike.
 
-What that behaviour amounts to at the original's settings: blending neighbours that differ by at most `delta` moves a
-pixel by less than (1 - alpha) delta, which is below half a unit at alpha = 0.75 and delta = 1, so rounding undoes all
-smoothing. Only holes are filled.
+What that behaviour amounts to at the original's settings: blending neighbours that differ by at
+most `delta` moves a pixel by less than (1 - alpha) delta, which is below half a unit at alpha =
+0.75 and delta = 1, so rounding undoes all smoothing. Only holes are filled.
 """
 
 from dataclasses import dataclass, field, replace
@@ -23,20 +25,30 @@ ROUNDED_AWAY = 0.5  # a change below half a unit
 HALF = 0.5  # depths are whole units, so that "less than n units" is "less than n - 1/2"
 FLOAT_SLACK = 1e-2  # of a unit: float32 metres are whole units only up to rounding
 LAST_FOUR = 0b1111  # frames
-HOLE_RADIUS = (0, 2, 4, 8, 16, 256)  # pixels by level of the option (librealsense; the last is "unlimited")
+HOLE_RADIUS = (
+    0,
+    2,
+    4,
+    8,
+    16,
+    256,
+)  # pixels by level of the option (librealsense; the last is "unlimited")
 
 
 def _unit() -> Any:
     """The depth unit [m]: what filters round to and count differences in."""
-    return field(default=MILLIMETRE, metadata={"unit": "m", "low": 1e-6, "high": 0.1, "per_joint": False})
+    return field(
+        default=MILLIMETRE, metadata={"unit": "m", "low": 1e-6, "high": 0.1, "per_joint": False}
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class HoleFilling(SingleImageEffect[DepthImage], name="hole_filling"):
     """An invalid pixel takes the nearest depth among its neighbours above, to the left and below left.
 
-    Pixels are visited row by row, so filled ones fill others. The pixel above must be valid, or filled: holes that
-    begin in the top row stay. The first column, the top and the bottom row are not filled.
+    Pixels are visited row by row, so filled ones fill others. The pixel above must be valid, or
+    filled: holes that begin in the top row stay. The first column, the top and the bottom row are
+    not filled.
     """
 
     # 2 is "nearest from around" (original)
@@ -53,9 +65,9 @@ class HoleFilling(SingleImageEffect[DepthImage], name="hole_filling"):
 class SpatialFilter(SingleImageEffect[DepthImage], name="spatial_filter"):
     """Edge-preserving exponential smoothing, forth and back along rows, then along columns, `magnitude` times.
 
-    Along rows a pixel is blended with the one before it where they differ by at most `delta` units, along columns
-    where they differ by less. On the way along rows, holes take the value before them, up to a radius from the last
-    valid pixel.
+    Along rows a pixel is blended with the one before it where they differ by at most `delta` units,
+    along columns where they differ by less. On the way along rows, holes take the value before
+    them, up to a radius from the last valid pixel.
     """
 
     # original: 5
@@ -85,8 +97,12 @@ class SpatialFilter(SingleImageEffect[DepthImage], name="spatial_filter"):
         xp = namespace(depth)
         image = xp.round(depth * (1.0 / self.unit))
         for axis, limit in ((-1, self.delta), (-2, self.delta - 1.0)):
-            lines = [image[..., i, :] if axis == -2 else image[..., i] for i in range(image.shape[axis])]
-            last = len(lines) - 1 if axis == -1 else len(lines)  # forward along rows, the last column is left out
+            lines = [
+                image[..., i, :] if axis == -2 else image[..., i] for i in range(image.shape[axis])
+            ]
+            last = (
+                len(lines) - 1 if axis == -1 else len(lines)
+            )  # forward along rows, the last column is left out
             for order in (range(1, last), range(len(lines) - 2, -1, -1)):
                 step = 1 if order.step > 0 else -1
                 for i in order:
@@ -103,10 +119,12 @@ class SpatialFilter(SingleImageEffect[DepthImage], name="spatial_filter"):
 
 @dataclass(frozen=True, kw_only=True)
 class TemporalFilter(Effect[DepthImage], name="temporal_filter", site="depth"):
-    """Exponential smoothing in time where a pixel changed by less than `delta` units; holes take an older value.
+    """Exponential smoothing in time where a pixel changed by less than `delta` units.
 
-    A hole is filled where the last values agreed within `delta` in two of the last four frames (librealsense's default
-    persistence). The blend is cut to whole units, not rounded.
+    Holes take an older value.
+
+    A hole is filled where the last values agreed within `delta` in two of the last four frames
+    (librealsense's default persistence). The blend is cut to whole units, not rounded.
     """
 
     # weight of the new frame (original: 0.75)
@@ -118,7 +136,8 @@ class TemporalFilter(Effect[DepthImage], name="temporal_filter", site="depth"):
     def apply(self, signal: DepthImage, time_s: float, state: Any) -> tuple[DepthImage, Any]:
         """Smooths, fills, and remembers; an image that comes again changes nothing.
 
-        The state is (depth kept, agreement of the last four frames as bits, capture time, image given out).
+        The state is (depth kept, agreement of the last four frames as bits, capture time, image
+        given out).
         """
         del time_s
         if self.delta == 0.0:
@@ -142,9 +161,14 @@ class TemporalFilter(Effect[DepthImage], name="temporal_filter", site="depth"):
         output = xp.where(valid | ~twice, result, kept)
         # a bit enters on the right; where the value is new, older bits go
         known = xp.astype(valid, xp.uint8)
-        following = (history << 1) & (LAST_FOUR * (xp.astype(agrees, xp.uint8) | (1 - known))) | known
+        following = (history << 1) & (
+            LAST_FOUR * (xp.astype(agrees, xp.uint8) | (1 - known))
+        ) | known
         following_kept = xp.where(valid, result, kept)
         if not on_host(repeated) or bool(xp.any(repeated)):
             output = xp.where(repeated, given, output)
-            following, following_kept = xp.where(repeated, history, following), xp.where(repeated, kept, following_kept)
+            following, following_kept = (
+                xp.where(repeated, history, following),
+                xp.where(repeated, kept, following_kept),
+            )
         return replace(signal, depth=output), (following_kept, following, signal.time_s, output)

@@ -32,7 +32,9 @@ from saltus.terrain.terrain import Terrain
 Depth = NDArray[np.float32]
 Poses = tuple[Floats, Floats, Floats]
 
-EXPOSURES = 5  # of a camera that stands still, before its picture is shown: the temporal filter has settled by then
+# Of a camera that stands still, before its picture is shown: the temporal filter has settled by
+# then
+EXPOSURES = 5
 FRAME_S = 0.02
 NOTHING_COLOUR, INVALID_COLOUR = (110, 110, 110), (0, 0, 0)
 CLOUD_POINTS = 12_000  # every third pixel of a D435i, along both axes; the page stays below 1 MB
@@ -77,8 +79,12 @@ class Scale:
 
     def coloured(self, depth: Reals) -> NDArray[np.uint8]:
         """Colours of depth (BGR): nothing within range is grey, invalid is black."""
-        share = np.log(np.clip(depth, self.near, self.far) / self.near) / math.log(self.far / self.near)
-        colours = cv2.applyColorMap(np.rint(255 * (1.0 - share)).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
+        share = np.log(np.clip(depth, self.near, self.far) / self.near) / math.log(
+            self.far / self.near
+        )
+        colours = cv2.applyColorMap(
+            np.rint(255 * (1.0 - share)).astype(np.uint8), cv2.COLORMAP_VIRIDIS
+        )
         colours[~np.isfinite(depth)] = NOTHING_COLOUR
         colours[depth <= 0.0] = INVALID_COLOUR
         return colours.astype(np.uint8)
@@ -91,7 +97,8 @@ class Scale:
         """Depths [m] from the nearest to the farthest, and their colours (red, green, blue)."""
         depths = np.geomspace(self.near, self.far, 16)
         return [
-            (float(d), (r, g, b)) for d, (b, g, r) in zip(depths, self.coloured(depths[None])[0].tolist(), strict=True)
+            (float(d), (r, g, b))
+            for d, (b, g, r) in zip(depths, self.coloured(depths[None])[0].tolist(), strict=True)
         ]
 
 
@@ -110,7 +117,8 @@ class View:
     """[rad], shape (12,)."""
 
 
-# front feet stretched ahead and inwards, nearly as far as joints allow: where the narrow camera can see them
+# front feet stretched ahead and inwards, nearly as far as joints allow: where the narrow camera can
+# see them
 REACHING = np.array([0.8, -0.6, -0.95, -0.8, -0.6, -0.95])
 EFFECTS_VIEW = 3  # legs and terrain at different depths: every effect has something to act on
 
@@ -120,7 +128,9 @@ def views(robot: Robot) -> tuple[View, ...]:
     stand = robot.stand_pose
     ahead = np.clip(np.concatenate([REACHING, stand[6:]]), robot.joint_lower, robot.joint_upper)
     return (
-        View(title="standing", before_edge=0.8, clearance=robot.stand_height, pitch=0.0, joints=stand),
+        View(
+            title="standing", before_edge=0.8, clearance=robot.stand_height, pitch=0.0, joints=stand
+        ),
         View(title="taking off", before_edge=0.4, clearance=0.35, pitch=-0.25, joints=stand),
         View(title="in flight", before_edge=-0.3, clearance=0.40, pitch=0.15, joints=stand),
         View(title="reaching ahead", before_edge=0.9, clearance=0.45, pitch=0.0, joints=ahead),
@@ -157,7 +167,11 @@ def write_preview(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Pat
         trouble=trouble,
         legend=scale.legend(),
         size=f"{sensor.width} x {sensor.height}",
-        clean=[picture for i, view in enumerate(shown) for picture in _clean(view, scale, depth[i], narrow[i])],
+        clean=[
+            picture
+            for i, view in enumerate(shown)
+            for picture in _clean(view, scale, depth[i], narrow[i])
+        ],
         effects_view=shown[EFFECTS_VIEW].title,
         effects=[scale.picture(*stage) for stage in stages],
         for_model=_for_model(scale, camera, true, reported),
@@ -183,15 +197,20 @@ def poses(terrain: Terrain, shown: Sequence[View]) -> Poses:
     near = x[:, None] + np.linspace(-0.25, 0.25, 11)
     z = terrain.height_at(near, 0.0).max(axis=1) + [view.clearance for view in shown]
     level = np.zeros(len(shown))
-    quaternion = quaternion_from_roll_pitch_yaw(level, np.array([view.pitch for view in shown]), level)
+    quaternion = quaternion_from_roll_pitch_yaw(
+        level, np.array([view.pitch for view in shown]), level
+    )
     return np.stack([x, level, z], axis=-1), quaternion, np.stack([view.joints for view in shown])
 
 
-def effect_stages(depth: Depth, hidden: NDArray[np.bool_], camera: DepthCamera) -> Iterator[tuple[str, str, Depth]]:
+def effect_stages(
+    depth: Depth, hidden: NDArray[np.bool_], camera: DepthCamera
+) -> Iterator[tuple[str, str, Depth]]:
     """Name, meaning and picture of every effect together with all that come before it.
 
     Args:
-        depth: true depth of the pixels in which the camera's imagers match [m], shape (height, width).
+        depth: true depth of the pixels in which the camera's imagers match [m], shape (height,
+            width).
         hidden: what the right imager does not see, same shape.
         camera: whose effects; those at their null value are left out.
     """
@@ -205,7 +224,10 @@ def effect_stages(depth: Depth, hidden: NDArray[np.bool_], camera: DepthCamera) 
 
 
 def settled(config: StereoConfig, optics: Optics, depth: Depth, hidden: NDArray[np.bool_]) -> Depth:
-    """The image of a stereo camera that has stood still for a while [m]; its noise is always the same."""
+    """The image of a stereo camera that has stood still for a while [m].
+
+    Its noise is always the same.
+    """
     stereo = StereoCamera(config, optics)
     state = stereo.init((), np.random.default_rng(0))
     for k in range(EXPOSURES):
@@ -219,7 +241,9 @@ def for_network(depth: Depth, camera: Intrinsics) -> Depth:
     return np.where(valid > 0.0, RANGE_M * near, np.float32(0.0))
 
 
-def cloud_figure(wide: StereoEmbree, camera: DepthCamera, robots: Poses, true: Depth, reported: Depth) -> go.Figure:
+def cloud_figure(
+    wide: StereoEmbree, camera: DepthCamera, robots: Poses, true: Depth, reported: Depth
+) -> go.Figure:
     """Both depth images as points in the world."""
     origin, rotation = camera_pose(wide.mount, robots[0][EFFECTS_VIEW], robots[1][EFFECTS_VIEW])
     stride = math.ceil(math.sqrt(true.size / CLOUD_POINTS))
@@ -229,7 +253,9 @@ def cloud_figure(wide: StereoEmbree, camera: DepthCamera, robots: Poses, true: D
         sampled = depth[::stride, ::stride]
         shown = (sampled > 0.0) & (sampled < RANGE_M)
         x, y, z = np.round(origin + sampled[shown][:, None] * rays[shown], 4).astype(np.float32).T
-        figure.add_scatter3d(x=x, y=y, z=z, name=name, mode="markers", marker={"size": 1.5, "color": colour})
+        figure.add_scatter3d(
+            x=x, y=y, z=z, name=name, mode="markers", marker={"size": 1.5, "color": colour}
+        )
     figure.update_layout(
         height=640,
         margin={"l": 0, "r": 0, "t": 0, "b": 0},
@@ -243,16 +269,23 @@ def cloud_figure(wide: StereoEmbree, camera: DepthCamera, robots: Poses, true: D
     return figure
 
 
-def _robots(robot: Robot, terrain: Terrain, shown: Sequence[View], robots: Poses) -> tuple[list[Picture], str]:
+def _robots(
+    robot: Robot, terrain: Terrain, shown: Sequence[View], robots: Poses
+) -> tuple[list[Picture], str]:
     """The robot in each pose, seen from aside; or why there is no way to draw it."""
     position, quaternion, joints = robots
-    pose, none = np.concatenate([position, quaternion], axis=-1), np.full((len(shown), _NO_HEIGHTS.size), np.nan)
+    pose, none = (
+        np.concatenate([position, quaternion], axis=-1),
+        np.full((len(shown), _NO_HEIGHTS.size), np.nan),
+    )
     try:
         frames = snapshots(robot, terrain, pose, joints, _NO_HEIGHTS, none, size=ROBOT_SIZE)
     except SaltusError as error:
         return [], str(error)
     sources = [_source(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), ROBOT_QUALITY) for frame in frames]
-    return [Picture(view.title, "", source) for view, source in zip(shown, sources, strict=True)], ""
+    return [
+        Picture(view.title, "", source) for view, source in zip(shown, sources, strict=True)
+    ], ""
 
 
 def _source(picture: NDArray[np.uint8], quality: tuple[int, int]) -> str:
@@ -268,5 +301,7 @@ def _clean(view: View, scale: Scale, wide: Depth, narrow: Depth) -> list[Picture
 def _for_model(scale: Scale, camera: DepthCamera, true: Depth, reported: Depth) -> list[Picture]:
     pictures = []
     for title, depth in (("true", true), ("as reported", reported)):
-        pictures.append(scale.picture(title, "", camera.for_model(for_network(depth, camera.matching))))
+        pictures.append(
+            scale.picture(title, "", camera.for_model(for_network(depth, camera.matching)))
+        )
     return pictures

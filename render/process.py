@@ -20,7 +20,13 @@ def random_stream(seed: int) -> np.random.Generator:
 class CameraProcess:
     """Exposes at the rate of its camera and hands out each frame when it is due, by the effects of the link."""
 
-    def __init__(self, camera: DepthCamera, exposure: Exposure, effects: CameraChain, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        camera: DepthCamera,
+        exposure: Exposure,
+        effects: CameraChain,
+        rng: np.random.Generator,
+    ) -> None:
         self._camera = camera
         self._exposure = exposure
         self._effects = effects
@@ -57,7 +63,8 @@ class CameraProcess:
     def wait_s(self, now_ns: int, limit_s: float) -> float:
         """How long to wait for the next frame to become due; `limit_s` at most.
 
-        Not at all for one that has become due since the last step, while its exposure took its time.
+        Not at all for one that has become due since the last step, while its exposure took its
+        time.
         """
         arrival = self._effects.next_arrival_s(1e-9 * self._stepped_ns, self._state)
         return float(np.clip(arrival - 1e-9 * now_ns, 0.0, limit_s))
@@ -75,6 +82,8 @@ class CameraProcess:
     def _frame(self, time_ns: int, image: DepthImage) -> DepthFrame:
         """Packs an image; frames that are older will not be asked for again."""
         frame_id = self._frame_ids[time_ns]
-        self._frame_ids = {time: known for time, known in self._frame_ids.items() if time >= time_ns}
+        self._frame_ids = {
+            time: known for time, known in self._frame_ids.items() if time >= time_ns
+        }
         depth = depth_in_millimetres(image.depth)
         return depth_frame(self._exposure.intrinsics, depth, time_ns=time_ns, frame_id=frame_id)

@@ -17,7 +17,8 @@ from saltus.robots.leg_shapes import Capsules
 from saltus.rotations import rotation_matrix
 from saltus.terrain.terrain import Terrain
 
-# With 24 bits of depth the error at depth z is z^2 / (near 2^24): 0.03 mm at 3 m. No leg comes nearer to the camera.
+# With 24 bits of depth the error at depth z is z^2 / (near 2^24): 0.03 mm at 3 m. No leg comes
+# nearer to the camera.
 NEAR = 0.02
 FAR = 100.0
 SIDES = 32  # of a round leg: its flats lie at most 0.1 mm under the true surface
@@ -26,7 +27,9 @@ _GL_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
 
 
 class PyrenderRenderer(Renderer):
-    """See `Renderer`. One image a call of OpenGL; those of a size share a context, which loads a scene at its turn.
+    """See `Renderer`.
+
+    One image a call of OpenGL; those of a size share a context, which loads a scene at its turn.
 
     Raises:
         SaltusError: see `Renderer`, or neither OSMesa nor EGL is installed.
@@ -42,7 +45,9 @@ class PyrenderRenderer(Renderer):
         # both sides: a camera that has sunk into a box sees its inside, as rays do
         both_sides = np.concatenate([triangles, triangles[:, ::-1]])
         self._add(trimesh.Trimesh(vertices, both_sides, process=False))
-        self._links = [self._add(_capsule(*size)) for size in self.legs.sizes] if camera.legs else []
+        self._links = (
+            [self._add(_capsule(*size)) for size in self.legs.sizes] if camera.legs else []
+        )
         intrinsics = camera.intrinsics
         eye = self._pyrender.IntrinsicsCamera(
             intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, znear=NEAR, zfar=FAR
@@ -51,16 +56,24 @@ class PyrenderRenderer(Renderer):
         self._gl = _context(intrinsics.width, intrinsics.height)
         self._flags = self._pyrender.RenderFlags.DEPTH_ONLY
         self._drawn: dict[Any, int] | None = None
-        if gl_platform() == "egl":  # where pyrender takes four samples a pixel; SEG has them all at the pixel's centre
+        if (
+            gl_platform() == "egl"
+        ):  # where pyrender takes four samples a pixel; SEG has them all at the pixel's centre
             self._flags |= self._pyrender.RenderFlags.SEG
             self._drawn = dict.fromkeys(self._scene.mesh_nodes, 255)  # SEG draws what has a colour
 
-    def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
+    def _render(
+        self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
+    ) -> NDArray[np.float32]:
         origin, rotation = camera_pose(self.mount, base_position, base_quaternion)
-        images = np.empty((len(origin), self.intrinsics.height, self.intrinsics.width), dtype=np.float32)
+        images = np.empty(
+            (len(origin), self.intrinsics.height, self.intrinsics.width), dtype=np.float32
+        )
         eye = _pose(origin, rotation @ _GL_FROM_CAMERA)
         legs = self.legs.capsules(joint_position)
-        seen = windows(capsules_in_camera(legs, self.mount.position, self.mount.rotation), self.intrinsics)[2]
+        seen = windows(
+            capsules_in_camera(legs, self.mount.position, self.mount.rotation), self.intrinsics
+        )[2]
         links = _link_poses(legs, base_position, base_quaternion)
         for i in range(len(origin)):
             self._scene.set_pose(self._eye, eye[i])
@@ -81,14 +94,17 @@ def _context(width: int, height: int) -> Any:
     return load_pyrender().OffscreenRenderer(width, height)
 
 
-def _link_poses(legs: Capsules, base_position: Floats, base_quaternion: Floats) -> NDArray[np.float64]:
+def _link_poses(
+    legs: Capsules, base_position: Floats, base_quaternion: Floats
+) -> NDArray[np.float64]:
     """Poses of the leg meshes, whose z axes run from start to end, shape (n, 12, 4, 4)."""
     base = rotation_matrix(base_quaternion)
     start = base_position[:, None, :] + legs.start @ base.mT
     axis = (legs.end - legs.start) @ base.mT
     length = np.linalg.norm(axis, axis=-1, keepdims=True)
     z = np.where(length > 0.0, axis / np.where(length > 0.0, length, 1.0), [0.0, 0.0, 1.0])
-    # any direction across will do; the lateral axis of the base is across a leg unless it is abducted by 90 degrees
+    # any direction across will do; the lateral axis of the base is across a leg unless it is
+    # abducted by 90 degrees
     x = np.cross(np.broadcast_to(base[:, None, :, 1], z.shape), z)
     x /= np.linalg.norm(x, axis=-1, keepdims=True)
     return _pose(start, np.stack([x, np.cross(z, x), z], axis=-1))
@@ -102,7 +118,10 @@ def _pose(position: Floats, rotation: Floats) -> NDArray[np.float64]:
 
 
 def _capsule(length: float, radius: float) -> trimesh.Trimesh:
-    """A capsule along z, from the origin; trimesh has moved the place of its origin between versions."""
+    """A capsule along z, from the origin.
+
+    Trimesh has moved the place of its origin between versions.
+    """
     mesh = trimesh.creation.capsule(height=length, radius=radius, count=[SIDES // 2, SIDES])
     mesh.apply_translation([0.0, 0.0, -radius - mesh.bounds[0, 2]])
     return mesh

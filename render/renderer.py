@@ -24,7 +24,9 @@ class Renderer(ABC):
         self.intrinsics, self.mount = camera.intrinsics, camera.mount
         self.legs = LegShapes(camera.robot)
 
-    def render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
+    def render(
+        self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
+    ) -> NDArray[np.float32]:
         """Depth along the optical axis [m], infinite where nothing is hit, shape (height, width).
 
         Args:
@@ -32,7 +34,9 @@ class Renderer(ABC):
             base_quaternion: (w, x, y, z), base to world, shape (4,).
             joint_position: [rad], shape (12,).
         """
-        return self.render_batch(base_position[None], base_quaternion[None], joint_position[None])[0]
+        return self.render_batch(base_position[None], base_quaternion[None], joint_position[None])[
+            0
+        ]
 
     def render_batch(
         self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
@@ -46,7 +50,9 @@ class Renderer(ABC):
         return self._render(base_position, base_quaternion, joint_position)
 
     @abstractmethod
-    def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
+    def _render(
+        self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
+    ) -> NDArray[np.float32]:
         """Renders as `render_batch` does, poses that have been checked."""
 
 
@@ -61,8 +67,13 @@ class StereoRenderer(Renderer):
     def render_pair(
         self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """One pair; arguments as `Renderer.render`, results as `render_pair_batch` without its first dimension."""
-        depth, hidden = self.render_pair_batch(base_position[None], base_quaternion[None], joint_position[None])
+        """One pair.
+
+        Arguments as `Renderer.render`, results as `render_pair_batch` without its first dimension.
+        """
+        depth, hidden = self.render_pair_batch(
+            base_position[None], base_quaternion[None], joint_position[None]
+        )
         return depth[0], hidden[0]
 
     @abstractmethod
@@ -71,7 +82,8 @@ class StereoRenderer(Renderer):
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Depth from the left imager [m] and whether the right one does not see the point.
 
-        Arguments and errors as those of `Renderer.render_batch`; both results have the shape (n, height, width).
+        Arguments and errors as those of `Renderer.render_batch`; both results have the shape (n,
+        height, width).
         """
 
 
@@ -79,13 +91,18 @@ def check_poses(base_position: Floats, base_quaternion: Floats, joint_position: 
     """Refuses poses that are no poses.
 
     Raises:
-        SaltusError: an array has another shape than (n, 3), (n, 4), (n, 12), or holds a number that is not finite.
+        SaltusError: an array has another shape than (n, 3), (n, 4), (n, 12), or holds a number that
+            is not finite.
     """
     count = len(base_position)
     given = {"base_position": (base_position, 3), "base_quaternion": (base_quaternion, 4)}
     for name, (value, size) in {**given, "joint_position": (joint_position, 12)}.items():
         if value.shape != (count, size):
-            raise SaltusError(f"{name} has the shape {tuple(value.shape)}: it must be ({count}, {size})")
+            raise SaltusError(
+                f"{name} has the shape {tuple(value.shape)}: it must be ({count}, {size})"
+            )
         if not np.isfinite(value).all():
             pose = int(np.flatnonzero(~np.isfinite(value).all(axis=-1))[0])
-            raise SaltusError(f"{name} of pose {pose} is {value[pose].tolist()}: every number must be finite")
+            raise SaltusError(
+                f"{name} of pose {pose} is {value[pose].tolist()}: every number must be finite"
+            )

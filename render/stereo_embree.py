@@ -18,17 +18,20 @@ from saltus.terrain.terrain import Terrain
 
 FARTHEST_M = 20.0  # what is farther has a disparity of half a pixel: both imagers see it alike
 NEAREST_POINT_M = 0.02  # nothing that a leg could hide comes nearer
-ALONG_RAY = 0.999  # of the way from the right imager to a point: short of the surface that the point lies on
+# Of the way from the right imager to a point: short of the surface that the point lies on
+ALONG_RAY = 0.999
 
 
 class StereoEmbree(EmbreeRenderer, StereoRenderer):
     """See `StereoRenderer`.
 
-    The second view is one ray for each point of the left image, so it is exact at every pixel and has no border; rays
-    that cannot hit terrain are not cast.
+    The second view is one ray for each point of the left image, so it is exact at every pixel and
+    has no border; rays that cannot hit terrain are not cast.
     """
 
-    def __init__(self, terrain: Terrain, optics: Optics, camera: RobotCamera, *, threads: int = 1) -> None:
+    def __init__(
+        self, terrain: Terrain, optics: Optics, camera: RobotCamera, *, threads: int = 1
+    ) -> None:
         super().__init__(terrain, camera, threads=threads)
         self.optics = optics
 
@@ -45,12 +48,18 @@ class StereoEmbree(EmbreeRenderer, StereoRenderer):
             self._terrain_hides(hidden[part], np.minimum(depth[part], FARTHEST_M), origin, rotation)
             if self.camera.legs:
                 right = self.mount.position + self.mount.rotation[:, 0] * self.optics.baseline_m
-                legs = capsules_in_camera(self.legs.capsules(joint_position[part]), right, self.mount.rotation)
+                legs = capsules_in_camera(
+                    self.legs.capsules(joint_position[part]), right, self.mount.rotation
+                )
                 self._legs_hide(hidden[part], depth[part], legs)
         return depth, hidden
 
     def _terrain_hides(
-        self, hidden: NDArray[np.bool_], depth: NDArray[np.float32], origin: Floats, rotation: Floats
+        self,
+        hidden: NDArray[np.bool_],
+        depth: NDArray[np.float32],
+        origin: Floats,
+        rotation: Floats,
     ) -> None:
         """Marks in place the points, shape (n, height, width), with terrain between them and the right imager."""
         baseline_m = self.optics.baseline_m
@@ -67,11 +76,17 @@ class StereoEmbree(EmbreeRenderer, StereoRenderer):
             direction = (turn[:, axis, 1:2] * self._down + turn[:, axis, 2:])[image, row]
             direction += (turn[:, axis, :1] * self._across)[image, column]
             direction *= along
-            np.subtract(direction, to_right[:, axis].astype(np.float32)[image], out=rays[:, 3 + axis])
-        blocked = self._scene.test_occlusions(open3d.core.Tensor.from_numpy(rays), 0.0, ALONG_RAY, self._threads)
+            np.subtract(
+                direction, to_right[:, axis].astype(np.float32)[image], out=rays[:, 3 + axis]
+            )
+        blocked = self._scene.test_occlusions(
+            open3d.core.Tensor.from_numpy(rays), 0.0, ALONG_RAY, self._threads
+        )
         hidden.reshape(-1)[point] = blocked.numpy()
 
-    def _legs_hide(self, hidden: NDArray[np.bool_], depth: NDArray[np.float32], legs: Capsules) -> None:
+    def _legs_hide(
+        self, hidden: NDArray[np.bool_], depth: NDArray[np.float32], legs: Capsules
+    ) -> None:
         """Marks in place the points, shape (n, height, width), that legs hide from the right imager, their frame.
 
         Only points whose image in the right imager lies in the window of a leg are tested.
@@ -81,11 +96,14 @@ class StereoEmbree(EmbreeRenderer, StereoRenderer):
         rows, columns, seen = windows(legs, wide)
         image, k = np.nonzero(seen)
         tall = rows[image, k, 1] - rows[image, k, 0]
-        # one line for each row of each window: its window, its row, and its place among all rows of all images
+        # one line for each row of each window: its window, its row, and its place among all rows of
+        # all images
         window = np.repeat(np.arange(len(k)), tall)
         row = np.arange(len(window)) + np.repeat(rows[image, k, 0] - np.cumsum(tall) + tall, tall)
         line = image[window] * camera.height + row
-        to_right = np.arange(camera.width, dtype=np.float32) + np.float32(wide.width - camera.width + 0.5)
+        to_right = np.arange(camera.width, dtype=np.float32) + np.float32(
+            wide.width - camera.width + 0.5
+        )
         shift = (self.optics.baseline_m / depth).reshape(-1, camera.width)
         place = np.take(to_right - shift * camera.fx, line, axis=0)
         limits = columns[image, k].astype(np.float32)[window]

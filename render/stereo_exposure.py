@@ -19,8 +19,8 @@ CLAIMED_VIEW = ViewChain()
 class StereoExposure:
     """The images of a camera with the errors of stereo matching.
 
-    `view` are effects that move the camera, which reports its intrinsics without them; `renderer` is the name of the
-    back end.
+    `view` are effects that move the camera, which reports its intrinsics without them; `renderer`
+    is the name of the back end.
     """
 
     def __init__(
@@ -34,7 +34,9 @@ class StereoExposure:
     ) -> None:
         self.intrinsics = camera.image
         optics = Optics.behind(camera.image, camera)
-        self._views = make_stereo(renderer, terrain, optics, RobotCamera.on(robot, self.intrinsics).moved(view))
+        self._views = make_stereo(
+            renderer, terrain, optics, RobotCamera.on(robot, self.intrinsics).moved(view)
+        )
         self._camera = StereoCamera(StereoConfig.of(camera), optics)
         self._state = self._camera.init((), rng)
 
@@ -43,5 +45,7 @@ class StereoExposure:
         depth, hidden = self._views.render_pair(
             truth.position_base_in_world, truth.quaternion_base_in_world, truth.joint_position
         )
-        image, self._state = self._camera.step(depth, hidden, np.asarray(1e-9 * truth.time_ns), self._state)
+        image, self._state = self._camera.step(
+            depth, hidden, np.asarray(1e-9 * truth.time_ns), self._state
+        )
         return np.asarray(image.depth)

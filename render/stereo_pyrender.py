@@ -14,10 +14,11 @@ from saltus.render.renderer import StereoRenderer
 from saltus.render.stereo.optics import Optics
 from saltus.terrain.terrain import Terrain
 
-# What is nearer is outside of the right image and counts as visible: a D435i at 424x240 does not measure it anyway,
-# its disparities end at 126 px (8.4 cm)
+# What is nearer is outside of the right image and counts as visible: a D435i at 424x240 does not
+# measure it anyway, its disparities end at 126 px (8.4 cm)
 NEAREST_M = 0.08
-# A point falls between pixels of the right image: up to half a pixel away, the same surface may be nearer by this much
+# A point falls between pixels of the right image: up to half a pixel away, the same surface may be
+# nearer by this much
 TOLERANCE_PX = 1.0
 IMAGES_PER_PASS = 64  # right images in memory: 13 MB of a D435i's
 
@@ -25,8 +26,9 @@ IMAGES_PER_PASS = 64  # right images in memory: 13 MB of a D435i's
 class StereoPyrender(PyrenderRenderer, StereoRenderer):
     """See `StereoRenderer`.
 
-    The right image has the rows of the left one and the columns of the sensor, however few the left one has of these.
-    A shadow's border is exact to half a column; what is less than a pixel of disparity behind counts as visible.
+    The right image has the rows of the left one and the columns of the sensor, however few the left
+    one has of these. A shadow's border is exact to half a column; what is less than a pixel of
+    disparity behind counts as visible.
     """
 
     def __init__(self, terrain: Terrain, optics: Optics, camera: RobotCamera) -> None:
@@ -42,7 +44,9 @@ class StereoPyrender(PyrenderRenderer, StereoRenderer):
         hidden = np.empty(depth.shape, np.bool_)
         for first in range(0, len(depth), IMAGES_PER_PASS):
             part = slice(first, first + IMAGES_PER_PASS)
-            right = self._right.render_batch(base_position[part], base_quaternion[part], joint_position[part])
+            right = self._right.render_batch(
+                base_position[part], base_quaternion[part], joint_position[part]
+            )
             hidden[part] = hidden_by_image(
                 depth[part], right, self.intrinsics, self._right.intrinsics, self.optics.baseline_m
             )
@@ -55,7 +59,10 @@ def right_imager(camera: RobotCamera, optics: Optics) -> RobotCamera:
     fx = left.fx * optics.pitch_x
     extra = math.ceil(optics.baseline_m * fx / NEAREST_M)
     wide = replace(
-        left, width=math.ceil(left.width * optics.pitch_x) + extra, fx=fx, cx=left.cx * optics.pitch_x + extra
+        left,
+        width=math.ceil(left.width * optics.pitch_x) + extra,
+        fx=fx,
+        cx=left.cx * optics.pitch_x + extra,
     )
     right = mount.position + optics.baseline_m * mount.rotation[:, 0]
     return replace(camera, intrinsics=wide, mount=replace(mount, position=right))
@@ -71,7 +78,8 @@ def hidden_by_image(
     """Which points of left images are not in the images from the right, because something nearer is in their place.
 
     Args:
-        depth: of the points, along the optical axis [m], infinite where nothing is hit, shape (n, height, width).
+        depth: of the points, along the optical axis [m], infinite where nothing is hit, shape (n,
+            height, width).
         right_depth: as the right imager sees it, shape (n, height, wide).
         left: of the left images.
         right: of the right images, with the same rows.

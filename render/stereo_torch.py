@@ -1,6 +1,9 @@
-"""The morphology of the stereo camera on torch, which is kornia's; all else of it is one law with numpy.
+"""The morphology of the stereo camera on torch, which is kornia's.
 
-On a GPU no step waits for a value: shapes and the number of operations depend on the size of the images only.
+All else of it is one law with numpy.
+
+On a GPU no step waits for a value: shapes and the number of operations depend on the size of the
+    images only.
 """
 
 from dataclasses import dataclass
@@ -13,7 +16,8 @@ from kornia.morphology import dilation, erosion
 class KorniaWindows:
     """`saltus.render.stereo.windows.Morphology` for images of three dimensions.
 
-    Only extremes come from kornia: its moving averages (`box_blur`), which are convolutions on a CPU, take 8 to 49
+    Only extremes come from kornia: its moving averages (`box_blur`), which are convolutions on a
+        CPU, take 8 to 49
     times as long there as sums over windows of 1, 2, 4, ... samples.
     """
 

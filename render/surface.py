@@ -9,16 +9,27 @@ from saltus.terrain.columns import Columns
 from saltus.terrain.terrain import Terrain
 
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))  # seen from outside
+_FACES = (
+    (0, 1, 3, 2),
+    (4, 6, 7, 5),
+    (0, 4, 5, 1),
+    (2, 3, 7, 6),
+    (0, 2, 6, 4),
+    (1, 5, 7, 3),
+)  # seen from outside
 
 
 def terrain_triangles(terrain: Terrain) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """The outer surface of columns, without walls between columns of one height; else all faces of all boxes.
+    """The outer surface of columns, without walls between columns of one height.
+
+    Else all faces of all boxes.
 
     Returns:
         Vertices [m], world frame, shape (4 faces, 3), and corners of triangles, shape (2 faces, 3).
     """
-    faces = _box_faces(terrain.arrays) if terrain.columns is None else _column_faces(terrain.columns)
+    faces = (
+        _box_faces(terrain.arrays) if terrain.columns is None else _column_faces(terrain.columns)
+    )
     vertices = faces.reshape(-1, 3)
     first = np.arange(0, len(vertices), 4)
     triangles = first[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
@@ -48,7 +59,9 @@ def _column_faces(columns: Columns) -> Floats:
     return np.concatenate(faces)
 
 
-def _faces(first: Floats, last: Floats, y: tuple[float, float], z_first: Floats, z_last: Floats) -> Floats:
+def _faces(
+    first: Floats, last: Floats, y: tuple[float, float], z_first: Floats, z_last: Floats
+) -> Floats:
     """Rectangles over the whole width between two x, shape (n, 4, 3)."""
     return np.stack(
         [_points(first, y[0], z_first), _points(last, y[0], z_last), _points(last, y[1], z_last),
@@ -65,7 +78,13 @@ def _along(first: Floats, last: Floats, y: float, top: Floats, bottom: float) ->
     """Upright rectangles along the course, shape (n, 4, 3)."""
     low = np.full_like(top, bottom)
     return np.stack(
-        [_points(first, y, low), _points(last, y, low), _points(last, y, top), _points(first, y, top)], axis=1
+        [
+            _points(first, y, low),
+            _points(last, y, low),
+            _points(last, y, top),
+            _points(first, y, top),
+        ],
+        axis=1,
     )
 
 

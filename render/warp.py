@@ -21,15 +21,17 @@ from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 
 FARTHEST_M = 20.0  # what is farther has a disparity of half a pixel: both imagers see it alike
-ALONG_RAY = 0.999  # of the way from the right imager to a point: short of the surface that the point lies on
+# Of the way from the right imager to a point: short of the surface that the point lies on
+ALONG_RAY = 0.999
 
 
 class WarpCaster:
     """Casts the rays of many cameras, each over boxes of its own or all over the same.
 
-    Torch tensors on the device are read where they are, in the order of torch's present stream; results are Warp
-    arrays, which `warp.to_torch` turns into tensors without a copy. Boxes are arrays of shape (n, boxes, ...), or
-    (1, boxes, ...) for one terrain under all. The device is "cuda:0" or "cpu"; by default the first GPU, if any.
+    Torch tensors on the device are read where they are, in the order of torch's present stream;
+    results are Warp arrays, which `warp.to_torch` turns into tensors without a copy. Boxes are
+    arrays of shape (n, boxes, ...), or (1, boxes, ...) for one terrain under all. The device is
+    "cuda:0" or "cpu"; by default the first GPU, if any.
     """
 
     def __init__(self, boxes: Boxes, camera: RobotCamera, *, device: str | None = None) -> None:
@@ -37,7 +39,9 @@ class WarpCaster:
         self._legs = LegShapes(camera.robot)
         warp.config.log_level = warp.LOG_WARNING  # no banner
         self.device = str(warp.get_device(device))
-        self._radius = warp.array(self._legs.radius if camera.legs else [], dtype=float, device=self.device)
+        self._radius = warp.array(
+            self._legs.radius if camera.legs else [], dtype=float, device=self.device
+        )
         self._level = warp.zeros((0, 0), dtype=warp.mat33f, device=self.device)
         self.set_boxes(boxes)
 
@@ -48,14 +52,21 @@ class WarpCaster:
             SaltusError: centres and sizes have different shapes, or they are no boxes.
         """
         center, half_size = boxes.center, boxes.half_size
-        if center.ndim != 3 or center.shape[-1] != 3 or tuple(center.shape) != tuple(half_size.shape):
+        if (
+            center.ndim != 3
+            or center.shape[-1] != 3
+            or tuple(center.shape) != tuple(half_size.shape)
+        ):
             raise SaltusError(
-                f"boxes have centres of shape {tuple(center.shape)} and half sizes of shape {tuple(half_size.shape)}: "
+                f"boxes have centres of shape {tuple(center.shape)} and half sizes of shape "
+                f"{tuple(half_size.shape)}: "
                 "both must be (robots, boxes, 3)"
             )
         self._low = self._on_device(center - half_size, warp.vec3f)
         self._high = self._on_device(center + half_size, warp.vec3f)
-        self._turn = self._level if boxes.turn is None else self._on_device(boxes.rotation, warp.mat33f)
+        self._turn = (
+            self._level if boxes.turn is None else self._on_device(boxes.rotation, warp.mat33f)
+        )
 
     def set_mount(self, mount: Mount) -> None:
         """Puts the cameras somewhere else on the trunks.
@@ -65,7 +76,9 @@ class WarpCaster:
         """
         self.camera = replace(self.camera, mount=mount)
 
-    def cast(self, base_position: Array, base_quaternion: Array, joint_position: Array) -> warp.array:
+    def cast(
+        self, base_position: Array, base_quaternion: Array, joint_position: Array
+    ) -> warp.array:
         """Depth along the optical axis [m], infinite where nothing is hit, float32, shape (n, height, width).
 
         Args:
@@ -80,7 +93,12 @@ class WarpCaster:
             return self._cast(self._scene(base_position, base_quaternion, joint_position))
 
     def cast_pair(
-        self, base_position: Array, base_quaternion: Array, joint_position: Array, *, baseline_m: float
+        self,
+        base_position: Array,
+        base_quaternion: Array,
+        joint_position: Array,
+        *,
+        baseline_m: float,
     ) -> tuple[warp.array, warp.array]:
         """Depth as from `cast`, and whether an imager `baseline_m` to the right does not see the point."""
         with self._stream_of(base_position):
@@ -103,18 +121,30 @@ class WarpCaster:
         warp.launch(cast_kernel, dim=shape, inputs=[scene], outputs=[depth], device=self.device)
         return depth
 
-    def _scene(self, base_position: Array, base_quaternion: Array, joint_position: Array) -> WarpScene:
+    def _scene(
+        self, base_position: Array, base_quaternion: Array, joint_position: Array
+    ) -> WarpScene:
         """Returns what the kernels get."""
         if self._low.shape[0] not in (1, len(base_position)):
-            raise SaltusError(f"boxes are given for {self._low.shape[0]} robots, poses for {len(base_position)}")
+            raise SaltusError(
+                f"boxes are given for {self._low.shape[0]} robots, poses for {len(base_position)}"
+            )
         origin, rotation = camera_pose(self.camera.mount, base_position, base_quaternion)
         legs = self._legs.capsules(joint_position)
-        position_in_base, camera_in_base = (constant.like(legs.start) for constant in self.camera.mount.in_base)
+        position_in_base, camera_in_base = (
+            constant.like(legs.start) for constant in self.camera.mount.in_base
+        )
         seen = capsules_in_camera(legs, position_in_base, camera_in_base)
         camera, scene = self.camera.intrinsics, WarpScene()
-        scene.origin, scene.rotation = self._on_device(origin, warp.vec3f), self._on_device(rotation, warp.mat33f)
+        scene.origin, scene.rotation = (
+            self._on_device(origin, warp.vec3f),
+            self._on_device(rotation, warp.mat33f),
+        )
         scene.low, scene.high, scene.turn = self._low, self._high, self._turn
-        scene.start, scene.end = self._on_device(seen.start, warp.vec3f), self._on_device(seen.end, warp.vec3f)
+        scene.start, scene.end = (
+            self._on_device(seen.start, warp.vec3f),
+            self._on_device(seen.end, warp.vec3f),
+        )
         scene.radius = self._radius
         scene.fx, scene.fy, scene.cx, scene.cy = camera.fx, camera.fy, camera.cx, camera.cy
         return scene
@@ -145,8 +175,12 @@ class WarpRenderer(Renderer):
         boxes = TerrainStack([terrain]).boxes(len(terrain.boxes))
         self.caster = WarpCaster(boxes, camera, device=device)
 
-    def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
-        depth: NDArray[np.float32] = self.caster.cast(base_position, base_quaternion, joint_position).numpy()
+    def _render(
+        self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
+    ) -> NDArray[np.float32]:
+        depth: NDArray[np.float32] = self.caster.cast(
+            base_position, base_quaternion, joint_position
+        ).numpy()
         return depth
 
 

@@ -1,6 +1,7 @@
 """Ray casts in Warp, on a GPU or on the CPU: boxes and capsules, one thread a pixel.
 
-The camera frame is that of `saltus.render.camera`; a ray's parameter is its depth along the optical axis.
+The camera frame is that of `saltus.render.camera`; a ray's parameter is its depth along the optical
+axis.
 """
 
 import math
@@ -13,7 +14,10 @@ PARALLEL = 1e-9  # a ray's share along an axis below this is taken to be this: n
 
 @wp.func
 def box_entry(origin: wp.vec3f, direction: wp.vec3f, low: wp.vec3f, high: wp.vec3f) -> wp.vec2f:
-    """Depths between which a ray's line is inside a box; the first is the greater where it misses."""
+    """Depths between which a ray's line is inside a box.
+
+    The first is the greater where it misses.
+    """
     enters = -NOTHING
     leaves = NOTHING
     for axis in range(3):
@@ -29,7 +33,10 @@ def box_entry(origin: wp.vec3f, direction: wp.vec3f, low: wp.vec3f, high: wp.vec
 
 @wp.func
 def first_root(a: float, b: float, c: float) -> float:
-    """The lesser t with a t^2 - 2 b t + c = 0; infinite where there is none or it is not positive."""
+    """The lesser t with a t^2 - 2 b t + c = 0.
+
+    Infinite where there is none or it is not positive.
+    """
     inside = b * b - a * c
     root = NOTHING
     if inside >= 0.0 and a > 0.0:
@@ -41,7 +48,10 @@ def first_root(a: float, b: float, c: float) -> float:
 
 @wp.func
 def capsule_entry(direction: wp.vec3f, start: wp.vec3f, end: wp.vec3f, radius: float) -> float:
-    """Depth at which a ray from the origin enters a capsule; the same quadratics as `saltus.render.capsules`."""
+    """Depth at which a ray from the origin enters a capsule.
+
+    The same quadratics as `saltus.render.capsules`.
+    """
     axis = end - start
     speed_squared = wp.dot(direction, direction)
     to_start = wp.dot(direction, start)
@@ -86,7 +96,9 @@ class WarpScene:
 
 
 @wp.func
-def turned_entry(scene: WarpScene, row: int, i: int, origin: wp.vec3f, direction: wp.vec3f) -> wp.vec2f:
+def turned_entry(
+    scene: WarpScene, row: int, i: int, origin: wp.vec3f, direction: wp.vec3f
+) -> wp.vec2f:
     """`box_entry` of a box that may be turned about its centre; `turn` is empty where all are level."""
     low, high = scene.low[row, i], scene.high[row, i]
     if scene.turn.shape[0] > 0:

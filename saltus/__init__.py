@@ -1,6 +1,7 @@
 """Saltus: a legged robot that sees where it steps.
 
-`import saltus` gives what docs/python.md shows. It loads nothing: each name is looked up when it is used.
+`import saltus` gives what docs/python.md shows. It loads nothing: each name is looked up when it is
+used.
 """
 
 from importlib import import_module
@@ -42,7 +43,8 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "saltus.api": (
-        "depth_frames", "find_effects", "make_predictor", "predict_heights", "robot_states", "roll_out",
+        "depth_frames", "find_effects", "make_predictor", "predict_heights", "robot_states",
+        "roll_out",
     ),
     "saltus.config": ("TerrainConfig",),
     "saltus.depth": ("D435I", "Intrinsics"),
@@ -65,7 +67,8 @@ _HOMES = {
         "DepthFrame", "GroundTruth", "Heightmap", "HeightmapStatus", "MotionPlan", "RobotState",
     ),
 }  # fmt: skip
-"""Where each name is defined: what is imported above for those who check types, said to those who run."""
+"""Where each name is defined: what is imported above for those who check types, said to those who
+run."""
 
 __all__ = [name for names in _HOMES.values() for name in names]
 

@@ -1,7 +1,7 @@
 """Functions that `import saltus` offers beside what other modules define: one call for a task, arrays for messages.
 
-Each function only puts together what the commands are made of; docs/python.md shows all of them. Heavy libraries load
-when a function is called, not before.
+Each function only puts together what the commands are made of; docs/python.md shows all of them.
+Heavy libraries load when a function is called, not before.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,23 +39,28 @@ def depth_frames(camera: "Intrinsics", depth_m: ArrayLike, time_s: ArrayLike) ->
 
     Args:
         camera: Its pin-hole model.
-        depth_m: Along the optical axis [m], rows from the top, shape (n, height, width); 0 is invalid, infinite is
-            "nothing within range".
+        depth_m: Along the optical axis [m], rows from the top, shape (n, height, width); 0 is
+            invalid, infinite is "nothing within range".
         time_s: When each image was taken [s], shape (n,), rising, in the clock of the states.
 
     Raises:
-        ConfigError: shapes that do not fit each other, depth that is not a number, or times that do not rise.
+        ConfigError: shapes that do not fit each other, depth that is not a number, or times that do
+            not rise.
     """
     from saltus.depth import depth_frame, depth_in_millimetres
 
     depth, time_ns = np.asarray(depth_m, np.float64), _nanoseconds(time_s)
     wanted = (len(time_ns), camera.height, camera.width)
     if depth.shape != wanted:
-        raise ConfigError(f"depth_m has the shape {depth.shape}: it must be {wanted}, (images, height, width)")
+        raise ConfigError(
+            f"depth_m has the shape {depth.shape}: it must be {wanted}, (images, height, width)"
+        )
     if not (depth >= 0.0).all():
         raise ConfigError("depth_m holds what is negative or no number: set invalid pixels to 0")
     images = depth_in_millimetres(depth)
-    return [depth_frame(camera, images[i], time_ns=time_ns[i], frame_id=i) for i in range(len(time_ns))]
+    return [
+        depth_frame(camera, images[i], time_ns=time_ns[i], frame_id=i) for i in range(len(time_ns))
+    ]
 
 
 def robot_states(
@@ -80,7 +85,8 @@ def robot_states(
         leg_trusted: Whether the foot may be taken to be on the ground, shape (n, 4).
 
     Raises:
-        ConfigError: a shape that does not fit, a value that is not finite, or times that do not rise.
+        ConfigError: a shape that does not fit, a value that is not finite, or times that do not
+            rise.
     """
     time_ns = _nanoseconds(time_s)
     count = len(time_ns)
@@ -130,13 +136,17 @@ def make_predictor(robot: "Robot", model: str | Path | None = None) -> "Heightma
 
 
 def predict_heights(
-    robot: "Robot", frames: Sequence[DepthFrame], states: Sequence[RobotState], model: str | Path | None = None
+    robot: "Robot",
+    frames: Sequence[DepthFrame],
+    states: Sequence[RobotState],
+    model: str | Path | None = None,
 ) -> "list[Heightmap]":
     """The heights ahead at every state, each with half of its 90 % interval and a status.
 
     Args:
         robot: That the model was made for.
-        frames: In the order in which they were taken; each is used from 50 ms later on, as on the robot.
+        frames: In the order in which they were taken; each is used from 50 ms later on, as on the
+            robot.
         states: 100 a second, in order, in the clock of the frames.
         model: ONNX file; by default the shipped one.
 
@@ -168,10 +178,10 @@ def roll_out(
         terrain: The same for all.
         planner: By default the shipped policy; see `make_planner`.
         trials: How many robots.
-        seed: Of the first trial; the others have seed + 1, seed + 2, ... A seed draws start, friction, payload, motor
-            strength and delays.
-        heights: "true": with the shift of each trial; "true-exact": without; "predicted": what the shipped predictor
-            makes of the images of `camera`.
+        seed: Of the first trial; the others have seed + 1, seed + 2, ... A seed draws start,
+            friction, payload, motor strength and delays.
+        heights: "true": with the shift of each trial; "true-exact": without; "predicted": what the
+            shipped predictor makes of the images of `camera`.
         camera: Name or TOML file.
         grid: Where the planner is given heights; by default that of the shipped policy.
         on_step: Called with every step of all robots, 100 times a second of theirs.
@@ -200,7 +210,10 @@ def roll_out(
         source = PredictedHeightsFactory()
     else:
         source = HEIGHTS[heights]
-    drawn, grid = [Trial.draw(seed + i) for i in range(trials)], grid or grid_of(model_path("policy"))
+    drawn, grid = (
+        [Trial.draw(seed + i) for i in range(trials)],
+        grid or grid_of(model_path("policy")),
+    )
     setups = named_setups(robot, grid, camera, SHIPPED, [terrain] * trials, drawn)
     driver = planner or make_planner("learned", setups[0].robot, grid)
     loop = Loop(setups, driver, heights=source(setups))
@@ -222,9 +235,11 @@ def find_effects(
     """Finds which effects the simulator lacks to explain logs of one robot: what `saltus real2sim find` does.
 
     Args:
-        runs: Folders of run logs, or folders or recordings of runs of Saltus, whose logs are written into OUT/logs.
+        runs: Folders of run logs, or folders or recordings of runs of Saltus, whose logs are
+            written into OUT/logs.
         out: Folder for verdict.json, patch.toml and report.html.
-        profile: Effects that the simulator has already, besides what the logs claim: a name or a TOML file.
+        profile: Effects that the simulator has already, besides what the logs claim: a name or a
+            TOML file.
         seed: Of the bootstrap.
         report: Whether to write report.html.
         progress: Called with the stage and the share that is done.
@@ -233,7 +248,8 @@ def find_effects(
         The verdict, the patch and what they stand on.
 
     Raises:
-        SaltusError: a log that cannot be read or compared with anything, or a folder that cannot be written.
+        SaltusError: a log that cannot be read or compared with anything, or a folder that cannot be
+            written.
     """
     from saltus.effects.profile import load_profile
     from saltus.real2sim.pipeline import find

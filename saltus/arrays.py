@@ -20,9 +20,13 @@ Reals: TypeAlias = NDArray[np.floating]
 Indices: TypeAlias = NDArray[np.int64]
 """A numpy array of whole numbers: places in another array, or counts."""
 Array: TypeAlias = Any
-"""A numpy array or a torch tensor: the array API standard has no static type yet. Where a law says so, also a float."""
+"""A numpy array or a torch tensor: the array API standard has no static type yet.
 
-# Shapes are types where jaxtyping was imported first, as tests do that check them; elsewhere they cost nothing.
+Where a law says so, also a float.
+"""
+
+# Shapes are types where jaxtyping was imported first, as tests do that check them; elsewhere they
+# cost nothing.
 if TYPE_CHECKING or "jaxtyping" in sys.modules:
     from jaxtyping import Bool, Float, Shaped
 else:
@@ -102,12 +106,16 @@ FLOATS = SimpleNamespace(
 """Functions of the standard that laws call, for Python's own floats: a call on a small array costs
 ten times its arithmetic."""
 
-# numpy 2 is the standard's namespace itself; the compatibility layer's wrappers would cost a quarter of a control tick.
+# numpy 2 is the standard's namespace itself; the compatibility layer's wrappers would cost a
+# quarter of a control tick.
 _NAMESPACES: dict[type, Any] = {np.ndarray: np, np.float64: np, float: FLOATS}
 
 
 def namespace(array: Array) -> Any:
-    """The array API namespace of `array`; looked up once per array type, because the lookup costs 4 us."""
+    """The array API namespace of `array`.
+
+    Looked up once per array type, because the lookup costs 4 us.
+    """
     found = _NAMESPACES.get(type(array))
     if found is None:
         found = _NAMESPACES[type(array)] = array_api_compat.array_namespace(array)
@@ -121,10 +129,15 @@ def smooth_step(t: Array) -> Array:
 
 
 class Constant:
-    """A fixed array that takes the library, dtype and device of whatever it meets; each conversion happens once."""
+    """A fixed array that takes the library, dtype and device of whatever it meets.
+
+    Each conversion happens once.
+    """
 
     def __init__(self, value: ArrayLike) -> None:
-        self._value: NDArray[np.float64] = np.array(value, dtype=np.float64)  # torch wants arrays that can be written
+        self._value: NDArray[np.float64] = np.array(
+            value, dtype=np.float64
+        )  # torch wants arrays that can be written
         self._converted: dict[tuple[type, Any, Any], Array] = {}
 
     def like(self, reference: Array) -> Array:
@@ -136,7 +149,9 @@ class Constant:
         found = self._converted.get(key)
         if found is None:
             xp = namespace(reference)
-            found = self._converted[key] = xp.asarray(self._value, dtype=reference.dtype, device=device)
+            found = self._converted[key] = xp.asarray(
+                self._value, dtype=reference.dtype, device=device
+            )
         return found
 
 

@@ -9,10 +9,10 @@ from saltus.errors import ConfigError
 class RunClock:
     """The clock of a run: nanoseconds since its start.
 
-    In real time it is the monotonic clock of the machine minus `epoch_ns`, times `speed`, so all processes agree. All
-    rates, ages and limits of a run are in this clock, so that the same code with the same limits runs on a computer
-    that is too slow for real time. In lockstep it stands at the time that the caller has set: that of the step being
-    answered.
+    In real time it is the monotonic clock of the machine minus `epoch_ns`, times `speed`, so all
+    processes agree. All rates, ages and limits of a run are in this clock, so that the same code
+    with the same limits runs on a computer that is too slow for real time. In lockstep it stands at
+    the time that the caller has set: that of the step being answered.
     """
 
     def __init__(self, epoch_ns: int = 0, *, lockstep: bool = False, speed: float = 1.0) -> None:

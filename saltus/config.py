@@ -26,11 +26,14 @@ Config = TypeVar("Config")
 LONGEST_RUN_S = 1e6
 """Eleven days: as good as without end."""
 LOCKSTEP_LINK_SPEED = 0.05
-"""Makes 10 s of the 0.5 s after which a silent link is given up (zenoh_cfg): Zenoh's own default."""
+"""Makes 10 s of the 0.5 s after which a silent link is given up (zenoh_cfg): Zenoh's own
+default."""
 
 TOML_MAX = 4 * 2**20
 """Characters of a file: a terrain of 10,000 boxes has a third of it."""
-_LONG_NAME = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*\.[ \t]*){30}""")  # its parser takes minutes for thousands
+_LONG_NAME = re.compile(
+    r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*\.[ \t]*){30}"""
+)  # its parser takes minutes for thousands
 
 
 UNNAMED = {"robot": "go1", "grid": "line"}
@@ -43,7 +46,8 @@ class TerrainConfig:
 
     terrain: str = "stairs"
     """flat, stairs, stepping_stones, step, gap, stairs_down, step_down, pyramid, irregular (stairs), hurdles, ditch,
-    ramp_up, ramp_down, house, quarry, yard, a family of your own, or a TOML file with boxes or segments."""
+    ramp_up, ramp_down, house, quarry, yard, a family of your own, or a TOML file with boxes or
+    segments."""
     difficulty: float | None = None
     """0 (easiest) to 1: sets the sizes that are not given."""
     steps: int | None = None
@@ -85,11 +89,16 @@ class RunConfig:
     pace: Pace = "lockstep"
     renderer: Renderer = "auto"
     camera: str = "ideal"
-    """"ideal": true depth at the model's resolution. "d435i": a stereo camera's errors at 80x240. Or a TOML file."""
+    """"ideal": true depth at the model's resolution. "d435i": a stereo camera's errors at 80x240.
+
+    Or a TOML file.
+    """
     profile: str = "shipped"
-    """Effects of the hardware: "shipped" (those of the robot), "ideal", or the name or path of a TOML profile."""
+    """Effects of the hardware: "shipped" (those of the robot), "ideal", or the name or path of a
+    TOML profile."""
     known: str | None = None
-    """Profile of what is known of the drives, by name or path: the leg controller takes it out of its commands."""
+    """Profile of what is known of the drives, by name or path: the leg controller takes it out of
+    its commands."""
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: a network."""
     policy_model: str | None = None
@@ -100,13 +109,17 @@ class RunConfig:
     speed: float = 1.0
     """Real time: seconds of the run for each second of the machine, more than 0 and at most 1."""
     epoch_ns: int = 0
-    """Start of the run on the monotonic clock of this machine; the zero of the run's clock in real time."""
+    """Start of the run on the monotonic clock of this machine.
+
+    The zero of the run's clock in real time.
+    """
 
     @property
     def link_speed(self) -> float:
         """By this the 0.5 s after which a silent link is given up are divided (`saltus.wire.joining`, its `speed`).
 
-        In real time the clock's own; in lockstep, where nobody is late however slow, `LOCKSTEP_LINK_SPEED`.
+        In real time the clock's own; in lockstep, where nobody is late however slow,
+        `LOCKSTEP_LINK_SPEED`.
         """
         return self.speed if self.pace == "realtime" else LOCKSTEP_LINK_SPEED
 
@@ -117,13 +130,23 @@ class RunConfig:
             ConfigError: it has no end, or a prefix or speed that no run can have.
         """
         if not re.fullmatch(r"[\w.-]+(/[\w.-]+)*", self.prefix):
-            raise ConfigError(f"prefix = '{self.prefix}': it must be names with / between them, e.g. robot/0")
+            raise ConfigError(
+                f"prefix = '{self.prefix}': it must be names with / between them, e.g. robot/0"
+            )
         if not 0.0 < self.speed <= 1.0:
-            raise ConfigError(f"speed = {self.speed:g}: it must be more than 0 and at most 1 (real time)")
+            raise ConfigError(
+                f"speed = {self.speed:g}: it must be more than 0 and at most 1 (real time)"
+            )
         if self.speed < 1.0 and self.pace == "lockstep":
-            raise ConfigError(f'speed = {self.speed:g}: a lockstep run has no clock to slow; use pace = "realtime"')
+            raise ConfigError(
+                f"speed = {self.speed:g}: a lockstep run has no clock to slow; use pace = "
+                f'"realtime"'
+            )
         if not 0.0 < self.time_limit_s <= LONGEST_RUN_S:
-            raise ConfigError(f"time_limit_s = {self.time_limit_s:g}: it must be more than 0, up to {LONGEST_RUN_S:g}")
+            raise ConfigError(
+                f"time_limit_s = {self.time_limit_s:g}: it must be more than 0, up to "
+                f"{LONGEST_RUN_S:g}"
+            )
 
 
 class Value:
@@ -166,7 +189,8 @@ def from_toml(kind: type[Config], text: str) -> Config:
     """Reads a config dataclass from TOML.
 
     Raises:
-        ConfigError: not TOML, an unknown key (the nearest known one is named), a missing key, a value of a wrong type.
+        ConfigError: not TOML, an unknown key (the nearest known one is named), a missing key, a
+            value of a wrong type.
     """
     return from_table(kind, read_toml(text))
 
@@ -204,13 +228,19 @@ def from_table(kind: type[Config], table: dict[str, Any], where: str = "") -> Co
 
 
 def load(kind: type[Config], path: Path) -> Config:
-    """Reads a config dataclass, or a value in the form of its own, from a TOML file; errors name the file."""
+    """Reads a config dataclass, or a value in the form of its own, from a TOML file.
+
+    Errors name the file.
+    """
     read: Callable[[str], Config] = getattr(kind, "from_toml", partial(from_toml, kind))
     return read_file(path, read)
 
 
 def load_changes(config: Config, path: Path) -> Config:
-    """`config` with what a TOML file names of it in place of its own values; errors name the file."""
+    """`config` with what a TOML file names of it in place of its own values.
+
+    Errors name the file.
+    """
     return read_file(path, lambda text: changed(config, read_toml(text)))
 
 
@@ -234,7 +264,9 @@ def read_file(path: Path, make: Callable[[str], Config]) -> Config:
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not valid TOML: it is not text in UTF-8 (save it as UTF-8)") from error
+        raise ConfigError(
+            f"{path}: not valid TOML: it is not text in UTF-8 (save it as UTF-8)"
+        ) from error
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
 
@@ -284,14 +316,21 @@ def _checked(hint: Any, value: Any, path: str) -> Any:
                 return _checked(option, value, path)
             except ConfigError:
                 continue
-        raise ConfigError(f"'{path}' = {value!r} must be {' or '.join(dict.fromkeys(map(_in_words, options)))}")
+        raise ConfigError(
+            f"'{path}' = {value!r} must be {' or '.join(dict.fromkeys(map(_in_words, options)))}"
+        )
     if origin is tuple:
         if not isinstance(value, list):
             raise ConfigError(f"'{path}' must be a list, not {value!r}")
-        item_hints = [args[0]] * len(value) if len(args) == 2 and args[1] is Ellipsis else list(args)
+        item_hints = (
+            [args[0]] * len(value) if len(args) == 2 and args[1] is Ellipsis else list(args)
+        )
         if len(item_hints) != len(value):
             raise ConfigError(f"'{path}' must have {len(item_hints)} entries, not {len(value)}")
-        return tuple(_checked(h, v, f"{path}[{i}]") for i, (h, v) in enumerate(zip(item_hints, value, strict=True)))
+        return tuple(
+            _checked(h, v, f"{path}[{i}]")
+            for i, (h, v) in enumerate(zip(item_hints, value, strict=True))
+        )
     if origin is np.ndarray:
         try:
             return np.array(value, dtype=np.float64)
@@ -312,13 +351,21 @@ def _checked(hint: Any, value: Any, path: str) -> Any:
         return Path(value)
     if hint is Any:
         return value
-    if isinstance(hint, type) and (not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool)):
+    if isinstance(hint, type) and (
+        not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool)
+    ):
         raise ConfigError(f"'{path}' = {value!r} must be {_in_words(hint)}")
     return value
 
 
 def _in_words(hint: Any) -> str:
     """A type in words for people."""
-    words = {float: "a number", int: "a whole number", bool: "true or false", str: "text", Path: "a path"}
+    words = {
+        float: "a number",
+        int: "a whole number",
+        bool: "true or false",
+        str: "text",
+        Path: "a path",
+    }
     listed = typing.get_origin(hint) in (tuple, np.ndarray)
     return "a list" if listed else words.get(hint, "a table")

@@ -13,6 +13,7 @@ GRAVITY = 9.81
 LOADED_N = 5.0
 """Force from which a foot bears load: above the noise of one that grazes the ground."""
 FORCE_M_PER_N = 0.3 / 60.0
-"""Length of the arrows of forces in pictures [m/N]: 0.3 m for what one of two legs bears of a robot of 12 kg."""
+"""Length of the arrows of forces in pictures [m/N]: 0.3 m for what one of two legs bears of a robot
+of 12 kg."""
 NORMAL_90 = 1.645
 """Half of the 90 % interval of a normal law, in standard deviations."""

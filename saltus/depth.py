@@ -1,7 +1,7 @@
 """From the image of any depth camera to what the heightmap model sees.
 
-The model looks through a camera of 16 x 48 pixels. A frame is cropped to that field of view by its intrinsics and
-pooled by area: each pixel of the model averages the valid part of what it covers.
+The model looks through a camera of 16 x 48 pixels. A frame is cropped to that field of view by its
+intrinsics and pooled by area: each pixel of the model averages the valid part of what it covers.
 """
 
 import math
@@ -20,7 +20,8 @@ MILLIMETRE = 0.001
 """Depth unit of simulated frames [m]; default of the D435i."""
 NOTHING = 65535
 """Depth of a pixel that sees nothing within range; 0 is invalid."""
-VALID_SHARE = 0.5  # a pixel is valid where at least half of its area is; below, most of the average would be guessed
+# A pixel is valid where at least half of its area is; below, most of the average would be guessed
+VALID_SHARE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,12 +37,15 @@ class Intrinsics:
 
 
 _HORIZONTAL_FOV = math.radians(21.43)  # original
-_FOCAL = 8.0 / math.tan(0.5 * _HORIZONTAL_FOV)  # 42.28 px, half of 16 pixels over the tangent of half the angle
+_FOCAL = 8.0 / math.tan(
+    0.5 * _HORIZONTAL_FOV
+)  # 42.28 px, half of 16 pixels over the tangent of half the angle
 MODEL_CAMERA = Intrinsics(width=16, height=48, fx=_FOCAL, fy=_FOCAL, cx=8.0, cy=24.0)
 """Intrinsics of the images that the model sees (original: the centre of 424 x 240 pixels, 80 x 240,
 pooled by 5)."""
 D435I = Intrinsics(width=424, height=240, fx=211.313, fy=211.313, cx=213.523, cy=120.012)
-"""The camera on the authors' robot (original, which counts from pixel centres: there cx, cy are half a pixel less)."""
+"""The camera on the authors' robot (original, which counts from pixel centres: there cx, cy are
+half a pixel less)."""
 
 
 BASELINE_M = 0.050
@@ -61,7 +65,9 @@ def supersampled_model_camera(samples_down: int, samples_across: int) -> Intrins
     )
 
 
-def model_image(depth: Array, camera: Intrinsics = MODEL_CAMERA, unit_m: float = MILLIMETRE) -> Array:
+def model_image(
+    depth: Array, camera: Intrinsics = MODEL_CAMERA, unit_m: float = MILLIMETRE
+) -> Array:
     """Makes what a network sees of depth images: cropped and pooled to its camera, and normalised.
 
     Images of the model's own camera keep their pixels. What a camera does not cover is invalid.
@@ -110,10 +116,14 @@ def depth_in_millimetres(depth_m: Array) -> Array:
 def intrinsics_of(frame: DepthFrame) -> Intrinsics:
     """The camera that a frame says it was taken through."""
     height, width = frame.depth.shape
-    return Intrinsics(width=width, height=height, fx=frame.fx, fy=frame.fy, cx=frame.cx, cy=frame.cy)
+    return Intrinsics(
+        width=width, height=height, fx=frame.fx, fy=frame.fy, cx=frame.cx, cy=frame.cy
+    )
 
 
-def depth_frame(camera: Intrinsics, depth_mm: NDArray[np.uint16], *, time_ns: int = 0, frame_id: int = 0) -> DepthFrame:
+def depth_frame(
+    camera: Intrinsics, depth_mm: NDArray[np.uint16], *, time_ns: int = 0, frame_id: int = 0
+) -> DepthFrame:
     """An image [mm], shape (height, width), as a camera sends it."""
     return DepthFrame(
         time_ns=time_ns,
@@ -136,7 +146,10 @@ class _Pooling:
     count: int
     """Number of model pixels."""
     reached: slice
-    """Model pixels that the source covers at all. Through a long lens these are few, and each is the mean of many."""
+    """Model pixels that the source covers at all.
+
+    Through a long lens these are few, and each is the mean of many.
+    """
     place: NDArray[np.int64] | None
     """For each of these the source pixels that may cover it, counted within `needed`, shape (some, reached); None where
     the model pixels are those of the source."""
@@ -190,20 +203,29 @@ def _layers(raw: Array, unit_m: float) -> Array:
 
 @lru_cache(maxsize=64)
 def _pooling(
-    count: int, focal: float, centre: float, source_count: int, source_focal: float, source_centre: float
+    count: int,
+    focal: float,
+    centre: float,
+    source_count: int,
+    source_focal: float,
+    source_centre: float,
 ) -> _Pooling:
     scale = source_focal / focal
     edges = source_centre + (np.arange(count + 1) - centre) * scale
     first = min(max(math.floor(edges[0]), 0), source_count)
     last = max(min(math.ceil(edges[-1]), source_count), first)
     begin, end = np.floor(edges[:-1]), np.ceil(edges[1:])
-    pixel = begin + np.arange(int(np.max(end - begin)) if last > first else 0)[:, None]  # (some, count)
+    pixel = (
+        begin + np.arange(int(np.max(end - begin)) if last > first else 0)[:, None]
+    )  # (some, count)
     overlap = np.minimum(edges[1:], pixel + 1.0) - np.maximum(edges[:-1], pixel)
     inside = (pixel >= first) & (pixel < last)
     covered = np.flatnonzero(inside.any(0))
     reached = slice(int(covered[0]), int(covered[-1]) + 1) if len(covered) else slice(0)
     place = np.clip(pixel - first, 0, max(last - first - 1, 0)).astype(np.int64)[:, reached]
-    weight = (np.where(inside, np.maximum(overlap, 0.0), 0.0) / scale).astype(np.float32)[:, reached]
+    weight = (np.where(inside, np.maximum(overlap, 0.0), 0.0) / scale).astype(np.float32)[
+        :, reached
+    ]
     own = np.array_equal(place, [np.arange(count)]) and bool((weight == 1.0).all())
     same = weight.size > 0 and bool((weight == weight[0, 0]).all())
     return _Pooling(

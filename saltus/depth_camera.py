@@ -1,6 +1,7 @@
 """A depth camera as one value: where it sits, what its images are, when they come, and which errors they have.
 
-`ideal` and `d435i` are two of them; one's own is a TOML file (examples/camera.toml) that names what differs from d435i.
+`ideal` and `d435i` are two of them; one's own is a TOML file (examples/camera.toml) that names what
+differs from d435i.
 """
 
 import math
@@ -14,7 +15,14 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Array, Constant, namespace
 from saltus.config import Value, changed, check_between, read_file, read_toml
-from saltus.depth import BASELINE_M, D435I, MODEL_CAMERA, Intrinsics, model_image, supersampled_model_camera
+from saltus.depth import (
+    BASELINE_M,
+    D435I,
+    MODEL_CAMERA,
+    Intrinsics,
+    model_image,
+    supersampled_model_camera,
+)
 from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import Profile
 from saltus.errors import ConfigError, nearest_hint
@@ -50,11 +58,18 @@ class DepthCamera(Value):
     camera_roll: float | None = None
     """About the optical axis, right side down positive [rad]; that of the robot's own, if None."""
     camera_yaw: float | None = None
-    """To the left positive [rad]; that of the robot's own, if None. The camera turns by yaw, then pitch, then roll."""
+    """To the left positive [rad]; that of the robot's own, if None.
+
+    The camera turns by yaw, then pitch, then roll.
+    """
     rate_hz: float = 50.0
-    """Images a second: each is taken at the first of the plant's steps that is not before its time."""
+    """Images a second: each is taken at the first of the plant's steps that is not before its
+    time."""
     latency_s: float | None = None
-    """From exposure to arrival, in place of the profile's `camera_latency` [s]; that of the profile, if None."""
+    """From exposure to arrival, in place of the profile's `camera_latency` [s].
+
+    That of the profile, if None.
+    """
     range_m: tuple[float, float] | None = None
     """Nearest and farthest valid depth [m]; None if all is valid."""
     depth_unit_m: float | None = None
@@ -69,7 +84,8 @@ class DepthCamera(Value):
     sensor: Intrinsics | None = None
     """In which pixels the imagers match, where the image is a part of them."""
     stereo: dict[str, dict[str, float]] = field(default_factory=dict)
-    """Parameters of the errors that are not those of a D435i (`saltus.render.stereo.camera.StereoConfig`)."""
+    """Parameters of the errors that are not those of a D435i
+    (`saltus.render.stereo.camera.StereoConfig`)."""
 
     def __post_init__(self) -> None:
         check_between(
@@ -79,16 +95,21 @@ class DepthCamera(Value):
             baseline_m=(1e-3, 1.0),
         )  # fmt: skip
         for view in (self.image, self.matching):
-            check_between(view, width=(1, _LARGEST), height=(1, _LARGEST), fx=(1.0, 1e5), fy=(1.0, 1e5))
+            check_between(
+                view, width=(1, _LARGEST), height=(1, _LARGEST), fx=(1.0, 1e5), fy=(1.0, 1e5)
+            )
             check_between(view, cx=(-1e5, 1e5), cy=(-1e5, 1e5))
         if self.range_m is not None and not self.range_m[0] < self.range_m[1]:
-            raise ConfigError(f"range_m = {list(self.range_m)}: the second must be more than the first")
+            raise ConfigError(
+                f"range_m = {list(self.range_m)}: the second must be more than the first"
+            )
 
     @classmethod
     def from_toml(cls, text: str) -> Self:
         """Reads what `to_toml` writes, or a part of it: what is not named is as in d435i.
 
-        An image, and likewise a sensor, is named as a whole: width, height, and fx and fy or fov_deg (two angles
+        An image, and likewise a sensor, is named as a whole: width, height, and fx and fy or
+            fov_deg (two angles
         [deg]); cx and cy are its centre where they are not given.
         """
         return cast("Self", recorded(read_toml(text)))
@@ -111,20 +132,29 @@ class DepthCamera(Value):
 
     def mounted_on(self, robot: Robot) -> Robot:
         """The robot with its camera where this one sits."""
-        named: dict[str, Any] = {name: value for name, value in self.mount.items() if value is not None}
+        named: dict[str, Any] = {
+            name: value for name, value in self.mount.items() if value is not None
+        }
         return replace(robot, **named) if named else robot
 
     def delivered(self, profile: Profile) -> Profile:
         """The profile with this camera's latency, if it has one of its own."""
         if self.latency_s is None:
             return profile
-        known = [effect for effect in profile.camera if isinstance(effect, CameraLatency)] or [CameraLatency()]
+        known = [effect for effect in profile.camera if isinstance(effect, CameraLatency)] or [
+            CameraLatency()
+        ]
         others = [effect for effect in profile.camera if not isinstance(effect, CameraLatency)]
         return replace(profile, camera=(*others, replace(known[0], latency=self.latency_s)))
 
     def taken_by(self, step: Array) -> Array:
-        """How many images it has taken by a step of 10 ms, itself included; the first is taken at step 0."""
-        return np.floor(np.asarray(step) * (self.rate_hz / STEP_HZ) + _ROUNDING).astype(np.int64) + 1
+        """How many images it has taken by a step of 10 ms, itself included.
+
+        The first is taken at step 0.
+        """
+        return (
+            np.floor(np.asarray(step) * (self.rate_hz / STEP_HZ) + _ROUNDING).astype(np.int64) + 1
+        )
 
     def exposes(self, step: int) -> bool:
         """True where it takes an image at a step of 10 ms."""
@@ -161,14 +191,17 @@ def load_camera(name_or_path: str) -> DepthCamera:
     """A camera by name, or from a TOML file, whose name it has if it does not say another.
 
     Raises:
-        ConfigError: neither a name nor a file; not TOML; an unknown key (the nearest is named); a number that cannot
-            be.
+        ConfigError: neither a name nor a file; not TOML; an unknown key (the nearest is named); a
+            number that cannot be.
     """
     if name_or_path in SHIPPED:
         return SHIPPED[name_or_path]
     path = Path(name_or_path)
     if path.suffix != ".toml" and not path.is_file():
-        raise ConfigError(f"no camera '{name_or_path}': {nearest_hint(name_or_path, SHIPPED)}; or give a TOML file")
+        raise ConfigError(
+            f"no camera '{name_or_path}': {nearest_hint(name_or_path, SHIPPED)}; or give a TOML "
+            f"file"
+        )
     camera = read_file(path, DepthCamera.from_toml)
     return camera if camera.name != "d435i" else replace(camera, name=path.stem)
 
@@ -177,7 +210,11 @@ def recorded(record: str | dict[str, Any]) -> DepthCamera:
     """The camera of `DepthCamera.record`; what a table does not name is as in d435i."""
     if isinstance(record, str):
         return SHIPPED[record]
-    views = {table: _whole(table, view) for table in _VIEWS if isinstance(view := record.get(table), dict)}
+    views = {
+        table: _whole(table, view)
+        for table in _VIEWS
+        if isinstance(view := record.get(table), dict)
+    }
     base = SHIPPED["d435i"]
     return changed(replace(base, sensor=None) if views else base, {**record, **views})
 
@@ -189,15 +226,25 @@ def _whole(table: str, view: dict[str, Any]) -> dict[str, Any]:
     missing = [name for name in wanted if name not in given]
     if missing or (angles is not None and given.keys() & {"fx", "fy"}):
         lacks = f"; it lacks {', '.join(missing)}" if missing else ""
-        raise ConfigError(f"[{table}] must name width, height, and either fov_deg or fx and fy{lacks}")
+        raise ConfigError(
+            f"[{table}] must name width, height, and either fov_deg or fx and fy{lacks}"
+        )
     sides = {"x": given["width"], "y": given["height"]}
     if not all(isinstance(side, int) and not isinstance(side, bool) for side in sides.values()):
-        raise ConfigError(f"[{table}] width = {sides['x']!r}, height = {sides['y']!r}: they must be whole numbers")
+        raise ConfigError(
+            f"[{table}] width = {sides['x']!r}, height = {sides['y']!r}: they must be whole numbers"
+        )
     if angles is not None:
         given.pop("fov_deg")
-        numbers = isinstance(angles, list) and len(angles) == 2 and all(isinstance(a, int | float) for a in angles)
+        numbers = (
+            isinstance(angles, list)
+            and len(angles) == 2
+            and all(isinstance(a, int | float) for a in angles)
+        )
         if not numbers or not all(0.0 < angle < 180.0 for angle in angles):
-            raise ConfigError(f"[{table}] fov_deg = {angles!r}: it must be two angles between 0 and 180")
+            raise ConfigError(
+                f"[{table}] fov_deg = {angles!r}: it must be two angles between 0 and 180"
+            )
         for (axis, side), angle in zip(sides.items(), angles, strict=True):
             given[f"f{axis}"] = 0.5 * side / math.tan(0.5 * math.radians(angle))
     return {"cx": 0.5 * sides["x"], "cy": 0.5 * sides["y"], **given}
@@ -207,7 +254,14 @@ SHIPPED = {
     camera.name: camera
     for camera in (
         DepthCamera(name="ideal", image=MODEL_CAMERA, ideal=True),
-        DepthCamera(name="d435i", image=supersampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS), sensor=D435I),
+        DepthCamera(
+            name="d435i",
+            image=supersampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS),
+            sensor=D435I,
+        ),
     )
 }
-"""True depth as the model sees it; and the centre crop of a D435i at 424x240, 80 pixels wide, with its errors."""
+"""True depth as the model sees it.
+
+And the centre crop of a D435i at 424x240, 80 pixels wide, with its errors.
+"""

@@ -22,7 +22,8 @@ class Dialect(Value):
     """Coordinate that stays while the other one runs: with "y" the first points lie in a row from
     behind the robot to ahead of it, at its right."""
     offset_m: float = 0.0
-    """Taken from the base's height above each point [m]: about the height at which the robot stands."""
+    """Taken from the base's height above each point [m]: about the height at which the robot
+    stands."""
     clip_m: float = math.inf
     """Greatest distance from the offset that the policy is told [m]; before the scale."""
     scale: float = 1.0
@@ -44,7 +45,9 @@ class Dialect(Value):
             ConfigError: there are not as many heights as points.
         """
         if height.shape[-1] != grid.size:
-            raise ConfigError(f"there are {height.shape[-1]} heights, but the grid has {grid.size} points")
+            raise ConfigError(
+                f"there are {height.shape[-1]} heights, but the grid has {grid.size} points"
+            )
         if self.outer_axis == "y":
             table = height.reshape(*height.shape[:-1], *grid.shape)
             height = namespace(height).matrix_transpose(table).reshape(height.shape)

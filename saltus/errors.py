@@ -4,14 +4,19 @@ import difflib
 from collections.abc import Iterable
 
 _SURE = 0.8
-"""Similarity from which on a name is a misspelt other one, and not another word with a part of it."""
+"""Similarity from which on a name is a misspelt other one, and not another word with a part of
+it."""
 
 _LISTED = 50
-"""Names that one line lists: all effects, benchmarks or joints, and not the hundreds of columns of a table."""
+"""Names that one line lists: all effects, benchmarks or joints, and not the hundreds of columns of
+a table."""
 
 
 class SaltusError(Exception):
-    """Base of every error that Saltus raises on purpose. The CLI prints it as one line and exits with code 2."""
+    """Base of every error that Saltus raises on purpose.
+
+    The CLI prints it as one line and exits with code 2.
+    """
 
 
 class ConfigError(SaltusError):
@@ -19,7 +24,10 @@ class ConfigError(SaltusError):
 
 
 class MessageError(SaltusError):
-    """A message that must be rejected. `reason` is a short code that rejections are counted under."""
+    """A message that must be rejected.
+
+    `reason` is a short code that rejections are counted under.
+    """
 
     def __init__(self, reason: str, detail: str = "") -> None:
         super().__init__(f"{reason}: {detail}" if detail else reason)

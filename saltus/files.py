@@ -13,8 +13,10 @@ def atomic_write(path: Path, *, synced: bool = False) -> Iterator[Path]:
     """A path beside a file, to write there what takes its place when that is done.
 
     Args:
-        path: The file, in a folder that is there. Where writing fails it stays as it is, and nothing is left beside it.
-        synced: Wait until the disk has it, so that a loss of power leaves the earlier file or the new one.
+        path: The file, in a folder that is there. Where writing fails it stays as it is, and
+            nothing is left beside it.
+        synced: Wait until the disk has it, so that a loss of power leaves the earlier file or the
+            new one.
     """
     partial = path.with_name(f".{path.name}.partial")
     try:
@@ -37,7 +39,10 @@ def write_whole(path: Path, text: str, *, synced: bool = False) -> None:
 
 @contextmanager
 def whole_folder(folder: Path) -> Iterator[Path]:
-    """A folder to fill, which gets its name when that is done; what an interruption left of it is removed before."""
+    """A folder to fill, which gets its name when that is done.
+
+    What an interruption left of it is removed before.
+    """
     temporary = folder.with_name(f".{folder.name}.partial")
     shutil.rmtree(temporary, ignore_errors=True)
     temporary.mkdir(parents=True)
@@ -54,7 +59,8 @@ def _sync(path: Path) -> None:
 
 
 ARCHIVE_MAX = 4 * 2**30
-"""Bytes that an archive may unpack to: an hour and a half of the depth images of a D435i as Saltus records them."""
+"""Bytes that an archive may unpack to: an hour and a half of the depth images of a D435i as Saltus
+records them."""
 
 
 def check_archive(path: Path, *, checksums: bool = False) -> None:

@@ -10,7 +10,8 @@ Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
 Command = TypeVar("Command")
 Subcommands = Annotated[tyro.conf.OmitSubcommandPrefixes[Command], tyro.conf.arg(name="")]
-"""The commands of a `CommandGroup`, a union of classes that are each annotated with `tyro.conf.subcommand`."""
+"""The commands of a `CommandGroup`, a union of classes that are each annotated with
+`tyro.conf.subcommand`."""
 
 
 def shown(metavar: str, default: str) -> Any:

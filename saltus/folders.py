@@ -15,7 +15,11 @@ RUNS = Path("runs")
 def new_folder(command: str) -> Path:
     """A folder that is not there yet: `runs/<date>-<command>`; it is not made here."""
     name = f"{datetime.now():%Y-%m-%dT%H%M%S}-{command}"
-    return next(path for path in (RUNS / f"{name}{'-' * bool(n)}{n or ''}" for n in range(10_000)) if not path.exists())
+    return next(
+        path
+        for path in (RUNS / f"{name}{'-' * bool(n)}{n or ''}" for n in range(10_000))
+        if not path.exists()
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +32,13 @@ class Difference:
     now: Any
 
 
-def differences(before: Mapping[str, Any], now: Mapping[str, Any], where: str = "") -> Iterator[Difference]:
-    """Differences between two configurations, each as nested tables; a value that one lacks is None there."""
+def differences(
+    before: Mapping[str, Any], now: Mapping[str, Any], where: str = ""
+) -> Iterator[Difference]:
+    """Differences between two configurations, each as nested tables.
+
+    A value that one lacks is None there.
+    """
     for name in (*now, *(name for name in before if name not in now)):
         left, right = before.get(name), now.get(name)
         if isinstance(left, Mapping) and isinstance(right, Mapping):
@@ -50,10 +59,16 @@ def ask_for_room(folder: Path) -> None:
         ) from error
 
 
-def another_training(checkpoint: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> SaltusError:
-    """The error of a training that would write over the checkpoint of another one; it says what differs."""
+def another_training(
+    checkpoint: Path, before: Mapping[str, Any], now: Mapping[str, Any]
+) -> SaltusError:
+    """The error of a training that would write over the checkpoint of another one.
+
+    It says what differs.
+    """
     differs = ", ".join(f"{d.name} = {d.before}, not {d.now}" for d in differences(before, now))
     return SaltusError(
-        f"{checkpoint} is of another training ({differs or 'of the same configuration'}): go on from it with "
+        f"{checkpoint} is of another training ({differs or 'of the same configuration'}): go on "
+        f"from it with "
         f"--resume {checkpoint}, or name another folder with --out"
     )

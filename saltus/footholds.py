@@ -26,7 +26,12 @@ class Footholds:
         self._down = Constant([0.0, 0.0, -1.0])
 
     def middle_and_step(
-        self, base_in_yaw: Array, velocity: Array, angular_velocity: Array, stance_duration: Array, base_height: Array
+        self,
+        base_in_yaw: Array,
+        velocity: Array,
+        angular_velocity: Array,
+        stance_duration: Array,
+        base_height: Array,
     ) -> tuple[Array, Array]:
         """Where a swing is at half time, under the hip, and how far it lands from there; (..., 4, 3) each [m].
 
@@ -45,14 +50,16 @@ class Footholds:
         limit = self._limit.like(velocity)
         step = xp.clip(hip_velocity * (0.5 * stance_duration)[..., None, None], -limit, limit)
         middle = (
-            hip * self._horizontal.like(velocity) + (base_height[..., None] * self._down.like(velocity))[..., None, :]
+            hip * self._horizontal.like(velocity)
+            + (base_height[..., None] * self._down.like(velocity))[..., None, :]
         )
         return middle, step
 
     def planned(self, state: RobotState, plan: MotionPlan, heightmap: Heightmap | None) -> Floats:
         """Where the feet of one robot that swing end, with the plan's residual; NaN for those that stand.
 
-        Relative to the base, yaw frame [m], shape (4, 3); on the predicted heights where there are any.
+        Relative to the base, yaw frame [m], shape (4, 3); on the predicted heights where there are
+        any.
         """
         if state.mode not in GOING or plan.stepping_frequency_hz <= 0.0:
             return np.full((4, 3), np.nan)
@@ -66,7 +73,10 @@ class Footholds:
             np.asarray((1.0 - SWING_RATIO) / plan.stepping_frequency_hz),
             np.asarray(state.base_height),
         )
-        front, rear = (np.array(foot, dtype=np.float64) for foot in (plan.foot_residual_front, plan.foot_residual_rear))
+        front, rear = (
+            np.array(foot, dtype=np.float64)
+            for foot in (plan.foot_residual_front, plan.foot_residual_rear)
+        )
         residual = np.stack([front, front, rear, rear])
         residual[:, 1] *= SIDE  # y of a plan is outward
         target = middle + step + residual

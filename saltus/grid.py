@@ -18,7 +18,9 @@ _ROUNDING_M = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class HeightGrid(Value):
-    """Points in the yaw-aligned frame of the base: x ahead, y to the left; row after row, each from its first y on.
+    """Points in the yaw-aligned frame of the base: x ahead, y to the left.
+
+    Row after row, each from its first y on.
 
     Raises:
         ConfigError: a coordinate is not finite, or coordinates are not ascending.
@@ -33,7 +35,10 @@ class HeightGrid(Value):
         for name in ("x", "y"):
             value = np.asarray(getattr(self, name), dtype=np.float64)
             if not value.size or not np.isfinite(value).all() or not (np.diff(value) > 0.0).all():
-                raise ConfigError(f"{name} of a height grid is {value.tolist()}: it must be finite numbers that ascend")
+                raise ConfigError(
+                    f"{name} of a height grid is {value.tolist()}: it must be finite numbers that "
+                    f"ascend"
+                )
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -48,20 +53,25 @@ class HeightGrid(Value):
     def equals(self, other: "HeightGrid") -> bool:
         """True where the points are the same, but for rounding of numbers that went through text."""
         sides = ((self.x, other.x), (self.y, other.y))
-        return all(len(a) == len(b) and np.allclose(a, b, rtol=0.0, atol=_ROUNDING_M) for a, b in sides)
+        return all(
+            len(a) == len(b) and np.allclose(a, b, rtol=0.0, atol=_ROUNDING_M) for a, b in sides
+        )
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
         """Place of each point, x and y [m], shape (size, 2)."""
         return np.stack(np.meshgrid(self.x, self.y, indexing="ij"), axis=-1).reshape(-1, 2)
 
-    def points_in_world(self, position: Places, yaw: Scalars, ahead: Scalars = 0.0) -> tuple[Points, Points]:
+    def points_in_world(
+        self, position: Places, yaw: Scalars, ahead: Scalars = 0.0
+    ) -> tuple[Points, Points]:
         """World x and y of each point [m], each of shape (..., size).
 
         Args:
             position: Of the base [m], numpy or torch, shape (..., 2) or (..., 3).
             yaw: Of the base [rad], shape (...).
-            ahead: Every point is taken to be this much further ahead [m], shape (...) or one number.
+            ahead: Every point is taken to be this much further ahead [m], shape (...) or one
+                number.
         """
         xp = namespace(position)
         cosine, sine = xp.cos(yaw)[..., None], xp.sin(yaw)[..., None]
@@ -69,15 +79,20 @@ class HeightGrid(Value):
         if not isinstance(ahead, float):
             ahead = ahead[..., None]
         x = x + ahead
-        return position[..., :1] + (cosine * x - sine * y), position[..., 1:2] + (sine * x + cosine * y)
+        return position[..., :1] + (cosine * x - sine * y), position[..., 1:2] + (
+            sine * x + cosine * y
+        )
 
     @cached_property
     def _constants(self) -> tuple[Constant, Constant]:
         return Constant(self.points[:, 0]), Constant(self.points[:, 1])
 
 
-SCAN = HeightGrid(x=tuple(np.linspace(-0.8, 0.8, 17).tolist()), y=tuple(np.linspace(-0.5, 0.5, 11).tolist()))
-"""The 187 points that policies of IsaacLab, legged_gym and mjlab are trained on: 1.6 x 1.0 m at 0.1 m."""
+SCAN = HeightGrid(
+    x=tuple(np.linspace(-0.8, 0.8, 17).tolist()), y=tuple(np.linspace(-0.5, 0.5, 11).tolist())
+)
+"""The 187 points that policies of IsaacLab, legged_gym and mjlab are trained on: 1.6 x 1.0 m at 0.1
+m."""
 
 LINE = HeightGrid(x=tuple(np.linspace(-0.4, 0.8, 30).tolist()))
 """The original's: 30 points on one line along the yaw."""
@@ -105,7 +120,10 @@ def stated_grid(metadata: Mapping[str, Any]) -> HeightGrid:
         ConfigError: what it states is no grid.
     """
     try:
-        x, y = (tuple(map(float, numbers)) for numbers in (metadata["grid_m"], metadata.get("grid_y_m", [0.0])))
+        x, y = (
+            tuple(map(float, numbers))
+            for numbers in (metadata["grid_m"], metadata.get("grid_y_m", [0.0]))
+        )
     except (TypeError, ValueError):
         raise ConfigError(f"'grid_m' is {metadata['grid_m']!r}: it must be numbers") from None
     return HeightGrid(x=x, y=y)
@@ -121,5 +139,7 @@ def load_grid(name_or_path: str) -> HeightGrid:
         return GRIDS[name_or_path]
     path = Path(name_or_path)
     if path.suffix != ".toml":
-        raise ConfigError(f"no grid '{name_or_path}': {nearest_hint(name_or_path, GRIDS)}; or give a TOML file")
+        raise ConfigError(
+            f"no grid '{name_or_path}': {nearest_hint(name_or_path, GRIDS)}; or give a TOML file"
+        )
     return load(HeightGrid, path)

@@ -1,6 +1,7 @@
 """Signals wait for work that they would tear apart: Python runs their handlers between any two steps of a program.
 
-A message of which a recording has the first half makes the rest of that part of the file unreadable.
+A message of which a recording has the first half makes the rest of that part of the file
+unreadable.
 """
 
 import threading
@@ -8,7 +9,10 @@ from types import TracebackType
 
 
 class _Whole:
-    """Work of the main thread that is done to its end, as a context manager; it may be entered again inside."""
+    """Work of the main thread that is done to its end, as a context manager.
+
+    It may be entered again inside.
+    """
 
     def __init__(self) -> None:
         self._depth = 0
@@ -18,7 +22,9 @@ class _Whole:
         if threading.current_thread() is threading.main_thread():
             self._depth += 1
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
+    ) -> None:
         if threading.current_thread() is not threading.main_thread():
             return  # no signal's handler runs there
         self._depth -= 1

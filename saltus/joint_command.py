@@ -1,4 +1,7 @@
-"""The command of all joints of robots, between the leg controller and the drives; no topic carries it."""
+"""The command of all joints of robots, between the leg controller and the drives.
+
+No topic carries it.
+"""
 
 from dataclasses import dataclass
 

@@ -38,12 +38,13 @@ class ModelFile:
         session: ONNX Runtime's.
         metadata: As text; `field` reads them.
 
-    Where a checksum lies beside the file, the file must be what it says: the runtime loads most files with flipped bits
+    Where a checksum lies beside the file, the file must be what it says: the runtime loads most
+        files with flipped bits
     without complaint.
 
     Raises:
-        ModelError: the file is unreadable, of no sensible size, not what its checksum says, has weights in a second
-            file, or is not a network that can be run.
+        ModelError: the file is unreadable, of no sensible size, not what its checksum says, has
+            weights in a second file, or is not a network that can be run.
     """
 
     def __init__(self, path: Path) -> None:
@@ -65,12 +66,16 @@ class ModelFile:
             )
             self.metadata: dict[str, str] = dict(self.session.get_modelmeta().custom_metadata_map)
         except Exception as error:  # the runtime has no common base class of its errors
-            raise ModelError(f"{path} is not a model that can be run: {_first_line(error)}") from error
+            raise ModelError(
+                f"{path} is not a model that can be run: {_first_line(error)}"
+            ) from error
 
     def field(self, name: str) -> Any:
         """One of its metadata, which are JSON; `ModelError` where it is missing."""
         if name not in self.metadata:
-            raise ModelError(f"model {self.path} does not fit: '{name}' is missing from its metadata")
+            raise ModelError(
+                f"model {self.path} does not fit: '{name}' is missing from its metadata"
+            )
         try:
             return json.loads(self.metadata[name])
         except (ValueError, RecursionError) as error:
@@ -85,11 +90,14 @@ class ModelFile:
         except ConfigError as error:
             raise ModelError(f"model {self.path} does not fit: {error}") from error
 
-    def check(self, inputs: Mapping[str, Sequence[Any]], outputs: Mapping[str, Sequence[Any]]) -> None:
+    def check(
+        self, inputs: Mapping[str, Sequence[Any]], outputs: Mapping[str, Sequence[Any]]
+    ) -> None:
         """Refuses a network that takes or returns anything else, and runs it once, on zeros.
 
         Args:
-            inputs: Shape of each input, without the first dimension, which is that of robots and free.
+            inputs: Shape of each input, without the first dimension, which is that of robots and
+                free.
             outputs: Of each output that is read; there may be more.
 
         All of them are float32.
@@ -103,13 +111,20 @@ class ModelFile:
         for name, shape in (*inputs.items(), *outputs.items()):
             value = (taken if name in inputs else returned).get(name)
             if value is None:
-                raise ModelError(f"{unfit} it has no {'input' if name in inputs else 'output'} '{name}'")
+                raise ModelError(
+                    f"{unfit} it has no {'input' if name in inputs else 'output'} '{name}'"
+                )
             if value.type != _FLOAT32:
                 kind = value.type.removeprefix("tensor(").removesuffix(")")
-                raise ModelError(f"{unfit} '{name}' is of type {kind}, not float: export the network in float32")
+                raise ModelError(
+                    f"{unfit} '{name}' is of type {kind}, not float: export the network in float32"
+                )
             found = list(value.shape)
             if not found or isinstance(found[0], int):
-                raise ModelError(f"{unfit} '{name}' has shape {found}: its first dimension, of robots, must be free")
+                raise ModelError(
+                    f"{unfit} '{name}' has shape {found}: its first dimension, of robots, must be "
+                    f"free"
+                )
             if found[1:] != list(shape):
                 raise ModelError(f"{unfit} '{name}' has shape {found[1:]}, not {list(shape)}")
             if not all(isinstance(size, int) for size in shape):
@@ -118,17 +133,24 @@ class ModelFile:
             raise ModelError(f"{unfit} it has an input '{name}', which nothing here fills")
         self._try(inputs, outputs)
 
-    def _try(self, inputs: Mapping[str, Sequence[int]], outputs: Mapping[str, Sequence[int]]) -> None:
+    def _try(
+        self, inputs: Mapping[str, Sequence[int]], outputs: Mapping[str, Sequence[int]]
+    ) -> None:
         """Runs it once: what a file states about its shapes need not be true."""
-        given = {name: np.zeros((_TRIED_ROBOTS, *shape), np.float32) for name, shape in inputs.items()}
+        given = {
+            name: np.zeros((_TRIED_ROBOTS, *shape), np.float32) for name, shape in inputs.items()
+        }
         try:
             answers = self.session.run(list(outputs), given)
         except Exception as error:
-            raise ModelError(f"{self.path} is not a model that can be run: {_first_line(error)}") from error
+            raise ModelError(
+                f"{self.path} is not a model that can be run: {_first_line(error)}"
+            ) from error
         for (name, shape), answer in zip(outputs.items(), answers, strict=True):
             if answer.shape != (_TRIED_ROBOTS, *shape):
                 raise ModelError(
-                    f"model {self.path} does not fit: '{name}' came with shape {list(answer.shape)} for "
+                    f"model {self.path} does not fit: '{name}' came with shape "
+                    f"{list(answer.shape)} for "
                     f"{_TRIED_ROBOTS} robots, not {[_TRIED_ROBOTS, *shape]}"
                 )
 
@@ -138,9 +160,14 @@ def _options() -> onnxruntime.SessionOptions:
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    options.add_session_config_entry("session.load_model_format", "ONNX")  # its own format may name other files, too
-    # Weights in a second file would be looked for wherever a program runs: in no folder there are none
-    options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
+    options.add_session_config_entry(
+        "session.load_model_format", "ONNX"
+    )  # its own format may name other files, too
+    # Weights in a second file would be looked for wherever a program runs: in no folder there are
+    # none
+    options.add_session_config_entry(
+        "session.model_external_initializers_file_folder_path", os.devnull
+    )
     options.log_severity_level = 4  # what is wrong is raised; the runtime need not print it too
     return options
 
@@ -173,7 +200,9 @@ def put_model(written: Path, path: Path) -> None:
     """
     checksum = checksum_path(path)
     with atomic_write(checksum) as partial:
-        partial.write_text(f"{hashlib.sha256(written.read_bytes()).hexdigest()}  {path.name}\n", encoding="utf-8")
+        partial.write_text(
+            f"{hashlib.sha256(written.read_bytes()).hexdigest()}  {path.name}\n", encoding="utf-8"
+        )
         checksum.unlink(missing_ok=True)
         written.replace(path)
 
@@ -188,5 +217,6 @@ def _compare_checksum(path: Path, sha256: str) -> None:
         raise ModelError(f"cannot read {checksum}: {error}") from error
     if not words or words[0] != sha256:
         raise ModelError(
-            f"model {path} is not the file that {checksum.name} names: it is damaged, or its checksum is another file's"
+            f"model {path} is not the file that {checksum.name} names: it is damaged, or its "
+            f"checksum is another file's"
         )

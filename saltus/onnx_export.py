@@ -1,4 +1,7 @@
-"""From a torch module to the model file that a process runs. Training code only: it needs torch and onnx."""
+"""From a torch module to the model file that a process runs.
+
+Training code only: it needs torch and onnx.
+"""
 
 import json
 import warnings
@@ -30,9 +33,10 @@ def write_onnx(
 ) -> None:
     """Writes a module as ONNX, whole or not at all, and its checksum.
 
-    Arguments and results of its `forward`, named by `inputs` and `outputs`, have a leading dimension of robots.
-    Metadata say what the file is; values become JSON. Weights whose names begin with `halves` are kept in half
-    precision, which halves the file; they are computed with in single precision.
+    Arguments and results of its `forward`, named by `inputs` and `outputs`, have a leading
+    dimension of robots. Metadata say what the file is; values become JSON. Weights whose names
+    begin with `halves` are kept in half precision, which halves the file; they are computed with in
+    single precision.
 
     Raises:
         ModelError: the file cannot be written.
@@ -41,7 +45,8 @@ def write_onnx(
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with warnings.catch_warnings():
-            # The exporter without onnxscript is announced to go away; what it writes is compared with torch.
+            # The exporter without onnxscript is announced to go away; what it writes is compared
+            # with torch.
             warnings.filterwarnings("ignore", category=DeprecationWarning)
             torch.onnx.export(
                 module,
@@ -56,7 +61,9 @@ def write_onnx(
         file = onnx.load(temporary)
         if halves is not None:
             _halve(file.graph, halves)
-        onnx.helper.set_model_props(file, {name: json.dumps(value) for name, value in metadata.items()})
+        onnx.helper.set_model_props(
+            file, {name: json.dumps(value) for name, value in metadata.items()}
+        )
         file.producer_name, file.doc_string = "saltus", ""
         onnx.checker.check_model(file)
         onnx.save(file, temporary)
@@ -78,7 +85,10 @@ def _halve(graph: onnx.GraphProto, prefix: str) -> None:
     for node in graph.node:
         for place, name in enumerate(node.input):
             node.input[place] = wide.get(name, name)
-    casts = [onnx.helper.make_node("Cast", [name], [to], to=onnx.TensorProto.FLOAT) for name, to in wide.items()]
+    casts = [
+        onnx.helper.make_node("Cast", [name], [to], to=onnx.TensorProto.FLOAT)
+        for name, to in wide.items()
+    ]
     nodes = [*casts, *graph.node]
     graph.ClearField("node")
     graph.node.extend(nodes)

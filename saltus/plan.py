@@ -26,7 +26,9 @@ class Plan:
     """[m], shape (..., 3), y outward."""
 
 
-def swing_lift(swing: Scalars, over: Scalars, down: Scalars, lift_until: Scalars, lower_from: Scalars) -> Scalars:
+def swing_lift(
+    swing: Scalars, over: Scalars, down: Scalars, lift_until: Scalars, lower_from: Scalars
+) -> Scalars:
     """Vertical residual of a foot at a share of its swing: soon at `over`, then down to `down` [m], all of shape (...).
 
     Args:
@@ -52,7 +54,9 @@ def plan_of(message: MotionPlan) -> Plan:
     )
 
 
-def plan_message(plan: Plan, status: PlanStatus, *, time_ns: int = 0, step: int = 0, reason: str = "") -> MotionPlan:
+def plan_message(
+    plan: Plan, status: PlanStatus, *, time_ns: int = 0, step: int = 0, reason: str = ""
+) -> MotionPlan:
     """The message that brings the plan of one robot."""
     return MotionPlan(
         time_ns=time_ns,

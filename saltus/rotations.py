@@ -1,6 +1,7 @@
 """Rotations, for numpy and torch and any leading batch dimensions, in part for one robot's floats.
 
-Vectors are rows: `points_base @ rotation.mT` turns (..., n, 3) points by a base-to-world rotation (..., 3, 3).
+Vectors are rows: `points_base @ rotation.mT` turns (..., n, 3) points by a base-to-world rotation
+    (..., 3, 3).
 """
 
 from collections.abc import Sequence
@@ -19,7 +20,9 @@ _SKEW = Constant(SKEW)
 
 def rotation_matrix(quaternion: Quaternions) -> Rotations:
     """Rotation matrix of a unit quaternion (w, x, y, z). Shape (..., 4) -> (..., 3, 3)."""
-    if isinstance(quaternion, np.ndarray) and quaternion.ndim == 1:  # a fifth of the time of small arrays
+    if (
+        isinstance(quaternion, np.ndarray) and quaternion.ndim == 1
+    ):  # a fifth of the time of small arrays
         return np.array(rotation_of_one(quaternion.tolist()), dtype=quaternion.dtype)
     rows = rotation_of_one([quaternion[..., i] for i in range(4)])
     entries = [entry for row in rows for entry in row]
@@ -50,7 +53,8 @@ def angles_of_axes(
 ) -> tuple[Scalars, Scalars, Scalars]:
     """The same from those components of R that they depend on, arrays or floats.
 
-    `forward` is x and y in the world of the base's x axis, `up` x, y, z in the base of the world's z axis.
+    `forward` is x and y in the world of the base's x axis, `up` x, y, z in the base of the world's
+    z axis.
     """
     xp = namespace(up[0])
     pitch = xp.asin(xp.clip(-up[0], -1.0, 1.0))

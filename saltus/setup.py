@@ -37,7 +37,8 @@ class Setup(Value):
     def to_toml(self) -> str:
         """A table for each value, in the form of its own."""
         return tomli_w.dumps(
-            {f.name: read_toml(getattr(self, f.name).to_toml()) for f in fields(self)}, multiline_strings=True
+            {f.name: read_toml(getattr(self, f.name).to_toml()) for f in fields(self)},
+            multiline_strings=True,
         )
 
     @classmethod
@@ -45,11 +46,14 @@ class Setup(Value):
         """Reads what `to_toml` writes.
 
         Raises:
-            ConfigError: not TOML, or a table that is missing, unknown or none of its value; the message names it.
+            ConfigError: not TOML, or a table that is missing, unknown or none of its value; the
+                message names it.
         """
         tables, kinds = read_toml(text), {f.name: cast(type[Value], f.type) for f in fields(cls)}
         if tables.keys() != kinds.keys():
-            raise ConfigError(f"it has the tables {', '.join(tables)}: it must have {', '.join(kinds)}")
+            raise ConfigError(
+                f"it has the tables {', '.join(tables)}: it must have {', '.join(kinds)}"
+            )
         values: dict[str, Any] = {}
         for name, kind in kinds.items():
             try:

@@ -1,9 +1,10 @@
 """States that robots know of themselves, with one set of names for all who know or read them.
 
-Consumers take a protocol and name what they read: the estimator a `Measurement`; leg controller, planner and heightmap
-network a `Proprioception`. Frames are in the names: base_in_world turns or moves from base to world, base is in the
-base frame. Arrays are numpy or torch with any leading batch dimensions (...); legs FR, FL, RR, RL, joints in the order
-of `saltus.robots.robot`.
+Consumers take a protocol and name what they read: the estimator a `Measurement`; leg controller,
+    planner and heightmap
+network a `Proprioception`. Frames are in the names: base_in_world turns or moves from base to
+world, base is in the base frame. Arrays are numpy or torch with any leading batch dimensions (...);
+legs FR, FL, RR, RL, joints in the order of `saltus.robots.robot`.
 """
 
 from dataclasses import dataclass
@@ -124,7 +125,9 @@ class RobotStates(Sensed):
         return self.step * POLICY_DT
 
 
-def states_of(measurement: Measurement, estimate: StateEstimate, schedule: Schedule, step: int = 0) -> RobotStates:
+def states_of(
+    measurement: Measurement, estimate: StateEstimate, schedule: Schedule, step: int = 0
+) -> RobotStates:
     """Puts together what sensors, estimator and gait know of the same robots at the same instant."""
     return RobotStates(
         quaternion_base_in_world=measurement.quaternion_base_in_world,
@@ -152,10 +155,12 @@ def state_message(
     joint_torque: Floats | None = None,
     depth_due: int = -1,
 ) -> RobotState:
-    """Message of one robot of a batch, or of the only one, at a policy step; times are as in `RobotState`.
+    """Message of one robot of a batch, or of the only one, at a policy step.
 
-    Drives believe in `joint_torque` [Nm], shape (12,), zero where nobody asks. `depth_due` is the newest image that is
-    due.
+    Times are as in `RobotState`.
+
+    Drives believe in `joint_torque` [Nm], shape (12,), zero where nobody asks. `depth_due` is the
+    newest image that is due.
     """
     return RobotState(
         time_ns=time_ns,

@@ -1,8 +1,9 @@
 """Laws on arrays, compiled for one robot: straight-line Python on floats, without an array.
 
-A call on a small array costs ten times its arithmetic, and a law is hundreds of such calls. `straight_line` runs the
-law once on arrays of symbols (`saltus.symbols`) and writes them down as one function: what nobody asks for is left out,
-and what one branch of a `where` alone needs is computed in that branch. The law on numpy stays the reference.
+A call on a small array costs ten times its arithmetic, and a law is hundreds of such calls.
+`straight_line` runs the law once on arrays of symbols (`saltus.symbols`) and writes them down as
+one function: what nobody asks for is left out, and what one branch of a `where` alone needs is
+computed in that branch. The law on numpy stays the reference.
 """
 
 import math
@@ -21,8 +22,10 @@ _LEAST_GUARDED = 8
 _DEEPEST = 12
 """Operations in one expression; Python reads no more than 200 parentheses in each other."""
 _TEXTS = {
-    "add": "({} + {})", "subtract": "({} - {})", "multiply": "({} * {})", "divide": "({} / {})", "negative": "(-{})",
-    "less": "({} < {})", "less_equal": "({} <= {})", "and": "({} and {})", "or": "({} or {})", "not": "(not {})",
+    "add": "({} + {})", "subtract": "({} - {})", "multiply": "({} * {})", "divide": "({} / {})",
+    "negative": "(-{})",
+    "less": "({} < {})", "less_equal": "({} <= {})", "and": "({} and {})", "or": "({} or {})",
+    "not": "(not {})",
     "minimum": "({0} if {0} < {1} else {1})", "maximum": "({0} if {0} > {1} else {1})",
     "where": "({1} if {0} else {2})", "item": "{}[{}]",
 }  # fmt: skip
@@ -37,11 +40,12 @@ def straight_line(law: Callable[..., Any], *examples: Any) -> Callable[..., Any]
 
     Args:
         law: Takes arrays and dataclasses of arrays, and returns some, in tuples if it likes.
-        examples: Its arguments: numpy arrays, whose values do not matter, in dataclasses whose other values stay.
+        examples: Its arguments: numpy arrays, whose values do not matter, in dataclasses whose
+            other values stay.
 
     Returns:
-        A function that takes and returns the same in numpy. Where floats have no result (division by zero, the sine of
-        infinity), it raises `ArithmeticError` or `ValueError`.
+        A function that takes and returns the same in numpy. Where floats have no result (division
+        by zero, the sine of infinity), it raises `ArithmeticError` or `ValueError`.
     """
     forget()
     reader = _Reader()
@@ -51,12 +55,19 @@ def straight_line(law: Callable[..., Any], *examples: Any) -> Callable[..., Any]
     writer = _Writer([*result.floats, *result.flags])
     made = [
         f"    {name} = array(({''.join(writer.text(e) + ', ' for e in entries)}), {kind})"
-        for name, entries, kind in (("floats", result.floats, "float"), ("flags", result.flags, "bool"))
+        for name, entries, kind in (
+            ("floats", result.floats, "float"),
+            ("flags", result.flags, "bool"),
+        )
         if entries
     ]
     head = f"def law({', '.join(f'a{number}' for number in range(len(examples)))}):"
-    text = "\n".join([head, *reader.lines(writer), *writer.lines(), *made, f"    return {returned}"])
-    functions = {name: getattr(math, name, round) for name in FUNCTIONS} | writer.functions | result.kinds
+    text = "\n".join(
+        [head, *reader.lines(writer), *writer.lines(), *made, f"    return {returned}"]
+    )
+    functions = (
+        {name: getattr(math, name, round) for name in FUNCTIONS} | writer.functions | result.kinds
+    )
     scope: dict[str, Any] = {**functions, "array": np.array, "inf": math.inf, "nan": math.nan}
     exec(compile(text, "<law>", "exec"), scope)  # noqa: S102 - a text of its own making
     compiled: Callable[..., Any] = scope["law"]
@@ -75,20 +86,28 @@ class _Reader:
         """The same with symbols for arrays."""
         if isinstance(example, np.ndarray | float):
             shape = np.shape(example)
-            names = [note("input", f"{path.replace('.', '_')}_{i}") for i in range(math.prod(shape))]
+            names = [
+                note("input", f"{path.replace('.', '_')}_{i}") for i in range(math.prod(shape))
+            ]
             self.paths[tuple(names)] = path
             self._read.append((path, shape, names))
             return Symbols(np.array(names, dtype=object).reshape(shape))
         if not is_dataclass(example):
             return example
-        values = {f.name: self.read(getattr(example, f.name), f"{path}.{f.name}") for f in fields(example)}
+        values = {
+            f.name: self.read(getattr(example, f.name), f"{path}.{f.name}") for f in fields(example)
+        }
         return replace(example, **values)  # type: ignore[type-var]
 
     def lines(self, writer: "_Writer") -> list[str]:
         """Assignments of all entries that anybody asks for."""
         return [
             f"    {''.join(symbol.arguments[0] + ', ' for symbol in symbols)} = "
-            + (f"{path}{'.reshape(-1)' if len(shape) > 1 else ''}.tolist()" if shape else f"(float({path}),)")
+            + (
+                f"{path}{'.reshape(-1)' if len(shape) > 1 else ''}.tolist()"
+                if shape
+                else f"(float({path}),)"
+            )
             for path, shape, symbols in self._read
             if any(map(writer.asks_for, symbols))
         ]
@@ -120,7 +139,10 @@ class _Result:
         entries = array.entries.reshape(-1).tolist()
         if (path := self._paths.get(tuple(entries))) is not None:
             return path
-        flags = all(isinstance(e, bool) or (isinstance(e, Symbol) and e.operation in _TRUTHS) for e in entries)
+        flags = all(
+            isinstance(e, bool) or (isinstance(e, Symbol) and e.operation in _TRUTHS)
+            for e in entries
+        )
         name, known = ("flags", self.flags) if flags else ("floats", self.floats)
         start = len(known)
         known += entries
@@ -143,10 +165,18 @@ class _Writer:
         self._symbols = _reached(outputs)
         self._uses = Counter(a for s in self._symbols for a in s.arguments if isinstance(a, Symbol))
         self._uses.update(o for o in outputs if isinstance(o, Symbol))
-        self._twice = {a for s in self._symbols if s.operation in _TWICE for a in s.arguments if isinstance(a, Symbol)}
+        self._twice = {
+            a
+            for s in self._symbols
+            if s.operation in _TWICE
+            for a in s.arguments
+            if isinstance(a, Symbol)
+        }
         self._twice |= {s.arguments[0] for s in self._symbols if s.operation == "where"}
         self._needs = self._needed(outputs, self._guards(outputs))
-        self._names: dict[Symbol, str] = {s: s.arguments[0] for s in self._symbols if s.operation == "input"}
+        self._names: dict[Symbol, str] = {
+            s: s.arguments[0] for s in self._symbols if s.operation == "input"
+        }
         self._depths: dict[Symbol, int] = {}
         for symbol in self._symbols:
             self._name(symbol)
@@ -170,8 +200,12 @@ class _Writer:
         written, lines = {s for s in self._symbols if s.operation == "input"}, list[str]()
         while waiting:
             ready = {need: self._ready(group, need, written) for need, group in waiting.items()}
-            need = min(ready, key=lambda need: (len(need) if ready[need] else math.inf, -len(ready[need])))
-            tests = sorted((c.number, f"{'' if true else 'not '}{self._names[c]}") for c, true in need)
+            need = min(
+                ready, key=lambda need: (len(need) if ready[need] else math.inf, -len(ready[need]))
+            )
+            tests = sorted(
+                (c.number, f"{'' if true else 'not '}{self._names[c]}") for c, true in need
+            )
             lines += [f"    if {' and '.join(text for _, text in tests)}:"] if tests else []
             indent = "        " if tests else "    "
             lines += [f"{indent}{self._names[s]} = {self._expression(s)}" for s in ready[need]]
@@ -223,7 +257,9 @@ class _Writer:
     def _guards(self, outputs: list[Entry]) -> set[Symbol]:
         """Conditions on which enough depends to test them."""
         every = {s.arguments[0] for s in self._symbols if s.operation == "where"}
-        counts = Counter(condition for need in self._needed(outputs, every).values() for condition, _ in need)
+        counts = Counter(
+            condition for need in self._needed(outputs, every).values() for condition, _ in need
+        )
         return {condition for condition in every if counts[condition] >= _LEAST_GUARDED}
 
     def _needed(self, outputs: list[Entry], guards: set[Symbol]) -> dict[Symbol, Need]:

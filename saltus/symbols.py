@@ -1,6 +1,7 @@
 """Arrays whose entries are not numbers but notes of how they come about: what laws on the array API make of them.
 
-Constants are folded, and what is asked twice is one symbol. `saltus.straight_line` writes symbols down as Python.
+Constants are folded, and what is asked twice is one symbol. `saltus.straight_line` writes symbols
+down as Python.
 """
 
 import math
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 Entry = Union["Symbol", float, bool]
 
 FUNCTIONS = ("sin", "cos", "asin", "acos", "atan", "atan2", "sqrt", "floor", "round")
-"""Functions of the standard that symbols have, by the names that they have in `math`, or in Python."""
+"""Functions of the standard that symbols have, by the names that they have in `math`, or in
+Python."""
 _ROUND = {"floor": math.floor, "round": round}
 
 
@@ -93,7 +95,9 @@ def _less(a: Entry, b: Entry) -> Entry:
 
 
 def _less_equal(a: Entry, b: Entry) -> Entry:
-    return note("less_equal", a, b) if isinstance(a, Symbol) or isinstance(b, Symbol) else bool(a <= b)
+    return (
+        note("less_equal", a, b) if isinstance(a, Symbol) or isinstance(b, Symbol) else bool(a <= b)
+    )
 
 
 def _and(a: Entry, b: Entry) -> Entry:
@@ -147,10 +151,16 @@ def _function(name: str) -> Any:
     return lambda *arrays: _apply(made, *arrays)
 
 
-_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE = (np.frompyfunc(f, 2, 1) for f in (_add, _subtract, _multiply, _divide))
+_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE = (
+    np.frompyfunc(f, 2, 1) for f in (_add, _subtract, _multiply, _divide)
+)
 _LESS, _LESS_EQUAL, _AND, _OR = (np.frompyfunc(f, 2, 1) for f in (_less, _less_equal, _and, _or))
 _MINIMUM, _MAXIMUM = np.frompyfunc(_minimum, 2, 1), np.frompyfunc(_maximum, 2, 1)
-_NEGATIVE, _NOT, _WHERE = np.frompyfunc(_negative, 1, 1), np.frompyfunc(_not, 1, 1), np.frompyfunc(_where, 3, 1)
+_NEGATIVE, _NOT, _WHERE = (
+    np.frompyfunc(_negative, 1, 1),
+    np.frompyfunc(_not, 1, 1),
+    np.frompyfunc(_where, 3, 1),
+)
 
 
 class Symbols:

@@ -1,8 +1,9 @@
 """A trial: everything that a seed draws, and the judgement whether the robot made it.
 
-What is drawn, here and in training, is drawn around what a robot's profile says, never in its place. Ranges are stated
-for the nominal robot. Where a profile says another delay, the range moves by the difference, and a profile without that
-delay keeps none; factors multiply; masses, shifts and jitter add up.
+What is drawn, here and in training, is drawn around what a robot's profile says, never in its
+place. Ranges are stated for the nominal robot. Where a profile says another delay, the range moves
+by the difference, and a profile without that delay keeps none; factors multiply; masses, shifts and
+jitter add up.
 """
 
 from dataclasses import dataclass, replace
@@ -32,7 +33,10 @@ _SHIFT = 1  # names the random numbers of what a profile lets every robot draw o
 
 @dataclass(frozen=True, kw_only=True)
 class Trial(Value):
-    """Values that differ from trial to trial. The defaults are the nominal trial, without randomness."""
+    """Values that differ from trial to trial.
+
+    The defaults are the nominal trial, without randomness.
+    """
 
     seed: int = 0
     """Seed of everything random that is not drawn here: jitter, noise."""
@@ -72,13 +76,18 @@ class Trial(Value):
         )
 
     def applied_to(self, profile: Profile) -> Profile:
-        """The effects of this trial's robot: those of `profile`, moved by what the trial draws; see this module.
+        """The effects of this trial's robot: those of `profile`, moved by what the trial draws.
+
+        See this module.
 
         Raises:
-            ConfigError: a profile that shifts true heights: robots that see with a camera have none.
+            ConfigError: a profile that shifts true heights: robots that see with a camera have
+                none.
         """
         refuse_shift(profile.heightmap, "a robot that sees with a camera")
-        camera = drawn_around(profile.camera, latency_s=self.camera_delay_s, jitter_s=self.camera_jitter_s)
+        camera = drawn_around(
+            profile.camera, latency_s=self.camera_delay_s, jitter_s=self.camera_jitter_s
+        )
         drives = strengthened(profile.actuator, self.motor_strength)
         return replace(profile, actuator=drives, camera=camera)
 
@@ -89,11 +98,17 @@ class Trial(Value):
 
 
 def strengthened(drives: Effects, strength: float | Floats) -> Effects:
-    """Effects of drives whose torque gain is multiplied; strengths of robots that differ have the shape (n, 1)."""
+    """Effects of drives whose torque gain is multiplied.
+
+    Strengths of robots that differ have the shape (n, 1).
+    """
     known = [effect.gain for effect in drives if isinstance(effect, TorqueGain)] or [1.0]
     gain = np.asarray(known[0]) * strength
     value = gain if gain.ndim == 2 else float(gain) if gain.ndim == 0 else tuple(gain.tolist())
-    return (*(effect for effect in drives if not isinstance(effect, TorqueGain)), TorqueGain(gain=value))
+    return (
+        *(effect for effect in drives if not isinstance(effect, TorqueGain)),
+        TorqueGain(gain=value),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +119,8 @@ class Outcome:
     cause: Cause
     """Why not; empty for a success."""
     time_s: float
-    """From passing `Terrain.timing_x` to the finish, or to the end of the trial; 0 if it was never passed."""
+    """From passing `Terrain.timing_x` to the finish, or to the end of the trial; 0 if it was never
+    passed."""
     distance_m: float
     """How far the trunk came along x from its start."""
     mean_speed_mps: float
@@ -112,7 +128,10 @@ class Outcome:
 
 
 def is_upright(quaternion: Floats) -> Any:
-    """True where roll and pitch are both within 60 degrees. Shape (..., 4), (w, x, y, z) -> (...)."""
+    """True where roll and pitch are both within 60 degrees.
+
+    Shape (..., 4), (w, x, y, z) -> (...).
+    """
     rotation = rotation_matrix(quaternion)
     roll, pitch, _ = roll_pitch_yaw(rotation)
     return (abs(roll) < UPRIGHT_LIMIT) & (abs(pitch) < UPRIGHT_LIMIT)
@@ -130,7 +149,9 @@ class TrialMonitor:
         self.outcome: Outcome | None = None
         """None while the trial goes on."""
 
-    def step(self, time_s: float, position: Floats, quaternion: Floats, trunk_contact: bool) -> Outcome | None:
+    def step(
+        self, time_s: float, position: Floats, quaternion: Floats, trunk_contact: bool
+    ) -> Outcome | None:
         """Takes in one sample; ignores all that come after the end.
 
         Args:
@@ -181,7 +202,10 @@ def judge(
     trunk_contact: Any,
     time_limit_s: float = TIME_LIMIT_S,
 ) -> Outcome:
-    """The outcome of a recorded trial; arrays as for `TrialMonitor.step`, with a leading dimension of samples."""
+    """The outcome of a recorded trial.
+
+    Arrays as for `TrialMonitor.step`, with a leading dimension of samples.
+    """
     monitor = TrialMonitor(terrain, time_limit_s)
     for sample in zip(time_s, position, quaternion, trunk_contact, strict=True):
         if monitor.step(float(sample[0]), sample[1], sample[2], bool(sample[3])) is not None:
@@ -189,7 +213,9 @@ def judge(
     return monitor.end()
 
 
-def _crossing(before: tuple[float, float], after: tuple[float, float], x: float) -> tuple[float, float]:
+def _crossing(
+    before: tuple[float, float], after: tuple[float, float], x: float
+) -> tuple[float, float]:
     """Time and place at which a straight line between two samples (time, x) passes `x`; `after` if it began there."""
     if before[1] >= x or after[1] == before[1]:
         return after

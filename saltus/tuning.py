@@ -1,4 +1,6 @@
-"""Changes that processes of a run make to Python, the C library's heap and the scheduler; what each is worth.
+"""Changes that processes of a run make to Python, the C library's heap and the scheduler.
+
+What each is worth.
 
 | what | without it | with it | measured by |
 |---|---|---|---|
@@ -27,7 +29,10 @@ from pathlib import Path
 _M_ARENA_MAX = -8
 """glibc's malloc.h; mallopt(3)."""
 GIVE_BACK_S = 30.0
-"""How often what is free goes back; each time takes 0.3 to 2 ms, in which no other thread allocates."""
+"""How often what is free goes back.
+
+Each time takes 0.3 to 2 ms, in which no other thread allocates.
+"""
 SWITCH_S = 5e-4
 """After which a thread of Python lets another one in; Python's own is 5 ms."""
 PRIORITY = -10
@@ -40,9 +45,13 @@ ordinary priority (sched(7))."""
 AUTOGROUP = Path("/proc/self/autogroup")
 """Where a session's priority is set (sched(7))."""
 SLICE_NS = 100_000
-"""The shortest that Linux takes [ns]. From 6.12 on, who has it and wakes up does not wait until a longer one ends."""
+"""The shortest that Linux takes [ns].
+
+From 6.12 on, who has it and wakes up does not wait until a longer one ends.
+"""
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
-"""Number of the system call, which neither Python nor the C library has (Linux's syscall_64.tbl and unistd.h)."""
+"""Number of the system call, which neither Python nor the C library has (Linux's syscall_64.tbl and
+unistd.h)."""
 _ATTRIBUTES = struct.Struct("<IIQiIQQQ")
 """sched_setattr(2): size, policy, flags, nice, priority, runtime, deadline, period. Of ordinary programs, whose policy
 is 0, the runtime is the slice."""
@@ -51,11 +60,15 @@ is 0, the runtime is the slice."""
 def prefer_process(process: str) -> None:
     """Asks the scheduler to prefer this process, and the threads that it starts from now on.
 
-    Short slices need no right: who wakes up every 4 ms for 0.8 ms, beside two busy programs on one processor, then
-    waits 4 ms in the worst tenth of the cases, in place of 10. To come first in all else needs it (CAP_SYS_NICE).
+    Short slices need no right: who wakes up every 4 ms for 0.8 ms, beside two busy programs on one
+        processor, then
+    waits 4 ms in the worst tenth of the cases, in place of 10. To come first in all else needs it
+    (CAP_SYS_NICE).
 
-    Linux shares processors among sessions first, and the supervisor starts every process in a session of its own: of
-    six busy programs of ordinary priority each kept the threads of a camera waiting for up to 0.5 s.
+    Linux shares processors among sessions first, and the supervisor starts every process in a
+        session of its own: of
+    six busy programs of ordinary priority each kept the threads of a camera waiting for up to 0.5
+    s.
     """
     _set_slices(SLICE_NS)
     if os.getsid(0) == os.getpid():
@@ -74,7 +87,8 @@ def prefer_loop(process: str) -> None:
 def preferred() -> Iterator[None]:
     """The same for the calling thread and those that it starts, while the block lasts: for the supervisor.
 
-    It dates what it records, and shares a session with whatever else was started from the same shell.
+    It dates what it records, and shares a session with whatever else was started from the same
+    shell.
     """
     before = os.getpriority(os.PRIO_PROCESS, 0)
     _set_slices(SLICE_NS)
@@ -94,7 +108,10 @@ def stand_back() -> None:
 
 
 def _set_slices(slice_ns: int) -> None:
-    """Sets the slices of this thread and of those it starts; 0 for the usual ones. Older systems have none."""
+    """Sets the slices of this thread and of those it starts; 0 for the usual ones.
+
+    Older systems have none.
+    """
     call = _SCHED_SETATTR.get(platform.machine()) if sys.platform == "linux" else None
     if call is None or os.sched_getscheduler(0) != os.SCHED_OTHER:
         return
@@ -105,12 +122,16 @@ def _set_slices(slice_ns: int) -> None:
 
 @contextlib.contextmanager
 def kept_small() -> Iterator[None]:
-    """Lets threads share one heap, and gives back what is free in it; does nothing where the C library is not glibc.
+    """Lets threads share one heap, and gives back what is free in it.
 
-    By default each thread that is started gets a heap of its own, and keeps what it gave back: a supervisor grew so by
-    0.1 to 2 MB with every process that died, the others by 0.1 to 0.2 MB. And a heap is only cut at its end: messages
-    that waited once to be recorded on a busy computer, 2 MB a second, were kept ever after (`saltus bench soak`).
-    Threads share one heap for good; it is cut until the context ends.
+    Does nothing where the C library is not glibc.
+
+    By default each thread that is started gets a heap of its own, and keeps what it gave back: a
+        supervisor grew so by
+    0.1 to 2 MB with every process that died, the others by 0.1 to 0.2 MB. And a heap is only cut at
+    its end: messages that waited once to be recorded on a busy computer, 2 MB a second, were kept
+    ever after (`saltus bench soak`). Threads share one heap for good; it is cut until the context
+    ends.
     """
     try:
         libc = ctypes.CDLL(None)
@@ -135,7 +156,10 @@ def kept_small() -> Iterator[None]:
 
 
 def switch_soon() -> Callable[[], None]:
-    """Lets other threads in soon, in a process that hears and dates everything: Zenoh's. What is returned undoes it."""
+    """Lets other threads in soon, in a process that hears and dates everything: Zenoh's.
+
+    What is returned undoes it.
+    """
     before_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     return lambda: sys.setswitchinterval(before_s)

@@ -24,7 +24,10 @@ _listener: list[Listener] = []
 
 
 def tell(amount: float) -> None:
-    """From within a task: tells whoever waits for it how much further it is; nobody where nobody listens."""
+    """From within a task: tells whoever waits for it how much further it is.
+
+    Nobody where nobody listens.
+    """
     for listener in _listener:
         listener(amount)
 
@@ -35,9 +38,12 @@ def in_order(
     processes: int | None = None,
     listener: Listener | None = None,
 ) -> Generator[Result, None, None]:
-    """Yields `function` of each task, in the order of the tasks; several processes run ahead, by one task each.
+    """Yields `function` of each task, in the order of the tasks.
 
-    When the iteration is left early, or this process dies in whatever way, the processes end at once.
+    Several processes run ahead, by one task each.
+
+    When the iteration is left early, or this process dies in whatever way, the processes end at
+    once.
 
     Args:
         function: Can be sent to another process where `processes` is not 1.
@@ -57,8 +63,12 @@ def in_order(
         return
     context = multiprocessing.get_context("spawn")
     lifeline, held = context.Pipe(duplex=False)
-    ear, mouth = context.Pipe(duplex=False)  # without a lock, which a process that ends at once could hold for ever
-    pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_begin, initargs=(lifeline, mouth))
+    ear, mouth = context.Pipe(
+        duplex=False
+    )  # without a lock, which a process that ends at once could hold for ever
+    pool = ProcessPoolExecutor(
+        processes, mp_context=context, initializer=_begin, initargs=(lifeline, mouth)
+    )
     listening = threading.Thread(target=_pass_on, args=(ear, listener), daemon=True)
     listening.start()
     try:

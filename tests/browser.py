@@ -19,8 +19,10 @@ from websockets.sync.client import ClientConnection, connect
 
 PROGRAM = "chromium-headless-shell"
 FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader", "--hide-scrollbars", "--remote-debugging-port=0", "--no-first-run",
+    "--headless", "--no-sandbox", "--disable-gpu-sandbox", "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader", "--hide-scrollbars", "--remote-debugging-port=0",
+    "--no-first-run",
 )  # fmt: skip
 PATIENCE_S = 120.0
 TEN_FRAMES = "new Promise(done => { let left = 10; const f = () => left-- ? requestAnimationFrame(f) : done(); f(); })"
@@ -47,7 +49,9 @@ class Tab:
 
     def run(self, script: str) -> Any:
         """The value of a piece of JavaScript."""
-        return self.ask("Runtime.evaluate", expression=script, returnByValue=True)["result"].get("value")
+        return self.ask("Runtime.evaluate", expression=script, returnByValue=True)["result"].get(
+            "value"
+        )
 
     def open(self, address: str) -> None:
         self.ask("Page.navigate", url=address)
@@ -67,7 +71,8 @@ class Tab:
     def click(self, label: str) -> None:
         """Presses the button with this label."""
         press = (
-            "(() => { const button = [...document.querySelectorAll('button')].find(each => each.innerText.trim() === "
+            "(() => { const button = [...document.querySelectorAll('button')].find(each => "
+            "each.innerText.trim() === "
             f"{json.dumps(label)}); if (!button) return false; button.click(); return true; }})()"
         )
         self.until(lambda: self.run(press), f"the button {label}")
@@ -77,13 +82,25 @@ class Tab:
         find = "[...document.querySelectorAll('input')]"
         find += f".find(each => each.type === 'text' && each.value === {json.dumps(shown)})"
         option = f"[...document.querySelectorAll('[role=option]')].find(o => o.innerText === {json.dumps(other)})"
-        self.until(lambda: self.run(f"(() => {{ const i = {find}; i && i.click(); return !!i; }})()"), shown)
-        self.until(lambda: self.run(f"(() => {{ const o = {option}; o && o.click(); return !!o; }})()"), other)
+        self.until(
+            lambda: self.run(f"(() => {{ const i = {find}; i && i.click(); return !!i; }})()"),
+            shown,
+        )
+        self.until(
+            lambda: self.run(f"(() => {{ const o = {option}; o && o.click(); return !!o; }})()"),
+            other,
+        )
 
     def press(self, key: str) -> None:
         """Presses a key that moves what has the focus: "Home", "End"."""
         for kind in ("keyDown", "keyUp"):
-            self.ask("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=CODES[key])
+            self.ask(
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=key,
+                code=key,
+                windowsVirtualKeyCode=CODES[key],
+            )
 
     def settled(self, look: Callable[[], np.ndarray]) -> np.ndarray:
         """What is seen when it no longer changes for ten frames."""
@@ -101,7 +118,9 @@ class Tab:
     def picture(self) -> np.ndarray:
         """What the page looks like (RGB), shape (height, width, 3)."""
         data = base64.b64decode(self.ask("Page.captureScreenshot", format="png")["data"])
-        return cv2.cvtColor(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+        return cv2.cvtColor(
+            cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB
+        )
 
 
 @contextlib.contextmanager

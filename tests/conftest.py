@@ -12,11 +12,13 @@ import pytest
 QUICK = Path(__file__).parent / "saltus"
 
 if "PYTEST_XDIST_WORKER" in os.environ:
-    # Torch and BLAS would start as many threads as there are cores in every worker, which would wait for each other:
-    # training takes several times as long. Both read it when they are imported, as do the processes that tests start.
+    # Torch and BLAS would start as many threads as there are cores in every worker, which would
+    # wait for each other: training takes several times as long. Both read it when they are
+    # imported, as do the processes that tests start.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-# A shell starts so what runs in its background, and nohup; processes that a test starts and ends would inherit it
+# A shell starts so what runs in its background, and nohup; processes that a test starts and ends
+# would inherit it
 for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, usual)
@@ -27,7 +29,9 @@ gc.disable()  # nothing of what is imported and collected becomes garbage
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """For tools/stress_tests.py."""
-    parser.addoption("--order", type=int, help="seed of a random order of files, and of the tests of each")
+    parser.addoption(
+        "--order", type=int, help="seed of a random order of files, and of the tests of each"
+    )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -44,7 +48,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_collection_finish() -> None:
     """What was imported stays: to look through it again and again for garbage took an eighth of the tests' time.
 
-    Of what is new most is gone without that: it is looked through less often than Python does by default.
+    Of what is new most is gone without that: it is looked through less often than Python does by
+        default.
     """
     gc.freeze()
     gc.enable()

@@ -79,7 +79,10 @@ class MemoryPublisher:
         return True
 
     def put(self, message: Message) -> None:
-        """Encodes and delivers, unless its bus is muted; raises as `saltus.wire.codec.encode` does."""
+        """Encodes and delivers, unless its bus is muted.
+
+        Raises as `saltus.wire.codec.encode` does.
+        """
         if self._bus.muted:
             return
         payload = codec.encode(message)

@@ -9,7 +9,9 @@ from pathlib import Path
 
 
 @contextlib.contextmanager
-def page_of(*command: str, folder: Path, scheme: str = "http") -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
+def page_of(
+    *command: str, folder: Path, scheme: str = "http"
+) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
     """The address that a command prints, which runs in a folder until the end."""
     saltus = [sys.executable, "-P", "-m", "saltus.cli.main", *command]
     with subprocess.Popen(saltus, stdout=subprocess.PIPE, text=True, cwd=folder) as process:

@@ -29,5 +29,6 @@ def messages_of(path: Path) -> Iterator[tuple[str, str, Any, bytes]]:
             assert schema is not None
             assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
             yield (
-                channel.topic, schema.name, reader.decode(schema.name, schema.data.decode(), message.data), message.data
+                channel.topic, schema.name,
+                reader.decode(schema.name, schema.data.decode(), message.data), message.data
             )  # fmt: skip

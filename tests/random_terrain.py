@@ -26,6 +26,9 @@ def places(terrain: Terrain, count: int, seed: int) -> tuple[np.ndarray, np.ndar
     rng = np.random.default_rng(seed)
     x, y = rng.uniform(*REACH_X, 4 * count), rng.uniform(*REACH_Y, 4 * count)
     step = 1e-4
-    around = [terrain.height_at(x + a, y + b) for a, b in ((step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))]
+    around = [
+        terrain.height_at(x + a, y + b)
+        for a, b in ((step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))
+    ]
     is_smooth = np.max(np.abs(np.array(around) - terrain.height_at(x, y)), axis=0) < 10.0 * step
     return x[is_smooth][:count], y[is_smooth][:count]

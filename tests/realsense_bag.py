@@ -16,15 +16,20 @@ STORE = get_typestore(Stores.ROS1_NOETIC)
 TYPES = STORE.types
 
 
-def write_bag(path: Path, frames: int = 2, depth_mm: int = 600, stamps_ns: Sequence[int] | None = None) -> Path:
+def write_bag(
+    path: Path, frames: int = 2, depth_mm: int = 600, stamps_ns: Sequence[int] | None = None
+) -> Path:
     """A wall in front of the camera, 30 images a second where nothing else is stamped."""
     stamps_ns = stamps_ns or [i * 33_333_333 for i in range(frames)]
     header = TYPES["std_msgs/msg/Header"]
     stamp = TYPES["builtin_interfaces/msg/Time"]
-    matrix = np.array([FOCAL_PX, 0.0, WIDTH / 2 - 0.5, 0.0, FOCAL_PX, HEIGHT / 2 - 0.5, 0.0, 0.0, 1.0])
+    matrix = np.array(
+        [FOCAL_PX, 0.0, WIDTH / 2 - 0.5, 0.0, FOCAL_PX, HEIGHT / 2 - 0.5, 0.0, 0.0, 1.0]
+    )
     region = TYPES["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
     info = TYPES["sensor_msgs/msg/CameraInfo"](
-        header(0, stamp(0, 0), ""), HEIGHT, WIDTH, "", np.zeros(5), matrix, np.eye(3).ravel(), np.zeros(12), 0, 0,
+        header(0, stamp(0, 0), ""), HEIGHT, WIDTH, "", np.zeros(5), matrix, np.eye(3).ravel(),
+        np.zeros(12), 0, 0,
         region,
     )  # fmt: skip
     unit = TYPES["std_msgs/msg/Float32"](0.001)
@@ -36,12 +41,18 @@ def write_bag(path: Path, frames: int = 2, depth_mm: int = 600, stamps_ns: Seque
         }
         for topic, message in topics.items():
             kind = message.__msgtype__
-            bag.write(bag.add_connection(topic, kind, typestore=STORE), 0, STORE.serialize_ros1(message, kind))
+            bag.write(
+                bag.add_connection(topic, kind, typestore=STORE),
+                0,
+                STORE.serialize_ros1(message, kind),
+            )
         kind = "sensor_msgs/msg/Image"
         images = bag.add_connection(f"{STREAM}/image/data", kind, typestore=STORE)
         for i, time_ns in enumerate(stamps_ns):
             taken = stamp(*divmod(time_ns, 1_000_000_000))
-            message = TYPES[kind](header(i, taken, ""), HEIGHT, WIDTH, "mono16", 0, 2 * WIDTH, pixels)
+            message = TYPES[kind](
+                header(i, taken, ""), HEIGHT, WIDTH, "mono16", 0, 2 * WIDTH, pixels
+            )
             bag.write(images, i * 33_333_333, STORE.serialize_ros1(message, kind))
     return path
 
@@ -86,16 +97,21 @@ def write_database(
     path.unlink(missing_ok=True)
     with sqlite3.connect(path) as file:
         file.executescript(SQL)
-        numbers = {topic: number for number, topic in enumerate(dict.fromkeys(topic for topic, _, _ in rows), start=1)}
+        numbers = {
+            topic: number
+            for number, topic in enumerate(dict.fromkeys(topic for topic, _, _ in rows), start=1)
+        }
         kinds = {topic: message.__msgtype__ for topic, _, message in rows}
         file.executemany(
-            "INSERT INTO topics VALUES(?, ?, ?, 'cdr', '')", [(n, t, kinds[t]) for t, n in numbers.items()]
+            "INSERT INTO topics VALUES(?, ?, ?, 'cdr', '')",
+            [(n, t, kinds[t]) for t, n in numbers.items()],
         )
         for topic, time_ns, message in rows:
             data = bytes(ROS2.serialize_cdr(message, kinds[topic]))
             data = zstandard.ZstdCompressor(level=1).compress(data) if packed else data
             file.execute(
-                "INSERT INTO messages(topic_id, timestamp, data) VALUES(?, ?, ?)", (numbers[topic], time_ns, data)
+                "INSERT INTO messages(topic_id, timestamp, data) VALUES(?, ?, ?)",
+                (numbers[topic], time_ns, data),
             )
     file.close()
     return path

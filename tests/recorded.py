@@ -74,34 +74,44 @@ def run_messages(step: int) -> Iterator[tuple[str, Message]]:
         "controller/state",
         messages.RobotState(
             **now, **pose, acceleration_base=rng.normal(size=3), joint_velocity=rng.normal(size=12),
-            joint_torque=rng.normal(size=12), base_height=0.27, leg_contact=np.ones(4, bool), leg_progress=np.zeros(4),
-            leg_trusted=np.ones(4, bool), cycle=step // 30, mode=messages.ControllerMode.RUN, depth_due=-1,
+            joint_torque=rng.normal(size=12), base_height=0.27, leg_contact=np.ones(4, bool),
+            leg_progress=np.zeros(4),
+            leg_trusted=np.ones(4, bool), cycle=step // 30, mode=messages.ControllerMode.RUN,
+            depth_due=-1,
         ),
     )  # fmt: skip
     yield (
         "heightmap/heightmap",
         messages.Heightmap(
-            **now, x=np.linspace(-0.4, 0.8, 30), height=rng.normal(size=30), half_width_90=rng.random(30),
-            status=messages.HeightmapStatus.OK, depth_age_s=0.05, frame_id=3, model_id="0123456789abcdef",
+            **now, x=np.linspace(-0.4, 0.8, 30), height=rng.normal(size=30),
+            half_width_90=rng.random(30),
+            status=messages.HeightmapStatus.OK, depth_age_s=0.05, frame_id=3,
+            model_id="0123456789abcdef",
         ),
     )  # fmt: skip
     yield (
         "policy/plan",
         messages.MotionPlan(
-            **now, status=messages.PlanStatus.GO, stepping_frequency_hz=3.0, velocity_x=1.0, velocity_z=0.0,
-            pitch_rate=0.0, foot_residual_front=np.zeros(3), foot_residual_rear=np.zeros(3), reason="",
+            **now, status=messages.PlanStatus.GO, stepping_frequency_hz=3.0, velocity_x=1.0,
+            velocity_z=0.0,
+            pitch_rate=0.0, foot_residual_front=np.zeros(3), foot_residual_rear=np.zeros(3),
+            reason="",
         ),
     )  # fmt: skip
     yield "controller/joints", messages.JointLog(**now, dt_s=0.002, **rows)
     yield (
         "status/controller",
-        messages.ProcessStatus(time_ns=step * 10 * MS, process="controller", ready=True, ticks=step, overruns=0),
+        messages.ProcessStatus(
+            time_ns=step * 10 * MS, process="controller", ready=True, ticks=step, overruns=0
+        ),
     )
 
 
 def raw(key: str, message: Message, sequence: int, epoch_ns: int = 0) -> RawSample:
     envelope = Envelope(sequence, message.time_ns, SENDER)
-    return RawSample(key, codec.encode(message), envelope.to_bytes(), epoch_ns + message.time_ns + LATENCY_NS)
+    return RawSample(
+        key, codec.encode(message), envelope.to_bytes(), epoch_ns + message.time_ns + LATENCY_NS
+    )
 
 
 def run_samples(steps: int = STEPS, epoch_ns: int = 0) -> Iterator[RawSample]:
@@ -112,9 +122,16 @@ def run_samples(steps: int = STEPS, epoch_ns: int = 0) -> Iterator[RawSample]:
             yield raw(key, message, count[key], epoch_ns)
 
 
-def write(path: Path, samples: list[RawSample], pace: Pace = "lockstep", epoch_ns: int = 0) -> Recording:
+def write(
+    path: Path, samples: list[RawSample], pace: Pace = "lockstep", epoch_ns: int = 0
+) -> Recording:
     config = RunConfig(
-        robot="go1", grid="line", pace=pace, seed=7, epoch_ns=epoch_ns, terrain=TerrainConfig(terrain="gap")
+        robot="go1",
+        grid="line",
+        pace=pace,
+        seed=7,
+        epoch_ns=epoch_ns,
+        terrain=TerrainConfig(terrain="gap"),
     )
     with Recorder(path, config, named_setup(config)) as file:
         for sample in samples:

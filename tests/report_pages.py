@@ -31,7 +31,9 @@ def opens_without_a_network(page: Path) -> None:
     tags = Tags()
     tags.feed(text)
     assert tags.open == []
-    loaded = re.findall(r"<(?:script|link|img|iframe|video|source)[^>]*?\b(?:src|href)=\"([^\"]*)\"", text)
+    loaded = re.findall(
+        r"<(?:script|link|img|iframe|video|source)[^>]*?\b(?:src|href)=\"([^\"]*)\"", text
+    )
     beside = {name for name in loaded if not name.startswith("data:")}
     assert all((page.parent / name).is_file() for name in beside), beside
     assert (PLOTLY in beside) == ("Plotly.newPlot(" in text)

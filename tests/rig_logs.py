@@ -1,4 +1,7 @@
-"""Run logs of a made-up rig: twelve joints under PD control with gravity, body and camera; for tests of real2sim."""
+"""Run logs of a made-up rig: twelve joints under PD control with gravity, body and camera.
+
+For tests of real2sim.
+"""
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
@@ -14,7 +17,9 @@ from saltus.robots.robot import JOINTS
 DT = 0.002
 INERTIA = np.tile([0.05, 0.05, 0.015], 4)
 WEIGHT = np.tile([0.3, 0.5, 0.3], 4)  # Nm of gravity at a horizontal link
-HIP_WEIGHT = np.tile([0.69, 0.0, 0.0], 4) * np.repeat(ROBOT.side, 3)  # Nm that hold the legs of a Go1 beside its hips
+HIP_WEIGHT = np.tile([0.69, 0.0, 0.0], 4) * np.repeat(
+    ROBOT.side, 3
+)  # Nm that hold the legs of a Go1 beside its hips
 CAMERA: dict[str, Any] = {
     "fx": 40.0, "fy": 40.0, "cx": 32.0, "cy": 24.0, "width": 64, "height": 48,
     "position": [0.27, 0.0, 0.09], "pitch": 0.52, "rate": 50.0, "latency": 0.05, "range_max": 3.0,
@@ -36,12 +41,17 @@ class Rig:
 
 
 def motion(seconds: float) -> tuple[Floats, Floats]:
-    """Times, and commands of 12 joints: a slow part, a chirp to 8 Hz, steps; joints out of phase."""
+    """Times, and commands of 12 joints: a slow part, a chirp to 8 Hz, steps.
+
+    Joints out of phase.
+    """
     time_s = np.arange(0.0, seconds, DT)
     phase = np.arange(12) * 0.7
     part = time_s / seconds
     slow = 0.25 * np.sin(2 * np.pi * 0.4 * time_s[:, None] + phase)
-    chirp = 0.15 * np.sin(2 * np.pi * (0.5 * time_s + 8 / seconds * (time_s - 0.4 * seconds) ** 2)[:, None] + phase)
+    chirp = 0.15 * np.sin(
+        2 * np.pi * (0.5 * time_s + 8 / seconds * (time_s - 0.4 * seconds) ** 2)[:, None] + phase
+    )
     steps = 0.3 * np.sign(np.sin(2 * np.pi * 0.8 * time_s[:, None] + phase))
     moved = np.where(part[:, None] < 0.4, slow, np.where(part[:, None] < 0.7, chirp, steps))
     return time_s, ROBOT.stand_pose + moved
@@ -55,10 +65,15 @@ def joints_log(rig: Rig = Rig(), *, seconds: float = 12.0, seed: int = 0) -> Run
 def joints_logs(rigs: Sequence[Rig], *, seconds: float = 12.0, seed: int = 0) -> list[RunLog]:
     """Logs of several robots, which are simulated together."""
     time_s, q_des = motion(seconds)
-    return [_noisy(time_s, q_des, *rows, seed) for rows in zip(*_simulate(rigs, time_s, q_des), strict=True)]
+    return [
+        _noisy(time_s, q_des, *rows, seed)
+        for rows in zip(*_simulate(rigs, time_s, q_des), strict=True)
+    ]
 
 
-def _noisy(time_s: Floats, q_des: Floats, q: Floats, dq: Floats, torque: Floats, seed: int) -> RunLog:
+def _noisy(
+    time_s: Floats, q_des: Floats, q: Floats, dq: Floats, torque: Floats, seed: int
+) -> RunLog:
     rng = np.random.default_rng(seed)
     joints = JointTable(
         time_s=time_s,
@@ -78,13 +93,19 @@ def _noisy(time_s: Floats, q_des: Floats, q: Floats, dq: Floats, torque: Floats,
 
 def _simulate(rigs: Sequence[Rig], time_s: Floats, q_des: Floats) -> tuple[Floats, Floats, Floats]:
     """Readings of q, rate and the torque that the drives believe, (rigs, rows, 12); half a millisecond a step."""
-    delay_s, gain, viscous, coulomb, bias, play, kp, kd = np.array([astuple(rig) for rig in rigs]).T[..., None]
+    delay_s, gain, viscous, coulomb, bias, play, kp, kd = np.array(
+        [astuple(rig) for rig in rigs]
+    ).T[..., None]
     whole, part = np.divmod(np.round(delay_s / DT, 6), 1.0)
     sent = np.maximum(np.arange(len(time_s)) - whole.astype(int), 0)
     late = (1.0 - part)[..., None] * q_des[sent] + part[..., None] * q_des[np.maximum(sent - 1, 0)]
     late = late.transpose(1, 0, 2).copy()
     steps = 4
-    q, dq, side = np.tile(q_des[0], (len(rigs), 1)), np.zeros((len(rigs), 12)), np.zeros((len(rigs), 12))
+    q, dq, side = (
+        np.tile(q_des[0], (len(rigs), 1)),
+        np.zeros((len(rigs), 12)),
+        np.zeros((len(rigs), 12)),
+    )
     rows = np.empty((3, len(time_s), *q.shape))
     for row in range(len(time_s)):
         reading = q + bias + play * side
@@ -94,7 +115,9 @@ def _simulate(rigs: Sequence[Rig], time_s: Floats, q_des: Floats) -> tuple[Float
         for _ in range(steps):
             torque = kp * (late[row] - q - bias - play * side) - kd * dq
             friction = viscous * dq + coulomb * np.tanh(dq / 0.05)
-            dq = dq + DT / steps / INERTIA * (gain * torque - friction - WEIGHT * np.sin(q) - HIP_WEIGHT)
+            dq = dq + DT / steps / INERTIA * (
+                gain * torque - friction - WEIGHT * np.sin(q) - HIP_WEIGHT
+            )
             q = q + DT / steps * dq
     q, dq, torque = rows.transpose(0, 2, 1, 3)
     return q, dq, torque
@@ -112,7 +135,9 @@ def body_log(*, seconds: float = 8.0, seed: int = 0) -> RunLog:
     vz = np.gradient(z, time_s)
     pitch = 0.1 * np.sin(2 * np.pi * 0.7 * time_s)
     yaw = 0.1 * np.sin(2 * np.pi * 0.5 * time_s)
-    quaternion = np.stack([_product(_turn(2, b), _turn(1, a)) for a, b in zip(pitch, yaw, strict=True)])
+    quaternion = np.stack(
+        [_product(_turn(2, b), _turn(1, a)) for a, b in zip(pitch, yaw, strict=True)]
+    )
     rate, turn = np.gradient(pitch, time_s), np.gradient(yaw, time_s)
     gyro = np.stack([-np.sin(pitch) * turn, rate, np.cos(pitch) * turn], axis=1)
     force = 9.81 + np.gradient(vz, time_s)

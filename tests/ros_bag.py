@@ -22,7 +22,9 @@ class RosBag:
         if self.is_ros1:
             self.writer: Any = rosbag1.Writer(path)
         else:
-            self.writer = rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin[kind.upper()])
+            self.writer = rosbag2.Writer(
+                path, version=9, storage_plugin=rosbag2.StoragePlugin[kind.upper()]
+            )
         self.topics: dict[str, Any] = {}
 
     def __enter__(self) -> "RosBag":
@@ -38,9 +40,13 @@ class RosBag:
     def header(self, time_s: float) -> Any:
         sec, nanosec = divmod(round(1e9 * time_s), 10**9)
         stamp = self.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
-        return self.make("std_msgs/msg/Header", stamp=stamp, frame_id="", **({"seq": 0} if self.is_ros1 else {}))
+        return self.make(
+            "std_msgs/msg/Header", stamp=stamp, frame_id="", **({"seq": 0} if self.is_ros1 else {})
+        )
 
-    def put(self, topic: str, kind: str, time_s: float, arrival_s: float | None = None, **fields: Any) -> None:
+    def put(
+        self, topic: str, kind: str, time_s: float, arrival_s: float | None = None, **fields: Any
+    ) -> None:
         if topic not in self.topics:
             self.topics[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
         message = self.make(kind, header=self.header(time_s), **fields)
@@ -49,7 +55,9 @@ class RosBag:
         self.writer.write(self.topics[topic], at_ns, serialize(message, kind))
 
     def xyz(self, kind: str, values: np.ndarray) -> Any:
-        return self.make(f"geometry_msgs/msg/{kind}", **dict(zip("xyz", map(float, values), strict=True)))
+        return self.make(
+            f"geometry_msgs/msg/{kind}", **dict(zip("xyz", map(float, values), strict=True))
+        )
 
     def turn(self, wxyz: np.ndarray) -> Any:
         w, x, y, z = map(float, wxyz)
@@ -75,8 +83,13 @@ def put_joints(bag: RosBag, log: RunLog, has_commands: bool) -> None:
     joints, none = log.joints, np.zeros(0)
     order = np.argsort(log.meta["joints"])
     names = [f"{log.meta['joints'][i]}_joint" for i in order]
-    topics = {"/joint_states": ("q", "dq", "tau_est"), "/joint_commands": ("q_des", "dq_des", "tau_ff")}
-    for row, (time_s, arrival_s) in enumerate(zip(joints.time_s, np.sort(joints.time_s), strict=True)):
+    topics = {
+        "/joint_states": ("q", "dq", "tau_est"),
+        "/joint_commands": ("q_des", "dq_des", "tau_ff"),
+    }
+    for row, (time_s, arrival_s) in enumerate(
+        zip(joints.time_s, np.sort(joints.time_s), strict=True)
+    ):
         for topic, signals in list(topics.items())[: 1 + has_commands]:
             values = [getattr(joints, name) for name in signals]
             fields = [none if each is None else each[row, order] for each in values]
@@ -89,7 +102,8 @@ def put_turns(bag: RosBag, log: RunLog) -> None:
     unknown = np.zeros(9)
     for time_s, row in _rows(log.imu):
         bag.put(
-            "/imu", "sensor_msgs/msg/Imu", time_s, orientation=bag.turn(row[:4]), orientation_covariance=unknown,
+            "/imu", "sensor_msgs/msg/Imu", time_s, orientation=bag.turn(row[:4]),
+            orientation_covariance=unknown,
             angular_velocity=bag.xyz("Vector3", row[4:7]), angular_velocity_covariance=unknown,
             linear_acceleration=bag.xyz("Vector3", row[7:]), linear_acceleration_covariance=unknown,
         )  # fmt: skip
@@ -97,8 +111,14 @@ def put_turns(bag: RosBag, log: RunLog) -> None:
 
 def put_odometry(bag: RosBag, time_s: float, row: np.ndarray) -> None:
     own = rotation_matrix(row[3:7]).T @ row[7:]
-    twist = bag.make("geometry_msgs/msg/Twist", linear=bag.xyz("Vector3", own), angular=bag.xyz("Vector3", np.zeros(3)))
-    pose = bag.make("geometry_msgs/msg/Pose", position=bag.xyz("Point", row[:3]), orientation=bag.turn(row[3:7]))
+    twist = bag.make(
+        "geometry_msgs/msg/Twist",
+        linear=bag.xyz("Vector3", own),
+        angular=bag.xyz("Vector3", np.zeros(3)),
+    )
+    pose = bag.make(
+        "geometry_msgs/msg/Pose", position=bag.xyz("Point", row[:3]), orientation=bag.turn(row[3:7])
+    )
     bag.put(
         "/odom", "nav_msgs/msg/Odometry", time_s, child_frame_id="trunk",
         pose=bag.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
@@ -112,20 +132,34 @@ def _put_images(bag: RosBag, log: RunLog) -> None:
     if depth is None or camera is None or depth.capture_s is None:
         return
     height, width = depth.depth_mm.shape[1:]
-    k = np.array([camera["fx"], 0, camera["cx"] - 0.5, 0, camera["fy"], camera["cy"] - 0.5, 0, 0, 1.0])
+    k = np.array(
+        [camera["fx"], 0, camera["cx"] - 0.5, 0, camera["fy"], camera["cy"] - 0.5, 0, 0, 1.0]
+    )
     matrices = {"D": np.zeros(5), "K": k, "R": np.eye(3).ravel(), "P": np.insert(k, [3, 6, 9], 0.0)}
     if not bag.is_ros1:
         matrices = {name.lower(): values for name, values in matrices.items()}
-    region = bag.make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
-    for capture_s, arrival_s, image in zip(depth.capture_s, depth.arrival_s, depth.depth_mm, strict=True):
+    region = bag.make(
+        "sensor_msgs/msg/RegionOfInterest",
+        x_offset=0,
+        y_offset=0,
+        height=0,
+        width=0,
+        do_rectify=False,
+    )
+    for capture_s, arrival_s, image in zip(
+        depth.capture_s, depth.arrival_s, depth.depth_mm, strict=True
+    ):
         stamps = (float(capture_s), float(arrival_s))
         colour = np.zeros((height, width, 3), np.uint8)
         for folder, encoding, pixels in (("depth", "16UC1", image), ("colour", "rgb8", colour)):
             bag.put(
-                f"/{folder}/image", "sensor_msgs/msg/Image", *stamps, height=height, width=width, encoding=encoding,
-                is_bigendian=0, step=pixels[0].nbytes, data=np.ascontiguousarray(pixels).view(np.uint8).ravel(),
+                f"/{folder}/image", "sensor_msgs/msg/Image", *stamps, height=height, width=width,
+                encoding=encoding,
+                is_bigendian=0, step=pixels[0].nbytes,
+                data=np.ascontiguousarray(pixels).view(np.uint8).ravel(),
             )  # fmt: skip
             bag.put(
-                f"/{folder}/camera_info", "sensor_msgs/msg/CameraInfo", *stamps, height=height, width=width,
+                f"/{folder}/camera_info", "sensor_msgs/msg/CameraInfo", *stamps, height=height,
+                width=width,
                 distortion_model="plumb_bob", **matrices, binning_x=0, binning_y=0, roi=region,
             )  # fmt: skip

@@ -5,7 +5,8 @@ import re
 from ros_texts import TEXTS
 
 BASE = {
-    "bool": "boolean", "uint8": "octet", "uint16": "unsigned short", "int32": "long", "uint32": "unsigned long",
+    "bool": "boolean", "uint8": "octet", "uint16": "unsigned short", "int32": "long",
+    "uint32": "unsigned long",
     "float32": "float", "float64": "double", "string": "string",
 }  # fmt: skip
 FIELD = re.compile(r"^([\w/]+)(\[(\d*)\])? (\w+)( .*)?$")
@@ -35,6 +36,11 @@ def _write(name: str, written: dict[str, str]) -> None:
         else:
             inner = BASE[kind]
         size = f"[{count}]" if array else ""
-        members.append(f"sequence<{inner}> {field};" if array == "[]" else f"{inner} {field}{size};")
+        members.append(
+            f"sequence<{inner}> {field};" if array == "[]" else f"{inner} {field}{size};"
+        )
     body = " ".join(members)
-    written[name] = f"module {package} {{ module msg {{ module dds_ {{ @final struct {short}_ {{ {body} }}; }}; }}; }};"
+    written[name] = (
+        f"module {package} "
+        f"{{ module msg {{ module dds_ {{ @final struct {short}_ {{ {body} }}; }}; }}; }};"
+    )

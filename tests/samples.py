@@ -81,21 +81,34 @@ camera_latency.latency = 0.093
 
 
 def setup_of(
-    terrain: TerrainConfig | Terrain, trial: Trial | None = None, profile: Profile | None = None, robot: Robot = ROBOT
+    terrain: TerrainConfig | Terrain,
+    trial: Trial | None = None,
+    profile: Profile | None = None,
+    robot: Robot = ROBOT,
 ) -> Setup:
-    """A robot with a camera without errors on such a terrain; by default the nominal trial, without effects."""
+    """A robot with a camera without errors on such a terrain.
+
+    By default the nominal trial, without effects.
+    """
     return Setup(
-        robot=robot, grid=LINE, terrain=terrain if isinstance(terrain, Terrain) else make_terrain(terrain),
+        robot=robot, grid=LINE,
+        terrain=terrain if isinstance(terrain, Terrain) else make_terrain(terrain),
         profile=profile or IDEAL, camera=load_camera("ideal"), trial=trial or Trial(),
     )  # fmt: skip
 
 
 def setups_of(
-    terrains: Sequence[Terrain], trials: Sequence[Trial], profile: Profile | None = None, robot: Robot = ROBOT
+    terrains: Sequence[Terrain],
+    trials: Sequence[Trial],
+    profile: Profile | None = None,
+    robot: Robot = ROBOT,
 ) -> list[Setup]:
     """A batch of robots, by default with the hardware that theirs has as shipped."""
     profile = profile or load_profile("shipped", robot)
-    return [setup_of(terrain, trial, profile, robot) for terrain, trial in zip(terrains, trials, strict=True)]
+    return [
+        setup_of(terrain, trial, profile, robot)
+        for terrain, trial in zip(terrains, trials, strict=True)
+    ]
 
 
 def put_robot(folder: Path) -> Path:
@@ -132,10 +145,19 @@ def message_of(kind: type[Message], seed: int = 0) -> Any:
     if kind is messages.DepthFrame:
         depth = rng.integers(0, 2**16, size=(48, 16), dtype=np.uint16)
         return messages.DepthFrame(
-            time_ns=time_ns, frame_id=7, depth=depth, depth_unit_m=0.001, fx=213.5, fy=214.25, cx=8.0, cy=24.5
+            time_ns=time_ns,
+            frame_id=7,
+            depth=depth,
+            depth_unit_m=0.001,
+            fx=213.5,
+            fy=214.25,
+            cx=8.0,
+            cy=24.5,
         )
     if kind is messages.Event:
-        return messages.Event(time_ns=time_ns, process="heightmap", code="depth_lost", detail="nothing for 110 ms – ü")
+        return messages.Event(
+            time_ns=time_ns, process="heightmap", code="depth_lost", detail="nothing for 110 ms – ü"
+        )
     if kind is messages.ProcessStatus:
         rejected = {"camera/depth/range": 3, "policy/plan/malformed": 1}
         return messages.ProcessStatus(

@@ -1,6 +1,7 @@
 """Checks the shapes that annotations state, at each call of the kernel's laws: `pytest -p shape_checks`.
 
-jaxtyping gives the shapes; a call is checked by it where an argument or a result is an array of a stated shape.
+jaxtyping gives the shapes; a call is checked by it where an argument or a result is an array of a
+stated shape.
 """
 
 import functools
@@ -13,7 +14,8 @@ from typing import Any
 import jaxtyping
 
 LAWS = [
-    "saltus.rotations", "saltus.grid", "saltus.dialects", "saltus.plan", "saltus.states", "saltus.joint_command",
+    "saltus.rotations", "saltus.grid", "saltus.dialects", "saltus.plan", "saltus.states",
+    "saltus.joint_command",
     "saltus.robots", "saltus.terrain", "saltus.effects", "saltus.controller",
 ]  # fmt: skip
 jaxtyping.install_import_hook(LAWS, "shape_checks.checked")
@@ -22,7 +24,11 @@ jaxtyping.install_import_hook(LAWS, "shape_checks.checked")
 def checked(function: Callable[..., Any]) -> Callable[..., Any]:
     """The function, which refuses arrays of other shapes than it states: `TypeError`."""
     signature = inspect.signature(function)
-    stated = {name: each.annotation for name, each in signature.parameters.items() if is_shape(each.annotation)}
+    stated = {
+        name: each.annotation
+        for name, each in signature.parameters.items()
+        if is_shape(each.annotation)
+    }
     result = signature.return_annotation
 
     @functools.wraps(function)
@@ -42,7 +48,9 @@ def refuse(function: Callable[..., Any], name: str, value: Any, annotation: Any)
     """Raises a `TypeError` for a value of another shape."""
     if not fits(value, annotation):
         shape = getattr(value, "shape", type(value).__name__)
-        raise TypeError(f"{function.__module__}.{function.__qualname__}: {name}, {shape}, is no {annotation}")
+        raise TypeError(
+            f"{function.__module__}.{function.__qualname__}: {name}, {shape}, is no {annotation}"
+        )
 
 
 def is_shape(annotation: Any) -> bool:

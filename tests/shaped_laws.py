@@ -65,11 +65,21 @@ def run(batch: tuple[int, ...], like: Any) -> None:
     rotations.roll_pitch_yaw(rotations.rotation_matrix(turned))
     rotations.yaw_rotation(angles[2]), rotations.skew(drawn(3))
     for grid, dialect in ((LINE, "mjlab"), (SCAN, "isaaclab"), (SCAN, "legged_gym")):
-        grid.points_in_world(drawn(3), angles[2]), grid.points_in_world(drawn(2), angles[2], ahead=drawn())
+        (
+            grid.points_in_world(drawn(3), angles[2]),
+            grid.points_in_world(drawn(2), angles[2], ahead=drawn()),
+        )
         DIALECTS[dialect].observation(drawn(grid.size), grid)
     control(batch, like, quaternion, drawn)
-    ground = Boxes.of([Box.at((0.0, 0.0, -0.5), (4.0, 4.0, 1.0)), Box.at((1.0, 0.0, 0.1), (1.0, 1.0, 0.2), yaw=0.3)])
-    of_batch = map_arrays(lambda value: np.broadcast_to(value, (*batch, *value.shape)).copy(), ground).like(like)
+    ground = Boxes.of(
+        [
+            Box.at((0.0, 0.0, -0.5), (4.0, 4.0, 1.0)),
+            Box.at((1.0, 0.0, 0.1), (1.0, 1.0, 0.2), yaw=0.3),
+        ]
+    )
+    of_batch = map_arrays(
+        lambda value: np.broadcast_to(value, (*batch, *value.shape)).copy(), ground
+    ).like(like)
     of_batch.height_at(drawn(7), drawn(7)), of_batch.extent, of_batch.quaternion
     image = DepthImage(depth=1.0 + drawn(48, 16), time_s=xp.zeros(batch, dtype=xp.float64))
     chain: CameraChain = PROFILE.camera_chain
@@ -80,25 +90,41 @@ def run(batch: tuple[int, ...], like: Any) -> None:
 def control(batch: tuple[int, ...], like: Any, quaternion: Any, drawn: Any) -> None:
     """Estimator, law in every mode, braking, and drives."""
     xp = namespace(like)
-    law, estimator, braking = LegController(ROBOT, solver=BatchedSolver(ROBOT)), Estimator(ROBOT), Braking(ROBOT)
+    law, estimator, braking = (
+        LegController(ROBOT, solver=BatchedSolver(ROBOT)),
+        Estimator(ROBOT),
+        Braking(ROBOT),
+    )
     state, estimate = law.init(batch, like), estimator.init(batch, like)
     schedule = standing(batch, like)
     joints = xp.asarray(ROBOT.stand_pose, dtype=like.dtype) + drawn(12)
     measured = Sensed(
-        quaternion_base_in_world=quaternion, angular_velocity_base=drawn(3), acceleration_base=drawn(3),
+        quaternion_base_in_world=quaternion, angular_velocity_base=drawn(3),
+        acceleration_base=drawn(3),
         joint_position=joints, joint_velocity=drawn(12),
     )  # fmt: skip
     states = states_of(measured, estimate, schedule)
-    rest = replace(REST, **{f.name: 0.0 * drawn(*getattr(REST, f.name).shape) + 1.0 for f in fields(REST)})
+    rest = replace(
+        REST, **{f.name: 0.0 * drawn(*getattr(REST, f.name).shape) + 1.0 for f in fields(REST)}
+    )
     reference, ground = reference_of(rest, drawn()), braking.init(law._legs.position(joints))
     drives = ActuatorChain(PROFILE.actuator).fitted(ROBOT)
     memory = drives.blank
-    for mode in (*(ControllerMode.RUN,) * TICKS, ControllerMode.LANDING, ControllerMode.STAND, ControllerMode.DAMP):
+    for mode in (
+        *(ControllerMode.RUN,) * TICKS,
+        ControllerMode.LANDING,
+        ControllerMode.STAND,
+        ControllerMode.DAMP,
+    ):
         command, state, diagnostics = law.step(reference, states, state, mode)
         estimate = estimator.step(states, diagnostics.gait.trusted, estimate)
         ground = braking.observe(diagnostics, ground)
         braked = braking.reference(diagnostics, states.base_height, drawn(), ground)
-        braking.catching(braked, ground), braking.is_slow(diagnostics), law.settled(state, diagnostics)
+        (
+            braking.catching(braked, ground),
+            braking.is_slow(diagnostics),
+            law.settled(state, diagnostics),
+        )
         assert isinstance(command, JointCommand)
         time_s = xp.zeros(batch, dtype=like.dtype)
         _, memory = drives.step(command, joints, states.joint_velocity, time_s, memory)

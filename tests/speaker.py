@@ -24,9 +24,16 @@ SAID: list[tuple[str, Message]] = [*run_messages(0), ("event/heightmap", EVENT)]
 
 
 @contextmanager
-def speaking(folder: Path, prefix: str = RunConfig(robot="go1", grid="line").prefix) -> Iterator[threading.Event]:
-    """Makes a folder that of such a run, with its router; its keys have a prefix. Setting the event ends it."""
-    config = RunConfig(robot="go1", grid="line", pace="realtime", epoch_ns=time.monotonic_ns() - 10**9)
+def speaking(
+    folder: Path, prefix: str = RunConfig(robot="go1", grid="line").prefix
+) -> Iterator[threading.Event]:
+    """Makes a folder that of such a run, with its router; its keys have a prefix.
+
+    Setting the event ends it.
+    """
+    config = RunConfig(
+        robot="go1", grid="line", pace="realtime", epoch_ns=time.monotonic_ns() - 10**9
+    )
     (put_run(folder, config) / RUN_FILE).write_text(to_toml(config))
     endpoint, router = open_router()
     write_client(folder / CLIENT_FILE, endpoint)
@@ -34,7 +41,10 @@ def speaking(folder: Path, prefix: str = RunConfig(robot="go1", grid="line").pre
 
     def say() -> None:
         with ZenohBus(endpoint, prefix) as bus:
-            split = {key: key.split("/") if key.startswith(("status", "event")) else (key,) for key, _ in SAID}
+            split = {
+                key: key.split("/") if key.startswith(("status", "event")) else (key,)
+                for key, _ in SAID
+            }
             publishers = {key: bus.publisher(*split[key]) for key, _ in SAID}
             while not ended.wait(PERIOD_S):
                 now_ns = clock.now_ns()

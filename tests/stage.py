@@ -15,9 +15,13 @@ from saltus.runtime.process import ProcessContext
 class Stage:
     """Starts the body of a process when it is entered and ends it when it is left; `others` is the others' bus."""
 
-    def __init__(self, name: str, body: Callable[[ProcessContext], None], config: RunConfig, folder: Path) -> None:
+    def __init__(
+        self, name: str, body: Callable[[ProcessContext], None], config: RunConfig, folder: Path
+    ) -> None:
         hub = MemoryHub()
-        self.context = ProcessContext(name, config, put_run(folder, config), MemoryBus(config.prefix, hub))
+        self.context = ProcessContext(
+            name, config, put_run(folder, config), MemoryBus(config.prefix, hub)
+        )
         self.others = MemoryBus(config.prefix, hub)
         self.done = self.others.latest("done", name)
         self.events = self.others.latest("event", name)

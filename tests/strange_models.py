@@ -2,7 +2,8 @@
 
     python tests/strange_models.py FOLDER
 
-writes all of them there. Tests ask that each is read, with the numbers of the shipped one, or refused by one line.
+writes all of them there. Tests ask that each is read, with the numbers of the shipped one, or
+refused by one line.
 """
 
 import sys
@@ -41,7 +42,9 @@ def strange_models(kind: str, folder: Path) -> Iterator[Strange]:
 
 
 def _as_saved_in_two_files(model: onnx.ModelProto, folder: Path) -> None:
-    external_data_helper.convert_model_to_external_data(model, location="weights.bin", size_threshold=0)
+    external_data_helper.convert_model_to_external_data(
+        model, location="weights.bin", size_threshold=0
+    )
     onnx.save(model, folder / "two.onnx")
     model.CopyFrom(onnx.load(folder / "two.onnx", load_external_data=False))
 
@@ -74,7 +77,9 @@ def _branches(folder: Path, depth: int) -> onnx.NodeProto:
     node = inner if depth == 0 else _branches(folder, depth - 1)
     given = helper.make_tensor_value_info("branch", TensorProto.FLOAT, [4])
     graphs = [helper.make_graph([node], name, [], [given]) for name in ("yes", "no")]
-    return helper.make_node("If", ["condition"], ["branch"], then_branch=graphs[0], else_branch=graphs[1])
+    return helper.make_node(
+        "If", ["condition"], ["branch"], then_branch=graphs[0], else_branch=graphs[1]
+    )
 
 
 def _subgraph(depth: int) -> Callable[[onnx.ModelProto, Path], None]:
@@ -139,7 +144,9 @@ def _cast(model: onnx.ModelProto, value: onnx.ValueInfoProto, kind: int, is_inpu
             names.extend(renamed)
     value.type.tensor_type.elem_type = kind
     if is_input:
-        model.graph.node.insert(0, helper.make_node("Cast", [value.name], [inside], to=TensorProto.FLOAT))
+        model.graph.node.insert(
+            0, helper.make_node("Cast", [value.name], [inside], to=TensorProto.FLOAT)
+        )
     else:
         model.graph.node.append(helper.make_node("Cast", [inside], [value.name], to=kind))
 
@@ -227,7 +234,9 @@ def _as_lists(model: onnx.ModelProto, folder: Path) -> None:
     for tensor in model.graph.initializer:
         if tensor.data_type == TensorProto.FLOAT:
             values = numpy_helper.to_array(tensor).ravel().tolist()
-            tensor.CopyFrom(helper.make_tensor(tensor.name, TensorProto.FLOAT, list(tensor.dims), values))
+            tensor.CopyFrom(
+                helper.make_tensor(tensor.name, TensorProto.FLOAT, list(tensor.dims), values)
+            )
 
 
 def _weights_as_constants(model: onnx.ModelProto, folder: Path) -> None:
@@ -274,7 +283,9 @@ CHANGES: dict[tuple[str, str | None], Callable[[onnx.ModelProto, Path], bytes | 
     ("int32 inputs", "is of type int32, not float"): _typed("all", TensorProto.INT32, True),
     ("int64 inputs", "is of type int64, not float"): _typed("all", TensorProto.INT64, True),
     ("bool inputs", "is of type bool, not float"): _typed("all", TensorProto.BOOL, True),
-    ("bfloat16 inputs", "is of type bfloat16, not float"): _typed("all", TensorProto.BFLOAT16, True),
+    ("bfloat16 inputs", "is of type bfloat16, not float"): _typed(
+        "all", TensorProto.BFLOAT16, True
+    ),
     ("float16 outputs", "is of type float16, not float"): _typed("all", TensorProto.FLOAT16, False),
     ("float64 outputs", "is of type double, not float"): _typed("all", TensorProto.DOUBLE, False),
     ("int32 outputs", "is of type int32, not float"): _typed("all", TensorProto.INT32, False),

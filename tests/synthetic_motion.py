@@ -37,7 +37,10 @@ def gliding_episodes(
     """The same with true images, as a dataset keeps them."""
     rng = np.random.default_rng(seed)
     for trajectory in gliding_robots(rng, count, ticks=ticks, terrains=terrains):
-        view, camera = replace(RobotCamera.on(ROBOT), mount=random_mount(ROBOT, rng)), SHIPPED["ideal"]
+        view, camera = (
+            replace(RobotCamera.on(ROBOT), mount=random_mount(ROBOT, rng)),
+            SHIPPED["ideal"],
+        )
         yield from filmed([trajectory], [view], camera, PROFILE, LINE, rng)
 
 
@@ -45,12 +48,16 @@ def _trajectory(rng: np.random.Generator, ticks: int, kind: str) -> Trajectory:
     terrain = make_terrain(TerrainConfig(terrain=kind, difficulty=float(rng.uniform(0.0, 0.4))))
     time_s = TICK_S * np.arange(ticks)
     x = rng.uniform(0.0, 1.0) + rng.uniform(0.3, 1.5) * time_s
-    bob = rng.uniform(0.01, 0.05) * np.sin(2.0 * np.pi * (rng.uniform() + time_s / rng.uniform(0.3, 0.6)))
+    bob = rng.uniform(0.01, 0.05) * np.sin(
+        2.0 * np.pi * (rng.uniform() + time_s / rng.uniform(0.3, 0.6))
+    )
     z = np.maximum(terrain.height_at(x, np.zeros_like(x)), 0.0) + ROBOT.stand_height + bob
     position = np.stack([x, np.full_like(x, rng.uniform(-0.3, 0.3)), z], axis=-1)
     pitch = rng.uniform(0.0, 0.2) * np.sin(2.0 * np.pi * time_s / rng.uniform(0.3, 0.6))
     zero = np.zeros_like(x)
-    quaternion = rotations.quaternion_from_roll_pitch_yaw(zero, pitch, zero + rng.uniform(-0.1, 0.1))
+    quaternion = rotations.quaternion_from_roll_pitch_yaw(
+        zero, pitch, zero + rng.uniform(-0.1, 0.1)
+    )
     joints = np.tile(ROBOT.stand_pose, (ticks, 1))
     known: Any = SimpleNamespace(
         quaternion_base_in_world=quaternion,

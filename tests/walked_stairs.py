@@ -42,7 +42,8 @@ class Tick:
 def carried(setup: Setup, grid: HeightGrid, steps: int) -> Iterator[Tick]:
     """Ticks of a robot that is carried along the course, its trunk as high above the ground as it stands.
 
-    Its feet hang straight below the hips; those that touch the ground within 1 cm are told to stand.
+    Its feet hang straight below the hips; those that touch the ground within 1 cm are told to
+    stand.
     """
     robot, terrain = setup.robot, setup.terrain
     renderer = make_renderer(preference(LENS)[0], terrain, RobotCamera.on(robot, LENS))
@@ -60,13 +61,20 @@ def carried(setup: Setup, grid: HeightGrid, steps: int) -> Iterator[Tick]:
         pitch, lift = _slope(setup, step)
         velocity = np.array([FAST * SPEED_MPS, 0.0, lift])
         state = replace(
-            standing_state(robot), time_ns=step * STEP_NS, step=step, quaternion_base_in_world=quaternion,
+            standing_state(robot), time_ns=step * STEP_NS, step=step,
+            quaternion_base_in_world=quaternion,
             angular_velocity_base=np.array([0.0, (_slope(setup, step + 1)[0] - pitch) / STEP_S, 0.0]),
-            joint_position=joints[step][0], velocity_base_in_world=velocity, leg_trusted=joints[step][1],
+            joint_position=joints[step][0], velocity_base_in_world=velocity,
+            leg_trusted=joints[step][1],
             depth_due=due,
         )  # fmt: skip
         x, y = grid.points_in_world(position, yaw)
-        yield Tick(state=state, frame=frame, position=position, truth=np.asarray(terrain.height_at(x, y)) - position[2])
+        yield Tick(
+            state=state,
+            frame=frame,
+            position=position,
+            truth=np.asarray(terrain.height_at(x, y)) - position[2],
+        )
 
 
 def _ground(setup: Setup, x: float) -> float:
@@ -93,12 +101,16 @@ def _pose(setup: Setup, step: int) -> tuple[np.ndarray, np.ndarray]:
     return position, np.array([np.cos(half), 0.0, np.sin(half), 0.0])
 
 
-def _joints(robot: Robot, legs: LegKinematics, setup: Setup, *pose: Any) -> tuple[np.ndarray, np.ndarray]:
+def _joints(
+    robot: Robot, legs: LegKinematics, setup: Setup, *pose: Any
+) -> tuple[np.ndarray, np.ndarray]:
     """Angles of legs whose feet are on the ground below the hips, where they reach it, and which do."""
     position, quaternion = pose
     sine, cosine = 2.0 * quaternion[0] * quaternion[2], 1.0 - 2.0 * quaternion[2] ** 2
     turn = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
-    hips = position + (robot.hip_anchor + np.outer(robot.abduction_offset, [0.0, 1.0, 0.0])) @ turn.T
+    hips = (
+        position + (robot.hip_anchor + np.outer(robot.abduction_offset, [0.0, 1.0, 0.0])) @ turn.T
+    )
     wanted = hips.copy()
     wanted[:, 2] = np.asarray(setup.terrain.height_at(hips[:, 0], hips[:, 1])) + robot.foot_radius
     angles = np.clip(legs.inverse((wanted - position) @ turn), robot.joint_lower, robot.joint_upper)

@@ -16,7 +16,9 @@ QUALITY = 40  # of WebP: edges stay sharp, and a run of six seconds takes about 
 
 def main() -> None:
     """Writes frames of the video, smaller, as an animation that repeats."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("video", type=Path)
     parser.add_argument("picture", type=Path, help="a .webp")
     arguments = parser.parse_args()
@@ -28,7 +30,9 @@ def main() -> None:
     animation = cv2.Animation()
     kept = frames[::stride]
     height = round(WIDTH * kept[0].shape[0] / kept[0].shape[1])
-    animation.frames = [cv2.resize(frame, (WIDTH, height), interpolation=cv2.INTER_AREA) for frame in kept]
+    animation.frames = [
+        cv2.resize(frame, (WIDTH, height), interpolation=cv2.INTER_AREA) for frame in kept
+    ]
     animation.durations = [round(1000.0 * stride / video.get(cv2.CAP_PROP_FPS))] * len(kept)
     cv2.imwriteanimation(str(arguments.picture), animation, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
 

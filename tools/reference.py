@@ -29,14 +29,19 @@ MADE = "<!-- Made from the code by tools/reference.py. -->"
 STATE = {field.name for field in schemas.FIELDS[messages.RobotState]}
 ON_THE_WIRE = {
     messages.DepthFrame: "The image is 16UC1, depth along the optical axis in units of `depth_unit_m`: 0 is invalid, "
-    "65535 is nothing within range. The intrinsics are in `camera_info.k`, as in ROS: pixel (u, v) looks through "
-    "((u - cx) / fx, (v - cy) / fy). Distortion is not read: images must be rectified. `frame_id` counts the images. "
-    f"Refused are other encodings, big-endian ones, a `step` other than two bytes a pixel, images over "
-    f"{codec.WIDTH_MAX} x {codec.HEIGHT_MAX}, a `camera_info` of another size, focal lengths outside of "
+    "65535 is nothing within range. The intrinsics are in `camera_info.k`, as in ROS: pixel (u, v) "
+    "looks through "
+    "((u - cx) / fx, (v - cy) / fy). Distortion is not read: images must be rectified. `frame_id` "
+    "counts the images. "
+    f"Refused are other encodings, big-endian ones, a `step` other than two bytes a pixel, images "
+    f"over "
+    f"{codec.WIDTH_MAX} x {codec.HEIGHT_MAX}, a `camera_info` of another size, focal lengths "
+    f"outside of "
     f"{codec.FOCAL_MIN_PX:g} to {codec.FOCAL_MAX_PX:g} pixels, and units outside of 1e-6 to "
     f"{codec.DEPTH_UNIT_MAX_M:g} m.",
     messages.Event: "`stamp` is its time, `name` the sender, `function` the code, `msg` the detail, for people. "
-    "Details that are read: of `kill` the name of a process, of `blind` seconds, of `push` Ns, negative to the right.",
+    "Details that are read: of `kill` the name of a process, of `blind` seconds, of `push` Ns, "
+    "negative to the right.",
 }
 """Messages whose fields travel in another form than they have in Python."""
 PART_TITLES = {
@@ -57,17 +62,22 @@ def effects_page() -> str:
     """Every effect of a profile."""
     parts = [
         f"# Effects\n\n{MADE}",
-        "A profile is a TOML file that says how hardware differs from the ideal: `--profile FILE.toml`, or a name "
-        "under `profiles/`. Each effect is one table below its part, `[actuator.torque_gain]`. What is left out has no "
-        "effect. Where *joints* is yes, a parameter is one number for all joints, or a list of 12 in the order "
-        f"{', '.join(JOINTS[:3])}, ... of the legs FR, FL, RR, RL. `saltus real2sim apply` writes such files.",
+        "A profile is a TOML file that says how hardware differs from the ideal: `--profile "
+        "FILE.toml`, or a name "
+        "under `profiles/`. Each effect is one table below its part, `[actuator.torque_gain]`. "
+        "What is left out has no "
+        "effect. Where *joints* is yes, a parameter is one number for all joints, or a list of 12 "
+        "in the order "
+        f"{', '.join(JOINTS[:3])}, ... of the legs FR, FL, RR, RL. `saltus real2sim apply` writes "
+        f"such files.",
     ]
     for part, title in PART_TITLES.items():
         parts.append(f"## {title}")
         parts += [_effect(kind) for kind in EFFECTS.values() if PARTS[kind.site] == part]
     parts += [
         "## A profile to copy",
-        "The one that the shipped robot has is `saltus/robots/go1/profile.toml`. This one has every "
+        "The one that the shipped robot has is `saltus/robots/go1/profile.toml`. This one has "
+        "every "
         "effect of one number at the value at which it does nothing: keep what you need.",
         f"```toml\n{null_profile()}```",
     ]
@@ -78,7 +88,11 @@ def null_profile() -> str:
     """A profile in TOML with every effect of plain numbers, each at the value at which it changes nothing."""
     table: dict[str, dict[str, Any]] = {part: {} for part in PART_TITLES}
     for kind in EFFECTS.values():
-        values = {f.name: f.metadata["null"] for f in fields(kind) if isinstance(f.metadata.get("null"), float)}
+        values = {
+            f.name: f.metadata["null"]
+            for f in fields(kind)
+            if isinstance(f.metadata.get("null"), float)
+        }
         if values:
             table[PARTS[kind.site]][kind.name] = values
     return tomli_w.dumps({part: effects for part, effects in table.items() if effects})
@@ -92,7 +106,13 @@ def _effect(kind: type[Effect]) -> str:
 
 def _parameter(f: "Field[Any]") -> str:
     m = f.metadata
-    null = "the robot's own" if "robot" in m else _shown(m["null"]) if "null" in m else f"(default {_shown(f.default)})"
+    null = (
+        "the robot's own"
+        if "robot" in m
+        else _shown(m["null"])
+        if "null" in m
+        else f"(default {_shown(f.default)})"
+    )
     joints = "yes" if m["per_joint"] else ""
     return f"| `{f.name}` | {m['unit']} | {null} | {_shown(m['low'])} | {_shown(m['high'])} | {joints} |"
 
@@ -109,29 +129,43 @@ def messages_page() -> str:
     """Every topic, and every message with its fields."""
     parts = [
         f"# Messages\n\n{MADE}",
-        "`saltus router --out runs/mine` writes `runs/mine/client.json5`, which a Zenoh library (1.10 or later) loads "
+        "`saltus router --out runs/mine` writes `runs/mine/client.json5`, which a Zenoh library "
+        "(1.10 or later) loads "
         "as its configuration; it names a Unix socket, and that transport must be in the library "
-        "([your robot](../tutorials/service.md), [over a network](../reliability.md#over-a-network)). "
+        "([your robot](../tutorials/service.md), [over a "
+        "network](../reliability.md#over-a-network)). "
         "`examples/own_robot.py` sends and reads messages without Saltus.",
-        "Keys are `PREFIX/TOPIC`, e.g. `robot/0/camera/depth`. For `done`, `event` and `status` the sender's name "
-        "follows: subscribe to `robot/0/status/*`. What an operator asks goes to `robot/0/event/operator`.",
-        "Payloads are CDR of the ROS 2 types below, little-endian: they begin with the bytes 00 01 00 00, and nothing "
-        "may follow the last field. Attachments are those of rmw_zenoh, 33 bytes without gaps: int64 sequence from 1, "
-        "int64 capture time [ns], the byte 16, and 16 bytes that name the sender anew at each start.",
-        "The table is `saltus/wire/topics.py`; limits of age are checked by whoever uses a message.",
+        "Keys are `PREFIX/TOPIC`, e.g. `robot/0/camera/depth`. For `done`, `event` and `status` "
+        "the sender's name "
+        "follows: subscribe to `robot/0/status/*`. What an operator asks goes to "
+        "`robot/0/event/operator`.",
+        "Payloads are CDR of the ROS 2 types below, little-endian: they begin with the bytes 00 01 "
+        "00 00, and nothing "
+        "may follow the last field. Attachments are those of rmw_zenoh, 33 bytes without gaps: "
+        "int64 sequence from 1, "
+        "int64 capture time [ns], the byte 16, and 16 bytes that name the sender anew at each "
+        "start.",
+        "The table is `saltus/wire/topics.py`; limits of age are checked by whoever uses a "
+        "message.",
         _topics(),
         _wrapped(textwrap.dedent(messages.__doc__ or "").split("\n\n", 1)[1]),
         "## What the heightmap network reads",
         "Of `controller/state`: "
         + ", ".join(f"`{name}`" for name in _read_by_the_network())
         + ", and the capture time in the header. Of `camera/depth`: the image, its intrinsics, unit and capture time. "
-        "Besides these the service needs `step`, which must rise with each state, and `frame_id`, which must rise by "
-        "one with each image: images that are left out count as lost, and what does not rise is not taken. If your "
-        "counters start anew, take new bytes of the sender. All other fields may be zero. Quaternions must have length "
-        "1. All joint angles are 0 where a leg hangs straight down; their signs are in the card of the network "
+        "Besides these the service needs `step`, which must rise with each state, and `frame_id`, "
+        "which must rise by "
+        "one with each image: images that are left out count as lost, and what does not rise is "
+        "not taken. If your "
+        "counters start anew, take new bytes of the sender. All other fields may be zero. "
+        "Quaternions must have length "
+        "1. All joint angles are 0 where a leg hangs straight down; their signs are in the card of "
+        "the network "
         "(`models/heightmap.md`). `leg_trusted` says which feet surely stand: where the "
-        "phases of a leg controller are not known, take legs whose feet bear weight; a foot that is said to stand and "
-        "does not is taken for ground, while false for all legs only means that feet tell nothing of the ground.",
+        "phases of a leg controller are not known, take legs whose feet bear weight; a foot that "
+        "is said to stand and "
+        "does not is taken for ground, while false for all legs only means that feet tell nothing "
+        "of the ground.",
     ]
     for kind in dict.fromkeys(topic.message for topic in TOPICS.values()):
         parts.append(_message(kind))
@@ -143,13 +177,24 @@ def messages_page() -> str:
 
 def _topics() -> str:
     head = (
-        "| topic | message | who sends it | rate [Hz] | age on time [ms] | not used when older than [ms] | recorded |\n"
+        "| topic | message | who sends it | rate [Hz] | age on time [ms] | "
+        "not used when older than [ms] | recorded |\n"
     )
     rows = []
     for t in TOPICS.values():
         sender = "every process" if t.publisher == "*" else t.publisher
-        numbers = (_shown(t.rate_hz) if t.rate_hz else "", _shown(1e3 * t.nominal_age_s), _shown(1e3 * t.invalid_age_s))
-        cells = (f"`{t.name}`", f"`{schemas.TYPE_NAME[t.message]}`", sender, *numbers, "yes" if t.recorded else "no")
+        numbers = (
+            _shown(t.rate_hz) if t.rate_hz else "",
+            _shown(1e3 * t.nominal_age_s),
+            _shown(1e3 * t.invalid_age_s),
+        )
+        cells = (
+            f"`{t.name}`",
+            f"`{schemas.TYPE_NAME[t.message]}`",
+            sender,
+            *numbers,
+            "yes" if t.recorded else "no",
+        )
         rows.append(f"| {' | '.join(cells)} |")
     return head + "|---|---|---|---|---|---|---|\n" + "\n".join(rows)
 
@@ -160,14 +205,19 @@ def _codes() -> str:
 
 
 def _derived() -> list[str]:
-    rows = [f"| `{name}` | `{type_name}` | {what} |" for name, (type_name, what) in viewer.TOPICS.items()]
+    rows = [
+        f"| `{name}` | `{type_name}` | {what} |"
+        for name, (type_name, what) in viewer.TOPICS.items()
+    ]
     numbers = [f"| `{name}` | {kind} | {meaning} |" for kind, name, meaning in viewer.NUMBERS]
     return [
         "## Derived for viewers",
         "Recordings hold these too; they are not on the bus. Made by "
-        "`saltus/recordings/viewer.py`, in ROS 2's own types. 20 Hz where the table says nothing else.",
+        "`saltus/recordings/viewer.py`, in ROS 2's own types. 20 Hz where the table says nothing "
+        "else.",
         "| topic | type | what |\n|---|---|---|\n" + "\n".join(rows),
-        f"Fields of `{viewer.NUMBERS_TYPE}` after its header; NaN where nobody knows, 255 for a status that nobody has "
+        f"Fields of `{viewer.NUMBERS_TYPE}` after its header; NaN where nobody knows, 255 for a "
+        f"status that nobody has "
         "said yet.",
         "| field | type | meaning |\n|---|---|---|\n" + "\n".join(numbers),
     ]
@@ -188,7 +238,9 @@ def _message(kind: type[Any]) -> str:
         allowed = f"{_shown(low)} to {_shown(high)}" if math.isfinite(high) else ""
         if bound is not None and bound.enum is not None:
             allowed = ", ".join(f"{member.value} {member.name}" for member in bound.enum)
-            meaning = meaning or " ".join(f"{member}: {said}" for member, said in _field_docs(bound.enum))
+            meaning = meaning or " ".join(
+                f"{member}: {said}" for member, said in _field_docs(bound.enum)
+            )
         if meaning or allowed:
             rows.append(f"| `{field_name}` | {meaning} | {allowed} |")
     return text + "\n\n| field | meaning | allowed |\n|---|---|---|\n" + "\n".join(rows)
@@ -196,9 +248,15 @@ def _message(kind: type[Any]) -> str:
 
 def _field_docs(kind: type[Any]) -> Iterator[tuple[str, str]]:
     """Name and docstring of each field of a dataclass, or of each member of an enumeration."""
-    (definition,) = (node for node in ast.parse(inspect.getsource(kind)).body if isinstance(node, ast.ClassDef))
+    (definition,) = (
+        node for node in ast.parse(inspect.getsource(kind)).body if isinstance(node, ast.ClassDef)
+    )
     for statement, following in pairwise([*definition.body, None]):
-        named = statement.targets[0] if isinstance(statement, ast.Assign) else getattr(statement, "target", None)
+        named = (
+            statement.targets[0]
+            if isinstance(statement, ast.Assign)
+            else getattr(statement, "target", None)
+        )
         if isinstance(named, ast.Name):
             text = ""
             if isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
@@ -221,7 +279,9 @@ def _wrapped(text: str) -> str:
     """Prose in lines of 120 characters; tables, titles and code as they are."""
     if text.lstrip().startswith(("|", "#", "```", "<!--")) or "\n|" in text or "```" in text:
         return text
-    return "\n\n".join(textwrap.fill(paragraph, 120, break_long_words=False) for paragraph in text.split("\n\n"))
+    return "\n\n".join(
+        textwrap.fill(paragraph, 120, break_long_words=False) for paragraph in text.split("\n\n")
+    )
 
 
 if __name__ == "__main__":

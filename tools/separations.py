@@ -16,7 +16,11 @@ from saltus.robots.loading import reference_robot
 def main(names: list[str]) -> None:
     """Measures experiments, all where none is named; the others stay as they are in the table."""
     robot = reference_robot()
-    measured = json.loads(SEPARATIONS.read_text(encoding="utf-8"))["experiments"] if SEPARATIONS.exists() else {}
+    measured = (
+        json.loads(SEPARATIONS.read_text(encoding="utf-8"))["experiments"]
+        if SEPARATIONS.exists()
+        else {}
+    )
     for name in names or list(EXPERIMENTS):
         measured[name] = measure(EXPERIMENTS[name], robot)
         table = {

@@ -14,7 +14,16 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[1]
 FILE = ROOT / "service.txt"
-NEEDED = ("array-api-compat", "eclipse-zenoh", "mujoco", "numpy", "onnxruntime", "rosbags", "tomli-w", "tyro")
+NEEDED = (
+    "array-api-compat",
+    "eclipse-zenoh",
+    "mujoco",
+    "numpy",
+    "onnxruntime",
+    "rosbags",
+    "tomli-w",
+    "tyro",
+)
 """Packages of Saltus's own dependencies that are needed. MuJoCo reads the robot's model for `saltus
 router`; the service itself does without."""
 LEFT_OUT = ("glfw", "mujoco-studio", "pyopengl")
@@ -30,8 +39,12 @@ def service_requirements() -> list[str]:
 
     Who wants one version of another package is named by its own version, too: they come as a pair.
     """
-    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
-    waiting = [each for each in map(Requirement, declared) if canonicalize_name(each.name) in NEEDED]
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "dependencies"
+    ]
+    waiting = [
+        each for each in map(Requirement, declared) if canonicalize_name(each.name) in NEEDED
+    ]
     found: dict[str, str] = {}
     while waiting:
         each = waiting.pop(0)

@@ -1,8 +1,9 @@
 """A hook of MkDocs: puts into the site what lies outside of docs/, under the links that work on GitHub too.
 
-Pages keep their relative links. README.md becomes the first page; other Markdown keeps its path; a file of code that a
-page links to becomes a page that shows it; a notebook becomes a page of its cells, with the text and the pictures that
-it holds. The reference of the Python API is made from its docstrings.
+Pages keep their relative links. README.md becomes the first page; other Markdown keeps its path; a
+file of code that a page links to becomes a page that shows it; a notebook becomes a page of its
+cells, with the text and the pictures that it holds. The reference of the Python API is made from
+its docstrings.
 """
 
 import base64
@@ -38,9 +39,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             files.append(File.generated(config, _in_site(path), content=_text(path)))
         if path.endswith(".md"):
             linked = {
-                _target(path, link) for _, link, _ in LINK.findall((ROOT / path).read_text(encoding="utf-8"))
+                _target(path, link)
+                for _, link, _ in LINK.findall((ROOT / path).read_text(encoding="utf-8"))
             } - known
-            found = [other for other in linked if (ROOT / other).is_file() and not other.startswith(DOCS)]
+            found = [
+                other for other in linked if (ROOT / other).is_file() and not other.startswith(DOCS)
+            ]
             known.update(found)
             waiting.extend(found)
     files.append(File.generated(config, API, content=_api()))
@@ -107,7 +111,10 @@ def _notebook(path: Path) -> Iterator[tuple[str, str | bytes]]:
                 pictures += 1
                 picture = f"{path.stem}-{pictures}.png"
                 parts.append(f"![Picture {pictures}]({picture})")
-                yield path.with_name(picture).as_posix(), base64.b64decode(output["data"]["image/png"])
+                yield (
+                    path.with_name(picture).as_posix(),
+                    base64.b64decode(output["data"]["image/png"]),
+                )
     parts.insert(1, f'This page is a notebook: <a href="{path.name}" download>{path.name}</a>.')
     yield path.with_suffix(".md").as_posix(), "\n\n".join(parts) + "\n"
 
@@ -115,6 +122,8 @@ def _notebook(path: Path) -> Iterator[tuple[str, str | bytes]]:
 def _api() -> str:
     """The page on what `import saltus` offers: functions first, then the types that they take and return."""
     names = sorted(saltus.__all__, key=lambda name: (not name[0].islower(), name.lower()))
-    places = [f"::: {home}.{name}" for name in names for home, own in saltus._HOMES.items() if name in own]
+    places = [
+        f"::: {home}.{name}" for name in names for home, own in saltus._HOMES.items() if name in own
+    ]
     said = "What `import saltus` offers, made from the docstrings. [Saltus from Python](../python.md) shows it in use."
     return "\n\n".join((f"# Python\n\n{said}", *places)) + "\n"

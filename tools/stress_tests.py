@@ -137,13 +137,18 @@ def read_done() -> dict[str, Outcome]:
     """The outcomes of earlier calls, by the name of their piece."""
     if not DONE.exists():
         return {}
-    return {name: Outcome(**outcome) for name, outcome in json.loads(DONE.read_text(encoding="utf-8")).items()}
+    return {
+        name: Outcome(**outcome)
+        for name, outcome in json.loads(DONE.read_text(encoding="utf-8")).items()
+    }
 
 
 def write_done(done: dict[str, Outcome]) -> None:
     """Replaces the file as a whole: this may be interrupted at any time."""
     partial = DONE.with_suffix(".partial")
-    partial.write_text(json.dumps({name: asdict(each) for name, each in done.items()}, indent=1), encoding="utf-8")
+    partial.write_text(
+        json.dumps({name: asdict(each) for name, each in done.items()}, indent=1), encoding="utf-8"
+    )
     partial.replace(DONE)
 
 

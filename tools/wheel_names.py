@@ -9,10 +9,16 @@ ROOMS = ("heightmap", "render", "policy", "controller", "real2sim")
 
 def modules(checkout: Path) -> set[str]:
     """Paths of all modules, as they are to be in a wheel."""
-    kernel = {path for path in (checkout / "saltus").rglob("*.py") if path.relative_to(checkout).parts[1] not in ROOMS}
+    kernel = {
+        path
+        for path in (checkout / "saltus").rglob("*.py")
+        if path.relative_to(checkout).parts[1] not in ROOMS
+    }
     paths = {str(path.relative_to(checkout)) for path in kernel}
     for room in ROOMS:
-        paths |= {f"saltus/{path.relative_to(checkout)}" for path in (checkout / room).rglob("*.py")}
+        paths |= {
+            f"saltus/{path.relative_to(checkout)}" for path in (checkout / room).rglob("*.py")
+        }
     return paths
 
 
@@ -24,8 +30,15 @@ def faults(wheel: Path, expected: set[str]) -> list[str]:
     found = [] if tops == {"saltus"} else [f"top-level names {sorted(tops)}, not saltus alone"]
     found += [f"{name} is missing" for name in sorted(expected - held)]
     found += [f"{name} is not of the checkout" for name in sorted(held - expected)]
-    found += [] if "saltus/py.typed" in names else ["saltus/py.typed is missing: types of the API are not seen"]
-    found += [f"{name} is there twice" for name in sorted({name for name in names if names.count(name) > 1})]
+    found += (
+        []
+        if "saltus/py.typed" in names
+        else ["saltus/py.typed is missing: types of the API are not seen"]
+    )
+    found += [
+        f"{name} is there twice"
+        for name in sorted({name for name in names if names.count(name) > 1})
+    ]
     return found
 
 

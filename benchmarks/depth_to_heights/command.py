@@ -72,16 +72,18 @@ class Make(_Part):
 class Score(_Part):
     """Scores predictors on the split: files of predictions, models, and the baselines that Saltus brings.
 
-    A file of predictions is Parquet with one row for each row of inputs.parquet: episode_index, frame_index, height and
-    half_width_90 (half of the 90 % interval), lists of 30 numbers in metres. Behind +- is half of the 90 % interval of
-    a figure, over choices of the runs.
+    A file of predictions is Parquet with one row for each row of inputs.parquet: episode_index,
+    frame_index, height and half_width_90 (half of the 90 % interval), lists of 30 numbers in
+    metres. Behind +- is half of the 90 % interval of a figure, over choices of the runs.
     """
 
     predictions: Annotated[Positional[tuple[Path, ...]], shown("FILE ...", "none")] = ()
     """Files of predictions."""
     split: Path = SPLIT
     """Folder of the split."""
-    baselines: Annotated[tuple[str, ...] | None, shown("NAME ...", "all, where nothing else is to be scored")] = None
+    baselines: Annotated[
+        tuple[str, ...] | None, shown("NAME ...", "all, where nothing else is to be scored")
+    ] = None
     """flat: ground as high as the feet. newest: the newest image deprojected. geometric: those of 2 s, by the robot's
     odometry. geometric-feet: the same, moved to the standing feet. network: the shipped model."""
     heightmap_model: Annotated[Path | None, shown("PATH", "none")] = None
@@ -102,7 +104,11 @@ class Score(_Part):
         for name, said in self._predicted(split, names, models):
             rows.append(row(name, truths, said))
         ids = {name: model_id(path.read_bytes()) for name, path in models.items()}
-        return {"split": split.table, "models": ids, "rows": {row.predictor: row.table for row in rows}}
+        return {
+            "split": split.table,
+            "models": ids,
+            "rows": {row.predictor: row.table for row in rows},
+        }
 
     def show(self, figures: Mapping[str, Any]) -> None:
         """Prints a row for each predictor and, below it, each terrain; lengths in millimetres."""
@@ -112,13 +118,21 @@ class Score(_Part):
             for title, key, factor in COLUMNS:
                 low, high = of_row["interval90"][key]
                 half = 0.5 * (high - low)
-                cells[title] = _number(factor * of_row[key]) + (f" +-{factor * half:.2f}" if half >= 0.0 else "")
+                cells[title] = _number(factor * of_row[key]) + (
+                    f" +-{factor * half:.2f}" if half >= 0.0 else ""
+                )
             lines.append((predictor, cells))
             for kind, of_kind in of_row["by_terrain"].items():
-                lines.append((f"  {kind}", {title: _number(factor * of_kind[key]) for title, key, factor in COLUMNS}))
+                lines.append(
+                    (
+                        f"  {kind}",
+                        {title: _number(factor * of_kind[key]) for title, key, factor in COLUMNS},
+                    )
+                )
         part = "" if split["whole"] else f" of {RUNS}: no rows of the table"
         print(
-            f"split {split['version']}, {split['runs']} runs{part}; definition {split['definition']}, "
+            f"split {split['version']}, {split['runs']} runs{part}; definition "
+            f"{split['definition']}, "
             f"truth {split['truth']}"
         )
         print("error [mm]", *table_lines(lines), sep="\n")
@@ -141,7 +155,9 @@ class Score(_Part):
         tasks = [(name, models.get(name), run) for name in wanted for run in range(split.runs)]
         predicted = in_order(partial(predict_run, split), tasks, self.processes)
         said = list(tqdm(predicted, "predict", len(tasks), file=sys.stderr, disable=None))
-        return [(name, said[i * split.runs : (i + 1) * split.runs]) for i, name in enumerate(wanted)]
+        return [
+            (name, said[i * split.runs : (i + 1) * split.runs]) for i, name in enumerate(wanted)
+        ]
 
 
 def _number(value: float) -> str:

@@ -66,7 +66,9 @@ class StoredSplit:
     @property
     def table(self) -> dict[str, Any]:
         """All but the folder as plain values; `whole` says that rows of the table may be of it."""
-        return {name: value for name, value in vars(self).items() if name != "folder"} | {"whole": self.runs == RUNS}
+        return {name: value for name, value in vars(self).items() if name != "folder"} | {
+            "whole": self.runs == RUNS
+        }
 
 
 def write_split(
@@ -93,7 +95,8 @@ def write_split(
                     truths.append(run.truth)
                 done(len(truths))
         split = StoredSplit(
-            folder=folder, version=VERSION, runs=len(truths), definition=definition(plans), truth=truth_digest(truths),
+            folder=folder, version=VERSION, runs=len(truths), definition=definition(plans),
+            truth=truth_digest(truths),
             inputs=_sha256(partial / INPUTS), commit=commit(),
         )  # fmt: skip
         known = {name: value for name, value in vars(split).items() if name != "folder"}
@@ -112,15 +115,22 @@ def read_split(folder: Path) -> StoredSplit:
     """Reads the description of a split.
 
     Raises:
-        BenchmarkError: there is none, it is of another version, or its inputs are not those that were written.
+        BenchmarkError: there is none, it is of another version, or its inputs are not those that
+            were written.
     """
     try:
-        split = StoredSplit(folder=folder, **json.loads((folder / SPLIT).read_text(encoding="utf-8")))
+        split = StoredSplit(
+            folder=folder, **json.loads((folder / SPLIT).read_text(encoding="utf-8"))
+        )
         inputs = _sha256(folder / INPUTS)
     except (OSError, ValueError, TypeError) as error:
-        raise BenchmarkError(f"{folder} holds no split: saltus bench depth_to_heights make --out {folder}") from error
+        raise BenchmarkError(
+            f"{folder} holds no split: saltus bench depth_to_heights make --out {folder}"
+        ) from error
     if split.version != VERSION:
-        raise BenchmarkError(f"{folder} is a split of version {split.version}, not {VERSION}: make it anew")
+        raise BenchmarkError(
+            f"{folder} is a split of version {split.version}, not {VERSION}: make it anew"
+        )
     if split.inputs != inputs:
         raise BenchmarkError(f"{folder / INPUTS} is not what was made: make it anew")
     return split
@@ -144,7 +154,9 @@ def read_truth(split: StoredSplit) -> list[Truth]:
             for table in tables
         ]
     except (OSError, ValueError, KeyError, IndexError, pa.ArrowException) as error:
-        raise BenchmarkError(f"cannot read {split.folder / TRUTH}: {str(error).splitlines()[0]}") from error
+        raise BenchmarkError(
+            f"cannot read {split.folder / TRUTH}: {str(error).splitlines()[0]}"
+        ) from error
     if len(truths) != split.runs or truth_digest(truths) != split.truth:
         raise BenchmarkError(f"{split.folder / TRUTH} is not what was made: make it anew")
     return truths
@@ -166,15 +178,19 @@ def write_predictions(path: Path, predictions: Sequence[Prediction]) -> None:
     with pq.ParquetWriter(path, _PREDICTIONS, compression="zstd") as file:
         for run, said in enumerate(predictions):
             numbers = {RUN: np.full(len(said.height), run), STEP: np.arange(len(said.height))}
-            file.write_table(_table(numbers | {HEIGHT: said.height, HALF_WIDTH: said.half_width_90}, _PREDICTIONS))
+            file.write_table(
+                _table(
+                    numbers | {HEIGHT: said.height, HALF_WIDTH: said.half_width_90}, _PREDICTIONS
+                )
+            )
 
 
 def read_predictions(path: Path, steps: Sequence[int]) -> list[Prediction]:
     """Predictions of all runs, each of so many steps; their rows may come in any order.
 
     Raises:
-        BenchmarkError: it cannot be read; a row is missing, stands twice or is of no run; a height is no number of
-            metres, or an interval is not wider than 0.
+        BenchmarkError: it cannot be read; a row is missing, stands twice or is of no run; a height
+            is no number of metres, or an interval is not wider than 0.
     """
     table = _read_columns(path, sum(steps))
     run, step = (_column(path, table, name, pa.int64()).to_numpy() for name in (RUN, STEP))
@@ -188,7 +204,8 @@ def read_predictions(path: Path, steps: Sequence[int]) -> list[Prediction]:
             row, point = np.argwhere(wrong)[0]
             allowed = f"from {least:g}" if least else "above 0 and"
             raise BenchmarkError(
-                f"{path}: {RUN} {run[row]}, {STEP} {step[row]}: '{name}' of point {point} is {values[row, point]:g}; "
+                f"{path}: {RUN} {run[row]}, {STEP} {step[row]}: '{name}' of point {point} is "
+                f"{values[row, point]:g}; "
                 f"it must be {allowed} to {MOST_M:g} m"
             )
     ends = np.cumsum(steps)
@@ -198,33 +215,47 @@ def read_predictions(path: Path, steps: Sequence[int]) -> list[Prediction]:
     ]
 
 
-def _check_rows(path: Path, run: NDArray[np.int64], step: NDArray[np.int64], steps: Sequence[int]) -> None:
+def _check_rows(
+    path: Path, run: NDArray[np.int64], step: NDArray[np.int64], steps: Sequence[int]
+) -> None:
     """Refuses sorted rows that are not those of the runs, each once."""
     known = (run >= 0) & (run < len(steps))
     known[known] = (step[known] >= 0) & (step[known] < np.asarray(steps)[run[known]])
     if not known.all():
         row = int(np.argmin(known))
-        raise BenchmarkError(f"{path}: the split has no row with {RUN} {run[row]} and {STEP} {step[row]}")
+        raise BenchmarkError(
+            f"{path}: the split has no row with {RUN} {run[row]} and {STEP} {step[row]}"
+        )
     twice = (np.diff(run) == 0) & (np.diff(step) == 0)
     if twice.any():
         row = int(np.argmax(twice))
-        raise BenchmarkError(f"{path}: the row with {RUN} {run[row]} and {STEP} {step[row]} stands twice")
+        raise BenchmarkError(
+            f"{path}: the row with {RUN} {run[row]} and {STEP} {step[row]} stands twice"
+        )
     starts = np.cumsum([0, *steps[:-1]])
     if len(run) < sum(steps):
         there = np.zeros(sum(steps), np.bool_)
         there[starts[run] + step] = True
         row = int(np.argmin(there))
         lacks = int(np.searchsorted(starts, row, side="right")) - 1
-        raise BenchmarkError(f"{path}: the row with {RUN} {lacks} and {STEP} {row - starts[lacks]} is missing")
+        raise BenchmarkError(
+            f"{path}: the row with {RUN} {lacks} and {STEP} {row - starts[lacks]} is missing"
+        )
 
 
 def _read_columns(path: Path, rows: int) -> pa.Table:
-    """The columns of predictions; not those of a file that would take much more memory than predictions do."""
+    """The columns of predictions.
+
+    Not those of a file that would take much more memory than predictions do.
+    """
     wanted = _PREDICTIONS.names
     try:
         file = pq.ParquetFile(path)
         groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
-        most = max(sum(group.column(j).num_values for group in groups) for j in range(file.metadata.num_columns))
+        most = max(
+            sum(group.column(j).num_values for group in groups)
+            for j in range(file.metadata.num_columns)
+        )
         missing = [name for name in wanted if name not in file.schema_arrow.names]
         if missing:
             raise ValueError(f"column '{missing[0]}' is missing: it needs {', '.join(wanted)}")
@@ -239,9 +270,13 @@ def _column(path: Path, table: pa.Table, name: str, kind: pa.DataType) -> pa.Chu
     try:
         column = table[name].cast(kind)
     except pa.ArrowException as error:
-        raise BenchmarkError(f"{path}: column '{name}' is {table[name].type}; it must be {kind}") from error
+        raise BenchmarkError(
+            f"{path}: column '{name}' is {table[name].type}; it must be {kind}"
+        ) from error
     if column.null_count:
-        raise BenchmarkError(f"{path}: column '{name}' has {column.null_count} rows without a value")
+        raise BenchmarkError(
+            f"{path}: column '{name}' has {column.null_count} rows without a value"
+        )
     return column
 
 
@@ -251,7 +286,8 @@ def _matrix(path: Path, table: pa.Table, name: str) -> Floats:
     lengths = column.combine_chunks().value_lengths().to_numpy(zero_copy_only=False)
     if (lengths != _POINTS).any():
         raise BenchmarkError(
-            f"{path}: a list of '{name}' has {lengths[lengths != _POINTS][0]} numbers; it must have {_POINTS}"
+            f"{path}: a list of '{name}' has {lengths[lengths != _POINTS][0]} numbers; it must "
+            f"have {_POINTS}"
         )
     return _rows(column, np.float64)
 
@@ -270,12 +306,18 @@ def _input_table(run: int, inputs: Inputs) -> pa.Table:
     steps = len(inputs.depth)
     columns: dict[str, NDArray[Any]] = {RUN: np.full(steps, run), STEP: np.arange(steps)}
     columns |= {_STATE: inputs.proprioception, _DEPTH: inputs.depth, _AGE: inputs.depth_age_s}
-    return _table(columns | {_ROBOT + name: values for name, values in inputs.robot.items()}, _INPUTS)
+    return _table(
+        columns | {_ROBOT + name: values for name, values in inputs.robot.items()}, _INPUTS
+    )
 
 
 def _truth_table(run: int, truth: Truth) -> pa.Table:
     steps = len(truth.height)
-    columns = {RUN: np.full(steps, run), STEP: np.arange(steps), "terrain": np.full(steps, truth.terrain, object)}
+    columns = {
+        RUN: np.full(steps, run),
+        STEP: np.arange(steps),
+        "terrain": np.full(steps, truth.terrain, object),
+    }
     return _table(columns | {"height": truth.height, "view": truth.view}, _TRUTH)
 
 
@@ -302,5 +344,7 @@ _INPUTS = pa.schema(
         *((_ROBOT + name, _OBSERVED_KINDS.get(name, _VECTOR)) for name in OBSERVED),
     ]
 )
-_TRUTH = pa.schema([*_NUMBERS, ("terrain", pa.string()), ("height", _VECTOR), ("view", pa.list_(pa.int8()))])
+_TRUTH = pa.schema(
+    [*_NUMBERS, ("terrain", pa.string()), ("height", _VECTOR), ("view", pa.list_(pa.int8()))]
+)
 _PREDICTIONS = pa.schema([*_NUMBERS, (HEIGHT, _VECTOR), (HALF_WIDTH, _VECTOR)])

@@ -37,8 +37,10 @@ class FlatGround:
         """See `saltus.heightmap.service.replay.Predictor`."""
         del frame, now_ns
         return Heightmap(
-            time_ns=state.time_ns, step=state.step, x=HEIGHTMAP_X, height=np.full(len(HEIGHTMAP_X), -state.base_height),
-            half_width_90=np.full(len(HEIGHTMAP_X), UNKNOWN_HALF_WIDTH_M), status=HeightmapStatus.OK,
+            time_ns=state.time_ns, step=state.step, x=HEIGHTMAP_X,
+            height=np.full(len(HEIGHTMAP_X), -state.base_height),
+            half_width_90=np.full(len(HEIGHTMAP_X), UNKNOWN_HALF_WIDTH_M),
+            status=HeightmapStatus.OK,
             depth_age_s=math.inf, frame_id=-1, model_id="flat",
         )  # fmt: skip
 
@@ -46,7 +48,10 @@ class FlatGround:
 BASELINES: dict[str, Callable[[Robot], Predictor]] = {
     "flat": FlatGround,
     "newest": partial(GeometricHeightmap, grid=LINE, images=1),
-    **{name: partial(GeometricHeightmap, grid=LINE, foot_gain=gain) for name, gain in GEOMETRIC.items()},
+    **{
+        name: partial(GeometricHeightmap, grid=LINE, foot_gain=gain)
+        for name, gain in GEOMETRIC.items()
+    },
 }
 """Without training: flat ground at the feet; the newest image deprojected; those of 2 s, in the robot's own odometry;
 the same, moved to the standing feet."""
@@ -54,10 +59,17 @@ NETWORK = "network"
 
 
 def predict_run(split: StoredSplit, task: tuple[str, Path | None, int]) -> Prediction:
-    """Prediction of a baseline, or of a model's service, in one run; the name and the run are of the task."""
+    """Prediction of a baseline, or of a model's service, in one run.
+
+    The name and the run are of the task.
+    """
     name, model, run = task
     robot = load_camera(CAMERA).mounted_on(load_robot(DEFAULT_ROBOT))
-    made = BASELINES[name](robot) if model is None else HeightmapService(HeightmapNetwork(robot, model))
+    made = (
+        BASELINES[name](robot)
+        if model is None
+        else HeightmapService(HeightmapNetwork(robot, model))
+    )
     return predict(made, read_inputs(split, run))
 
 
@@ -68,7 +80,9 @@ def predict(predictor: Predictor, inputs: Inputs) -> Prediction:
     taken[inputs.depth_age_s < 0.0] = -1
     new = np.flatnonzero(np.diff(taken, prepend=-1)).tolist()
     frames = [
-        depth_frame(MODEL_CAMERA, inputs.depth[step], time_ns=step_ns(int(taken[step])), frame_id=number)
+        depth_frame(
+            MODEL_CAMERA, inputs.depth[step], time_ns=step_ns(int(taken[step])), frame_id=number
+        )
         for number, step in enumerate(new)
     ]
     maps = replay_predictor(predictor, frames, _states(inputs), [step_ns(step) for step in new])
@@ -81,7 +95,10 @@ def predict(predictor: Predictor, inputs: Inputs) -> Prediction:
 def _states(inputs: Inputs) -> list[RobotState]:
     """Returns what the robot says of itself; what predictors are not given is 0."""
     steps = len(inputs.depth)
-    states = RobotStates(**inputs.robot, step=0, leg_progress=np.zeros((steps, 4)), cycle=np.zeros(steps, np.int64))
+    states = RobotStates(
+        **inputs.robot, step=0, leg_progress=np.zeros((steps, 4)), cycle=np.zeros(steps, np.int64)
+    )
     return [
-        state_message(states, step, time_ns=step_ns(step), step=step, mode=ControllerMode.RUN) for step in range(steps)
+        state_message(states, step, time_ns=step_ns(step), step=step, mode=ControllerMode.RUN)
+        for step in range(steps)
     ]

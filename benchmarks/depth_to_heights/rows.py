@@ -16,13 +16,18 @@ from saltus.loop.loop import STAND_STEPS
 LEAST_HALF_WIDTH_M = 1e-3
 """Narrower intervals count as this wide: to a millimetre the truth is told apart, and without a bound the likelihood of
 flat ground would have none."""
-RESAMPLES = 1000  # of the runs: of a normal law the ends of an interval are then right to 2 % of its width
+RESAMPLES = (
+    1000  # of the runs: of a normal law the ends of an interval are then right to 2 % of its width
+)
 _SEED = 0  # of the resamples: two people get the same interval
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreRow:
-    """Scores of one predictor; figures are those of `saltus.heightmap.evaluation.scores.HeightScore`, NaN for none."""
+    """Scores of one predictor.
+
+    Figures are those of `saltus.heightmap.evaluation.scores.HeightScore`, NaN for none.
+    """
 
     predictor: str
     figures: dict[str, float]
@@ -46,8 +51,12 @@ def row(predictor: str, truths: Sequence[Truth], predictions: Sequence[Predictio
     return ScoreRow(
         predictor=predictor,
         figures=_named(mean_of(judged.sum(axis=0))),
-        interval90={name: (float(a), float(b)) for name, a, b in zip(FIGURES, low, high, strict=True)},
-        by_terrain={kind: _named(mean_of(judged[runs].sum(axis=0))) for kind, runs in groups.items()},
+        interval90={
+            name: (float(a), float(b)) for name, a, b in zip(FIGURES, low, high, strict=True)
+        },
+        by_terrain={
+            kind: _named(mean_of(judged[runs].sum(axis=0))) for kind, runs in groups.items()
+        },
     )
 
 
@@ -56,7 +65,9 @@ def _judged(truth: Truth, said: Prediction) -> Floats:
     counted = slice(STAND_STEPS, None)
     width = np.maximum(said.half_width_90[counted], LEAST_HALF_WIDTH_M)
     prediction = Prediction(height=said.height[counted], half_width_90=width)
-    return totals(HEIGHTMAP_X, truth.height[counted].astype(np.float64), truth.view[counted], prediction)
+    return totals(
+        HEIGHTMAP_X, truth.height[counted].astype(np.float64), truth.view[counted], prediction
+    )
 
 
 def _resampled(judged: Floats, groups: Sequence[Any]) -> Floats:

@@ -1,7 +1,8 @@
 """The fixed split of the benchmark: which runs, and how they are made.
 
-A split follows from this code alone, and is made rather than downloaded. Robots go by true heights, shifted as each
-trial says, so that no predictor has a part in how they move, and all are judged on the same images.
+A split follows from this code alone, and is made rather than downloaded. Robots go by true heights,
+shifted as each trial says, so that no predictor has a part in how they move, and all are judged on
+the same images.
 """
 
 import hashlib
@@ -48,17 +49,22 @@ from saltus.workers import tell
 VERSION = 2
 """Version of the split. Whoever changes what a definition says makes another: rows of two versions
 are not compared."""
-ROBOTS = 2 * len(FAMILIES)  # in a batch: each family twice, those of the paper once of a size that all planners master
+ROBOTS = 2 * len(
+    FAMILIES
+)  # in a batch: each family twice, those of the paper once of a size that all planners master
 RUNS = 4 * ROBOTS
 """In the whole split: two batches behind each planner."""
 FIRST_SEED = 4_250_000_000
 """First seed of trials: above those of `saltus heightmap eval`, below those that training data are
 drawn from (2**32)."""
-TIME_LIMIT_S = 10.0  # as of `saltus heightmap eval`: at 1.2 m/s any course is behind a robot that still runs
+TIME_LIMIT_S = (
+    10.0  # as of `saltus heightmap eval`: at 1.2 m/s any course is behind a robot that still runs
+)
 CAMERA = "d435i"
 PLANNERS: tuple[PlannerName, ...] = ("learned", "scripted")
 OBSERVED = (
-    "quaternion_base_in_world", "angular_velocity_base", "acceleration_base", "joint_position", "joint_velocity",
+    "quaternion_base_in_world", "angular_velocity_base", "acceleration_base", "joint_position",
+    "joint_velocity",
     "velocity_base_in_world", "base_height", "leg_contact", "leg_trusted",
 )  # fmt: skip
 """Fields of `saltus.states.RobotStates` that predictors are given."""
@@ -88,7 +94,8 @@ class Inputs:
     proprioception: Singles
     """See `saltus.heightmap.service.features`, shape (n, 21)."""
     depth: NDArray[np.uint16]
-    """The newest image that has arrived [mm], shape (n, 48, 16); 0 is invalid, 65535 nothing within range."""
+    """The newest image that has arrived [mm], shape (n, 48, 16); 0 is invalid, 65535 nothing within
+    range."""
     depth_age_s: Singles
     """Time since it was taken, -1 before the first, shape (n,)."""
     robot: dict[str, Any]
@@ -150,7 +157,10 @@ WORK = math.ceil(TIME_LIMIT_S / TICK_S) + 2
 
 def make_batch(batch: Sequence[RunPlan]) -> list[SplitRun]:
     """Runs one of `batches`."""
-    terrains, trials = [make_terrain(plan.terrain) for plan in batch], [Trial.draw(plan.seed) for plan in batch]
+    terrains, trials = (
+        [make_terrain(plan.terrain) for plan in batch],
+        [Trial.draw(plan.seed) for plan in batch],
+    )
     setups = named_setups(DEFAULT_ROBOT, LINE, CAMERA, SHIPPED, terrains, trials)
     robot, (eyes, late) = setups[0].robot, _cameras(setups, batch)
     loop = Loop(setups, make_planner(batch[0].planner, robot, LINE), time_limit_s=TIME_LIMIT_S)
@@ -182,7 +192,8 @@ def make_batch(batch: Sequence[RunPlan]) -> list[SplitRun]:
 
 
 def _batch(number: int) -> list[RunPlan]:
-    # A key that is spawned equals none that evaluations and trainings draw from: these are lists of numbers.
+    # A key that is spawned equals none that evaluations and trainings draw from: these are lists of
+    # numbers.
     rng = np.random.default_rng(np.random.SeedSequence(FIRST_SEED, spawn_key=(VERSION, number)))
     made = []
     for i in range(ROBOTS):
@@ -209,16 +220,26 @@ def _cameras(setups: Sequence[Setup], batch: Sequence[RunPlan]) -> tuple[Eyes, L
 
 
 def _inputs(
-    robot: Robot, states: Sequence[RobotStates], number: int, depth: NDArray[np.uint16], captured_s: Floats
+    robot: Robot,
+    states: Sequence[RobotStates],
+    number: int,
+    depth: NDArray[np.uint16],
+    captured_s: Floats,
 ) -> Inputs:
     seen = np.isfinite(captured_s)
     now_s = np.array([state.time_s for state in states])
     legs = LegKinematics(robot)
     return Inputs(
-        proprioception=np.array([proprioception_of_states(state, legs)[number] for state in states]),
+        proprioception=np.array(
+            [proprioception_of_states(state, legs)[number] for state in states]
+        ),
         depth=np.where(seen[:, None, None], depth, np.uint16(0)),
-        depth_age_s=np.where(seen, now_s - np.where(seen, captured_s, 0.0), NO_IMAGE_S).astype(np.float32),
-        robot={name: np.array([getattr(state, name)[number] for state in states]) for name in OBSERVED},
+        depth_age_s=np.where(seen, now_s - np.where(seen, captured_s, 0.0), NO_IMAGE_S).astype(
+            np.float32
+        ),
+        robot={
+            name: np.array([getattr(state, name)[number] for state in states]) for name in OBSERVED
+        },
     )
 
 

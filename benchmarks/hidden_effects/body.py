@@ -19,7 +19,10 @@ SETTLE_S = 1.0
 FEET_EVERY = 5
 """Rows of the control loop per reading of the feet: 100 Hz."""
 GROUND = {"friction": 0.8, "contact_time_constant": 0.008}
-"""The claimed ground: rubber on a floor; a contact that gives way by well below a millimetre [1, s]."""
+"""The claimed ground: rubber on a floor.
+
+A contact that gives way by well below a millimetre [1, s].
+"""
 PAYLOAD_POSITION = (0.0, 0.0, 0.08)
 """Where a payload sits: on top of the trunk, above its origin [m]."""
 SIGNALS = {
@@ -38,7 +41,13 @@ def _direction(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _bias(rng: np.random.Generator) -> dict[str, float]:
-    return dict(zip(("gyro_x", "gyro_y", "gyro_z", "roll", "pitch"), rng.uniform(-1, 1, 5).tolist(), strict=True))
+    return dict(
+        zip(
+            ("gyro_x", "gyro_y", "gyro_z", "roll", "pitch"),
+            rng.uniform(-1, 1, 5).tolist(),
+            strict=True,
+        )
+    )
 
 
 BODY = {
@@ -55,14 +64,26 @@ IMU = {
     "imu_latency": Family(usual=0.005, largest=0.05),
 }
 OUTSIDE = {
-    "side_wind": Family(usual=2.0, largest=25.0, shape=lambda rng: {"rate": float(rng.uniform(0.2, 0.7))}),
-    "hidden_bump": Family(usual=0.002, largest=0.02, shape=lambda rng: {"leg": float(rng.integers(4))}),
+    "side_wind": Family(
+        usual=2.0, largest=25.0, shape=lambda rng: {"rate": float(rng.uniform(0.2, 0.7))}
+    ),
+    "hidden_bump": Family(
+        usual=0.002, largest=0.02, shape=lambda rng: {"leg": float(rng.integers(4))}
+    ),
     "gyro_scale": Family(usual=0.02, largest=0.5, shape=draw_sign),
-    "acc_hum": Family(usual=0.2, largest=4.0, shape=lambda rng: {"rate": float(rng.uniform(10, 60))}),
-    "loose_load": Family(usual=0.1, largest=2.0, shape=lambda rng: {"rate": float(rng.uniform(1.0, 2.5))}),
-    "nudges": Family(usual=2.0, largest=30.0, shape=lambda rng: {"seed": float(rng.integers(1000))}),
+    "acc_hum": Family(
+        usual=0.2, largest=4.0, shape=lambda rng: {"rate": float(rng.uniform(10, 60))}
+    ),
+    "loose_load": Family(
+        usual=0.1, largest=2.0, shape=lambda rng: {"rate": float(rng.uniform(1.0, 2.5))}
+    ),
+    "nudges": Family(
+        usual=2.0, largest=30.0, shape=lambda rng: {"seed": float(rng.integers(1000))}
+    ),
     "gyro_cross": Family(usual=0.02, largest=0.4, shape=draw_sign),
-    "attitude_wander": Family(usual=4e-3, largest=0.1, shape=lambda rng: {"rate": float(rng.uniform(0.1, 0.4))}),
+    "attitude_wander": Family(
+        usual=4e-3, largest=0.1, shape=lambda rng: {"rate": float(rng.uniform(0.1, 0.4))}
+    ),
 }
 SHAKES = ("side_wind", "hidden_bump", "loose_load", "nudges")
 """Those of them that change how the robot moves."""
@@ -102,14 +123,22 @@ class BodyScene(Scene):
         self.tuning, self.seed = tuning, seed
         self.library = tuple(IMU) if imu else tuple(BODY)
         self.outside = tuple(OUTSIDE)
-        self.kp, self.kd = float(rng.uniform(80, 120).__round__(1)), float(rng.uniform(2, 4).__round__(2))
-        self.position, self.velocity, self.segments = stances.commands(rng, control_dt=CONTROL_DT, tuning=tuning)
+        self.kp, self.kd = (
+            float(rng.uniform(80, 120).__round__(1)),
+            float(rng.uniform(2, 4).__round__(2)),
+        )
+        self.position, self.velocity, self.segments = stances.commands(
+            rng, control_dt=CONTROL_DT, tuning=tuning
+        )
         self.corner_hz = float(rng.uniform(20, 150))
         self.level = np.exp(rng.uniform(-0.3, 0.3))
         self.known_payload_kg = self.release_m = 0.0
         self._model = mujoco.MjModel.from_xml_string(
             model_text(
-                free=True, timestep=STEP_S, friction=GROUND["friction"], contact_time=GROUND["contact_time_constant"]
+                free=True,
+                timestep=STEP_S,
+                friction=GROUND["friction"],
+                contact_time=GROUND["contact_time_constant"],
             )
         )
         self._ideal = self._simulate({})
@@ -118,7 +147,12 @@ class BodyScene(Scene):
         self._index()
 
     def perform(
-        self, position: Floats, segments: tuple[Segment, ...], *, known_payload_kg: float, release_m: float
+        self,
+        position: Floats,
+        segments: tuple[Segment, ...],
+        *,
+        known_payload_kg: float,
+        release_m: float,
     ) -> None:
         """Has the same robot do something else, with a payload that is claimed, or let fall onto its feet."""
         self.position, self.velocity = position, np.gradient(position, CONTROL_DT, axis=0)
@@ -158,7 +192,9 @@ class BodyScene(Scene):
         rpy = euler(motion.base[:, 3:])
         t = np.arange(len(rpy)) * CONTROL_DT
         late = t - (by["imu_latency"].size if "imu_latency" in by else 0.0)
-        imu_rpy, gyro, acc = (_delayed(values, t, late) for values in (rpy, motion.gyro, motion.acc))
+        imu_rpy, gyro, acc = (
+            _delayed(values, t, late) for values in (rpy, motion.gyro, motion.acc)
+        )
         if "imu_bias" in by:
             bias = {name: part * by["imu_bias"].size for name, part in by["imu_bias"].shape.items()}
             gyro = gyro + np.array([bias["gyro_x"], bias["gyro_y"], bias["gyro_z"]])
@@ -171,25 +207,35 @@ class BodyScene(Scene):
         if "attitude_wander" in by:
             wander = by["attitude_wander"]
             phase = 2 * np.pi * wander.shape["rate"] * t
-            wave = np.stack([np.sin(phase), 0.6 * np.sin(0.7 * phase + 1), np.zeros_like(t)], axis=1)
+            wave = np.stack(
+                [np.sin(phase), 0.6 * np.sin(0.7 * phase + 1), np.zeros_like(t)], axis=1
+            )
             imu_rpy = imu_rpy + wander.size * wave
         if "acc_hum" in by:
             hum = by["acc_hum"]
             acc = acc + hum.size * np.sin(2 * np.pi * hum.shape["rate"] * t)[:, None]
         return {
             "x": motion.base[:, :1], "y": motion.base[:, 1:2], "z": motion.base[:, 2:3], "rpy": rpy,
-            "velocity": motion.base_velocity, "q": motion.joints[..., 0], "dq": motion.joints[..., 1],
-            "tau_est": motion.joints[..., 2], "imu_rpy": imu_rpy, "gyro": gyro, "acc": acc, "load": motion.load,
+            "velocity": motion.base_velocity, "q": motion.joints[..., 0],
+            "dq": motion.joints[..., 1],
+            "tau_est": motion.joints[..., 2], "imu_rpy": imu_rpy, "gyro": gyro, "acc": acc,
+            "load": motion.load,
         }  # fmt: skip
 
     def noise(self, name: str, values: Floats, rng: np.random.Generator) -> Floats:
         """A signal with its sensor's noise."""
         sigma = SIGNALS.get(name, SIGNALS["z"]) * self.level
-        return values + sigma * coloured(rng, values.shape, self.corner_hz, 1 / CONTROL_DT, self.tuning)
+        return values + sigma * coloured(
+            rng, values.shape, self.corner_hz, 1 / CONTROL_DT, self.tuning
+        )
 
     def _friction(self, size: float) -> float:
         """Below what the motion needs: from there on feet slip."""
-        return GROUND["friction"] if size == 0 else min(GROUND["friction"], self._slope * (1 - size**0.5))
+        return (
+            GROUND["friction"]
+            if size == 0
+            else min(GROUND["friction"], self._slope * (1 - size**0.5))
+        )
 
     def _simulate(self, by: dict[str, Setting]) -> Motion:
         model, data = self._altered(by), None
@@ -199,7 +245,12 @@ class BodyScene(Scene):
         data.qpos[2] += self.release_m
         settle = 0 if self.release_m else round(SETTLE_S / CONTROL_DT)
         rows = len(self.position)
-        base, velocity, gyro, acc = np.zeros((rows, 7)), np.zeros((rows, 3)), np.zeros((rows, 3)), np.zeros((rows, 3))
+        base, velocity, gyro, acc = (
+            np.zeros((rows, 7)),
+            np.zeros((rows, 3)),
+            np.zeros((rows, 3)),
+            np.zeros((rows, 3)),
+        )
         joints, load = np.zeros((rows, 12, 3)), np.zeros((-(-rows // FEET_EVERY), 4))
         slopes = []
         push = Pushes(by, rows)
@@ -233,14 +284,21 @@ class BodyScene(Scene):
         model = self._model.__copy__()
         if "com_offset" in by:
             shape = by["com_offset"].shape
-            model.body_ipos[1] += by["com_offset"].size * np.array([shape["x"], shape["y"], shape["z"]])
+            model.body_ipos[1] += by["com_offset"].size * np.array(
+                [shape["x"], shape["y"], shape["z"]]
+            )
         if "base_inertia" in by:
             model.body_inertia[1] *= 1 + by["base_inertia"].size
-        _load(model, self.known_payload_kg + (by["payload_mass"].size if "payload_mass" in by else 0.0))
+        _load(
+            model,
+            self.known_payload_kg + (by["payload_mass"].size if "payload_mass" in by else 0.0),
+        )
         if "foot_friction" in by:
             model.geom_friction[:, 0] = self._friction(by["foot_friction"].size)
         if "contact_compliance" in by:
-            model.geom_solref[:, 0] = GROUND["contact_time_constant"] + by["contact_compliance"].size
+            model.geom_solref[:, 0] = (
+                GROUND["contact_time_constant"] + by["contact_compliance"].size
+            )
         if "hidden_bump" in by:
             model.geom_size[1 + int(by["hidden_bump"].shape["leg"]), 0] += by["hidden_bump"].size
         mujoco.mj_setConst(model, mujoco.MjData(model))
@@ -270,7 +328,9 @@ def _load(model: "mujoco.MjModel", mass: float) -> None:
     own, centre = float(model.body_mass[1]), model.body_ipos[1].copy()
     arm = np.array(PAYLOAD_POSITION) - centre
     reduced = own * mass / (own + mass)
-    inertia = axes @ np.diag(model.body_inertia[1]) @ axes.T + reduced * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    inertia = axes @ np.diag(model.body_inertia[1]) @ axes.T + reduced * (
+        arm @ arm * np.eye(3) - np.outer(arm, arm)
+    )
     principal, directions = np.linalg.eigh(inertia)
     directions[:, 2] *= np.linalg.det(directions)
     model.body_mass[1] = own + mass

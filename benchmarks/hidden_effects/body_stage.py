@@ -3,7 +3,14 @@
 import numpy as np
 
 from benchmarks.hidden_effects import experiments
-from benchmarks.hidden_effects.body import CONTROL_DT, FEET_EVERY, GROUND, PAYLOAD_POSITION, BodyScene, quaternions
+from benchmarks.hidden_effects.body import (
+    CONTROL_DT,
+    FEET_EVERY,
+    GROUND,
+    PAYLOAD_POSITION,
+    BodyScene,
+    quaternions,
+)
 from benchmarks.hidden_effects.plan import Run
 from benchmarks.hidden_effects.scene import Setting
 from benchmarks.hidden_effects.stage import Stage
@@ -25,7 +32,10 @@ class BodyStage(Stage):
         if experiment not in experiments.BODY:
             return False
         position, segments = experiments.body_commands(experiment, CONTROL_DT, rng)
-        payload, release = experiments.PAYLOAD_KG.get(experiment, 0.0), experiments.RELEASE.get(experiment, 0.0)
+        payload, release = (
+            experiments.PAYLOAD_KG.get(experiment, 0.0),
+            experiments.RELEASE.get(experiment, 0.0),
+        )
         self._body.perform(position, segments, known_payload_kg=payload, release_m=release)
         return True
 
@@ -38,9 +48,13 @@ class BodyStage(Stage):
         measured = np.stack([read["q"], read["dq"], read["tau_est"]], axis=-1)
         command = np.stack([scene.position, scene.velocity, np.zeros_like(scene.position)], axis=-1)
         imu = np.concatenate([quaternions(read["imu_rpy"]), read["gyro"], read["acc"]], axis=1)
-        base = np.concatenate([read["x"], read["y"], read["z"], quaternions(read["rpy"]), read["velocity"]], axis=1)
+        base = np.concatenate(
+            [read["x"], read["y"], read["z"], quaternions(read["rpy"]), read["velocity"]], axis=1
+        )
         # raw counts of sensors that nobody has calibrated
-        feet = np.rint(rng.uniform(30, 120, 4) + rng.uniform(1.2, 2.2, 4) * load + rng.normal(0, 3, load.shape))
+        feet = np.rint(
+            rng.uniform(30, 120, 4) + rng.uniform(1.2, 2.2, 4) * load + rng.normal(0, 3, load.shape)
+        )
         gains = np.ones(12)
         meta = claim(
             base="free",

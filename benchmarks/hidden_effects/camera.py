@@ -21,7 +21,9 @@ EDGE = 0.05
 
 LIBRARY = {
     "camera_latency": Family(usual=0.01, largest=0.15, shape=draw_sign),
-    "frame_drop": Family(usual=0.05, largest=0.5, shape=lambda rng: {"repeat": float(rng.uniform() < 0.5)}),
+    "frame_drop": Family(
+        usual=0.05, largest=0.5, shape=lambda rng: {"repeat": float(rng.uniform() < 0.5)}
+    ),
     "temporal_smear": Family(usual=0.2, largest=0.92),
     "camera_pitch": Family(usual=0.003, largest=0.15, shape=draw_sign),
     "camera_height": Family(usual=0.002, largest=0.08, shape=draw_sign),
@@ -36,16 +38,23 @@ LIBRARY = {
 OUTSIDE = {
     "lens_distortion": Family(usual=0.02, largest=0.8, shape=draw_sign),
     "rolling_shutter": Family(usual=0.01, largest=0.033),
-    "depth_ripple": Family(usual=0.002, largest=0.05, shape=lambda rng: {"period": float(rng.uniform(0.1, 0.3))}),
-    "tilt_drift": Family(usual=0.003, largest=0.1, shape=lambda rng: {"cycles": float(rng.integers(1, 4))}),
+    "depth_ripple": Family(
+        usual=0.002, largest=0.05, shape=lambda rng: {"period": float(rng.uniform(0.1, 0.3))}
+    ),
+    "tilt_drift": Family(
+        usual=0.003, largest=0.1, shape=lambda rng: {"cycles": float(rng.integers(1, 4))}
+    ),
     "skewed_depth": Family(usual=0.01, largest=0.2, shape=draw_sign),
     "rolled_camera": Family(usual=0.01, largest=0.2, shape=draw_sign),
     "column_pattern": Family(usual=0.003, largest=0.05),
-    "breathing_scale": Family(usual=0.003, largest=0.05, shape=lambda rng: {"rate": float(rng.uniform(0.3, 1.5))}),
+    "breathing_scale": Family(
+        usual=0.003, largest=0.05, shape=lambda rng: {"rate": float(rng.uniform(0.3, 1.5))}
+    ),
     "soft_mount": Family(usual=0.003, largest=0.05),
 }
 MOVES_RAYS = {
-    "camera_latency", "camera_pitch", "camera_height", "camera_fov", "lens_distortion", "rolling_shutter", "tilt_drift",
+    "camera_latency", "camera_pitch", "camera_height", "camera_fov", "lens_distortion",
+    "rolling_shutter", "tilt_drift",
     "rolled_camera", "soft_mount",
 }  # fmt: skip
 CHANGES_RANGE = {
@@ -118,7 +127,11 @@ class CameraScene(Scene):
 
     def draw(self, effect: str, where: tuple[str, ...], rng: np.random.Generator) -> Setting:
         drawn = super().draw(effect, where, rng)
-        return replace(drawn, shape={"sign": 1.0}) if effect == "camera_latency" and self.latency < 0.04 else drawn
+        return (
+            replace(drawn, shape={"sign": 1.0})
+            if effect == "camera_latency" and self.latency < 0.04
+            else drawn
+        )
 
     def largest(self, setting: Setting) -> float:
         if setting.effect == "camera_latency" and setting.shape["sign"] < 0:
@@ -178,9 +191,13 @@ class CameraScene(Scene):
         offset[:, 1] = self._signed(by, "camera_height")
         if "tilt_drift" in by:
             drift = by["tilt_drift"]
-            offset[:, 0] += drift.size * np.sin(2 * np.pi * drift.shape["cycles"] * np.linspace(0, 1, frames))
+            offset[:, 0] += drift.size * np.sin(
+                2 * np.pi * drift.shape["cycles"] * np.linspace(0, 1, frames)
+            )
         offset[:, 0] += self._size(by, "soft_mount") * self.path.shake(capture)
-        tangents = self.optics.tangents(1 + self._signed(by, "camera_fov"), self._signed(by, "lens_distortion"))
+        tangents = self.optics.tangents(
+            1 + self._signed(by, "camera_fov"), self._signed(by, "lens_distortion")
+        )
         tangents = view.rolled(tangents, self._signed(by, "rolled_camera"))
         return view.render(self.optics, self.boxes, self.path.at(times), tangents, offset)
 
@@ -188,11 +205,15 @@ class CameraScene(Scene):
         if not CHANGES_RANGE & set(by):
             return true
         columns = np.linspace(-1, 1, self.optics.width)
-        scale = (1 + self._signed(by, "depth_scale")) * (1 + self._signed(by, "skewed_depth") * columns)
+        scale = (1 + self._signed(by, "depth_scale")) * (
+            1 + self._signed(by, "skewed_depth") * columns
+        )
         depth = true * scale.astype(np.float32) + np.float32(self._signed(by, "depth_bias"))
         if "depth_ripple" in by:
             ripple = by["depth_ripple"]
-            depth = depth + np.float32(ripple.size) * np.sin(np.float32(2 * np.pi / ripple.shape["period"]) * true)
+            depth = depth + np.float32(ripple.size) * np.sin(
+                np.float32(2 * np.pi / ripple.shape["period"]) * true
+            )
         if "column_pattern" in by:
             pattern = np.random.default_rng(self.seed).normal(size=self.optics.width)
             depth = depth * (1 + by["column_pattern"].size * pattern).astype(np.float32)
@@ -206,7 +227,9 @@ class CameraScene(Scene):
         white = chance.standard_normal(true.shape, dtype=np.float32)
         shared = white + uniform_filter1d(white, 3, axis=2)
         shared /= np.sqrt(1 + 1 / 3 + 2 / 3)
-        sigma = np.minimum(true, 50.0) ** 2 * np.float32(by["depth_noise"].size / (self.optics.focal * BASELINE_M))
+        sigma = np.minimum(true, 50.0) ** 2 * np.float32(
+            by["depth_noise"].size / (self.optics.focal * BASELINE_M)
+        )
         return np.asarray(depth + sigma * shared)
 
     def _noise(self, depth: Floats, true: Floats, rng: np.random.Generator) -> Floats:
@@ -246,7 +269,9 @@ class CameraScene(Scene):
     def _index(self, rng: np.random.Generator) -> None:
         truth = self._geometry({}, self.arrival - self.latency)
         self._ideal = truth
-        self._sound = np.random.default_rng(self.seed).random(truth.shape, dtype=np.float32) >= self.speckle
+        self._sound = (
+            np.random.default_rng(self.seed).random(truth.shape, dtype=np.float32) >= self.speckle
+        )
         near_edge = _edges(truth) | np.roll(_edges(truth), -1, axis=2)
         near_edge |= np.abs(np.diff(truth, axis=1, prepend=truth[:, :1])) > EDGE * truth
         for axis in (1, 2):
@@ -309,5 +334,7 @@ def _smeared(depth: Floats, alpha: float) -> Floats:
     out = depth.copy()
     for k in range(1, len(out)):
         both = (out[k - 1] > 0) & (depth[k] > 0)
-        out[k] = np.where(both, np.float32(alpha) * depth[k] + np.float32(1 - alpha) * out[k - 1], depth[k])
+        out[k] = np.where(
+            both, np.float32(alpha) * depth[k] + np.float32(1 - alpha) * out[k - 1], depth[k]
+        )
     return out

@@ -11,7 +11,14 @@ from benchmarks.hidden_effects.stage import Stage
 from benchmarks.hidden_effects.tables import BASE, RunFiles, claim
 from benchmarks.hidden_effects.view import Path
 
-IN_TIME = {"camera_latency", "frame_drop", "temporal_smear", "rolling_shutter", "tilt_drift", "soft_mount"}
+IN_TIME = {
+    "camera_latency",
+    "frame_drop",
+    "temporal_smear",
+    "rolling_shutter",
+    "tilt_drift",
+    "soft_mount",
+}
 """Effects that need motion."""
 AT_EDGES = {"edge_holes", "hole_fill", "range_clip", "lens_distortion", "depth_ripple"}
 """Effects that need something to look at besides a floor."""
@@ -46,9 +53,13 @@ class CameraStage(Stage):
         for number, joint in enumerate(JOINTS):
             joints[f"q_des_{joint}"] = np.full(len(t), STAND[number])
         kp, kd = np.full(12, 100.0), np.full(12, 2.0)
-        meta = claim(base="free", kp=kp, kd=kd, control_dt=0.01, segments=path.segments, start_s=start)
+        meta = claim(
+            base="free", kp=kp, kd=kd, control_dt=0.01, segments=path.segments, start_s=start
+        )
         if scene.boxes:
-            meta["terrain"] = [{"center": list(box.center), "size": list(box.size)} for box in scene.boxes]
+            meta["terrain"] = [
+                {"center": list(box.center), "size": list(box.size)} for box in scene.boxes
+            ]
         optics = scene.optics
         meta["camera"] = {
             "fx": optics.focal,
@@ -69,7 +80,9 @@ class CameraStage(Stage):
             depth=self._depth(settings, start, rng),
         )
 
-    def _depth(self, settings: tuple[Setting, ...], start: float, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    def _depth(
+        self, settings: tuple[Setting, ...], start: float, rng: np.random.Generator
+    ) -> dict[str, np.ndarray]:
         frames = self._camera.frames(settings, rng)
         kept = frames.kept
         number = frames.source if kept.all() else np.arange(len(kept))
@@ -89,7 +102,18 @@ def _base(path: Path, start: float, rng: np.random.Generator) -> dict[str, Float
     x, z, pitch = path.at(t)
     pitch = pitch + rng.normal(0, 4e-4, len(t))
     zero = np.zeros_like(t)
-    columns = [x, zero, z, np.cos(pitch / 2), zero, np.sin(pitch / 2), zero, np.gradient(x, t), zero, np.gradient(z, t)]
+    columns = [
+        x,
+        zero,
+        z,
+        np.cos(pitch / 2),
+        zero,
+        np.sin(pitch / 2),
+        zero,
+        np.gradient(x, t),
+        zero,
+        np.gradient(z, t),
+    ]
     noise = [3e-4, 3e-4, 3e-4, 0.0, 2e-4, 0.0, 2e-4, 0.005, 0.005, 0.005]
     table: dict[str, Floats] = {"t": t + start}
     for name, values, sigma in zip(BASE, columns, noise, strict=True):

@@ -8,9 +8,11 @@ from typing import Any
 from benchmarks.hidden_effects.identify import digest
 
 LARGE = 2.9
-"""Multiple of its one-sigma size from which an effect counts: three times, with the rounding of a search."""
+"""Multiple of its one-sigma size from which an effect counts: three times, with the rounding of a
+search."""
 SHOWN = 1.0
-"""RMS residual in this log from which its motion is enough: some effects grow slower than in proportion."""
+"""RMS residual in this log from which its motion is enough: some effects grow slower than in
+proportion."""
 SEPARABLE = 0.95
 LONGEST_SET = 3
 
@@ -49,9 +51,16 @@ class Case:
 
     @property
     def proposal(self) -> str:
-        """Experiment that is proposed for a set in which the truth is; empty where there is none."""
+        """Experiment that is proposed for a set in which the truth is.
+
+        Empty where there is none.
+        """
         in_sets = {name for one in self.verdict.get("sets", []) for name in one}
-        holds = bool(self.true_names) and set(self.true_names) <= self.offered and bool(in_sets & set(self.true_names))
+        holds = (
+            bool(self.true_names)
+            and set(self.true_names) <= self.offered
+            and bool(in_sets & set(self.true_names))
+        )
         if self.said != "set" or not holds:
             return ""
         return str((self.verdict.get("next_experiment") or {}).get("name") or "")
@@ -59,7 +68,11 @@ class Case:
     def counts(self) -> bool:
         """True where every hidden effect is large enough and the motion shows it."""
         multiples, shown = self.truth["multiples"], self.truth["shown_rms"]
-        return not self.truth["quiet"] and all(m >= LARGE for m in multiples) and all(s >= SHOWN for s in shown)
+        return (
+            not self.truth["quiet"]
+            and all(m >= LARGE for m in multiples)
+            and all(s >= SHOWN for s in shown)
+        )
 
     def separable(self) -> bool:
         """True where every hidden effect differs from all others on these data."""
@@ -75,7 +88,9 @@ def read_cases(verdicts: Path, truth: Path) -> list[Case]:
     hashes = json.loads((verdicts / "hashes.json").read_text(encoding="utf-8"))
     for name, expected in hashes.items():
         if digest(verdicts / name / "verdict.json") != expected:
-            raise RuntimeError(f"the verdict on {name} is not the one that was sealed: identify again")
+            raise RuntimeError(
+                f"the verdict on {name} is not the one that was sealed: identify again"
+            )
     return [
         Case(
             truth=json.loads((truth / f"{name}.json").read_text(encoding="utf-8")),

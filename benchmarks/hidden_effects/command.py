@@ -96,7 +96,10 @@ class FollowUp(_Judged):
 
 @dataclass(frozen=True, kw_only=True)
 class Score(_Judged):
-    """Compares sealed verdicts with the truth; writes score.json and the confusion matrix beside the verdicts."""
+    """Compares sealed verdicts with the truth.
+
+    Writes score.json and the confusion matrix beside the verdicts.
+    """
 
     followup: Path | None = None
     """Verdicts on robots that did what was proposed."""

@@ -43,20 +43,43 @@ def write_confusion(cases: list[Case], directory: Path) -> None:
     with (directory / "runs.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(
-            ["run", "kind", "category", "counts", "separable", "true", "multiples", "verdict", "named", "sets"]
+            [
+                "run",
+                "kind",
+                "category",
+                "counts",
+                "separable",
+                "true",
+                "multiples",
+                "verdict",
+                "named",
+                "sets",
+            ]
         )
         writer.writerows(_line(case) for case in cases)
     shown = np.where(counts > 0, counts, np.nan)
     figure = go.Figure(
         go.Heatmap(
-            z=shown, x=columns, y=rows, text=np.where(counts > 0, counts, "").astype(str), texttemplate="%{text}"
+            z=shown,
+            x=columns,
+            y=rows,
+            text=np.where(counts > 0, counts, "").astype(str),
+            texttemplate="%{text}",
         )
     )
-    figure.update_layout(width=WIDTH, height=HEIGHT, xaxis_title="said", yaxis_title="true", yaxis_autorange="reversed")
+    figure.update_layout(
+        width=WIDTH,
+        height=HEIGHT,
+        xaxis_title="said",
+        yaxis_title="true",
+        yaxis_autorange="reversed",
+    )
     figure.update_layout(margin={"l": 10, "r": 10, "t": 10, "b": 10})
     figure.update_traces(colorscale="Blues", showscale=False, xgap=1, ygap=1)
     shown_alone = {"displayModeBar": False}
-    figure.write_html(directory / "confusion.html", include_plotlyjs="directory", config=shown_alone)
+    figure.write_html(
+        directory / "confusion.html", include_plotlyjs="directory", config=shown_alone
+    )
 
 
 def _line(case: Case) -> list[str]:

@@ -5,7 +5,15 @@ import numpy as np
 from benchmarks.hidden_effects.robot import JOINTS
 from benchmarks.hidden_effects.tables import RunFiles
 
-DAMAGES = ("swapped_joints", "degrees", "sign_flip", "wrong_gains", "clock_backwards", "rows_dropped", "rows_doubled")
+DAMAGES = (
+    "swapped_joints",
+    "degrees",
+    "sign_flip",
+    "wrong_gains",
+    "clock_backwards",
+    "rows_dropped",
+    "rows_doubled",
+)
 
 
 def damage(files: RunFiles, name: str, rng: np.random.Generator) -> str:
@@ -13,7 +21,8 @@ def damage(files: RunFiles, name: str, rng: np.random.Generator) -> str:
     joints = files.tables["joints"]
     if name == "swapped_joints":
         one, other = (
-            str(joint) for joint in rng.choice([j for j in JOINTS if not j.endswith("hip")], 2, replace=False)
+            str(joint)
+            for joint in rng.choice([j for j in JOINTS if not j.endswith("hip")], 2, replace=False)
         )
         for signal in ("q", "dq"):
             a, b = joints[f"{signal}_{one}"], joints[f"{signal}_{other}"]

@@ -50,7 +50,10 @@ def _pulses(t: Floats, length: float, rng: np.random.Generator) -> tuple[Floats,
     return np.zeros((len(t), 12)), (size * on)[:, None] * rng.choice([-1, 1], 12)
 
 
-SMALL_STEPS, SMALLER_STEPS = _levels(0.0, 0.5, 0.0, -0.5, hold_s=0.5), _levels(0.0, 0.14, 0.0, -0.14, hold_s=0.5)
+SMALL_STEPS, SMALLER_STEPS = (
+    _levels(0.0, 0.5, 0.0, -0.5, hold_s=0.5),
+    _levels(0.0, 0.14, 0.0, -0.14, hold_s=0.5),
+)
 LARGE_STEPS, LARGEST_STEPS = _levels(0.5, -0.5, hold_s=0.5), _levels(0.95, -0.95, hold_s=0.6)
 JUMPS = (SMALL_STEPS, SMALLER_STEPS, LARGE_STEPS, LARGEST_STEPS)
 JOINTS: dict[str, tuple[dict[str, Motion], float]] = {
@@ -81,7 +84,8 @@ CAMERA: dict[str, tuple[tuple[str, ...], float, str]] = {
 NOSE_M = 0.27
 """From the trunk's centre to the camera: ranges are counted from there."""
 WALK_S = 0.7
-"""In which the robot gets from one place to the next, before the segment of that place begins: up to 1 m/s."""
+"""In which the robot gets from one place to the next, before the segment of that place begins: up
+to 1 m/s."""
 
 BODY: dict[str, tuple[dict[str, Stance], float]] = {
     "heave_and_pitch": ({"heave": stances.squat, "pitch": stances.rock}, 26.0),
@@ -95,7 +99,9 @@ PAYLOAD_KG = {"stand_with_payload": KNOWN_PAYLOAD_KG}
 RELEASE = {"drop": RELEASE_M}
 
 
-def joint_commands(name: str, control_dt: float, rng: np.random.Generator) -> tuple[Floats, tuple[Segment, ...]]:
+def joint_commands(
+    name: str, control_dt: float, rng: np.random.Generator
+) -> tuple[Floats, tuple[Segment, ...]]:
     """As `motions.commands`, for an experiment."""
     table, length = JOINTS[name]
     rows = round(length / (REPEATS * len(table)) / control_dt)
@@ -105,16 +111,24 @@ def joint_commands(name: str, control_dt: float, rng: np.random.Generator) -> tu
         seed = int(rng.integers(2**31))
         for number in range(REPEATS):
             again = np.random.default_rng(seed)
-            parts.append(motions.segment(motion, rows, control_dt, 1.0, again, jumps=motion in JUMPS))
-            segments.append(_segment(condition, number, len(segments) * rows * control_dt, rows * control_dt))
+            parts.append(
+                motions.segment(motion, rows, control_dt, 1.0, again, jumps=motion in JUMPS)
+            )
+            segments.append(
+                _segment(condition, number, len(segments) * rows * control_dt, rows * control_dt)
+            )
     return np.concatenate(parts), tuple(segments)
 
 
-def body_commands(name: str, control_dt: float, rng: np.random.Generator) -> tuple[Floats, tuple[Segment, ...]]:
+def body_commands(
+    name: str, control_dt: float, rng: np.random.Generator
+) -> tuple[Floats, tuple[Segment, ...]]:
     """Desired positions, (rows, 12), and segments of an experiment."""
     table, length = BODY[name]
     # what begins with a fall falls once
-    order = [(condition, n) for condition in table for n in range(1 if condition == "fall" else REPEATS)]
+    order = [
+        (condition, n) for condition in table for n in range(1 if condition == "fall" else REPEATS)
+    ]
     rows = round(length / len(order) / control_dt)
     seeds = {condition: int(rng.integers(2**31)) for condition in table}
     parts: list[Floats] = []
@@ -122,7 +136,9 @@ def body_commands(name: str, control_dt: float, rng: np.random.Generator) -> tup
     for condition, number in order:
         again = np.random.default_rng(seeds[condition])
         parts.append(stances.stretch(table[condition], rows, control_dt, again))
-        segments.append(_segment(condition, number, len(segments) * rows * control_dt, rows * control_dt))
+        segments.append(
+            _segment(condition, number, len(segments) * rows * control_dt, rows * control_dt)
+        )
     return np.concatenate(parts), tuple(segments)
 
 
@@ -140,7 +156,9 @@ def camera_path(name: str) -> tuple[view.Path, tuple[view.Box, ...]]:
         if walk and number:
             done = np.clip((t[inside] - number * each) / walk, 0, 1)
             came_from = values[0, inside.argmax() - 1]
-            values[0, inside] = came_from + (values[0, inside] - came_from) * done * done * (3 - 2 * done)
+            values[0, inside] = came_from + (values[0, inside] - came_from) * done * done * (
+                3 - 2 * done
+            )
         segments.append(_segment(condition, number % REPEATS, number * each + walk, each - walk))
     boxes = {
         "step": (
@@ -162,7 +180,9 @@ def _camera_move(condition: str, t: Floats, length: float, before: str) -> Float
         return np.stack([face - NOSE_M - float(condition.split()[1]) + zero, zero, zero])
     top = 5.0
     frequency = 0.3 + (top - 0.3) * t / length
-    sweep = np.sin(2 * np.pi * (0.3 * t + 0.5 * (top - 0.3) * t**2 / length)) / np.maximum(1.0, frequency / 1.5)
+    sweep = np.sin(2 * np.pi * (0.3 * t + 0.5 * (top - 0.3) * t**2 / length)) / np.maximum(
+        1.0, frequency / 1.5
+    )
     moves: dict[str, Callable[[], list[Floats]]] = {
         "heave chirp": lambda: [zero, 0.03 * sweep, zero],
         "pitch chirp": lambda: [zero, zero, 0.1 * sweep],
@@ -174,4 +194,6 @@ def _camera_move(condition: str, t: Floats, length: float, before: str) -> Float
 
 
 def _segment(condition: str, number: int, start: float, length: float) -> Segment:
-    return Segment(name=f"{condition}-{number}", start_s=start, end_s=start + length, condition=condition)
+    return Segment(
+        name=f"{condition}-{number}", start_s=start, end_s=start + length, condition=condition
+    )

@@ -29,19 +29,29 @@ def followup(cases: list[Case], logs: Path) -> int:
     for number, case in enumerate(proposed, start=1):
         done = follow(case, logs)
         count += done
-        print(f"{number}/{len(proposed)} {case.truth['name']}: {case.proposal}{'' if done else ' cannot be done'}")
+        print(
+            f"{number}/{len(proposed)} {case.truth['name']}: "
+            f"{case.proposal}{'' if done else ' cannot be done'}"
+        )
     return count
 
 
 def follow(case: Case, logs: Path) -> bool:
     """Writes the second log of one run; whether its rig can do the experiment."""
-    run = Run(**{**case.truth["run"], **{k: tuple(case.truth["run"][k]) for k in ("effects", "multiples")}})
+    run = Run(
+        **{
+            **case.truth["run"],
+            **{k: tuple(case.truth["run"][k]) for k in ("effects", "multiples")},
+        }
+    )
     out = logs / run.name
     if (out / "meta.json").exists():
         return True
     stage = make_stage(run, case.truth["tuning"])
     rng = np.random.default_rng(run.seed + SEED)
-    settings = tuple(Setting(**{**one, "where": tuple(one["where"])}) for one in case.truth["settings"])
+    settings = tuple(
+        Setting(**{**one, "where": tuple(one["where"])}) for one in case.truth["settings"]
+    )
     if not stage.follow(case.proposal, rng):
         if run.kind not in STANDING:
             return False

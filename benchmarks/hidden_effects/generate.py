@@ -18,7 +18,8 @@ from benchmarks.hidden_effects.tables import write
 OUTSIDE_PART = 0.5
 """Least part of an outside effect's energy that no mixture of the library's effects may explain."""
 WILD, FAINT = 3.0, 0.7
-"""Residual in parts of a proportional one, from which a size is not used, and up to which, outside the library."""
+"""Residual in parts of a proportional one, from which a size is not used, and up to which, outside
+the library."""
 DRAWS = 6
 """How often an effect is drawn anew when it cannot be seen, or when the library explains it."""
 
@@ -31,7 +32,9 @@ def generate(runs: tuple[Run, ...], logs: Path, truth: Path, *, tuning: bool, jo
     with ProcessPoolExecutor(jobs) as pool:
         futures = [pool.submit(generate_run, run, logs, truth, tuning) for run in open_]
         try:
-            for number, future in enumerate(as_completed(futures), start=len(runs) - len(open_) + 1):
+            for number, future in enumerate(
+                as_completed(futures), start=len(runs) - len(open_) + 1
+            ):
                 print(f"{number}/{len(runs)} {future.result()}", flush=True)
         finally:  # who is interrupted waits for the runs that are being made, not for all
             pool.shutdown(wait=False, cancel_futures=True)
@@ -72,22 +75,31 @@ def generate_run(run: Run, logs: Path, truth: Path, tuning: bool) -> str:
     return run.name
 
 
-def _hide(run: Run, stage: Stage, rng: np.random.Generator) -> tuple[tuple[Setting, ...], dict[str, Any]]:
+def _hide(
+    run: Run, stage: Stage, rng: np.random.Generator
+) -> tuple[tuple[Setting, ...], dict[str, Any]]:
     """Draws the effects of a run and their sizes, and finds out what they could be taken for."""
     scene = stage.scene
     settings = tuple(_draw(run, stage, effect, rng) for effect in run.effects)
-    if run.category == "two" and rng.uniform() < 0.5:  # confusable only where they sit at the same joints
+    if (
+        run.category == "two" and rng.uniform() < 0.5
+    ):  # confusable only where they sit at the same joints
         settings = (settings[0], Setting(**{**vars(settings[1]), "where": settings[0].where}))
     found = sizes.one_sigma(stage.sizing, list(settings)) if settings else []
     kept, shown = [], []
-    for number, (setting, sigma, multiple) in enumerate(zip(settings, found, run.multiples, strict=True)):
+    for number, (setting, sigma, multiple) in enumerate(
+        zip(settings, found, run.multiples, strict=True)
+    ):
         size = run.sizes[number] if run.sizes else min(multiple * sigma, scene.largest(setting))
         kept.append(setting.sized(size))
         base, with_it = scene.respond([(), (kept[-1],)])
         shown.append(sizes.best_rms(scene, sizes.visible(scene, with_it - base), setting.where))
     extra: dict[str, Any] = {
         "one_sigma_of_effects": [sigma if np.isfinite(sigma) else None for sigma in found],
-        "multiples": [s.size / sigma if np.isfinite(sigma) else 0.0 for s, sigma in zip(kept, found, strict=True)],
+        "multiples": [
+            s.size / sigma if np.isfinite(sigma) else 0.0
+            for s, sigma in zip(kept, found, strict=True)
+        ],
         "shown_rms": shown,
     }
     if run.category != "damaged":
@@ -110,7 +122,10 @@ def _draw(run: Run, stage: Stage, effect: str, rng: np.random.Generator) -> Sett
         part = _part_of_proportional(stage.sizing, setting, sigma, multiple)
         if part > WILD or (run.category == "outside" and part < FAINT):
             continue
-        if run.category == "outside" and _unexplained(stage.scene, setting.sized(sigma), run.seed) < OUTSIDE_PART:
+        if (
+            run.category == "outside"
+            and _unexplained(stage.scene, setting.sized(sigma), run.seed) < OUTSIDE_PART
+        ):
             continue
         return setting
     return setting
@@ -118,7 +133,9 @@ def _draw(run: Run, stage: Stage, effect: str, rng: np.random.Generator) -> Sett
 
 def _part_of_proportional(scene: Scene, setting: Setting, sigma: float, multiple: float) -> float:
     """Residual in parts of that which grows with the size: large where it makes a position loop swing."""
-    base, one, several = scene.respond([(), (setting.sized(sigma),), (setting.sized(sigma * multiple),)])
+    base, one, several = scene.respond(
+        [(), (setting.sized(sigma),), (setting.sized(sigma * multiple),)]
+    )
     first = max(sizes.best_rms(scene, one - base, setting.where), 1.0)
     return sizes.best_rms(scene, several - base, setting.where) / (multiple * first)
 
@@ -133,7 +150,10 @@ def _library(scene: Scene, where: tuple[str, ...], seed: int) -> list[Setting]:
         if set(first.shape) - {"sign"}:
             settings.append(scene.draw(effect, first.where, rng))
     found = sizes.one_sigma(scene, settings, sizes.ROUGH, scene.sizing_rounds)
-    return [setting.sized(min(sigma, scene.largest(setting))) for setting, sigma in zip(settings, found, strict=True)]
+    return [
+        setting.sized(min(sigma, scene.largest(setting)))
+        for setting, sigma in zip(settings, found, strict=True)
+    ]
 
 
 def _unexplained(scene: Scene, setting: Setting, seed: int) -> float:
@@ -141,7 +161,9 @@ def _unexplained(scene: Scene, setting: Setting, seed: int) -> float:
     return sizes.outside_of(marks[0], marks[1:])
 
 
-def _rivals(run: Run, scene: Scene, settings: tuple[Setting, ...], where: tuple[str, ...]) -> dict[str, Any]:
+def _rivals(
+    run: Run, scene: Scene, settings: tuple[Setting, ...], where: tuple[str, ...]
+) -> dict[str, Any]:
     """One-sigma sizes of the whole library in this log, and for each hidden effect the |cos| with every other."""
     library = _library(scene, where, run.seed)
     at_one = [s.sized(s.size / max(m, 1.0)) for s, m in zip(settings, run.multiples, strict=True)]
@@ -165,5 +187,7 @@ def _rivals(run: Run, scene: Scene, settings: tuple[Setting, ...], where: tuple[
     return {
         "rivals": rivals,
         "one_sigma": {s.effect: s.size if s.size < scene.largest(s) else None for s in library},
-        "outside_part": [sizes.outside_of(mark, others) for mark in own] if run.category == "outside" else [],
+        "outside_part": [sizes.outside_of(mark, others) for mark in own]
+        if run.category == "outside"
+        else [],
     }

@@ -21,7 +21,9 @@ is looked at the next time."""
 
 
 def identify(logs: Path, verdicts: Path, find: Find, jobs: int, second: Path | None = None) -> int:
-    """Writes a verdict for every log that has none yet, then the hashes of all; returns how many there are.
+    """Writes a verdict for every log that has none yet, then the hashes of all.
+
+    Returns how many there are.
 
     With second logs those robots are looked at that have one, in both together.
 
@@ -34,9 +36,14 @@ def identify(logs: Path, verdicts: Path, find: Find, jobs: int, second: Path | N
     open_ = [name for name in names if not (verdicts / name / "verdict.json").exists()]
     print(f"{len(names) - len(open_)} of {len(names)} verdicts are there", flush=True)
     with ThreadPoolExecutor(jobs) as pool:
-        futures = {pool.submit(_look, find, tuple(f / name for f in folders), verdicts / name): name for name in open_}
+        futures = {
+            pool.submit(_look, find, tuple(f / name for f in folders), verdicts / name): name
+            for name in open_
+        }
         try:
-            for number, future in enumerate(as_completed(futures), start=len(names) - len(open_) + 1):
+            for number, future in enumerate(
+                as_completed(futures), start=len(names) - len(open_) + 1
+            ):
                 print(f"{number}/{len(names)} {futures[future]}: {future.result()}", flush=True)
         finally:  # who is interrupted waits for the logs that are being looked at, not for all
             pool.shutdown(wait=False, cancel_futures=True)
@@ -53,7 +60,17 @@ def digest(path: Path) -> str:
 
 def command(logs: tuple[Path, ...], out: Path) -> None:
     """Finds with the project's command line, in a process of its own on one core."""
-    find = [sys.executable, "-P", "-m", "saltus.cli.main", "real2sim", "find", *map(str, logs), "--out", str(out)]
+    find = [
+        sys.executable,
+        "-P",
+        "-m",
+        "saltus.cli.main",
+        "real2sim",
+        "find",
+        *map(str, logs),
+        "--out",
+        str(out),
+    ]
     call = [*find, "--json", "--no-report"]
     done = subprocess.run(
         call,
@@ -76,7 +93,9 @@ def _look(find: Find, logs: tuple[Path, ...], out: Path) -> str:
     try:
         find(logs, out)
     except Exception as error:  # whatever stops an identifier must not stop the benchmark
-        (out / "verdict.json").write_text(json.dumps({"verdict": "error", "message": str(error)}), encoding="utf-8")
+        (out / "verdict.json").write_text(
+            json.dumps({"verdict": "error", "message": str(error)}), encoding="utf-8"
+        )
     seconds = time.monotonic() - start
     (out / "seconds.json").write_text(json.dumps(seconds), encoding="utf-8")
     said = json.loads((out / "verdict.json").read_text(encoding="utf-8"))

@@ -17,11 +17,13 @@ SOFTEST_TEETH, STIFFEST_TEETH = 4.0e3, 4.0e4
 """Stiffness of teeth in contact [Nm/rad]: 10 Nm twist the softest by two and a half times an
 encoder's noise."""
 MOTOR_SIDE = 0.8
-"""Share of drives with play whose log is that of the motor's encoder, as of most that have one encoder."""
+"""Share of drives with play whose log is that of the motor's encoder, as of most that have one
+encoder."""
 LARGEST_LOSS = 0.95
 """Share of the largest torque that a curve with a level may take."""
 CURVES = ("table", "knee", "tanh", "clip")
-"""Shapes of a saturation: the knee's table, a smooth power law beyond an onset, and two that end at a level."""
+"""Shapes of a saturation: the knee's table, a smooth power law beyond an onset, and two that end at
+a level."""
 
 
 def _knee(rng: np.random.Generator) -> dict[str, float]:
@@ -74,12 +76,18 @@ LIBRARY = {
     "battery_sag": Family(usual=0.03, largest=0.4),
     "encoder_bias": Family(usual=1e-3, largest=0.15, shape=draw_sign),
     "encoder_quantisation": Family(usual=3e-3, largest=0.025),
-    "joint_spring": Family(usual=0.3, largest=8.0, shape=lambda rng: {"rest": float(rng.uniform(-0.5, 0.5))}),
+    "joint_spring": Family(
+        usual=0.3, largest=8.0, shape=lambda rng: {"rest": float(rng.uniform(-0.5, 0.5))}
+    ),
     "torque_saturation": Family(usual=0.05, largest=0.45, shape=_knee),
-    "torque_speed_limit": Family(usual=0.01, largest=0.45, shape=lambda rng: {"corner": float(rng.uniform(0.3, 0.8))}),
+    "torque_speed_limit": Family(
+        usual=0.01, largest=0.45, shape=lambda rng: {"corner": float(rng.uniform(0.3, 0.8))}
+    ),
 }
 OUTSIDE = {
-    "cogging": Family(usual=0.1, largest=1.5, shape=lambda rng: {"cycles": float(rng.uniform(25, 80))}),
+    "cogging": Family(
+        usual=0.1, largest=1.5, shape=lambda rng: {"cycles": float(rng.uniform(25, 80))}
+    ),
     "kp_slope": Family(usual=0.1, largest=2.0, shape=draw_sign),
     "heating": Family(usual=3e-3, largest=0.1),
     "dead_zone": Family(usual=0.05, largest=1.5),
@@ -90,9 +98,13 @@ OUTSIDE = {
     "slew_limit": Family(usual=5e-4, largest=0.02),
     "flexible_gear": Family(usual=1e-3, largest=8e-3),
     "integral_term": Family(usual=0.01, largest=2.0),
-    "rubbing_spot": Family(usual=0.2, largest=4.0, shape=lambda rng: {"at": float(rng.uniform(-0.25, 0.25))}),
+    "rubbing_spot": Family(
+        usual=0.2, largest=4.0, shape=lambda rng: {"at": float(rng.uniform(-0.25, 0.25))}
+    ),
     "dropouts": Family(usual=0.1, largest=1.0),
-    "eccentric_encoder": Family(usual=1.5e-3, largest=0.03, shape=lambda rng: {"cycles": float(rng.uniform(6, 25))}),
+    "eccentric_encoder": Family(
+        usual=1.5e-3, largest=0.03, shape=lambda rng: {"cycles": float(rng.uniform(6, 25))}
+    ),
 }
 """A size is: Nm, 1/rad, 1/Nm^2, Nm, 1, Nm s^2/rad^2, Nm, 1, s/Nm, rad/Nm; 1/s, Nm, 1, rad."""
 FAMILIES = {**LIBRARY, **OUTSIDE}
@@ -109,7 +121,8 @@ class Peak:
 def hidden(settings: tuple[Setting, ...], peak: Peak, period_s: float = np.inf) -> Hidden:
     """Table of the kernel for several effects at once.
 
-    Packets come in whole periods only where they take one, `period_s`, or more: of a shorter delay a few packets would
+    Packets come in whole periods only where they take one, `period_s`, or more: of a shorter delay
+        a few packets would
     be a whole period late. Sizes are found without such periods, in which they would make a jump.
     """
     values: dict[str, Floats] = {}
@@ -148,8 +161,14 @@ def _packets(setting: Setting, period_s: float) -> Way:
 
 
 def largest(setting: Setting, peak: Peak) -> float:
-    """Largest size that a real robot could have; of a saturation that at which more command gives more."""
-    if setting.effect != "torque_saturation" or CURVES[int(setting.shape["curve"])] in ("tanh", "clip"):
+    """Largest size that a real robot could have.
+
+    Of a saturation that at which more command gives more.
+    """
+    if setting.effect != "torque_saturation" or CURVES[int(setting.shape["curve"])] in (
+        "tanh",
+        "clip",
+    ):
         return FAMILIES[setting.effect].largest
     curves = lost_curve(setting.sized(np.inf), peak)[np.isin(JOINTS, setting.where)]
     limits = TORQUE_LIMIT[np.isin(JOINTS, setting.where)]
@@ -173,7 +192,12 @@ def lost_curve(setting: Setting, peak: Peak) -> Floats:
             most = min(peak.torque[joint], limit)
             level = _level(kind, min(setting.size, LARGEST_LOSS)) * most
             curves.append(
-                command - (np.minimum(command, level) if kind == "clip" else level * np.tanh(command / level))
+                command
+                - (
+                    np.minimum(command, level)
+                    if kind == "clip"
+                    else level * np.tanh(command / level)
+                )
             )
             continue
         onset = setting.shape["onset"] * peak.torque[joint]
@@ -222,9 +246,16 @@ def _columns(setting: Setting, peak: Peak) -> list[tuple[str, Floats | float, fl
         "backlash": [("gap", size, 0.0), *_gear(shape)],
         "flexible_gear": [("gear_stiffness", 1.0 / size, 0.0), ("gear_damping", 0.3, 0.0)],
         "coulomb_friction": [("coulomb", size, 0.0), *bend],
-        "stiction": [("breakaway", size, 0.0), ("stribeck_velocity", shape.get("velocity", 0.1), 0.1), *bend],
+        "stiction": [
+            ("breakaway", size, 0.0),
+            ("stribeck_velocity", shape.get("velocity", 0.1), 0.1),
+            *bend,
+        ],
         "cogging": [("cogging", size, 0.0), ("cogging_cycles", shape.get("cycles", 0.0), 0.0)],
-        "joint_spring": [("spring", size, 0.0), ("spring_rest", STAND + shape.get("rest", 0.0), 0.0)],
+        "joint_spring": [
+            ("spring", size, 0.0),
+            ("spring_rest", STAND + shape.get("rest", 0.0), 0.0),
+        ],
         "hum": [("hum", size, 0.0), ("hum_rate", shape.get("rate", 0.0), 0.0)],
         "coupling": [("coupling", sign * size, 0.0)],
         "torque_gain": [("gain", 1.0 + sign * size, 1.0)],
@@ -233,7 +264,10 @@ def _columns(setting: Setting, peak: Peak) -> list[tuple[str, Floats | float, fl
         "kp_slope": [("kp_slope", sign * size, 0.0)],
         "slew_limit": [("slew", 1.0 / size, 0.0)],
         "rubbing_spot": [("rub", size, 0.0), ("rub_at", STAND + shape.get("at", 0.0), 0.0)],
-        "eccentric_encoder": [("eccentric", size, 0.0), ("eccentric_cycles", shape.get("cycles", 0.0), 0.0)],
+        "eccentric_encoder": [
+            ("eccentric", size, 0.0),
+            ("eccentric_cycles", shape.get("cycles", 0.0), 0.0),
+        ],
     }
     single = {
         "actuator_lag": "lag", "velocity_filter": "velocity_filter", "viscous_friction": "viscous",
@@ -242,11 +276,18 @@ def _columns(setting: Setting, peak: Peak) -> list[tuple[str, Floats | float, fl
         "asymmetric_gain": "asymmetry", "quadratic_drag": "damping_slope",
         "integral_term": "integral", "dropouts": "dropout",
     }  # fmt: skip
-    return several[setting.effect] if setting.effect in several else [(single[setting.effect], size, 0.0)]
+    return (
+        several[setting.effect]
+        if setting.effect in several
+        else [(single[setting.effect], size, 0.0)]
+    )
 
 
 def parameters(setting: Setting, peak: Peak) -> dict[str, float | list[list[float]]]:
-    """The schema's parameters; where joints differ, those of the first of them: see `parameters_at`."""
+    """The schema's parameters.
+
+    Where joints differ, those of the first of them: see `parameters_at`.
+    """
     joint = JOINTS.index(setting.where[0])
     size, sign = setting.size, setting.shape.get("sign", 1.0)
     if setting.effect == "torque_saturation":
@@ -256,8 +297,10 @@ def parameters(setting: Setting, peak: Peak) -> dict[str, float | list[list[floa
         return {"corner": setting.shape["corner"] * none, "no_load": none}
     names = {
         "command_delay": "delay", "feedforward_delay": "delay", "actuator_lag": "time_constant",
-        "velocity_filter": "time_constant", "viscous_friction": "coefficient", "coulomb_friction": "torque",
-        "backlash": "width", "armature": "added", "battery_sag": "loss_at_end", "encoder_quantisation": "step",
+        "velocity_filter": "time_constant", "viscous_friction": "coefficient",
+        "coulomb_friction": "torque",
+        "backlash": "width", "armature": "added", "battery_sag": "loss_at_end",
+        "encoder_quantisation": "step",
     }  # fmt: skip
     if setting.effect == "torque_gain":
         return {"gain": 1.0 + sign * size}
@@ -269,11 +312,17 @@ def parameters(setting: Setting, peak: Peak) -> dict[str, float | list[list[floa
         return {"torque": size * (float(STAND[joint]) + setting.shape["rest"]), "stiffness": size}
     if setting.effect == "stiction":
         return {"breakaway": size, "stribeck_velocity": setting.shape["velocity"]}
-    return {names.get(setting.effect, "size"): size, **({} if setting.effect in names else setting.shape)}
+    return {
+        names.get(setting.effect, "size"): size,
+        **({} if setting.effect in names else setting.shape),
+    }
 
 
 def parameters_at(setting: Setting, peak: Peak) -> dict[str, dict[str, float | list[list[float]]]]:
-    """The schema's parameters of each joint, for effects that depend on its range; empty for others."""
+    """The schema's parameters of each joint, for effects that depend on its range.
+
+    Empty for others.
+    """
     if setting.effect not in ("torque_saturation", "torque_speed_limit", "joint_spring"):
         return {}
     return {joint: parameters(replace(setting, where=(joint,)), peak) for joint in setting.where}
@@ -283,6 +332,10 @@ def _curve_parameters(loss: Floats, limit: float) -> dict[str, float | list[list
     command = np.linspace(0.0, limit, CURVE_POINTS)
     part = loss[1:] / command[1:]
     beyond = np.flatnonzero(part >= 0.05)
-    knee = limit if len(beyond) == 0 else float(np.interp(0.05, part[: beyond[0] + 1], command[1 : beyond[0] + 2]))
+    knee = (
+        limit
+        if len(beyond) == 0
+        else float(np.interp(0.05, part[: beyond[0] + 1], command[1 : beyond[0] + 2]))
+    )
     curve = np.stack([command, command - loss], axis=1)
     return {"knee": knee, "plateau": float(limit - loss[-1]), "curve": curve.round(4).tolist()}

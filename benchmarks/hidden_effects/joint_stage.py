@@ -17,7 +17,11 @@ class JointStage(Stage):
     def __init__(self, run: Run, tuning: bool) -> None:
         self._rng = np.random.default_rng(run.seed + 1)
         self.place = draw_where(self._rng)
-        leg = next(number for number, name in enumerate(LEGS) if any(j.startswith(name) for j in self.place))
+        leg = next(
+            number
+            for number, name in enumerate(LEGS)
+            if any(j.startswith(name) for j in self.place)
+        )
         self._joints = JointScene(run.seed, tuning=tuning, quiet=run.quiet, legs=(leg,))
         self.scene: Scene = self._joints
         self.sizing: Scene = self._joints
@@ -41,7 +45,12 @@ class JointStage(Stage):
         start = rng.uniform(0, 1000)
         t = start + np.arange(len(rig.command)) * rig.control_dt
         meta = claim(
-            base="fixed", kp=rig.kp, kd=rig.kd, control_dt=rig.control_dt, segments=self._joints.segments, start_s=start
+            base="fixed",
+            kp=rig.kp,
+            kd=rig.kd,
+            control_dt=rig.control_dt,
+            segments=self._joints.segments,
+            start_s=start,
         )
         measured: Floats = self._joints.measure(settings, rng)
         return RunFiles(meta=meta, tables={"joints": joint_columns(t, measured, rig.command)})

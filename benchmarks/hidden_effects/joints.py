@@ -12,9 +12,11 @@ from benchmarks.hidden_effects.robot import JOINTS, KINDS, LEGS, STAND, TORQUE_L
 from benchmarks.hidden_effects.scene import Scene, Setting
 
 FASTEST_TICK, SLOWEST_TICK = 1, 16
-"""Steps of 0.125 ms between two evaluations of the PD law: 8 kHz, and the 500 Hz that every drive has at least."""
+"""Steps of 0.125 ms between two evaluations of the PD law: 8 kHz, and the 500 Hz that every drive
+has at least."""
 CLOCK_S = 1e-3
-"""By which a drive's clock may be off: half of a period at 500 Hz, the mean age of a torque that is held."""
+"""By which a drive's clock may be off: half of a period at 500 Hz, the mean age of a torque that is
+held."""
 ASKED = 1.1
 """Largest torque that may be asked for in an experiment, in parts of a joint's limit."""
 SHOWN = 2
@@ -46,7 +48,9 @@ class JointScene(Scene):
     library = tuple(LIBRARY)
     outside = tuple(OUTSIDE)
 
-    def __init__(self, seed: int, *, tuning: bool, quiet: bool, legs: tuple[int, ...] = (0, 1, 2, 3)) -> None:
+    def __init__(
+        self, seed: int, *, tuning: bool, quiet: bool, legs: tuple[int, ...] = (0, 1, 2, 3)
+    ) -> None:
         rng = np.random.default_rng(seed)
         self.tuning, self.legs, self.seed = tuning, legs, seed
         control_dt = 0.005 if rng.uniform() < 0.2 else 0.002
@@ -58,7 +62,11 @@ class JointScene(Scene):
         gains = np.tile([1.0, 1.0, rng.choice([1.0, 0.8])], 4)
         tick = int(rng.choice([1, 4, 8] if control_dt == 0.005 else [1, 4, 8, 16]))
         self.rig = Rig(
-            command=command, kp=(kp * gains).round(2), kd=(kd * gains).round(3), control_dt=control_dt, tick_steps=tick
+            command=command,
+            kp=(kp * gains).round(2),
+            kd=(kd * gains).round(3),
+            control_dt=control_dt,
+            tick_steps=tick,
         )
         self.noise = Noise(
             sigma=np.array([1.0e-3, 0.05, 0.2]) * np.exp(rng.uniform(-0.4, 0.4, 3)),
@@ -67,10 +75,14 @@ class JointScene(Scene):
             slow_share=rng.uniform(0, 0.3),
         )
         ideal = simulate(self.rig, [Hidden()])[0]
-        self.peak = Peak(speed=np.abs(ideal[..., 1]).max(axis=0), torque=np.abs(ideal[..., 2]).max(axis=0))
+        self.peak = Peak(
+            speed=np.abs(ideal[..., 1]).max(axis=0), torque=np.abs(ideal[..., 2]).max(axis=0)
+        )
         self._index()
 
-    def perform(self, command: Floats, segments: tuple[motions.Segment, ...], stiffer: float) -> None:
+    def perform(
+        self, command: Floats, segments: tuple[motions.Segment, ...], stiffer: float
+    ) -> None:
         """Has the same robot do something else, with other gains, within what its drives can give."""
         kp, kd = (stiffer * self.rig.kp).round(2), (np.sqrt(stiffer) * self.rig.kd).round(3)
         rig = replace(self.rig, command=command, kp=kp, kd=kd)
@@ -100,7 +112,10 @@ class JointScene(Scene):
         return joint_effects.parameters_at(setting, self.peak)
 
     def measure(self, settings: tuple[Setting, ...], rng: np.random.Generator) -> Floats:
-        """Returns what is logged: position, velocity, believed torque with noise; shape (rows, 12, 3)."""
+        """Returns what is logged: position, velocity, believed torque with noise.
+
+        Shape (rows, 12, 3).
+        """
         clean = simulate(self.rig, [self._as_logged(settings)], seed=self.seed)[0]
         rate = 1.0 / self.rig.control_dt
         slow = {"slow_share": self.noise.slow_share, "slow_hz": self.noise.slow_hz}
@@ -113,14 +128,21 @@ class JointScene(Scene):
     def _unclaimed(self) -> Floats:
         """From the slowest drive to the fastest, and a clock that is off: of position and velocity alike, (2, m)."""
         rigs = [replace(self.rig, tick_steps=steps) for steps in (FASTEST_TICK, SLOWEST_TICK)]
-        fast, slow, own = (self._shown(simulate(rig, [Hidden()], self.legs, self.seed))[0] for rig in (*rigs, self.rig))
-        late = Hidden(command_delay=np.full(12, CLOCK_S))  # all commands late: what moves, moves later
+        fast, slow, own = (
+            self._shown(simulate(rig, [Hidden()], self.legs, self.seed))[0]
+            for rig in (*rigs, self.rig)
+        )
+        late = Hidden(
+            command_delay=np.full(12, CLOCK_S)
+        )  # all commands late: what moves, moves later
         clock = self._shown(simulate(self.rig, [late], self.legs, self.seed))[0] - own
         return np.stack([slow - fast, clock])
 
     def _shown(self, clean: Floats) -> Floats:
         columns = [3 * leg + kind for leg in self.legs for kind in range(3)]
-        return np.asarray((clean[:, ::2, columns, :SHOWN] / self.noise.sigma[:SHOWN]).reshape(len(clean), -1))
+        return np.asarray(
+            (clean[:, ::2, columns, :SHOWN] / self.noise.sigma[:SHOWN]).reshape(len(clean), -1)
+        )
 
     def _index(self) -> None:
         rows = np.arange(0, len(self.rig.command), 2)

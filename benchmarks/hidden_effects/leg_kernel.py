@@ -1,8 +1,10 @@
 """One leg held at its base, with its three drives, as a compiled kernel: a thread is a leg of one variant.
 
-Two rates: mass matrix and bias forces are renewed every 0.5 ms at the midpoint of the coming stretch; drives, friction
-and the play of the gears move at 0.125 ms. Newton and Euler link by link; LuGre friction with the bristle solved
-exactly; two masses where a gear has play or gives way, with the logged encoder on either side.
+Two rates: mass matrix and bias forces are renewed every 0.5 ms at the midpoint of the coming
+    stretch; drives, friction
+and the play of the gears move at 0.125 ms. Newton and Euler link by link; LuGre friction with the
+bristle solved exactly; two masses where a gear has play or gives way, with the logged encoder on
+either side.
 """
 
 import warp as wp
@@ -12,21 +14,30 @@ STEPS_PER_INERTIA = 4
 
 # Columns of the table of parameters, per joint
 NAMES = (
-    "lag", "gain", "sag", "speed_corner", "speed_none", "viscous", "coulomb", "breakaway", "stribeck_velocity",
+    "lag", "gain", "sag", "speed_corner", "speed_none", "viscous", "coulomb", "breakaway",
+    "stribeck_velocity",
     "gap", "gear_stiffness", "gear_damping", "armature", "bias", "quantum", "velocity_filter",
-    "cogging", "cogging_cycles", "spring", "spring_rest", "heating", "dead_zone", "asymmetry", "kp_slope",
+    "cogging", "cogging_cycles", "spring", "spring_rest", "heating", "dead_zone", "asymmetry",
+    "kp_slope",
     "damping_slope", "slew", "torque_limit", "hum", "hum_rate", "coupling",
-    "integral", "rub", "rub_at", "dropout", "eccentric", "eccentric_cycles", "speed_scale", "presliding", "motor_side",
+    "integral", "rub", "rub_at", "dropout", "eccentric", "eccentric_cycles", "speed_scale",
+    "presliding", "motor_side",
 )  # fmt: skip
 COLUMN = {name: number for number, name in enumerate(NAMES)}
 CURVE_POINTS = 37
 """The torque that is lost, at equal steps of the command from 0 to the joint's limit."""
 
-LAG, GAIN, SAG, CORNER, NONE, VISCOUS, COULOMB, BREAKAWAY, STRIBECK = (wp.constant(i) for i in range(9))
+LAG, GAIN, SAG, CORNER, NONE, VISCOUS, COULOMB, BREAKAWAY, STRIBECK = (
+    wp.constant(i) for i in range(9)
+)
 GAP, STIFFNESS, DAMPING, ARMATURE, BIAS, QUANTUM, FILTER = (wp.constant(i) for i in range(9, 16))
-COGGING, CYCLES, SPRING, REST, HEATING, DEAD, ASYMMETRY, KP_SLOPE = (wp.constant(i) for i in range(16, 24))
+COGGING, CYCLES, SPRING, REST, HEATING, DEAD, ASYMMETRY, KP_SLOPE = (
+    wp.constant(i) for i in range(16, 24)
+)
 DAMPING_SLOPE, SLEW, LIMIT, HUM, HUM_RATE, COUPLING = (wp.constant(i) for i in range(24, 30))
-INTEGRAL, RUB, RUB_AT, DROPOUT, ECCENTRIC, ECCENTRIC_CYCLES = (wp.constant(i) for i in range(30, 36))
+INTEGRAL, RUB, RUB_AT, DROPOUT, ECCENTRIC, ECCENTRIC_CYCLES = (
+    wp.constant(i) for i in range(30, 36)
+)
 SPEED_SCALE, PRESLIDING, MOTOR_SIDE = (wp.constant(i) for i in range(36, 39))
 LAST = wp.constant(CURVE_POINTS - 1)
 H = wp.constant(STEP_S)
@@ -38,7 +49,10 @@ HEAT_S = wp.constant(6.0)  # time constant of a motor's windings and housing, or
 
 @wp.struct
 class Leg:
-    """Mass, centre and inertia about the centre of each link, in the link's frame; offset of the thigh's axis."""
+    """Mass, centre and inertia about the centre of each link, in the link's frame.
+
+    Offset of the thigh's axis.
+    """
 
     mass: wp.vec3
     c1: wp.vec3
@@ -90,14 +104,28 @@ def inverse_dynamics(
     f3 = leg.mass[2] * (a3 + wp.cross(d3, leg.c3) + wp.cross(w3, wp.cross(w3, leg.c3)))
     n3 = leg.i3 * d3 + wp.cross(w3, leg.i3 * w3) + wp.cross(leg.c3, f3)
     g3 = r3 * f3
-    n2 = leg.i2 * d2 + wp.cross(w2, leg.i2 * w2) + wp.cross(leg.c2, f2) + r3 * n3 + wp.cross(shank, g3)
+    n2 = (
+        leg.i2 * d2
+        + wp.cross(w2, leg.i2 * w2)
+        + wp.cross(leg.c2, f2)
+        + r3 * n3
+        + wp.cross(shank, g3)
+    )
     g2 = r2 * (f2 + g3)
-    n1 = leg.i1 * d1 + wp.cross(w1, leg.i1 * w1) + wp.cross(leg.c1, f1) + r2 * n2 + wp.cross(leg.offset, g2)
+    n1 = (
+        leg.i1 * d1
+        + wp.cross(w1, leg.i1 * w1)
+        + wp.cross(leg.c1, f1)
+        + r2 * n2
+        + wp.cross(leg.offset, g2)
+    )
     return wp.vec3(n1[0], n2[1], n3[1])
 
 
 @wp.func
-def lost(curve: wp.array(dtype=float, ndim=3), variant: int, joint: int, command: float, limit: float) -> float:
+def lost(
+    curve: wp.array(dtype=float, ndim=3), variant: int, joint: int, command: float, limit: float
+) -> float:
     """Returns what of a commanded torque does not arrive, by table."""
     x = wp.min(wp.abs(command) / limit, 100.0) * float(LAST)
     i = wp.clamp(int(x), 0, LAST - 1)
@@ -166,7 +194,9 @@ def simulate(
             fresh = step % steps_per_tick == 0
             if fresh:
                 wave = wp.sin(table[variant, joint, ECCENTRIC_CYCLES] * motor[j])
-                seen = motor[j] + table[variant, joint, BIAS] + table[variant, joint, ECCENTRIC] * wave
+                seen = (
+                    motor[j] + table[variant, joint, BIAS] + table[variant, joint, ECCENTRIC] * wave
+                )
                 quantum = table[variant, joint, QUANTUM]
                 if quantum > 0.0:
                     seen = quantum * wp.round(seen / quantum)
@@ -176,7 +206,10 @@ def simulate(
             while pointer[j] + 1 < rows and arrival[variant, joint, pointer[j] + 1] <= step:
                 pointer[j] = pointer[j] + 1
                 fresh = True
-            while pointer_forward[j] + 1 < rows and arrival_forward[variant, joint, pointer_forward[j] + 1] <= step:
+            while (
+                pointer_forward[j] + 1 < rows
+                and arrival_forward[variant, joint, pointer_forward[j] + 1] <= step
+            ):
                 pointer_forward[j] = pointer_forward[j] + 1
                 fresh = True
             if fresh:
@@ -201,7 +234,9 @@ def simulate(
                 elif geared:
                     told = v[j]
                 wave = wp.sin(table[variant, joint, ECCENTRIC_CYCLES] * turned)
-                seen = turned + table[variant, joint, BIAS] + table[variant, joint, ECCENTRIC] * wave
+                seen = (
+                    turned + table[variant, joint, BIAS] + table[variant, joint, ECCENTRIC] * wave
+                )
                 quantum = table[variant, joint, QUANTUM]
                 if quantum > 0.0:
                     seen = quantum * wp.round(seen / quantum)
@@ -216,7 +251,9 @@ def simulate(
             if lag > 0.0:
                 delivered[j] = wanted[j] + (delivered[j] - wanted[j]) * wp.exp(-H / lag)
             elif slew > 0.0:
-                delivered[j] = delivered[j] + wp.clamp(wanted[j] - delivered[j], -slew * H, slew * H)
+                delivered[j] = delivered[j] + wp.clamp(
+                    wanted[j] - delivered[j], -slew * H, slew * H
+                )
             else:
                 delivered[j] = wanted[j]
             u = delivered[j]
@@ -229,16 +266,22 @@ def simulate(
             gathered[j] = gathered[j] + (command[pointer[j], joint, 0] - encoder[j]) * H
             u = u + table[variant, joint, INTEGRAL] * gains[0, joint] * gathered[j]
             u = u - lost(curve, variant, joint, u, limit)
-            scale = table[variant, joint, GAIN] * (1.0 - table[variant, joint, SAG] * float(step) / float(total))
+            scale = table[variant, joint, GAIN] * (
+                1.0 - table[variant, joint, SAG] * float(step) / float(total)
+            )
             heat[j] = heat[j] + (u * u - heat[j]) * (H / HEAT_S)
             scale = scale / (1.0 + table[variant, joint, HEATING] * heat[j])
             scale = scale * (1.0 + table[variant, joint, ASYMMETRY] * wp.sign(u))
-            u = u * scale + table[variant, joint, COGGING] * wp.sin(table[variant, joint, CYCLES] * motor[j])
+            u = u * scale + table[variant, joint, COGGING] * wp.sin(
+                table[variant, joint, CYCLES] * motor[j]
+            )
             u = u + table[variant, joint, COUPLING] * wanted[(j + 1) % 3]
             time_s = float(step % 80000) * H
             if wp.mod(time_s + 0.31 * float(joint), 0.83) < 0.06:
                 u = u * (1.0 - table[variant, joint, DROPOUT])
-            u = u + table[variant, joint, HUM] * wp.sin(6.2831853 * table[variant, joint, HUM_RATE] * time_s)
+            u = u + table[variant, joint, HUM] * wp.sin(
+                6.2831853 * table[variant, joint, HUM_RATE] * time_s
+            )
             stiffness = table[variant, joint, STIFFNESS]
             if stiffness > 0.0:
                 half = 0.5 * table[variant, joint, GAP]
@@ -255,7 +298,9 @@ def simulate(
                 u = through
             speed = v[j]
             s = speed / table[variant, joint, STRIBECK]
-            level = table[variant, joint, COULOMB] + table[variant, joint, BREAKAWAY] * wp.exp(-s * s)
+            level = table[variant, joint, COULOMB] + table[variant, joint, BREAKAWAY] * wp.exp(
+                -s * s
+            )
             u = u - table[variant, joint, VISCOUS] * speed
             u = u - table[variant, joint, DAMPING_SLOPE] * speed * wp.abs(speed)
             away = (q[j] - table[variant, joint, RUB_AT]) / RUB_WIDTH

@@ -8,17 +8,29 @@ import warp as wp
 
 from benchmarks.hidden_effects import leg_kernel
 from benchmarks.hidden_effects.leg_kernel import COLUMN, CURVE_POINTS, STEP_S
-from benchmarks.hidden_effects.robot import ABDUCTION, ARMATURE, SIDE, STAND, TORQUE_LIMIT, Floats, leg_links
+from benchmarks.hidden_effects.robot import (
+    ABDUCTION,
+    ARMATURE,
+    SIDE,
+    STAND,
+    TORQUE_LIMIT,
+    Floats,
+    leg_links,
+)
 
 LATE = 2.0
 """By how many of its usual times on its way a packet is later than usual that comes late."""
 BEND = 6.0e-5
-"""Until a bristle of dry friction gives way, unless an effect says more [rad]: far less than an encoder sees."""
+"""Until a bristle of dry friction gives way, unless an effect says more [rad]: far less than an
+encoder sees."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Way:
-    """How packets travel; they keep their order, so that one that is late holds up those behind it."""
+    """How packets travel.
+
+    They keep their order, so that one that is late holds up those behind it.
+    """
 
     jitter: float = 0.05
     """Standard deviation of a packet's time on its way, as a part of it."""
@@ -55,8 +67,13 @@ class Hidden:
     """Torque lost at equal steps of the command up to the joint's limit, shape (12, 37)."""
 
 
-def simulate(rig: Rig, variants: list[Hidden], legs: tuple[int, ...] = (0, 1, 2, 3), seed: int = 0) -> Floats:
-    """Measured without noise: position, velocity, believed torque; shape (variants, rows, 12, 3)."""
+def simulate(
+    rig: Rig, variants: list[Hidden], legs: tuple[int, ...] = (0, 1, 2, 3), seed: int = 0
+) -> Floats:
+    """Measured without noise: position, velocity, believed torque.
+
+    Shape (variants, rows, 12, 3).
+    """
     rows = len(rig.command)
     steps = round(rig.control_dt / STEP_S)
     out = np.zeros((len(variants), rows, 12, 3), dtype=np.float32)
@@ -89,12 +106,18 @@ def mean_delay(rig: Rig, hidden: Hidden, seed: int = 0) -> tuple[Floats, Floats]
     """Mean time [s] from the sending of a packet to its first use by a drive, for commands and feed-forward; (12,)."""
     rows, steps = len(rig.command), round(rig.control_dt / STEP_S)
     sent = np.arange(rows) * steps
-    late = [(arrival - sent)[:, 1:].mean(axis=1) * STEP_S for arrival in _arrivals(rows, steps, hidden, seed)]
+    late = [
+        (arrival - sent)[:, 1:].mean(axis=1) * STEP_S
+        for arrival in _arrivals(rows, steps, hidden, seed)
+    ]
     return late[0], late[1] - late[0]
 
 
 def _arrivals(rows: int, steps: int, hidden: Hidden, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Step at which each packet has arrived, and at which its feed-forward part may be used; int32 (12, rows)."""
+    """Step at which each packet has arrived, and at which its feed-forward part may be used.
+
+    Int32 (12, rows).
+    """
     rng = np.random.default_rng(seed)
     sent = np.arange(rows) * steps
     total = np.zeros((12, rows))
@@ -106,9 +129,13 @@ def _arrivals(rows: int, steps: int, hidden: Hidden, seed: int) -> tuple[np.ndar
     for delay, way in ways:
         spread, is_late = rng.normal(size=rows), rng.uniform(size=rows) < way.late
         if delay is not None:
-            total = total + np.maximum(delay[:, None] * (1 + way.jitter * spread + LATE * is_late), 0.0)
+            total = total + np.maximum(
+                delay[:, None] * (1 + way.jitter * spread + LATE * is_late), 0.0
+            )
             grain = steps if way.is_whole else 1
-            own = np.maximum.accumulate(sent + grain * np.floor(total / (grain * STEP_S) + chance), axis=1)
+            own = np.maximum.accumulate(
+                sent + grain * np.floor(total / (grain * STEP_S) + chance), axis=1
+            )
             arrival = np.maximum(arrival, own)  # no part of a packet is there before the packet
         arrival[:, 0] = 0
         results.append(arrival.astype(np.int32))

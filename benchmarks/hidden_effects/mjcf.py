@@ -24,16 +24,30 @@ from benchmarks.hidden_effects.robot import (
 
 
 def model_text(
-    *, free: bool, timestep: float, integrator: str = "implicitfast", friction: float = 1.0, contact_time: float = 0.02
+    *,
+    free: bool,
+    timestep: float,
+    integrator: str = "implicitfast",
+    friction: float = 1.0,
+    contact_time: float = 0.02,
 ) -> str:
-    """MJCF of the robot; with a free base it stands on a plane that touches nothing but its feet."""
+    """MJCF of the robot.
+
+    With a free base it stands on a plane that touches nothing but its feet.
+    """
     ground = f' friction="{friction} 0.005 0.0001" solref="{contact_time} 1"'
     axes = rotation(TRUNK_QUATERNION)
     trunk = axes @ np.diag(TRUNK_INERTIA) @ axes.T
     legs = "".join(_leg(number, ground) for number in range(4))
     joint = "<freejoint/>" if free else ""
-    floor = f'<geom name="floor" type="plane" size="0 0 1" contype="1" conaffinity="2"{ground}/>' if free else ""
-    motors = "".join(f'<motor joint="{leg}_{kind}"/>' for leg in LEGS for kind in ("hip", "thigh", "calf"))
+    floor = (
+        f'<geom name="floor" type="plane" size="0 0 1" contype="1" conaffinity="2"{ground}/>'
+        if free
+        else ""
+    )
+    motors = "".join(
+        f'<motor joint="{leg}_{kind}"/>' for leg in LEGS for kind in ("hip", "thigh", "calf")
+    )
     return f"""<mujoco model="claimed">
   <compiler angle="radian" balanceinertia="false"/>
   <option timestep="{timestep}" integrator="{integrator}" cone="elliptic"/>

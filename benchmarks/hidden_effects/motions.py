@@ -9,7 +9,8 @@ from benchmarks.hidden_effects.robot import STAND, Floats
 
 REST_S = 0.3
 REACH = np.tile([0.55, 0.8, 0.6], 4)
-"""Largest offset from the standing pose that keeps every joint within its limits, overshoot included [rad]."""
+"""Largest offset from the standing pose that keeps every joint within its limits, overshoot
+included [rad]."""
 PUSH = np.tile([3.0, 4.0, 4.0], 4)
 """Largest feed-forward torque [Nm]: kept where the position loop holds the joint near its place."""
 
@@ -61,7 +62,9 @@ def wander(t: Floats, length: float, rng: np.random.Generator) -> tuple[Floats, 
     """A sum of slow sines that have no common period."""
     total = np.zeros((len(t), 12))
     for _ in range(4):
-        total += np.sin(2 * np.pi * rng.uniform(0.15, 1.1, 12) * t[:, None] + rng.uniform(0, 2 * np.pi, 12))
+        total += np.sin(
+            2 * np.pi * rng.uniform(0.15, 1.1, 12) * t[:, None] + rng.uniform(0, 2 * np.pi, 12)
+        )
     return 0.18 * _window(t, length)[:, None] * total, np.zeros((len(t), 12))
 
 
@@ -103,7 +106,10 @@ def torque_stairs(t: Floats, length: float, rng: np.random.Generator) -> tuple[F
 def torque_sweep(t: Floats, length: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Feed-forward torque as a square wave that gets faster."""
     angle = 2 * np.pi * (0.7 * t + 0.5 * rng.uniform(0.8, 1.6) * t**2)
-    push = np.sign(np.sin(angle[:, None] + rng.uniform(0, 2 * np.pi, 12))) * (t < length - 0.3)[:, None]
+    push = (
+        np.sign(np.sin(angle[:, None] + rng.uniform(0, 2 * np.pi, 12)))
+        * (t < length - 0.3)[:, None]
+    )
     return np.zeros((len(t), 12)), 0.8 * push
 
 
@@ -147,7 +153,9 @@ def commands(
     """Desired position, desired velocity and feed-forward torque, shape (rows, 12, 3), and the segments of a log."""
     chosen = _choose(rng, tuning, quiet)
     repeats = 4 if quiet else 2
-    plan = [(name, number) for name in chosen for number in range(repeats + int(rng.uniform() < 0.4))]
+    plan = [
+        (name, number) for name in chosen for number in range(repeats + int(rng.uniform() < 0.4))
+    ]
     rng.shuffle(plan)
     rows = round(length_s / len(plan) / control_dt)
     seeds = {name: int(rng.integers(2**31)) for name in chosen}
@@ -178,7 +186,9 @@ def _choose(rng: np.random.Generator, tuning: bool, quiet: bool) -> list[str]:
     return [*always, *rng.permutation(others)[: rng.integers(2, 4)].tolist()]
 
 
-def segment(motion: Motion, rows: int, dt: float, size: float, rng: np.random.Generator, *, jumps: bool) -> Floats:
+def segment(
+    motion: Motion, rows: int, dt: float, size: float, rng: np.random.Generator, *, jumps: bool
+) -> Floats:
     """Commands of one segment, shape (rows, 12, 3); what jumps is commanded without a velocity."""
     length = rows * dt - REST_S
     t = np.arange(rows) * dt
@@ -200,7 +210,10 @@ def _window(t: Floats, length: float) -> Floats:
 
 
 def _ramped(x: Floats, rungs: Floats) -> Floats:
-    """Rung of a ladder at `x` in units of rungs; the first 30 % of each is the way up from the one before."""
+    """Rung of a ladder at `x` in units of rungs.
+
+    The first 30 % of each is the way up from the one before.
+    """
     number = np.minimum(x.astype(int), len(rungs) - 2)
     part = np.clip((x - number) / 0.3, 0, 1)
     return np.asarray(rungs[number] + (rungs[number + 1] - rungs[number]) * part, dtype=float)

@@ -21,7 +21,8 @@ def coloured(
 ) -> Floats:
     """Stationary noise of unit variance along the first axis.
 
-    First order up to `corner_hz`, but a share of the variance only up to `slow_hz`: it lasts for a good part of a
+    First order up to `corner_hz`, but a share of the variance only up to `slow_hz`: it lasts for a
+        good part of a
     motion. Outside tuning with a weak resonance, as cables and belts have it.
     """
     signal = _first_order(rng, shape, corner_hz, rate_hz)
@@ -36,7 +37,9 @@ def coloured(
     return np.asarray(signal[WARM_UP:], dtype=float)
 
 
-def _first_order(rng: np.random.Generator, shape: tuple[int, ...], corner_hz: float, rate_hz: float) -> Floats:
+def _first_order(
+    rng: np.random.Generator, shape: tuple[int, ...], corner_hz: float, rate_hz: float
+) -> Floats:
     pole = np.exp(-2 * np.pi * corner_hz / rate_hz)
     white = rng.normal(size=(shape[0] + WARM_UP, *shape[1:]))
     white[0] /= np.sqrt(1 - pole**2)  # as if it had gone on for ever

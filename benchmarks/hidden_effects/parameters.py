@@ -23,8 +23,12 @@ def parameter_rows(cases: list[Case]) -> dict[str, Any]:
                 continue
             true = _true(said["where"], effect, main)
             error = float(np.linalg.norm(values[:, 0] - true))
-            (delays if is_delay else relative).append(error if is_delay else error / max(_size(true, null), 1e-12))
-            holds += [bool(low <= t <= high) for (_, low, high), t in zip(values, true, strict=True)]
+            (delays if is_delay else relative).append(
+                error if is_delay else error / max(_size(true, null), 1e-12)
+            )
+            holds += [
+                bool(low <= t <= high) for (_, low, high), t in zip(values, true, strict=True)
+            ]
     return {
         "median_parameter_error": median(relative),
         "median_delay_error_ms": median([1e3 * delay for delay in delays]),
@@ -70,13 +74,16 @@ MAIN: dict[str, tuple[tuple[str, ...], float, bool]] = {
     "hole_fill": (("reach",), 0.0, False),
     "range_clip": (("max",), 0.0, False),
 }
-"""For each effect: the parameters that count, the value at which it is absent, whether the error is a time."""
+"""For each effect: the parameters that count, the value at which it is absent, whether the error is
+a time."""
 
 
 def _true(said: Any, effect: dict[str, Any], main: tuple[str, ...]) -> np.ndarray:
     """The parameters that count, the median over those joints a value was stated for, shape (parameters,)."""
     each = effect.get("params_at") or {}
-    stated = [params for joint, params in each.items() if said == "all" or joint in said] or [effect["params"]]
+    stated = [params for joint, params in each.items() if said == "all" or joint in said] or [
+        effect["params"]
+    ]
     return np.median([[params[name] for name in main] for params in stated], axis=0)
 
 
@@ -90,7 +97,10 @@ def _values(said: dict[str, Any], main: tuple[str, ...], true: dict[str, Any]) -
     found = said.get("params", {})
     if said.get("name") is None or any(name not in found or name not in true for name in main):
         return None
-    return np.array([[found[name]["value"], *found[name].get("ci90", [np.nan, np.nan])] for name in main], dtype=float)
+    return np.array(
+        [[found[name]["value"], *found[name].get("ci90", [np.nan, np.nan])] for name in main],
+        dtype=float,
+    )
 
 
 def _overlap(said: Any, true: list[str]) -> bool:

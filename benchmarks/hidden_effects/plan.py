@@ -17,9 +17,16 @@ Part = Literal["all", "pairs_and_play"]
 """Which runs there are: of all kinds, or those of joints that tell pairs and play."""
 Name = TypeVar("Name", bound=str)
 
-CATEGORIES: dict[Category, float] = {"none": 0.20, "one": 0.45, "two": 0.20, "outside": 0.10, "damaged": 0.05}
+CATEGORIES: dict[Category, float] = {
+    "none": 0.20,
+    "one": 0.45,
+    "two": 0.20,
+    "outside": 0.10,
+    "damaged": 0.05,
+}
 PLAY = "play"
-"""Category of the set `pairs_and_play`: backlash alone, of a width that is told and not of so many sigmas."""
+"""Category of the set `pairs_and_play`: backlash alone, of a width that is told and not of so many
+sigmas."""
 PAIRS_AND_PLAY: dict[Category, float] = {"none": 0.27, "one": 0.32, "two": 0.27, "play": 0.14}
 WIDTHS = (0.016, 0.02, 0.026, 0.035)
 """Full widths of play [rad]: 0.9 to 2 degrees, of a linkage that is worn."""
@@ -29,12 +36,15 @@ MULTIPLES = (1.5, 3.0, 8.0)
 
 LIBRARY: dict[Kind, tuple[str, ...]] = {
     "joints": (
-        "torque_saturation", "torque_speed_limit", "command_delay", "feedforward_delay", "actuator_lag", "torque_gain",
-        "viscous_friction", "coulomb_friction", "stiction", "backlash", "armature", "battery_sag", "encoder_bias",
+        "torque_saturation", "torque_speed_limit", "command_delay", "feedforward_delay",
+        "actuator_lag", "torque_gain",
+        "viscous_friction", "coulomb_friction", "stiction", "backlash", "armature", "battery_sag",
+        "encoder_bias",
         "encoder_quantisation", "velocity_filter", "velocity_scale", "joint_spring",
     ),
     "camera": (
-        "camera_latency", "frame_drop", "temporal_smear", "camera_pitch", "camera_height", "camera_fov", "depth_scale",
+        "camera_latency", "frame_drop", "temporal_smear", "camera_pitch", "camera_height",
+        "camera_fov", "depth_scale",
         "depth_bias", "depth_noise", "edge_holes", "hole_fill", "range_clip",
     ),
     "body": ("payload_mass", "com_offset", "base_inertia", "foot_friction", "contact_compliance"),
@@ -42,15 +52,21 @@ LIBRARY: dict[Kind, tuple[str, ...]] = {
 }  # fmt: skip
 CONFUSABLE: dict[Kind, tuple[tuple[str, str], ...]] = {
     "joints": (
-        ("command_delay", "actuator_lag"), ("torque_gain", "armature"), ("coulomb_friction", "backlash"),
-        ("torque_saturation", "torque_speed_limit"), ("battery_sag", "torque_gain"), ("stiction", "coulomb_friction"),
-        ("viscous_friction", "coulomb_friction"), ("velocity_filter", "command_delay"), ("encoder_bias", "torque_gain"),
-        ("feedforward_delay", "command_delay"), ("torque_saturation", "torque_gain"), ("armature", "actuator_lag"),
+        ("command_delay", "actuator_lag"), ("torque_gain", "armature"),
+        ("coulomb_friction", "backlash"),
+        ("torque_saturation", "torque_speed_limit"), ("battery_sag", "torque_gain"),
+        ("stiction", "coulomb_friction"),
+        ("viscous_friction", "coulomb_friction"), ("velocity_filter", "command_delay"),
+        ("encoder_bias", "torque_gain"),
+        ("feedforward_delay", "command_delay"), ("torque_saturation", "torque_gain"),
+        ("armature", "actuator_lag"),
         ("joint_spring", "encoder_bias"), ("velocity_scale", "viscous_friction"),
     ),
     "camera": (
-        ("camera_latency", "temporal_smear"), ("depth_scale", "camera_height"), ("camera_pitch", "camera_fov"),
-        ("depth_bias", "depth_scale"), ("camera_pitch", "camera_height"), ("edge_holes", "hole_fill"),
+        ("camera_latency", "temporal_smear"), ("depth_scale", "camera_height"),
+        ("camera_pitch", "camera_fov"),
+        ("depth_bias", "depth_scale"), ("camera_pitch", "camera_height"),
+        ("edge_holes", "hole_fill"),
         ("frame_drop", "camera_latency"), ("depth_noise", "depth_bias"),
     ),
     "body": (("payload_mass", "com_offset"), ("payload_mass", "contact_compliance"), ("com_offset", "base_inertia")),
@@ -99,7 +115,10 @@ def make_plan(
     tuning: bool = False,
     part: Part = "all",
 ) -> tuple[Run, ...]:
-    """Plans `count` runs, in an order that says nothing; of `pairs_and_play` joints alone, none quiet or damaged."""
+    """Plans `count` runs, in an order that says nothing.
+
+    Of `pairs_and_play` joints alone, none quiet or damaged.
+    """
     outside = TUNING_OUTSIDE if tuning else SEALED_OUTSIDE
     rng = np.random.default_rng(seed)
     of_all = CATEGORIES if part == "all" else PAIRS_AND_PLAY
@@ -109,7 +128,11 @@ def make_plan(
     effects = _Deck(rng)
     for category in of_all:
         wanted = categories.count(category)
-        shares = {kind: KINDS[kind] for kind in kinds if category != "damaged" or kind in ("joints", "body")}
+        shares = {
+            kind: KINDS[kind]
+            for kind in kinds
+            if category != "damaged" or kind in ("joints", "body")
+        }
         for number, kind in enumerate(_split(shares, wanted, rng)):
             runs.append(_run(category, kind, number, outside[kind], effects, rng))
     if part != "all":
@@ -132,7 +155,12 @@ class _Deck:
 
 
 def _run(
-    category: Category, kind: Kind, number: int, outside: tuple[str, ...], deck: _Deck, rng: np.random.Generator
+    category: Category,
+    kind: Kind,
+    number: int,
+    outside: tuple[str, ...],
+    deck: _Deck,
+    rng: np.random.Generator,
 ) -> Run:
     effects: tuple[str, ...] = ()
     damage = ""
@@ -153,8 +181,12 @@ def _run(
         kind=kind,
         category=category,
         effects=effects,
-        multiples=tuple(float(str(deck.deal(category, "size", effect, cards=multiples))) for effect in effects),
-        quiet=category == "one" and kind == "joints" and rng.uniform() < QUIET_PART / KINDS["joints"],
+        multiples=tuple(
+            float(str(deck.deal(category, "size", effect, cards=multiples))) for effect in effects
+        ),
+        quiet=category == "one"
+        and kind == "joints"
+        and rng.uniform() < QUIET_PART / KINDS["joints"],
         damage=damage,
         seed=int(rng.integers(2**31)),
     )
@@ -164,7 +196,9 @@ def _told(run: Run, deck: _Deck) -> Run:
     """A run of `pairs_and_play`: effects of three sigmas or more, and play of a width of its own."""
     if run.category == "play":
         width = float(str(deck.deal("width", cards=WIDTHS)))
-        return replace(run, effects=("backlash",), multiples=(MULTIPLES[-1],), sizes=(width,), quiet=False)
+        return replace(
+            run, effects=("backlash",), multiples=(MULTIPLES[-1],), sizes=(width,), quiet=False
+        )
     return replace(run, multiples=tuple(max(m, MULTIPLES[1]) for m in run.multiples), quiet=False)
 
 

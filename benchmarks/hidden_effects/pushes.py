@@ -31,7 +31,9 @@ class Pushes:
         if step < 0:
             return force
         if self._wind is not None:
-            force[1] += self._wind.size * np.sin(2 * np.pi * self._wind.shape["rate"] * step * STEP_S)
+            force[1] += self._wind.size * np.sin(
+                2 * np.pi * self._wind.shape["rate"] * step * STEP_S
+            )
         return force + self._push[step]
 
     def _load_force(self, velocity: Floats) -> Floats:
@@ -55,5 +57,7 @@ def _nudges(setting: Setting, rows: int) -> Floats:
     for start in rng.integers(0, rows - width, max(rows // 1000, 3)):
         angle = rng.uniform(0, 2 * np.pi)
         shape = np.sin(np.pi * np.arange(width) / width)
-        push[start : start + width] += setting.size * shape[:, None] * np.array([np.cos(angle), np.sin(angle)])
+        push[start : start + width] += (
+            setting.size * shape[:, None] * np.array([np.cos(angle), np.sin(angle)])
+        )
     return push

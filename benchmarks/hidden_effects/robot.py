@@ -83,7 +83,8 @@ def leg_links(leg: int) -> tuple[Floats, Floats, Floats]:
     masses, centres, inertias = [], [], []
     for number, link in enumerate((HIP, THIGH_LINK, CALF_LINK)):
         axes = rotation(link.quaternion)
-        # the hip link is turned about at the rear, hip and thigh are mirrored at the right, the calf is the same
+        # the hip link is turned about at the rear, hip and thigh are mirrored at the right, the
+        # calf is the same
         front = FRONT[leg] if number == 0 else 1.0
         side = SIDE[leg] if number < 2 else 1.0
         mirror = np.array([front, side, 1.0])

@@ -52,17 +52,19 @@ class Setting:
 class Scene(ABC):
     """A rig and a motion: simulates what its sensors read when some effects are there.
 
-    A scene's seed draws rig, motion and noise; with `tuning` motions and noise are those of the set that methods are
-    tuned on.
+    A scene's seed draws rig, motion and noise; with `tuning` motions and noise are those of the set
+    that methods are tuned on.
 
     Attributes:
         families: Sizes of all effects by their names.
         library: Names of the effects of the schema that this kind of log can show.
         outside: Names of effects that no library has.
-        group: Segment and signal to which each entry of a response belongs, as one number, shape (m,).
-        places: Name of the joint, or of the sensor, to which each entry of a response belongs, shape (m,).
-        nuisances: What a response can differ by without any effect, as nobody claims it: rows at the largest amount
-            that it can have, in either direction; shape (k, m).
+        group: Segment and signal to which each entry of a response belongs, as one number, shape
+            (m,).
+        places: Name of the joint, or of the sensor, to which each entry of a response belongs,
+            shape (m,).
+        nuisances: What a response can differ by without any effect, as nobody claims it: rows at
+            the largest amount that it can have, in either direction; shape (k, m).
     """
 
     families: Mapping[str, Family]
@@ -72,7 +74,8 @@ class Scene(ABC):
     places: NDArray[np.str_]
     nuisances: Floats
     sizing_rounds: int = 9
-    """Rounds of the search for the one-sigma sizes of the library: few where a simulation takes long."""
+    """Rounds of the search for the one-sigma sizes of the library: few where a simulation takes
+    long."""
 
     def draw(self, effect: str, where: tuple[str, ...], rng: np.random.Generator) -> Setting:
         """An effect with a shape of its own and a size that is of the right order."""
@@ -90,13 +93,19 @@ class Scene(ABC):
 
     @abstractmethod
     def respond(self, variants: list[tuple[Setting, ...]]) -> Floats:
-        """Readings of the sensors, without noise or with the same, in units of its sigma; shape (variants, m)."""
+        """Readings of the sensors, without noise or with the same, in units of its sigma.
+
+        Shape (variants, m).
+        """
 
     @abstractmethod
     def parameters(self, setting: Setting) -> dict[str, float | list[list[float]]]:
         """The setting in the schema's parameters and units."""
 
     def parameters_at(self, setting: Setting) -> dict[str, dict[str, float | list[list[float]]]]:
-        """The same for each place, of an effect that is not the same everywhere; empty for others."""
+        """The same for each place, of an effect that is not the same everywhere.
+
+        Empty for others.
+        """
         del setting
         return {}

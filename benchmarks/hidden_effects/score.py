@@ -15,7 +15,8 @@ def table(cases: list[Case], followed: list[Case] | None = None) -> dict[str, An
 
     Args:
         cases: All runs.
-        followed: Those of them that did the experiment that was proposed for them, with the new verdicts.
+        followed: Those of them that did the experiment that was proposed for them, with the new
+            verdicts.
     """
     kept = [case for case in cases if case.counts()]
     by = {
@@ -29,11 +30,15 @@ def table(cases: list[Case], followed: list[Case] | None = None) -> dict[str, An
     seconds = [c.seconds for c in cases if c.seconds is not None]
     right = [c for c in kept if c.true_names and _exact(c, c.named)]
     closed = [(c.verdict.get("gap") or {}).get("closed") for c in right]
-    foreign = [c for c in by["outside"] if c.counts() and min(c.truth["outside_part"]) >= OUTSIDE_PART]
+    foreign = [
+        c for c in by["outside"] if c.counts() and min(c.truth["outside_part"]) >= OUTSIDE_PART
+    ]
     return {
         "exact_name_one_effect": share([_exact(c, c.named) for c in clear]),
         "named_or_in_set": share([c.true_names[0] in c.offered for c in one]),
-        "both_names_of_a_pair": share([set(c.true_names) <= set(c.named) for c in two if c.separable()]),
+        "both_names_of_a_pair": share(
+            [set(c.true_names) <= set(c.named) for c in two if c.separable()]
+        ),
         "both_named_or_in_sets": share([set(c.true_names) <= c.offered for c in two]),
         "backlash_alone": share([_exact(c, c.named) for c in by["play"]]),
         "false_alarm_without_effect": share([c.said != "no_gap" for c in by["none"]]),
@@ -43,7 +48,9 @@ def table(cases: list[Case], followed: list[Case] | None = None) -> dict[str, An
         ),
         "outside_says_unexplained": share([c.said == "unexplained" for c in foreign]),
         "damaged_says_bad_log": share([c.said == "bad_log" for c in by["damaged"]]),
-        "too_quiet_names_nothing_false": share([not _wrong(c) and c.said != "error" for c in quiet]),
+        "too_quiet_names_nothing_false": share(
+            [not _wrong(c) and c.said != "error" for c in quiet]
+        ),
         "errors": share([c.said == "error" for c in cases]),
         "right_place": share([_right_place(c) for c in one if _exact(c, c.named)]),
         "small_effects_named_or_in_set": share(
@@ -54,13 +61,19 @@ def table(cases: list[Case], followed: list[Case] | None = None) -> dict[str, An
             ]
         ),
         "median_gap_closed": median([float(x) for x in closed if x is not None]),
-        "seconds_to_find": {**median([float(s) for s in seconds]), "max": max(seconds, default=None)},
+        "seconds_to_find": {
+            **median([float(s) for s in seconds]),
+            "max": max(seconds, default=None),
+        },
         "shuffled_truth_exact_name": _shuffled(clear),
         "exact_name_by_kind": {
             kind: share([_exact(c, c.named) for c in clear if c.truth["kind"] == kind])
             for kind in ("joints", "camera", "body", "imu")
         },
-        "baselines": {name: _baseline(name, clear, by["none"]) for name in ("threshold", "lowest_training_error")},
+        "baselines": {
+            name: _baseline(name, clear, by["none"])
+            for name in ("threshold", "lowest_training_error")
+        },
         **({} if followed is None else {"experiment_resolves_set": _resolved(kept, followed)}),
         **parameter_rows([c for c in one if _exact(c, c.named)]),
     }
@@ -71,7 +84,10 @@ def _exact(case: Case, names: list[str]) -> bool:
 
 
 def _resolved(cases: list[Case], followed: list[Case]) -> dict[str, Any]:
-    """Sets with an experiment that became the true names; one that could not be done did not help."""
+    """Sets with an experiment that became the true names.
+
+    One that could not be done did not help.
+    """
     exact = {c.truth["name"]: c.said == "named" and _exact(c, c.named) for c in followed}
     return share([exact.get(c.truth["name"], False) for c in cases if c.proposal])
 
@@ -81,7 +97,10 @@ def _wrong(case: Case) -> bool:
 
 
 def _right_place(case: Case) -> bool:
-    """True where the named joints are those that have the effect; other sensors have one place only."""
+    """True where the named joints are those that have the effect.
+
+    Other sensors have one place only.
+    """
     if case.truth["kind"] != "joints":
         return True
     true = set(case.truth["effects"][0]["where"])
@@ -93,8 +112,12 @@ def _right_place(case: Case) -> bool:
 
 def _baseline(name: str, clear: list[Case], none: list[Case]) -> dict[str, Any]:
     return {
-        "exact_name_one_effect": share([_exact(c, c.baselines[name]) for c in clear if name in c.baselines]),
-        "false_alarm_without_effect": share([bool(c.baselines[name]) for c in none if name in c.baselines]),
+        "exact_name_one_effect": share(
+            [_exact(c, c.baselines[name]) for c in clear if name in c.baselines]
+        ),
+        "false_alarm_without_effect": share(
+            [bool(c.baselines[name]) for c in none if name in c.baselines]
+        ),
     }
 
 
@@ -106,5 +129,7 @@ def _shuffled(cases: list[Case], times: int = 50) -> dict[str, Any]:
         for kind in ("joints", "camera", "body", "imu"):
             group = [c for c in cases if c.truth["kind"] == kind]
             other = rng.permutation(len(group))
-            hits += [set(c.named) == set(group[j].true_names) for c, j in zip(group, other, strict=True)]
+            hits += [
+                set(c.named) == set(group[j].true_names) for c, j in zip(group, other, strict=True)
+            ]
     return {"value": float(np.mean(hits)) if hits else None, "count": len(cases), "shuffles": times}

@@ -21,7 +21,12 @@ def share(flags: list[bool]) -> dict[str, Any]:
     """A row of the table that is a share of runs."""
     hits = sum(flags)
     low, high = wilson(hits, len(flags))
-    return {"value": hits / len(flags) if flags else None, "hits": hits, "count": len(flags), "wilson95": [low, high]}
+    return {
+        "value": hits / len(flags) if flags else None,
+        "hits": hits,
+        "count": len(flags),
+        "wilson95": [low, high],
+    }
 
 
 def median(values: list[float]) -> dict[str, Any]:

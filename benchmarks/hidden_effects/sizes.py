@@ -8,18 +8,23 @@ from benchmarks.hidden_effects.scene import Scene, Setting
 
 ROUNDS = 9
 CLOSE, ROUGH = 0.04, 0.35
-"""Part by which the residual at a found size may miss one sigma: of an effect that is hidden, of its rivals."""
+"""Part by which the residual at a found size may miss one sigma: of an effect that is hidden, of
+its rivals."""
 FAINT = 0.02
 """Residual below which nothing is known but that it is small [sigma]."""
 
 
-def one_sigma(scene: Scene, settings: list[Setting], close: float = CLOSE, rounds: int = ROUNDS) -> list[float]:
+def one_sigma(
+    scene: Scene, settings: list[Setting], close: float = CLOSE, rounds: int = ROUNDS
+) -> list[float]:
     """Sizes at which the residual has an RMS of one sigma in the segment and signal that show it best.
 
-    All settings are searched at once: by the chord where a bracket is missing, then by the secant in logarithms.
+    All settings are searched at once: by the chord where a bracket is missing, then by the secant
+        in logarithms.
 
     Returns:
-        A size for each setting; infinity where not even the largest that a robot could have shows a sigma.
+        A size for each setting; infinity where not even the largest that a robot could have shows a
+        sigma.
     """
     searches = [_Search(setting.size, scene.largest(setting), close) for setting in settings]
     base = scene.respond([()])[0]
@@ -91,15 +96,22 @@ def best_rms(scene: Scene, residual: Floats, where: tuple[str, ...]) -> float:
     """RMS of a residual in the segment and signal in which it is largest, over the places that have the effect."""
     there = np.isin(scene.places, where)
     count = np.bincount(scene.group[there])
-    power = np.bincount(scene.group[there], weights=np.minimum(np.nan_to_num(residual[there], nan=1e6), 1e6) ** 2)
+    power = np.bincount(
+        scene.group[there], weights=np.minimum(np.nan_to_num(residual[there], nan=1e6), 1e6) ** 2
+    )
     return float(np.sqrt((power[count > 0] / count[count > 0]).max()))
 
 
 def signatures(scene: Scene, settings: list[Setting]) -> Floats:
-    """Unit vectors along which the visible residual moves when an effect sets in; shape (settings, m)."""
+    """Unit vectors along which the visible residual moves when an effect sets in.
+
+    Shape (settings, m).
+    """
     base = scene.respond([()])[0]
     responses = scene.respond([(setting,) for setting in settings])
-    moved = np.nan_to_num(np.clip([visible(scene, response - base) for response in responses], -1e4, 1e4))
+    moved = np.nan_to_num(
+        np.clip([visible(scene, response - base) for response in responses], -1e4, 1e4)
+    )
     length = np.linalg.norm(moved, axis=1, keepdims=True)
     return np.asarray(moved / np.where(length > 0, length, 1.0))
 

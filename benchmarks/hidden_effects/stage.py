@@ -15,7 +15,8 @@ class Stage(ABC):
 
     Attributes:
         scene: Simulates what this run shows.
-        sizing: Scene in which one sigma is measured: the same, or that of the full motion where the run is quiet.
+        sizing: Scene in which one sigma is measured: the same, or that of the full motion where the
+            run is quiet.
         place: Where effects sit, unless `where` says more.
     """
 
@@ -35,7 +36,10 @@ class Stage(ABC):
 
     @abstractmethod
     def follow(self, experiment: str, rng: np.random.Generator) -> bool:
-        """Has the same robot do an experiment from now on; false where this kind of rig cannot do it."""
+        """Has the same robot do an experiment from now on.
+
+        False where this kind of rig cannot do it.
+        """
 
     @abstractmethod
     def record(self, settings: tuple[Setting, ...], rng: np.random.Generator) -> RunFiles:

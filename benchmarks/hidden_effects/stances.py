@@ -35,13 +35,19 @@ def rock(t: Floats, envelope: Floats, rng: np.random.Generator) -> Floats:
     """Nods faster and faster."""
     rise = (rng.uniform(1.6, 2.0) - 0.5) / t[-1]
     wave = np.sin(2 * np.pi * (0.5 * t + 0.5 * rise * t**2)) * envelope
-    return _legs(np.zeros((len(t), 4)), 0.07 * wave[:, None] * np.array(FRONT), np.zeros((len(t), 4)))
+    return _legs(
+        np.zeros((len(t), 4)), 0.07 * wave[:, None] * np.array(FRONT), np.zeros((len(t), 4))
+    )
 
 
 def roll(t: Floats, envelope: Floats, rng: np.random.Generator) -> Floats:
     """Leans to the sides and turns about its length."""
     wave = np.sin(2 * np.pi * rng.uniform(0.8, 1.8) * t) * envelope
-    return _legs(0.08 * wave[:, None] * np.ones(4), 0.04 * wave[:, None] * np.array(SIDE), np.zeros((len(t), 4)))
+    return _legs(
+        0.08 * wave[:, None] * np.ones(4),
+        0.04 * wave[:, None] * np.array(SIDE),
+        np.zeros((len(t), 4)),
+    )
 
 
 def sway(t: Floats, envelope: Floats, rng: np.random.Generator) -> Floats:
@@ -55,11 +61,14 @@ def sway(t: Floats, envelope: Floats, rng: np.random.Generator) -> Floats:
 def mixture(t: Floats, envelope: Floats, rng: np.random.Generator) -> Floats:
     """Several of these at once, at frequencies without a common period."""
     waves = [
-        np.sin(2 * np.pi * f * t + p) for f, p in zip(rng.uniform(0.4, 2.2, 4), rng.uniform(0, 6.28, 4), strict=True)
+        np.sin(2 * np.pi * f * t + p)
+        for f, p in zip(rng.uniform(0.4, 2.2, 4), rng.uniform(0, 6.28, 4), strict=True)
     ]
     squat_, nod, lean, shift = (wave[:, None] * envelope[:, None] for wave in waves)
     ones = np.ones(4)
-    return _legs(0.06 * lean * ones, 0.08 * squat_ * ones + 0.04 * nod * np.array(FRONT), 0.04 * shift * ones)
+    return _legs(
+        0.06 * lean * ones, 0.08 * squat_ * ones + 0.04 * nod * np.array(FRONT), 0.04 * shift * ones
+    )
 
 
 def hop(t: Floats, envelope: Floats, rng: np.random.Generator) -> Floats:
@@ -73,7 +82,14 @@ def hop(t: Floats, envelope: Floats, rng: np.random.Generator) -> Floats:
 
 
 TUNING: dict[str, Stance] = {"hold": hold, "squat": squat, "rock": rock, "sway": sway, "hop": hop}
-SEALED: dict[str, Stance] = {"still": hold, "blend": mixture, "lean": roll, "shift": sway, "leap": hop, "nod": rock}
+SEALED: dict[str, Stance] = {
+    "still": hold,
+    "blend": mixture,
+    "lean": roll,
+    "shift": sway,
+    "leap": hop,
+    "nod": rock,
+}
 
 
 def commands(
@@ -93,13 +109,20 @@ def commands(
         parts.append(stretch(library[name], rows, control_dt, rng_again, size))
         start = place * rows * control_dt
         segments.append(
-            Segment(name=f"{name}-{number}", start_s=start, end_s=start + rows * control_dt, condition=name)
+            Segment(
+                name=f"{name}-{number}",
+                start_s=start,
+                end_s=start + rows * control_dt,
+                condition=name,
+            )
         )
     position = np.concatenate(parts)
     return position, np.gradient(position, control_dt, axis=0), tuple(segments)
 
 
-def stretch(stance: Stance, rows: int, control_dt: float, rng: np.random.Generator, size: float = 1.0) -> Floats:
+def stretch(
+    stance: Stance, rows: int, control_dt: float, rng: np.random.Generator, size: float = 1.0
+) -> Floats:
     """Desired positions of one segment, (rows, 12)."""
     t = np.arange(rows) * control_dt
     ease = np.clip(np.minimum(t, t[-1] - t) / EASE_S, 0, 1)

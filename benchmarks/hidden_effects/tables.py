@@ -31,7 +31,12 @@ class RunFiles:
 def joint_columns(t: Floats, measured: Floats, command: Floats) -> dict[str, Floats]:
     """Table of the joints; `measured` and `command` have the shape (rows, 12, 3)."""
     columns = {"t": t}
-    signals = [("q", measured, 0), ("dq", measured, 1), ("q_des", command, 0), ("dq_des", command, 1)]
+    signals = [
+        ("q", measured, 0),
+        ("dq", measured, 1),
+        ("q_des", command, 0),
+        ("dq_des", command, 1),
+    ]
     for name, array, number in [*signals, ("tau_ff", command, 2), ("tau_est", measured, 2)]:
         for joint, label in enumerate(JOINTS):
             columns[f"{name}_{label}"] = np.ascontiguousarray(array[:, joint, number])
@@ -39,7 +44,13 @@ def joint_columns(t: Floats, measured: Floats, command: Floats) -> dict[str, Flo
 
 
 def claim(
-    *, base: str, kp: Floats, kd: Floats, control_dt: float, segments: tuple[Segment, ...], start_s: float
+    *,
+    base: str,
+    kp: Floats,
+    kd: Floats,
+    control_dt: float,
+    segments: tuple[Segment, ...],
+    start_s: float,
 ) -> dict[str, Any]:
     """Claims that every meta.json makes of a log whose clock begins at `start_s`."""
 
@@ -57,7 +68,12 @@ def claim(
         "excitation": {
             "text": "a series of motions",
             "segments": [
-                {"name": s.name, "t0": shown(s.start_s), "t1": shown(s.end_s), "condition": s.condition}
+                {
+                    "name": s.name,
+                    "t0": shown(s.start_s),
+                    "t1": shown(s.end_s),
+                    "condition": s.condition,
+                }
                 for s in segments
             ],
         },
@@ -66,12 +82,19 @@ def claim(
 
 
 def write(files: RunFiles, directory: Path) -> None:
-    """Writes a run log; tables of joints as Parquet without compression, so that its size tells nothing."""
+    """Writes a run log.
+
+    Tables of joints as Parquet without compression, so that its size tells nothing.
+    """
     directory.mkdir(parents=True, exist_ok=True)
     for name, columns in files.tables.items():
-        table = pa.table({column: np.asarray(values, dtype=np.float64) for column, values in columns.items()})
+        table = pa.table(
+            {column: np.asarray(values, dtype=np.float64) for column, values in columns.items()}
+        )
         if name == "joints":
-            pyarrow.parquet.write_table(table, directory / "joints.parquet", compression="none", use_dictionary=False)
+            pyarrow.parquet.write_table(
+                table, directory / "joints.parquet", compression="none", use_dictionary=False
+            )
         else:
             pyarrow.csv.write_csv(table, directory / f"{name}.csv")
     if files.depth:

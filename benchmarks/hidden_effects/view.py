@@ -35,7 +35,9 @@ class Path:
 
     def at(self, time_s: Floats) -> tuple[Floats, Floats, Floats]:
         """x, z and pitch at other times."""
-        return tuple(np.interp(time_s, self.time_s, values) for values in (self.x, self.z, self.pitch))  # type: ignore[return-value]
+        return tuple(
+            np.interp(time_s, self.time_s, values) for values in (self.x, self.z, self.pitch)
+        )  # type: ignore[return-value]
 
     def shake(self, time_s: Floats) -> Floats:
         """Vertical acceleration and that of pitch, smoothed over 25 ms, in parts of their largest."""
@@ -54,7 +56,10 @@ class Optics:
     width: int
     height: int
     focal: float
-    """Focal length [px], the same in both directions; the optical axis goes through the image's middle."""
+    """Focal length [px], the same in both directions.
+
+    The optical axis goes through the image's middle.
+    """
     position: Floats
     pitch: float
     rate: float
@@ -81,7 +86,10 @@ def scenery(rng: np.random.Generator, *, flat: bool) -> tuple[Box, ...]:
     boxes = [Box(center=(round(wall + 0.25, 3), 0.0, 1.5), size=(0.5, 8.0, 3.0))]
     near, height = rng.uniform(0.75, 1.0), rng.uniform(0.08, 0.2)
     boxes.append(
-        Box(center=(round(near + 0.2, 3), round(rng.uniform(-0.4, -0.1), 3), height / 2), size=(0.4, 0.5, height))
+        Box(
+            center=(round(near + 0.2, 3), round(rng.uniform(-0.4, -0.1), 3), height / 2),
+            size=(0.4, 0.5, height),
+        )
     )
     height = rng.uniform(0.25, 0.6)
     boxes.append(
@@ -112,13 +120,21 @@ def path(rng: np.random.Generator, *, length_s: float, tuning: bool, static: boo
         start = place * each
         inside = (t >= start) & (t < start + each)
         values[:, inside] = _move(name, t[inside] - start, each, np.random.default_rng(seeds[name]))
-        segments.append(Segment(name=f"{name}-{number}", start_s=start, end_s=start + each, condition=name))
+        segments.append(
+            Segment(name=f"{name}-{number}", start_s=start, end_s=start + each, condition=name)
+        )
     return path_of(t, values, tuple(segments))
 
 
 def path_of(time_s: Floats, offsets: Floats, segments: tuple[Segment, ...]) -> Path:
     """Path of a trunk that is moved by `offsets` of x, z and pitch, shape (3, n), from where it stands."""
-    return Path(time_s=time_s, x=offsets[0], z=STAND_HEIGHT + offsets[1], pitch=offsets[2], segments=segments)
+    return Path(
+        time_s=time_s,
+        x=offsets[0],
+        z=STAND_HEIGHT + offsets[1],
+        pitch=offsets[2],
+        segments=segments,
+    )
 
 
 def _move(name: str, t: Floats, length: float, rng: np.random.Generator) -> Floats:
@@ -129,11 +145,16 @@ def _move(name: str, t: Floats, length: float, rng: np.random.Generator) -> Floa
     top = rng.uniform(2.2, 3.2)
     sweep = np.sin(2 * np.pi * (0.4 * t + 0.5 * (top - 0.4) * t**2 / length))
     mixed = (
-        sum(np.sin(2 * np.pi * f * t + p) for f, p in zip(rng.uniform(0.4, 3, 4), rng.uniform(0, 6.28, 4), strict=True))
+        sum(
+            np.sin(2 * np.pi * f * t + p)
+            for f, p in zip(rng.uniform(0.4, 3, 4), rng.uniform(0, 6.28, 4), strict=True)
+        )
         / 2.5
     )
     slots = np.cumsum(rng.uniform(0.25, 0.5, 40))
-    levels = np.interp(t, np.stack([slots, slots + 0.08], 1).ravel(), np.repeat(rng.uniform(-1, 1, 41), 2)[1:-1])
+    levels = np.interp(
+        t, np.stack([slots, slots + 0.08], 1).ravel(), np.repeat(rng.uniform(-1, 1, 41), 2)[1:-1]
+    )
     moves = {
         "heave": (zero, 0.03 * sweep, zero),
         "rock": (zero, zero, 0.09 * sweep),
@@ -150,24 +171,38 @@ def _move(name: str, t: Floats, length: float, rng: np.random.Generator) -> Floa
 
 
 def render(
-    optics: Optics, boxes: tuple[Box, ...], poses: tuple[Floats, Floats, Floats], tangents: Floats, offset: Floats
+    optics: Optics,
+    boxes: tuple[Box, ...],
+    poses: tuple[Floats, Floats, Floats],
+    tangents: Floats,
+    offset: Floats,
 ) -> Floats:
     """Depth images without noise, shape (frames, height, width) [m].
 
     Args:
         optics: The camera.
         boxes: What stands on the floor.
-        poses: x, z and pitch of the trunk, each of shape (frames,) or (frames, height): one for each row of pixels.
+        poses: x, z and pitch of the trunk, each of shape (frames,) or (frames, height): one for
+            each row of pixels.
         tangents: Of the pixels' viewing angles.
-        offset: Added to the camera's pitch, shape (frames,), and height [rad, m]; shape (frames, 2).
+        offset: Added to the camera's pitch, shape (frames,), and height [rad, m]; shape (frames,
+            2).
     """
-    x, z, pitch = (np.broadcast_to(np.reshape(p, (len(p), -1)), (len(p), optics.height)) for p in poses)
+    x, z, pitch = (
+        np.broadcast_to(np.reshape(p, (len(p), -1)), (len(p), optics.height)) for p in poses
+    )
     mounted = pitch + optics.pitch + offset[:, :1]
-    shift = np.broadcast_to(optics.position, (*x.shape, 3)) + np.array([0.0, 0.0, 1.0]) * offset[:, 1, None, None]
+    shift = (
+        np.broadcast_to(optics.position, (*x.shape, 3))
+        + np.array([0.0, 0.0, 1.0]) * offset[:, 1, None, None]
+    )
     trunk, camera = _nose_down(pitch), _nose_down(mounted)
     origin = np.einsum("frij,frj->fri", trunk, shift) + np.stack([x, np.zeros_like(x), z], axis=-1)
     depth = wp.zeros((len(x), optics.height, optics.width), dtype=float, device="cpu")
-    ends = [(np.array(b.center) - np.array(b.size) / 2, np.array(b.center) + np.array(b.size) / 2) for b in boxes]
+    ends = [
+        (np.array(b.center) - np.array(b.size) / 2, np.array(b.center) + np.array(b.size) / 2)
+        for b in boxes
+    ]
     low, high = (np.array([e[i] for e in ends], dtype=np.float32).reshape(-1, 3) for i in (0, 1))
     arrays = [
         wp.array(origin.astype(np.float32), dtype=wp.vec3, device="cpu"),

@@ -46,35 +46,56 @@ from saltus.workers import tell
 def closed_loop_episodes(
     loop: ClosedLoop, model: Path | None, key: Sequence[int], profile: str = SHIPPED
 ) -> list[Episode]:
-    """One batch; it follows from its key (seed, round, number), predictor and profile alone, wherever it is run.
+    """One batch.
 
-    Without a predictor robots go by true heights, shifted as each trial says. Each of their steps is told, see
-    `saltus.workers.tell`.
+    It follows from its key (seed, round, number), predictor and profile alone, wherever it is run.
+
+    Without a predictor robots go by true heights, shifted as each trial says. Each of their steps
+    is told, see `saltus.workers.tell`.
     """
     rng = np.random.default_rng(key)
     kinds = loop.terrains
     some = [
-        make_terrain(random_course(rng, loop.hardest, kinds[rng.integers(len(kinds))])) for _ in range(loop.courses)
+        make_terrain(random_course(rng, loop.hardest, kinds[rng.integers(len(kinds))]))
+        for _ in range(loop.courses)
     ]
-    first = int(rng.integers(2**32, 2**62))  # beyond the seeds of all evaluations and other rounds of data
+    first = int(
+        rng.integers(2**32, 2**62)
+    )  # beyond the seeds of all evaluations and other rounds of data
     robots = range(loop.robots)
-    terrains, trials = [some[i % loop.courses] for i in robots], [Trial.draw(first + i) for i in robots]
+    terrains, trials = (
+        [some[i % loop.courses] for i in robots],
+        [Trial.draw(first + i) for i in robots],
+    )
     setups = named_setups(loop.robot, loop.grid, loop.camera, profile, terrains, trials)
     robot, camera, hardware = setups[0].robot, setups[0].camera, setups[0].profile
     trajectories = list(_cut(_moments(loop, model, rng, setups), terrains, LegKinematics(robot)))
     claimed = RobotCamera.on(robot, MODEL_CAMERA if camera.ideal else SAMPLED)
-    views = [replace(claimed, mount=random_mount(robot, rng)).moved(hardware.view_chain) for _ in trajectories]
+    views = [
+        replace(claimed, mount=random_mount(robot, rng)).moved(hardware.view_chain)
+        for _ in trajectories
+    ]
     return filmed(trajectories, views, camera, hardware, setups[0].grid, rng, loop.renderer)
 
 
-def _moments(loop: ClosedLoop, model: Path | None, rng: np.random.Generator, setups: Sequence[Setup]) -> list[Moment]:
+def _moments(
+    loop: ClosedLoop, model: Path | None, rng: np.random.Generator, setups: Sequence[Setup]
+) -> list[Moment]:
     robot, profile = setups[0].robot, setups[0].profile
-    planner = MixedPlanner(robot, setups[0].grid, rng, loop.robots, learned=loop.learned, variation=loop.variation)
-    lossy = replace(profile, camera=drawn_around(profile.camera, loss=rng.uniform(0.0, TRAINING.loss)))
+    planner = MixedPlanner(
+        robot, setups[0].grid, rng, loop.robots, learned=loop.learned, variation=loop.variation
+    )
+    lossy = replace(
+        profile, camera=drawn_around(profile.camera, loss=rng.uniform(0.0, TRAINING.loss))
+    )
     # what a robot steps worse for the errors of matching is not worth their time
     ideal = replace(setups[0].camera, ideal=True)
     seen = [replace(each, camera=ideal, profile=lossy) for each in setups]
-    heights = None if model is None else PredictedHeights(HeightmapNetwork(robot, model, setups[0].grid), seen)
+    heights = (
+        None
+        if model is None
+        else PredictedHeights(HeightmapNetwork(robot, model, setups[0].grid), seen)
+    )
     compensation = compensation_of(profile, robot)
     robots = Loop(setups, planner, heights=heights, compensation=compensation, time_limit_s=np.inf)
     moments = []
@@ -91,15 +112,26 @@ class MixedPlanner:
     """
 
     def __init__(
-        self, robot: Robot, grid: HeightGrid, rng: np.random.Generator, count: int, *, learned: float, variation: float
+        self,
+        robot: Robot,
+        grid: HeightGrid,
+        rng: np.random.Generator,
+        count: int,
+        *,
+        learned: float,
+        variation: float,
     ) -> None:
         self._scripted = ScriptedPlanner(robot, grid, varied(rng, variation, count))
-        self._learned = make_planner("learned", robot, grid) if learned > 0.0 else None  # not every robot has one
+        self._learned = (
+            make_planner("learned", robot, grid) if learned > 0.0 else None
+        )  # not every robot has one
         self._is_learned = rng.uniform(size=count) < learned
         self._speed = rng.uniform(*SPEED, count)
         self._frequency = rng.uniform(*RHYTHM, count)
 
-    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Plan:
+    def step(
+        self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False
+    ) -> Plan:
         """Plans the next 10 ms of all robots; see `saltus.policy.planner.Planner`."""
         rules = self._scripted.step(observation, heights)
         if self._learned is None:
@@ -110,7 +142,12 @@ class MixedPlanner:
             velocity_x=policy.velocity_x * self._speed,
             stepping_frequency_hz=policy.stepping_frequency_hz * self._frequency,
         )
-        return Plan(**{f.name: self._chosen(getattr(policy, f.name), getattr(rules, f.name)) for f in fields(rules)})
+        return Plan(
+            **{
+                f.name: self._chosen(getattr(policy, f.name), getattr(rules, f.name))
+                for f in fields(rules)
+            }
+        )
 
     def _chosen(self, policy: Floats, rules: Floats) -> Floats:
         mask = self._is_learned.reshape(-1, *(1,) * (policy.ndim - 1))
@@ -127,7 +164,9 @@ def random_course(rng: np.random.Generator, hardest: float, kind: str) -> Terrai
         # Gaps that differ, each up to what the difficulty would make of all.
         greatest = float(0.05 + 0.6 * difficulty)
         stone, layout = float(rng.uniform(0.3, 0.7)), int(rng.integers(2**31))
-        return TerrainConfig(terrain=kind, stone_m=stone, gap_m=0.05, gap_max_m=greatest, layout_seed=layout)
+        return TerrainConfig(
+            terrain=kind, stone_m=stone, gap_m=0.05, gap_max_m=greatest, layout_seed=layout
+        )
     layout = 0 if kind in PAPER else int(rng.integers(2**31))
     course = TerrainConfig(terrain=kind, difficulty=difficulty, layout_seed=layout)
     if kind == "ditch":
@@ -138,7 +177,9 @@ def random_course(rng: np.random.Generator, hardest: float, kind: str) -> Terrai
     return course
 
 
-def _cut(moments: Sequence[Moment], terrains: Sequence[Terrain], legs: LegKinematics) -> Iterator[Trajectory]:
+def _cut(
+    moments: Sequence[Moment], terrains: Sequence[Terrain], legs: LegKinematics
+) -> Iterator[Trajectory]:
     """The runs of each robot from one start to the next; those that are too short are left out."""
     starts = np.array([moment.fresh for moment in moments])  # (ticks, robots)
     position = np.array([moment.truth.position_base_in_world for moment in moments])

@@ -1,4 +1,7 @@
-"""Columns of the tables that other programs read, for people and for programs; to write them takes pyarrow alone."""
+"""Columns of the tables that other programs read, for people and for programs.
+
+To write them takes pyarrow alone.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -32,7 +35,8 @@ def columns_of(grid: HeightGrid) -> tuple[Column, ...]:
     """The columns of a table of heights on a grid, a line of points ahead of the base."""
     return (
         Column("observation.state", _VECTOR, "float32", (len(PROPRIOCEPTION),), "what the robot knows of itself: "
-               "angles [rad], positions [m], velocities [m/s, rad/s], in the yaw frame", PROPRIOCEPTION),
+               "angles [rad], positions [m], velocities [m/s, rad/s], in the yaw frame",
+               PROPRIOCEPTION),
         Column("observation.depth", _IMAGE, "uint16", (48, 16), "newest depth image [mm], along the optical axis; 0 "
                "is invalid, 65535 nothing within range"),
         Column("observation.depth_age", pa.float32(), "float32", (1,), "time since it was taken [s]; -1 before the "
@@ -51,5 +55,7 @@ def nested(values: NDArray[Any], kind: pa.DataType) -> pa.Array:
     """Rows of any shape as lists of lists, without a Python object for each number."""
     array: pa.Array = pa.array(np.ascontiguousarray(values).reshape(-1))
     for size in values.shape[:0:-1]:
-        array = pa.ListArray.from_arrays(pa.array(np.arange(0, len(array) + 1, size, dtype=np.int32)), array)
+        array = pa.ListArray.from_arrays(
+            pa.array(np.arange(0, len(array) + 1, size, dtype=np.int32)), array
+        )
     return array.cast(kind)

@@ -26,7 +26,8 @@ FRAME_TICKS = 2  # camera at 50 Hz
 class DeliveryModel:
     """How images travel; the defaults are those of a run without faults.
 
-    Latencies are those of a nominal camera: around another one's they move by the difference, as in a trial.
+    Latencies are those of a nominal camera: around another one's they move by the difference, as in
+        a trial.
     """
 
     latency_s: tuple[float, float] = (CAMERA_LATENCY_S, CAMERA_LATENCY_S)
@@ -42,16 +43,24 @@ class DeliveryModel:
         """Least and greatest latency that is drawn around that of a camera, without jitter [s]."""
         if latency.is_null() or self.latency_s == (0.0, 0.0):
             return 0.0, 0.0
-        low, high = (max(0.0, float(latency.latency) + limit_s - CAMERA_LATENCY_S) for limit_s in self.latency_s)
+        low, high = (
+            max(0.0, float(latency.latency) + limit_s - CAMERA_LATENCY_S)
+            for limit_s in self.latency_s
+        )
         return low, high
 
-    def drawn(self, latency: CameraLatency, batch: tuple[int, ...], rng: np.random.Generator) -> CameraChain:
+    def drawn(
+        self, latency: CameraLatency, batch: tuple[int, ...], rng: np.random.Generator
+    ) -> CameraChain:
         """Draws what happens in an episode, but for pauses, to the images of cameras whose latency is known.
 
         It may have a value for each camera of the batch.
         """
         spread_s = 0.5 * self.jitter_s
-        latency_s, loss = rng.uniform(*self.latency_s, batch) + spread_s, rng.uniform(0.0, self.loss, batch)
+        latency_s, loss = (
+            rng.uniform(*self.latency_s, batch) + spread_s,
+            rng.uniform(0.0, self.loss, batch),
+        )
         known = () if self.latency_s == (0.0, 0.0) else (latency,)
         return CameraChain(drawn_around(known, latency_s=latency_s, jitter_s=spread_s, loss=loss))
 
@@ -64,8 +73,9 @@ def hardware_table(profile: str, robot: str, camera: DepthCamera) -> dict[str, A
     return {"profile": profile, "latency": asdict(known.camera_chain.latency)}
 
 
-# Original: 30 to 60 ms between exposure and use; measured of a D435 at 424x240 48 to 62 ms at 60 Hz, 91 ms at 30 Hz
-# (librealsense 4955), and a busy computer adds to that. The service forgets after a gap of more than 5 images.
+# Original: 30 to 60 ms between exposure and use; measured of a D435 at 424x240 48 to 62 ms at 60
+# Hz, 91 ms at 30 Hz (librealsense 4955), and a busy computer adds to that. The service forgets
+# after a gap of more than 5 images.
 TRAINING = DeliveryModel(latency_s=(0.030, 0.110), jitter_s=0.008, loss=0.08, burst=0.3)
 DELIVERIES: dict[DeliveryName, DeliveryModel] = {
     "training": TRAINING,
@@ -77,7 +87,10 @@ such a camera."""
 
 
 class Delivery(NamedTuple):
-    """Delivered images of each episode at each tick of the longest; each of shape (episodes, ticks)."""
+    """Delivered images of each episode at each tick of the longest.
+
+    Each of shape (episodes, ticks).
+    """
 
     frame: NDArray[np.int64]
     """Image in use; -1 before the first."""
@@ -86,7 +99,9 @@ class Delivery(NamedTuple):
     new: NDArray[np.bool_]
 
 
-def deliver(episodes: Sequence[Episode], model: DeliveryModel, rng: np.random.Generator) -> Delivery:
+def deliver(
+    episodes: Sequence[Episode], model: DeliveryModel, rng: np.random.Generator
+) -> Delivery:
     """Draws how the images of each episode travel, around the latency of its camera."""
     count, ticks = len(episodes), np.array([[len(episode.height)] for episode in episodes])
     taken_tick = np.full((count, max(len(episode.frame_tick) for episode in episodes)), np.inf)
@@ -103,7 +118,9 @@ def deliver(episodes: Sequence[Episode], model: DeliveryModel, rng: np.random.Ge
     now = np.arange(ticks.max())
     newest = np.full((count, len(now)), -1)
     row, frame = np.nonzero(arrival_tick < len(now))
-    np.maximum.at(newest, (row, arrival_tick[row, frame].astype(np.int64)), frame)  # one overtaken has no effect
+    np.maximum.at(
+        newest, (row, arrival_tick[row, frame].astype(np.int64)), frame
+    )  # one overtaken has no effect
     newest = np.maximum.accumulate(newest, 1)
     age_s = (now - np.take_along_axis(taken_tick, np.maximum(newest, 0), 1)) * TICK_S
     return Delivery(newest, np.where(newest >= 0, age_s, np.inf), np.diff(newest, prepend=-1) != 0)

@@ -32,8 +32,9 @@ from saltus.terrain.batch import Courses
 class DeviceCameras:
     """Takes images of every robot, each with a camera of its own.
 
-    Cameras are given by name; what is asked for together is taken at the same times, from the same place. What the
-    profile says of cameras holds for all, but for their latency: images are as they are given out.
+    Cameras are given by name; what is asked for together is taken at the same times, from the same
+    place. What the profile says of cameras holds for all, but for their latency: images are as they
+    are given out.
 
     Raises:
         ConfigError: their places or rates differ.
@@ -50,13 +51,20 @@ class DeviceCameras:
     ) -> None:
         first, *others = cameras.values()
         self._robot, self._count = first.mounted_on(robot), len(courses.finish_x)
-        if any(other.rate_hz != first.rate_hz or other.mounted_on(robot) != self._robot for other in others):
-            raise ConfigError(f"cameras = {', '.join(cameras)}: rates or places differ; collect for each by itself")
+        if any(
+            other.rate_hz != first.rate_hz or other.mounted_on(robot) != self._robot
+            for other in others
+        ):
+            raise ConfigError(
+                f"cameras = {', '.join(cameras)}: rates or places differ; collect for each by "
+                f"itself"
+            )
         self._device, self._kinds, self._view = device, cameras, profile.view_chain
         self._chain = to_images(profile, MODEL_CAMERA.fx).camera_chain.taken
         self._views = {
             name: _WarpBatch(
-                courses, RobotCamera.on(self._robot, MODEL_CAMERA if kind.ideal else SAMPLED).moved(self._view),
+                courses,
+                RobotCamera.on(self._robot, MODEL_CAMERA if kind.ideal else SAMPLED).moved(self._view),
                 Optics.behind(SAMPLED, kind), device,
             )
             for name, kind in cameras.items()
@@ -71,7 +79,9 @@ class DeviceCameras:
             view.caster.set_mount(claimed.moved(self._view).mount)
         stereo = {
             name: StereoCamera(
-                drawn_cameras(count, rng, StereoConfig.of(kind)), self._views[name].optics, KorniaWindows()
+                drawn_cameras(count, rng, StereoConfig.of(kind)),
+                self._views[name].optics,
+                KorniaWindows(),
             )
             for name, kind in self._kinds.items()
             if not kind.ideal
@@ -79,11 +89,15 @@ class DeviceCameras:
         states = {name: self._tensors(each.init((count,), rng)) for name, each in stereo.items()}
         memory = self._tensors(self._chain.init((count,), rng))
         self._eyes = {
-            name: Eyes(kind, self._views[name], self._chain, memory, stereo.get(name), states.get(name, ()))
+            name: Eyes(
+                kind, self._views[name], self._chain, memory, stereo.get(name), states.get(name, ())
+            )
             for name, kind in self._kinds.items()
         }
 
-    def expose(self, courses: Courses, qpos: Tensor, tick: int, fresh: Tensor) -> dict[str, DepthImage]:
+    def expose(
+        self, courses: Courses, qpos: Tensor, tick: int, fresh: Tensor
+    ) -> dict[str, DepthImage]:
         """Takes an image of each kind where it is the time.
 
         Args:
@@ -95,7 +109,9 @@ class DeviceCameras:
         Returns:
             The newest images that were given out [mm], int32, shape (n, 48, 16).
         """
-        given = {name: eyes.expose((courses, qpos), tick, fresh) for name, eyes in self._eyes.items()}
+        given = {
+            name: eyes.expose((courses, qpos), tick, fresh) for name, eyes in self._eyes.items()
+        }
         return {name: image for name, image in given.items() if image is not None}
 
     def _tensors(self, state: Any) -> Any:
@@ -113,7 +129,9 @@ class _WarpBatch:
         return depth
 
     def pair(self, truth: tuple[Courses, Tensor]) -> tuple[Tensor, Tensor]:
-        depth, hidden = self.caster.cast_pair(*self._poses(*truth), baseline_m=self.optics.baseline_m)
+        depth, hidden = self.caster.cast_pair(
+            *self._poses(*truth), baseline_m=self.optics.baseline_m
+        )
         return as_tensor(depth), as_tensor(hidden)
 
     def _poses(self, courses: Courses, qpos: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -82,14 +82,23 @@ class DeviceRecording:
         frames = len(self._frame_tick), MODEL_CAMERA.height, MODEL_CAMERA.width
         self._proprioception = room(ticks, len(PROPRIOCEPTION))
         self._height = room(ticks, points)
-        self._plans = {"state": room(ticks, PROPRIOCEPTION_SIZE), "plan": room(ticks, len(ACTIONS))} if plans else {}
+        self._plans = (
+            {"state": room(ticks, PROPRIOCEPTION_SIZE), "plan": room(ticks, len(ACTIONS))}
+            if plans
+            else {}
+        )
         self._starts = room(ticks, dtype=torch.bool)
         # The bits of 16 bits without a sign, which few operations of torch know.
         self._depth = {camera: room(*frames, dtype=torch.int16) for camera in cameras}
         self._there = {camera: room(frames[0], dtype=torch.bool) for camera in cameras}
 
     def add(
-        self, tick: int, proprioception: Tensor, height: Tensor, starts: Tensor, images: Mapping[str, DepthImage]
+        self,
+        tick: int,
+        proprioception: Tensor,
+        height: Tensor,
+        starts: Tensor,
+        images: Mapping[str, DepthImage],
     ) -> None:
         """One tick of all robots; images [mm] where it is their time."""
         frame = self._camera.taken_by(tick) - 1
@@ -112,7 +121,9 @@ class DeviceRecording:
             proprioception=_copied(self._proprioception),
             height=_copied(self._height),
             frame_tick=self._frame_tick,
-            depth={camera: _copied(images).view(np.uint16) for camera, images in self._depth.items()},
+            depth={
+                camera: _copied(images).view(np.uint16) for camera, images in self._depth.items()
+            },
             there={camera: _copied(there) for camera, there in self._there.items()},
             **{name: _copied(rows) for name, rows in self._plans.items()},
         )

@@ -47,8 +47,9 @@ from saltus.terrain.law import KINDS
 class DeviceRollouts:
     """Robots, made ready once; every batch starts all of them anew.
 
-    `policy` is what `read_policy` returns; its task, but for the courses, is theirs, and so is the profile that it
-    was trained with where none is given. Without a predictor in the loop the policy sees what its training showed it.
+    `policy` is what `read_policy` returns; its task, but for the courses, is theirs, and so is the
+    profile that it was trained with where none is given. Without a predictor in the loop the policy
+    sees what its training showed it.
     """
 
     def __init__(
@@ -69,13 +70,18 @@ class DeviceRollouts:
         self.profile = profile or config.profile
         """Profile of all robots."""
         config = replace(
-            config, curriculum=_curriculum(loop), profile=self.profile, randomisation=_grown(config.randomisation)
+            config,
+            curriculum=_curriculum(loop),
+            profile=self.profile,
+            randomisation=_grown(config.randomisation),
         )
         robot = load_robot(loop.robot)
         self._grid = load_grid(loop.grid)
         self._heights_at = slice(PROPRIOCEPTION_SIZE, PROPRIOCEPTION_SIZE + self._grid.size)
         engine = make_engine(robot, loop.robots, config, device)
-        self._env = JumpEnv(engine, config, self._grid, seed=int(self._rng.integers(2**62)), device=device)
+        self._env = JumpEnv(
+            engine, config, self._grid, seed=int(self._rng.integers(2**62)), device=device
+        )
         self._qpos, self._legs = torch.as_tensor(engine.qpos), LegKinematics(robot)
         self._policy = DeployedPolicy(policy).to(self._device)
         self._model = None if predictor is None else predictor.to(self._device).eval()
@@ -85,7 +91,9 @@ class DeviceRollouts:
             refuse_shift(known.heightmap, "a predictor")
         first = cameras[loop.cameras[0]]
         # no more images are under way than are taken meanwhile
-        self._latency = replace(first.delivered(known).camera_chain.latency, dt_s=1.0 / first.rate_hz)
+        self._latency = replace(
+            first.delivered(known).camera_chain.latency, dt_s=1.0 / first.rate_hz
+        )
         self._cameras = DeviceCameras(robot, self._env.courses(), cameras, known, device, self._rng)
         self._recording = DeviceRecording(
             loop.robots, loop.ticks, self._grid.size, cameras, self._device, plans=loop.plans
@@ -100,8 +108,13 @@ class DeviceRollouts:
         seen = self._seen()
         speed, rhythm = (low + (high - low) * self._uniform() for low, high in (SPEED, RHYTHM))
         by_rules, rules = (self._uniform() >= self.loop.learned)[:, None], self._rules()
-        stands_until = STAND_STEPS * self._uniform()  # the deployed controller stands before it obeys
-        transition, fresh = env.transition(), torch.ones(self.loop.robots, dtype=torch.bool, device=self._device)
+        stands_until = (
+            STAND_STEPS * self._uniform()
+        )  # the deployed controller stands before it obeys
+        transition, fresh = (
+            env.transition(),
+            torch.ones(self.loop.robots, dtype=torch.bool, device=self._device),
+        )
         for tick in range(self.loop.ticks):
             sensed, qpos = proprioception_of_states(env.states(), self._legs), self._qpos.float()
             images = self._cameras.expose(env.courses(), qpos, tick, fresh)
@@ -146,7 +159,9 @@ class DeviceRollouts:
     def _rules(self) -> ScriptedPlanner:
         """The scripted planner, for each robot with numbers of its own."""
         numbers = varied(self._rng, self.loop.variation, self.loop.robots)
-        tensors = map_arrays(lambda each: torch.as_tensor(each, dtype=torch.float32, device=self._device), numbers)
+        tensors = map_arrays(
+            lambda each: torch.as_tensor(each, dtype=torch.float32, device=self._device), numbers
+        )
         return ScriptedPlanner(self._env.robot, self._grid, tensors)
 
     def _seen(self) -> tuple[LateImages, Sight] | None:
@@ -182,5 +197,7 @@ def checked_device(device: str) -> str:
     try:
         import saltus.sim.warp  # noqa: F401
     except ImportError as error:
-        raise SaltusError(f"physics on a GPU needs {error.name}: pip install 'saltus[gpu]'") from error
+        raise SaltusError(
+            f"physics on a GPU needs {error.name}: pip install 'saltus[gpu]'"
+        ) from error
     return "cuda:0"

@@ -1,4 +1,7 @@
-"""Episodes, on which predictors are trained. To make one takes no package that only training needs."""
+"""Episodes, on which predictors are trained.
+
+To make one takes no package that only training needs.
+"""
 
 from dataclasses import dataclass
 

@@ -1,7 +1,8 @@
 """A dataset in formats that others read: Parquet with a Croissant description, and the layout of LeRobot.
 
-One row a tick of 10 ms. The depth image in a row is the newest that was taken by then: how late images come is drawn
-when a network is trained (`saltus.heightmap.data.delivery`), and no part of the data.
+One row a tick of 10 ms. The depth image in a row is the newest that was taken by then: how late
+images come is drawn when a network is trained (`saltus.heightmap.data.delivery`), and no part of
+the data.
 """
 
 import json
@@ -19,7 +20,13 @@ from saltus.constants import POLICY_DT
 from saltus.files import whole_folder
 from saltus.heightmap.data.columns import NO_IMAGE_S, Column, columns_of, nested
 from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.data.shards import DatasetError, ShardRecord, dataset_hash, read_records, read_shard
+from saltus.heightmap.data.shards import (
+    DatasetError,
+    ShardRecord,
+    dataset_hash,
+    read_records,
+    read_shard,
+)
 from saltus.robots.shipped import robot_name_in
 
 DATA_FILE = "data/chunk-000/file-{index:03d}.parquet"
@@ -41,7 +48,8 @@ class Exported:
 def export(directory: Path, out: Path, done: Callable[[int], object] = lambda _: None) -> Exported:
     """Writes all episodes of a dataset into a new folder, whole or not at all; `done` is told of rows as they come.
 
-    The folder is a LeRobot dataset (v3.0), whose tables are plain Parquet, and has a Croissant description.
+    The folder is a LeRobot dataset (v3.0), whose tables are plain Parquet, and has a Croissant
+    description.
 
     Raises:
         DatasetError: no dataset there, a shard that is damaged, or `out` is there already.
@@ -61,7 +69,10 @@ def export(directory: Path, out: Path, done: Callable[[int], object] = lambda _:
             with pq.ParquetWriter(path, schema, compression="zstd") as file:
                 for episode in read_shard(directory, record):
                     table = _table(
-                        episode, len(rows), _index(rows), terrains.setdefault(episode.terrain, len(terrains))
+                        episode,
+                        len(rows),
+                        _index(rows),
+                        terrains.setdefault(episode.terrain, len(terrains)),
                     )
                     rows.append(_row(episode, rows, number))
                     for name, values in table.items():
@@ -70,7 +81,9 @@ def export(directory: Path, out: Path, done: Callable[[int], object] = lambda _:
                     file.write_table(pa.table(arrays, schema=schema), row_group_size=ROW_GROUP)
                     done(len(episode.height))
         _write_meta(made, robot_name_in(records[0].config), columns, rows, terrains, statistics)
-        (made / CROISSANT_FILE).write_text(json.dumps(croissant(records), indent=1) + "\n", encoding="utf-8")
+        (made / CROISSANT_FILE).write_text(
+            json.dumps(croissant(records), indent=1) + "\n", encoding="utf-8"
+        )
     return Exported(episodes=len(rows), ticks=_index(rows), terrains=tuple(terrains))
 
 
@@ -85,7 +98,9 @@ def _table(episode: Episode, number: int, first: int, task: int) -> dict[str, ND
     newest = np.searchsorted(episode.frame_tick, ticks, side="right") - 1
     seen = newest >= 0
     depth = np.where(seen[:, None, None], episode.depth[np.maximum(newest, 0)], np.uint16(0))
-    age_s = np.where(seen, (ticks - episode.frame_tick[np.maximum(newest, 0)]) * POLICY_DT, NO_IMAGE_S)
+    age_s = np.where(
+        seen, (ticks - episode.frame_tick[np.maximum(newest, 0)]) * POLICY_DT, NO_IMAGE_S
+    )
     return {
         "observation.state": episode.proprioception,
         "observation.depth": depth,
@@ -120,14 +135,19 @@ class _Statistics:
         numbers = values.reshape(len(values), -1).astype(np.float64)
         self._count += len(numbers)
         self._sum, self._squares = self._sum + numbers.sum(0), self._squares + (numbers**2).sum(0)
-        self._low, self._high = np.minimum(self._low, numbers.min(0)), np.maximum(self._high, numbers.max(0))
+        self._low, self._high = (
+            np.minimum(self._low, numbers.min(0)),
+            np.maximum(self._high, numbers.max(0)),
+        )
 
     def table(self, shape: tuple[int, ...]) -> dict[str, Any]:
         """As LeRobot's stats.json has them."""
         mean = self._sum / self._count
         deviation = np.sqrt(np.maximum(self._squares / self._count - mean**2, 0.0))
         pairs = {"min": self._low, "max": self._high, "mean": mean, "std": deviation}
-        return {name: np.reshape(value, shape).tolist() for name, value in pairs.items()} | {"count": [self._count]}
+        return {name: np.reshape(value, shape).tolist() for name, value in pairs.items()} | {
+            "count": [self._count]
+        }
 
 
 def _write_meta(
@@ -142,7 +162,10 @@ def _write_meta(
     (made / EPISODES_FILE).parent.mkdir(parents=True)
     pq.write_table(pa.Table.from_pylist(rows), made / EPISODES_FILE)
     tasks = pa.table({"task_index": list(terrains.values()), "__index_level_0__": list(terrains)})
-    kinds = [("task_index", "task_index", "int64", "int64"), (None, "__index_level_0__", "unicode", "object")]
+    kinds = [
+        ("task_index", "task_index", "int64", "int64"),
+        (None, "__index_level_0__", "unicode", "object"),
+    ]
     keys = ("name", "field_name", "pandas_type", "numpy_type")
     index = {  # pandas: the names are those of the rows
         "index_columns": ["__index_level_0__"], "column_indexes": [],
@@ -150,14 +173,16 @@ def _write_meta(
     }  # fmt: skip
     pq.write_table(tasks.replace_schema_metadata({"pandas": json.dumps(index)}), made / TASKS_FILE)
     features = {
-        column.name: {"dtype": column.dtype, "shape": column.shape, "names": column.names} for column in columns
+        column.name: {"dtype": column.dtype, "shape": column.shape, "names": column.names}
+        for column in columns
     }
     info = {
         "codebase_version": "v3.0", "robot_type": robot, "total_episodes": len(rows),
         "total_frames": _index(rows), "total_tasks": len(terrains), "chunks_size": 1000,
         "data_files_size_in_mb": 100, "video_files_size_in_mb": 200,
         "fps": round(1.0 / POLICY_DT), "splits": {"train": f"0:{len(rows)}"},
-        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet", "video_path": None,
+        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "video_path": None,
         "features": features,
     }  # fmt: skip
     (made / INFO_FILE).write_text(json.dumps(info, indent=1) + "\n", encoding="utf-8")
@@ -183,7 +208,8 @@ def croissant(records: list[ShardRecord]) -> dict[str, Any]:
         "@type": "sc:Dataset",
         "name": "saltus-depth-to-heights",
         "description": f"Noisy depth images of a robot ({robot_name_in(records[0].config)}) that jumps over stairs, "
-        "stones and gaps, what it knows of itself, and the true heights ahead of it, simulated by Saltus; 100 rows a "
+        "stones and gaps, what it knows of itself, and the true heights ahead of it, simulated by "
+        "Saltus; 100 rows a "
         "second.",
         "conformsTo": "http://mlcommons.org/croissant/1.0",
         "license": "https://www.apache.org/licenses/LICENSE-2.0",
@@ -191,7 +217,8 @@ def croissant(records: list[ShardRecord]) -> dict[str, Any]:
         "citeAs": f"Saltus dataset {dataset_hash(records)}, made by commit {commits}",
         "distribution": [
             {
-                "@type": "cr:FileSet", "@id": "tables", "name": "tables", "description": "One table for each shard.",
+                "@type": "cr:FileSet", "@id": "tables", "name": "tables",
+                "description": "One table for each shard.",
                 "encodingFormat": "application/x-parquet", "includes": "data/*/*.parquet",
             },
         ],
@@ -203,16 +230,24 @@ def croissant(records: list[ShardRecord]) -> dict[str, Any]:
 
 
 _CONTEXT = {
-    "@language": "en", "@vocab": "https://schema.org/", "citeAs": "cr:citeAs", "column": "cr:column",
-    "conformsTo": "dct:conformsTo", "cr": "http://mlcommons.org/croissant/", "rai": "http://mlcommons.org/croissant/RAI/",
-    "data": {"@id": "cr:data", "@type": "@json"}, "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "@language": "en", "@vocab": "https://schema.org/", "citeAs": "cr:citeAs",
+    "column": "cr:column",
+    "conformsTo": "dct:conformsTo", "cr": "http://mlcommons.org/croissant/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
     "dct": "http://purl.org/dc/terms/", "equivalentProperty": "cr:equivalentProperty",
     "examples": {"@id": "cr:examples", "@type": "@json"}, "extract": "cr:extract",
-    "field": "cr:field", "fileProperty": "cr:fileProperty", "fileObject": "cr:fileObject", "fileSet": "cr:fileSet",
-    "format": "cr:format", "includes": "cr:includes", "isLiveDataset": "cr:isLiveDataset", "jsonPath": "cr:jsonPath",
-    "key": "cr:key", "md5": "cr:md5", "parentField": "cr:parentField", "path": "cr:path", "recordSet": "cr:recordSet",
-    "references": "cr:references", "regex": "cr:regex", "repeated": "cr:repeated", "replace": "cr:replace",
-    "samplingRate": "cr:samplingRate", "sc": "https://schema.org/", "separator": "cr:separator", "source": "cr:source",
+    "field": "cr:field", "fileProperty": "cr:fileProperty", "fileObject": "cr:fileObject",
+    "fileSet": "cr:fileSet",
+    "format": "cr:format", "includes": "cr:includes", "isLiveDataset": "cr:isLiveDataset",
+    "jsonPath": "cr:jsonPath",
+    "key": "cr:key", "md5": "cr:md5", "parentField": "cr:parentField", "path": "cr:path",
+    "recordSet": "cr:recordSet",
+    "references": "cr:references", "regex": "cr:regex", "repeated": "cr:repeated",
+    "replace": "cr:replace",
+    "samplingRate": "cr:samplingRate", "sc": "https://schema.org/", "separator": "cr:separator",
+    "source": "cr:source",
     "subField": "cr:subField", "transform": "cr:transform",
 }  # fmt: skip
 """The context of every Croissant file (mlcommons.github.io/croissant, 1.0)."""

@@ -53,14 +53,19 @@ class DatasetInfo:
 
 
 def info(directory: Path) -> DatasetInfo:
-    """Contents of a dataset; its shards are opened, but not checked (`DatasetError` where that fails)."""
+    """Contents of a dataset.
+
+    Its shards are opened, but not checked (`DatasetError` where that fails).
+    """
     records = read_records(directory)
     shards = []
     for record in records:
         with opened_shard(directory / record.file) as file:
             terrains = Counter(name.decode() for name in file["terrain"][:])
         camera = f"{record.camera.name} {record.camera.fingerprint}"
-        shards.append(ShardInfo(record=record, terrains=dict(sorted(terrains.items())), camera=camera))
+        shards.append(
+            ShardInfo(record=record, terrains=dict(sorted(terrains.items())), camera=camera)
+        )
     return DatasetInfo(dataset=dataset_hash(records), shards=tuple(shards))
 
 
@@ -75,7 +80,10 @@ def validate(directory: Path) -> list[str]:
     first: dict[str, ShardRecord] = {}
     for record in records:
         if first.setdefault(record.sha256, record) is not record:
-            damages.append(f"{directory / record.file} holds the episodes of {first[record.sha256].file} once more")
+            damages.append(
+                f"{directory / record.file} holds the episodes of {first[record.sha256].file} once "
+                f"more"
+            )
     return damages
 
 
@@ -85,14 +93,18 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardRecord]:
     The manifest comes last, so that an interrupted merge is no dataset yet.
 
     Raises:
-        DatasetError: there are no sources, one is missing or damaged, their arrays differ in meaning (the message names
-            the field), or `out` already is a dataset.
+        DatasetError: there are no sources, one is missing or damaged, their arrays differ in
+            meaning (the message names the field), or `out` already is a dataset.
     """
     if not sources:
         raise DatasetError("nothing to merge: name the folders of datasets")
     if read_manifest(out):
         raise DatasetError(f"{out} already is a dataset: name a new folder")
-    found = {record.sha256: source / record.file for source in reversed(sources) for record in read_records(source)}
+    found = {
+        record.sha256: source / record.file
+        for source in reversed(sources)
+        for record in read_records(source)
+    }
     records = {record.sha256: record for source in sources for record in read_records(source)}
     for sha256, record in records.items():
         if damages := _damages(found[sha256], record):
@@ -100,7 +112,9 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardRecord]:
     _compare([found[sha256] for sha256 in records])
     camera_of(out, records.values())
     out.mkdir(parents=True, exist_ok=True)
-    merged = [replace(record, file=f"round_{i:03d}.h5") for i, record in enumerate(records.values())]
+    merged = [
+        replace(record, file=f"round_{i:03d}.h5") for i, record in enumerate(records.values())
+    ]
     try:
         for record in merged:
             with atomic_write(out / record.file, synced=True) as partial:
@@ -114,7 +128,11 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardRecord]:
 def _damages(path: Path, record: ShardRecord) -> list[str]:
     if not path.exists():
         return [f"{path} is missing"]
-    damages = [] if file_sha256(path) == record.sha256 else [f"{path}: its sha256 is not that of the manifest"]
+    damages = (
+        []
+        if file_sha256(path) == record.sha256
+        else [f"{path}: its sha256 is not that of the manifest"]
+    )
     try:
         with opened_shard(path) as file:
             return damages + [f"{path}: {damage}" for damage in _contents(file, record)]
@@ -139,7 +157,10 @@ def _contents(file: h5py.File, record: ShardRecord) -> list[str]:
     for name, kind in _there(file).items():
         array, length = file[name], lengths["ticks" if name in PER_TICK else "frames"]
         if array.dtype != kind or array.ndim != _DIMENSIONS[name] or len(array) != length:
-            damages.append(f"'{name}' is {array.dtype} of shape {array.shape}, not {np.dtype(kind)} of length {length}")
+            damages.append(
+                f"'{name}' is {array.dtype} of shape {array.shape}, not {np.dtype(kind)} of length "
+                f"{length}"
+            )
         elif not np.isfinite(array[:]).all():
             damages.append(f"'{name}' is not finite everywhere")
     return damages or _order(file)
@@ -160,13 +181,20 @@ def _order(file: h5py.File) -> list[str]:
 
 
 def _compare(shards: Sequence[Path]) -> None:
-    """Refuses shards whose arrays do not mean the same; older ones keep no layout, of those the shapes are compared."""
+    """Refuses shards whose arrays do not mean the same.
+
+    Older ones keep no layout, of those the shapes are compared.
+    """
     known: dict[str, tuple[Any, Path]] = {}
     for path in shards:
         with opened_shard(path) as file:
-            fields: dict[str, Any] = {f"columns of {name}": list(file[name].shape[1:]) for name in _there(file)}
+            fields: dict[str, Any] = {
+                f"columns of {name}": list(file[name].shape[1:]) for name in _there(file)
+            }
             fields |= json.loads(file.attrs.get(LAYOUT, "{}"))
         for name, value in fields.items():
             before, where = known.setdefault(name, (value, path))
             if before != value:
-                raise DatasetError(f"{path} and {where} do not fit together: '{name}' is {value} and {before}")
+                raise DatasetError(
+                    f"{path} and {where} do not fit together: '{name}' is {value} and {before}"
+                )

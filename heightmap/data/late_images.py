@@ -13,7 +13,8 @@ class LateImages:
     Args:
         chain: Effects of all cameras.
         state: Theirs before the first image.
-        blank: An image of each robot, by whose shapes, types and device all others are; what is in it is not looked at.
+        blank: An image of each robot, by whose shapes, types and device all others are; what is in
+            it is not looked at.
     """
 
     def __init__(self, chain: CameraChain, state: CameraState, blank: DepthImage) -> None:
@@ -24,7 +25,8 @@ class LateImages:
     def step(self, exposed: DepthImage | None, time_s: float, fresh: Array) -> Array:
         """Takes the newest images there are at `time_s` [s], None where they are those of before.
 
-        Robots that are `fresh`, bool, shape (n,), have seen nothing before, and nothing is under way to them.
+        Robots that are `fresh`, bool, shape (n,), have seen nothing before, and nothing is under
+        way to them.
 
         Returns:
             Whose image in hand has just come, bool, shape (n,).

@@ -50,8 +50,9 @@ class LeggedNetwork(Network, Protocol):
 class PredictedHeights:
     """Eyes, the links that carry their images, and sight of a batch, see `saltus.loop.heights.HeightSource`.
 
-    A robot gets the very images, at the very steps, that the camera process gives to it in lockstep. The network runs
-    on all robots in one call. `errors` and `rngs` are those of `robot_cameras`.
+    A robot gets the very images, at the very steps, that the camera process gives to it in
+    lockstep. The network runs on all robots in one call. `errors` and `rngs` are those of
+    `robot_cameras`.
     """
 
     def __init__(
@@ -66,14 +67,18 @@ class PredictedHeights:
         self._eyes, self._images = robot_cameras(setups, errors, rngs)
         self._sight = Sight(network, self._images.in_hand.depth)
         self.given: DepthImage | None = None
-        """The images given out at this step [mm], shape (n, 48, 16); None where it was not the time."""
+        """The images given out at this step [mm], shape (n, 48, 16); None where it was not the
+        time."""
 
     def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
         """One tick of all services; shape (n, points)."""
         self.given = self._eyes.expose(truth, states.step, fresh)
         arrived = self._images.step(self.given, states.time_s, fresh)
         features = self._features(states)
-        return np.asarray(self._sight.step(arrived, self._images.in_hand, states.time_s, features, fresh), np.float64)
+        return np.asarray(
+            self._sight.step(arrived, self._images.in_hand, states.time_s, features, fresh),
+            np.float64,
+        )
 
     def _features(self, states: RobotStates) -> Singles:
         """Inputs of the network about the robots besides their images, shape (n, some)."""

@@ -46,7 +46,10 @@ def robot_cameras(
     chain = to_images(replace(profile, camera=drawn), MODEL_CAMERA.fx).camera_chain
     memory = stacked([chain.init((), random_stream(trial.seed)) for trial in trials])
     claimed = MODEL_CAMERA if camera.ideal else SAMPLED
-    view, optics = RobotCamera.on(robot, claimed).moved(profile.view_chain), Optics.behind(claimed, camera)
+    view, optics = (
+        RobotCamera.on(robot, claimed).moved(profile.view_chain),
+        Optics.behind(claimed, camera),
+    )
     stereo, state = None, ()
     if not camera.ideal:
         stereo = StereoCamera(errors or StereoConfig.of(camera), optics)
@@ -70,7 +73,8 @@ class _EmbreeBatch:
             robots.setdefault(id(terrain), []).append(i)
         self._shape = (len(terrains), view.intrinsics.height, view.intrinsics.width)
         self._groups = [
-            (StereoEmbree(terrains[group[0]], optics, view), np.asarray(group)) for group in robots.values()
+            (StereoEmbree(terrains[group[0]], optics, view), np.asarray(group))
+            for group in robots.values()
         ]
 
     def depth(self, truth: PlantState) -> Singles:

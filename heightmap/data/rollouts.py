@@ -73,9 +73,13 @@ def filmed(
     episodes: list[Episode] = []
     for part, errors in zip(parts, stereo, strict=True):
         recorded = _Recorded(trajectories[part], views[part], camera, renderer)
-        images = recorded.film(Eyes(camera, recorded, chain.taken, stacked(memories[part]), *errors))
+        images = recorded.film(
+            Eyes(camera, recorded, chain.taken, stacked(memories[part]), *errors)
+        )
         for each, (depth, frame_tick) in zip(trajectories[part], images, strict=True):
-            heights = true_heights(each.terrain, each.position_base_in_world, each.quaternion_base_in_world, grid)
+            heights = true_heights(
+                each.terrain, each.position_base_in_world, each.quaternion_base_in_world, grid
+            )
             episodes.append(
                 Episode(
                     terrain=each.terrain.kind,
@@ -89,11 +93,15 @@ def filmed(
     return episodes
 
 
-def _drawn_stereo(camera: DepthCamera, count: int, rng: np.random.Generator) -> tuple[StereoCamera | None, StereoState]:
+def _drawn_stereo(
+    camera: DepthCamera, count: int, rng: np.random.Generator
+) -> tuple[StereoCamera | None, StereoState]:
     """The errors of cameras of different quality, and their state; none of ideal ones."""
     if camera.ideal:
         return None, ()
-    stereo = StereoCamera(drawn_cameras(count, rng, StereoConfig.of(camera)), Optics.behind(SAMPLED, camera))
+    stereo = StereoCamera(
+        drawn_cameras(count, rng, StereoConfig.of(camera)), Optics.behind(SAMPLED, camera)
+    )
     return stereo, stereo.init((count,), rng)
 
 
@@ -104,16 +112,29 @@ class _Recorded:
     """
 
     def __init__(
-        self, trajectories: Sequence[Trajectory], views: Sequence[RobotCamera], camera: DepthCamera, renderer: str
+        self,
+        trajectories: Sequence[Trajectory],
+        views: Sequence[RobotCamera],
+        camera: DepthCamera,
+        renderer: str,
     ) -> None:
         self._ticks = [camera.exposures(len(each.joint_position)) for each in trajectories]
         self._seen: list[tuple[Any, ...]] = []
-        """True depth, and for a camera with errors what its second imager does not see, at each image."""
+        """True depth, and for a camera with errors what its second imager does not see, at each
+        image."""
         for each, rows, view in zip(trajectories, self._ticks, views, strict=True):
             optics = Optics.behind(view.intrinsics if camera.ideal else SAMPLED, camera)
-            pair = make_stereo(renderer, each.terrain, optics, view)  # one thread: other processes have the other cores
-            poses = each.position_base_in_world[rows], each.quaternion_base_in_world[rows], each.joint_position[rows]
-            self._seen.append((pair.render_batch(*poses),) if camera.ideal else pair.render_pair_batch(*poses))
+            pair = make_stereo(
+                renderer, each.terrain, optics, view
+            )  # one thread: other processes have the other cores
+            poses = (
+                each.position_base_in_world[rows],
+                each.quaternion_base_in_world[rows],
+                each.joint_position[rows],
+            )
+            self._seen.append(
+                (pair.render_batch(*poses),) if camera.ideal else pair.render_pair_batch(*poses)
+            )
 
     def depth(self, truth: int) -> Singles:
         return self._of(0, truth)
@@ -129,6 +150,8 @@ class _Recorded:
         nobody, ticks = np.zeros(len(self._ticks), np.bool_), max(self._ticks, key=len)
         given = [eyes.expose(i, int(tick), nobody) for i, tick in enumerate(ticks)]
         images = np.stack([each.depth for each in given if each is not None], axis=1)
-        there = np.stack([each.time_s for each in given if each is not None], axis=1) == TICK_S * ticks
+        there = (
+            np.stack([each.time_s for each in given if each is not None], axis=1) == TICK_S * ticks
+        )
         for depth, kept, own in zip(images, there, self._ticks, strict=True):
             yield depth[: len(own)][kept[: len(own)]], own[kept[: len(own)]]

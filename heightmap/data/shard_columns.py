@@ -1,4 +1,7 @@
-"""Arrays of a shard, compressed and read by all cores; on disk they are what HDF5's own filters write and read."""
+"""Arrays of a shard, compressed and read by all cores.
+
+On disk they are what HDF5's own filters write and read.
+"""
 
 import zlib
 from concurrent.futures import Executor
@@ -11,7 +14,9 @@ from numpy.typing import NDArray
 
 CHUNK = 256
 """Rows that are compressed together."""
-_LEVEL = 2  # of zlib: stereo images get 8 % larger than at HDF5's usual 4, in two thirds of the time; 1 is no faster
+# Of zlib: stereo images get 8 % larger than at HDF5's usual 4, in two thirds of the time; 1 is no
+# faster
+_LEVEL = 2
 _RATIO_MAX = 1040  # zlib's, of zeros: 1032
 _TOGETHER = 64  # chunks: enough for all cores, and 25 MB of images
 
@@ -19,7 +24,8 @@ _TOGETHER = 64  # chunks: enough for all cores, and 25 MB of images
 class ShardColumn:
     """An array that grows in a file; its rows are like those of `like`.
 
-    HDF5 compresses on one core, which would take longer than a GPU takes to make the data: here a pool of threads does.
+    HDF5 compresses on one core, which would take longer than a GPU takes to make the data: here a
+        pool of threads does.
     """
 
     def __init__(self, file: h5py.File, name: str, like: NDArray[Any], pool: Executor) -> None:
@@ -44,27 +50,44 @@ class ShardColumn:
         self._write(self._count)
 
     def _write(self, count: int) -> None:
-        rows = np.concatenate(self._waiting) if self._waiting else np.empty((0, *self._dataset.shape[1:]))
+        rows = (
+            np.concatenate(self._waiting)
+            if self._waiting
+            else np.empty((0, *self._dataset.shape[1:]))
+        )
         self._waiting, self._count = [rows[count:]], self._count - count
         first = len(self._dataset)
         self._dataset.resize(first + count, axis=0)
         chunks = [rows[begin : min(begin + CHUNK, count)] for begin in range(0, count, CHUNK)]
         for i, data in enumerate(self._pool.map(_compressed, chunks)):
-            self._dataset.id.write_direct_chunk((first + i * CHUNK, *(0 for _ in rows.shape[1:])), data)
+            self._dataset.id.write_direct_chunk(
+                (first + i * CHUNK, *(0 for _ in rows.shape[1:])), data
+            )
 
 
 def check_own(file: h5py.File, name: str) -> None:
-    """Refuses an array that lies elsewhere, or says that it is larger than its file can be; raises `ValueError`."""
-    is_own = isinstance(file.get(name, getlink=True), h5py.HardLink) and isinstance(file[name], h5py.Dataset)
+    """Refuses an array that lies elsewhere, or says that it is larger than its file can be.
+
+    Raises `ValueError`.
+    """
+    is_own = isinstance(file.get(name, getlink=True), h5py.HardLink) and isinstance(
+        file[name], h5py.Dataset
+    )
     if not is_own or file[name].external or file[name].is_virtual:
         raise ValueError(f"'{name}' is no array of this file")
     if file[name].nbytes > _RATIO_MAX * Path(file.filename).stat().st_size:
-        raise ValueError(f"'{name}' says that it has {file[name].nbytes} bytes, more than such a file holds")
+        raise ValueError(
+            f"'{name}' says that it has {file[name].nbytes} bytes, more than such a file holds"
+        )
 
 
 def read_column(dataset: h5py.Dataset, pool: Executor) -> NDArray[Any]:
     """All rows of an array that `ShardColumn` wrote, or HDF5 itself."""
-    if dataset.compression != "gzip" or not dataset.shuffle or dataset.chunks[1:] != dataset.shape[1:]:
+    if (
+        dataset.compression != "gzip"
+        or not dataset.shuffle
+        or dataset.chunks[1:] != dataset.shape[1:]
+    ):
         rows: NDArray[Any] = dataset[:]
         return rows
     result = np.empty(dataset.shape, dataset.dtype)
@@ -75,12 +98,16 @@ def read_column(dataset: h5py.Dataset, pool: Executor) -> NDArray[Any]:
         if skipped:  # HDF5 leaves a filter out where it makes a chunk longer
             result[first : first + size] = dataset[first : first + size]
             return
-        plain = zlib.decompressobj().decompress(data, size * result[:1].nbytes)  # no more than there is room for
+        plain = zlib.decompressobj().decompress(
+            data, size * result[:1].nbytes
+        )  # no more than there is room for
         planes = np.frombuffer(plain, np.uint8).reshape(dataset.dtype.itemsize, -1)
         part = np.empty(planes.shape[::-1], np.uint8)
         for i, plane in enumerate(planes):  # several times as fast as a transposed copy
             part[:, i] = plane
-        result[first : first + size] = part.view(dataset.dtype).reshape(dataset.chunks)[: len(result) - first]
+        result[first : first + size] = part.view(dataset.dtype).reshape(dataset.chunks)[
+            : len(result) - first
+        ]
 
     list(pool.map(fill, range(0, len(result), size)))
     return result

@@ -69,7 +69,10 @@ class ShardRecord:
 
     @property
     def latency(self) -> CameraLatency:
-        """How long its images travel; where nothing is said, as long as that camera's or a nominal one's."""
+        """How long its images travel.
+
+        Where nothing is said, as long as that camera's or a nominal one's.
+        """
         own = self.camera.latency_s
         known = NOMINAL_LATENCY if own is None else CameraLatency(latency=own)
         return CameraLatency(**self.config.get("latency", vars(known)))
@@ -92,7 +95,10 @@ class ShardWriter:
         return sum(ticks for _, ticks, _ in self._rows)
 
     def append(self, episodes: Iterable[Episode]) -> None:
-        """Adds episodes, which are consumed one by one; an interruption leaves those that are whole."""
+        """Adds episodes, which are consumed one by one.
+
+        An interruption leaves those that are whole.
+        """
         for episode in episodes:
             with uninterrupted():
                 self._append(episode)
@@ -108,7 +114,10 @@ class ShardWriter:
         self._rows.append((episode.terrain, len(episode.height), len(episode.depth)))
 
     def close(self, grid: HeightGrid) -> dict[str, int]:
-        """Writes what is left, heights on a grid; returns how much there is, `DatasetError` where that is nothing."""
+        """Writes what is left, heights on a grid.
+
+        Returns how much there is, `DatasetError` where that is nothing.
+        """
         if not self._rows:
             raise DatasetError("no episodes to write")
         for column in self._columns.values():
@@ -122,15 +131,17 @@ class ShardWriter:
 
 
 @contextmanager
-def open_shard(directory: Path, *, seed: int, config: dict[str, Any], code: str | None = None) -> Iterator[ShardWriter]:
+def open_shard(
+    directory: Path, *, seed: int, config: dict[str, Any], code: str | None = None
+) -> Iterator[ShardWriter]:
     """Adds a round to a dataset: at the end of the context the shard, whole, then the manifest that names it.
 
-    `config` is what the episodes follow from besides the seed, in plain JSON values; `code` the commit of what makes
-    them, where this machine cannot tell.
+    `config` is what the episodes follow from besides the seed, in plain JSON values; `code` the
+    commit of what makes them, where this machine cannot tell.
 
     Raises:
-        DatasetError: the dataset has a round of this seed and configuration: episodes that come twice would be fitted
-            and held out at once.
+        DatasetError: the dataset has a round of this seed and configuration: episodes that come
+            twice would be fitted and held out at once.
     """
     directory.mkdir(parents=True, exist_ok=True)
     records = read_manifest(directory)
@@ -187,12 +198,16 @@ def motion(seed: int, config: dict[str, Any]) -> str:
     return json.dumps([seed, settings], sort_keys=True)
 
 
-def refuse_twice(directory: Path, records: Iterable[ShardRecord], seed: int, config: dict[str, Any]) -> None:
+def refuse_twice(
+    directory: Path, records: Iterable[ShardRecord], seed: int, config: dict[str, Any]
+) -> None:
     """Raises `DatasetError` where a dataset has motion of this seed and configuration already."""
     for record in records:
         if motion(record.seed, record.config) == motion(seed, config):
             where = directory / record.file
-            raise DatasetError(f"{where} holds the episodes of seed {seed} already: take another seed")
+            raise DatasetError(
+                f"{where} holds the episodes of seed {seed} already: take another seed"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,7 +228,9 @@ def collect_batches(
     seed: int,
     code: str | None = None,
 ) -> Collection:
-    """Adds a shard to each of some datasets; where it is interrupted, of the batches that are whole by then.
+    """Adds a shard to each of some datasets.
+
+    Where it is interrupted, of the batches that are whole by then.
 
     Args:
         datasets: Folder and configuration of each, see `open_shard`.
@@ -228,7 +245,8 @@ def collect_batches(
     whole = True
     with ExitStack() as stack:
         shards = [
-            stack.enter_context(open_shard(folder, seed=seed, config=config, code=code)) for folder, config in datasets
+            stack.enter_context(open_shard(folder, seed=seed, config=config, code=code))
+            for folder, config in datasets
         ]
         try:
             for batch in batches:
@@ -243,7 +261,9 @@ def collect_batches(
     return Collection(records=[shard.record for shard in shards], whole=whole)
 
 
-def write_shard(directory: Path, episodes: Iterable[Episode], *, seed: int, config: dict[str, Any]) -> ShardRecord:
+def write_shard(
+    directory: Path, episodes: Iterable[Episode], *, seed: int, config: dict[str, Any]
+) -> ShardRecord:
     """Adds a round of episodes to a dataset; arguments as those of `open_shard`."""
     with open_shard(directory, seed=seed, config=config) as shard:
         shard.append(episodes)
@@ -252,7 +272,10 @@ def write_shard(directory: Path, episodes: Iterable[Episode], *, seed: int, conf
 
 def write_manifest(directory: Path, records: Iterable[ShardRecord]) -> None:
     """Replaces the manifest of a dataset, whole or not at all."""
-    text = json.dumps({"format": _FORMAT, "shards": [asdict(record) for record in records]}, indent=1) + "\n"
+    text = (
+        json.dumps({"format": _FORMAT, "shards": [asdict(record) for record in records]}, indent=1)
+        + "\n"
+    )
     write_whole(directory / MANIFEST, text, synced=True)
 
 
@@ -279,7 +302,9 @@ def read_manifest(directory: Path) -> list[ShardRecord]:
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
         if table["format"] != _FORMAT:
-            raise DatasetError(f"{path} has format '{table['format']}', this program reads '{_FORMAT}'")
+            raise DatasetError(
+                f"{path} has format '{table['format']}', this program reads '{_FORMAT}'"
+            )
         records = [from_table(ShardRecord, record) for record in table["shards"]]
     except (OSError, ValueError, ConfigError, RecursionError) as error:
         raise DatasetError(f"{path} is damaged: {error}") from error
@@ -308,7 +333,9 @@ def camera_of(directory: Path, records: Iterable[ShardRecord]) -> DepthCamera:
     cameras = [record.camera for record in records]
     if len({tuple(camera.mount.values()) for camera in cameras}) > 1:
         names = ", ".join(dict.fromkeys(camera.name for camera in cameras))
-        raise DatasetError(f"{directory}: the cameras of its shards sit at different places: {names}")
+        raise DatasetError(
+            f"{directory}: the cameras of its shards sit at different places: {names}"
+        )
     return cameras[0]
 
 
@@ -337,14 +364,18 @@ def read_shard(directory: Path, record: ShardRecord) -> list[Episode]:
         ticks, frames = np.cumsum(file["ticks"][:])[:-1], np.cumsum(file["frames"][:])[:-1]
     parts = {name: np.split(arrays[name], ticks if name in PER_TICK else frames) for name in arrays}
     each = [{name: parts[name][i] for name in parts} for i in range(len(kinds))]
-    return [Episode(terrain=kind, latency=record.latency, **own) for kind, own in zip(kinds, each, strict=True)]
+    return [
+        Episode(terrain=kind, latency=record.latency, **own)
+        for kind, own in zip(kinds, each, strict=True)
+    ]
 
 
 @contextmanager
 def opened_shard(path: Path) -> Iterator[h5py.File]:
     """A shard, to be read only; whatever is wrong with it is a `DatasetError` of one line.
 
-    Nothing outside of the file is read, which HDF5 offers in three ways, and no more than it can hold.
+    Nothing outside of the file is read, which HDF5 offers in three ways, and no more than it can
+    hold.
     """
     try:
         with h5py.File(path, "r") as file:

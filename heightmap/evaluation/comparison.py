@@ -21,12 +21,22 @@ from saltus.recordings.recording import Recording
 from saltus.render.camera import camera_pose
 from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
-from saltus.wire.messages import ControllerMode, DepthFrame, GroundTruth, Heightmap, HeightmapStatus, RobotState
+from saltus.wire.messages import (
+    ControllerMode,
+    DepthFrame,
+    GroundTruth,
+    Heightmap,
+    HeightmapStatus,
+    RobotState,
+)
 
 RECORDED = "recorded"
 BASELINES = {"geometric": 0.0, "geometric-feet": FOOT_GAIN}
 """Geometric baselines by name, with the gain by which their map follows the feet."""
-LATER_S = (0.1, 2.0)  # a place counts as seen again from five images later on; odometry drifts: not for longer than 2 s
+LATER_S = (
+    0.1,
+    2.0,
+)  # a place counts as seen again from five images later on; odometry drifts: not for longer than 2 s
 SHOWN_LOST = 2
 """Parts of a damaged recording that an error message names."""
 FLIGHT, FRONT, REAR, ALL = "flight", "front stance", "rear stance", "front and rear"
@@ -52,7 +62,10 @@ class ComparedRun:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """One predictor on one run; n steps in which every predictor that is compared had a heightmap of status OK."""
+    """One predictor on one run.
+
+    N steps in which every predictor that is compared had a heightmap of status OK.
+    """
 
     run: str
     terrain: str
@@ -103,7 +116,9 @@ class _Poses:
         start = self.time_ns[0]
         when, known = time_ns - start, self.time_ns - start
         position = np.stack([np.interp(when, known, column) for column in self.position.T], axis=-1)
-        quaternion = np.stack([np.interp(when, known, column) for column in self.quaternion.T], axis=-1)
+        quaternion = np.stack(
+            [np.interp(when, known, column) for column in self.quaternion.T], axis=-1
+        )
         return position, quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
 
 
@@ -139,7 +154,10 @@ def read_run(recording: Recording) -> ComparedRun:
 
 
 def lost_note(lost: Sequence[str]) -> str:
-    """Note on what a recording lacks, for the end of an error message; empty where it lacks nothing."""
+    """Note on what a recording lacks, for the end of an error message.
+
+    Empty where it lacks nothing.
+    """
     more = f"; and {len(lost) - SHOWN_LOST} more" if len(lost) > SHOWN_LOST else ""
     return f" (lost: {'; '.join(lost[:SHOWN_LOST])}{more})" if lost else ""
 
@@ -154,7 +172,8 @@ def predictor_named(name: str, robot: Robot, grid: HeightGrid) -> Predictor:
 def compare(run: ComparedRun, models: Sequence[str] = ()) -> list[Comparison]:
     """Compares the heightmaps of a recording, and those of models on its depth, with what is true or was seen later.
 
-    Models are names for `predictor_named`. Only steps in which the robot runs count; all steps where it never does.
+    Models are names for `predictor_named`. Only steps in which the robot runs count; all steps
+    where it never does.
 
     Raises:
         RecordingError: nothing in the recording can be compared.
@@ -162,7 +181,9 @@ def compare(run: ComparedRun, models: Sequence[str] = ()) -> list[Comparison]:
     predicted = {RECORDED: run.recorded} if run.recorded else {}
     states = list(run.states.values())
     for model in models:
-        replayed = replay_predictor(predictor_named(model, run.robot, run.grid), run.frames, states, run.arrival_ns)
+        replayed = replay_predictor(
+            predictor_named(model, run.robot, run.grid), run.frames, states, run.arrival_ns
+        )
         predicted[model] = {heightmap.step: heightmap for heightmap in replayed}
     ok = {
         name: {step for step, heightmap in maps.items() if heightmap.status == HeightmapStatus.OK}
@@ -174,7 +195,8 @@ def compare(run: ComparedRun, models: Sequence[str] = ()) -> list[Comparison]:
     used = sorted(running or common)
     if not used:
         raise RecordingError(
-            f"{run.name}: no step has a robot state and a heightmap of status OK of every model{lost_note(run.lost)}"
+            f"{run.name}: no step has a robot state and a heightmap of status OK of every "
+            f"model{lost_note(run.lost)}"
         )
     poses = _poses(run)
     result = []
@@ -184,7 +206,9 @@ def compare(run: ComparedRun, models: Sequence[str] = ()) -> list[Comparison]:
     return result
 
 
-def _comparison(run: ComparedRun, name: str, maps: list[Heightmap], poses: _Poses, ok_share: float) -> Comparison:
+def _comparison(
+    run: ComparedRun, name: str, maps: list[Heightmap], poses: _Poses, ok_share: float
+) -> Comparison:
     states = [run.states[heightmap.step] for heightmap in maps]
     time_ns = np.array([state.time_ns for state in states], np.int64)
     age_s = np.array([heightmap.depth_age_s for heightmap in maps])
@@ -216,7 +240,9 @@ def _comparison(run: ComparedRun, name: str, maps: list[Heightmap], poses: _Pose
         visible=in_view(mount, place, *captured),
         phase=np.array([phase for phase, _ in phases]),
         progress=np.array([progress for _, progress in phases]),
-        speed_mps=np.array([float(np.hypot(*state.velocity_base_in_world[:2])) for state in states]),
+        speed_mps=np.array(
+            [float(np.hypot(*state.velocity_base_in_world[:2])) for state in states]
+        ),
         age_s=age_s,
         frame_id=np.array([heightmap.frame_id for heightmap in maps], np.int64),
     )
@@ -297,7 +323,10 @@ def _seen_later(
             continue
         later = slice(int(first), int(last))
         offset = place[None, :, :2] - position[later, None, :2]
-        ahead = np.cos(yaw[later])[:, None] * offset[..., 0] + np.sin(yaw[later])[:, None] * offset[..., 1]
+        ahead = (
+            np.cos(yaw[later])[:, None] * offset[..., 0]
+            + np.sin(yaw[later])[:, None] * offset[..., 1]
+        )
         spread = np.broadcast_to(place, (last - first, *place.shape))
         seen = in_view(mount, spread, captured[0][later], captured[1][later])
         seen &= (ahead >= x[0]) & (ahead <= x[-1])
@@ -313,5 +342,7 @@ def _phase(state: RobotState) -> tuple[str, float]:
     contact = np.asarray(state.leg_contact, np.bool_)
     progress = np.asarray(state.leg_progress, np.float64)
     front, rear = bool(contact[:2].any()), bool(contact[2:].any())
-    phase = {(True, False): FRONT, (False, True): REAR, (True, True): ALL, (False, False): FLIGHT}[front, rear]
+    phase = {(True, False): FRONT, (False, True): REAR, (True, True): ALL, (False, False): FLIGHT}[
+        front, rear
+    ]
     return phase, float(progress[contact].mean() if contact.any() else progress.max())

@@ -29,7 +29,9 @@ class Way:
         """The way of a trunk that was at these places of a terrain [m], shape (n, 3)."""
         away = np.linalg.norm(position[:, :2] - position[0, :2], axis=1)
         passed = (terrain.edges_x > position[0, 0]) & (terrain.edges_x <= position[:, 0].max())
-        return cls(distance_m=float(away.max()), edges=int(passed.sum()), of_edges=len(terrain.edges_x))
+        return cls(
+            distance_m=float(away.max()), edges=int(passed.sum()), of_edges=len(terrain.edges_x)
+        )
 
     @property
     def tells(self) -> bool:
@@ -48,7 +50,10 @@ def way_figures(ways: Sequence[Way]) -> dict[str, float]:
 
 
 def way_warning(figures: dict[str, float]) -> str:
-    """Why errors of such runs are not to be taken for good; empty where most of their robots moved."""
+    """Why errors of such runs are not to be taken for good.
+
+    Empty where most of their robots moved.
+    """
     if figures["moved"] >= LEAST_SHARE:
         return ""
     moved, least = 100.0 * figures["moved"], 100.0 * LEAST_SHARE

@@ -53,7 +53,9 @@ class EdgeErrors:
 def jumps(height: Floats, x: Floats) -> list[Jump]:
     """Finds the jumps of one profile at points ahead, both of shape (points,) [m]; a NaN ends a jump."""
     change = np.diff(height)
-    direction = np.where(np.abs(change) > STEP_M, np.sign(change), 0.0)  # a comparison with NaN is false
+    direction = np.where(
+        np.abs(change) > STEP_M, np.sign(change), 0.0
+    )  # a comparison with NaN is false
     found = []
     i = 0
     while i < len(direction):
@@ -63,7 +65,9 @@ def jumps(height: Floats, x: Floats) -> list[Jump]:
         size = height[end] - height[i]
         if direction[i] != 0.0 and abs(size) > JUMP_M:
             rising = np.abs(height[i : end + 1] - height[i])
-            found.append(Jump(x=float(np.interp(0.5 * abs(size), rising, x[i : end + 1])), size=float(size)))
+            found.append(
+                Jump(x=float(np.interp(0.5 * abs(size), rising, x[i : end + 1])), size=float(size))
+            )
         i = end
     return found
 
@@ -87,7 +91,11 @@ def edge_errors(predicted: Floats, true: Floats, x: Floats) -> EdgeErrors:
             if i not in taken.values() and j not in taken:
                 taken[j] = i
         true_x += [jump.x for jump in wanted]
-        errors += [mine[taken[j]].x - jump.x if j in taken else np.nan for j, jump in enumerate(wanted)]
-        known = np.isfinite(reference).all()  # where the reference is not known, nobody can say what is false
+        errors += [
+            mine[taken[j]].x - jump.x if j in taken else np.nan for j, jump in enumerate(wanted)
+        ]
+        known = np.isfinite(
+            reference
+        ).all()  # where the reference is not known, nobody can say what is false
         false += len(mine) - len(taken) if known else 0
     return EdgeErrors(true_x=np.array(true_x), error=np.array(errors), false=false)

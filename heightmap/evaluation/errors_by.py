@@ -73,7 +73,9 @@ class Errors:
         self._progress = np.concatenate([c.progress for c in comparisons])[step]
         self._speed = np.concatenate([c.speed_mps for c in comparisons])[step]
         self._age_ms = 1e3 * np.concatenate([c.age_s for c in comparisons])[step]
-        self._terrain = np.concatenate([np.full(len(c.step), c.terrain, dtype=object) for c in comparisons])[step]
+        self._terrain = np.concatenate(
+            [np.full(len(c.step), c.terrain, dtype=object) for c in comparisons]
+        )[step]
 
     def overall(self) -> ErrorRow | None:
         """All points; None where the reference knows none."""
@@ -115,7 +117,11 @@ class Errors:
         width = self.half_width_90
         score = np.abs(self.error) / width
         limits = [half_width(level) for level in LEVELS]
-        bins = [part for part in np.array_split(np.argsort(width, kind="stable"), WIDTH_BINS) if len(part)]
+        bins = [
+            part
+            for part in np.array_split(np.argsort(width, kind="stable"), WIDTH_BINS)
+            if len(part)
+        ]
         return IntervalFit(
             level=np.array(LEVELS),
             coverage=np.array([np.mean(score <= limit) for limit in limits]),
@@ -126,7 +132,9 @@ class Errors:
 
     def _binned(self, values: Floats, width: float, name: str) -> list[ErrorRow]:
         index = np.floor(values / width).astype(np.int64)
-        return self._rows((name.format(width * i, width * (i + 1)), "", index == i) for i in np.unique(index))
+        return self._rows(
+            (name.format(width * i, width * (i + 1)), "", index == i) for i in np.unique(index)
+        )
 
     def _rows(self, groups: Iterable[tuple[str, str, NDArray[np.bool_]]]) -> list[ErrorRow]:
         rows = (self._row(group, detail, mask) for group, detail, mask in groups)

@@ -1,10 +1,12 @@
 """The geometric baseline: heights by deprojection alone, without training, on the best data that the robot has.
 
-Every valid pixel of the last two seconds becomes a point in the robot's own odometry, with the pose estimated at the
-frame's capture time. A height is the mean of the points at its place, weighted by the variance of depth and the drift
-since. Points on walls are left out: heights are of what can be stood on. Where no point is, the nearest one stands in.
+Every valid pixel of the last two seconds becomes a point in the robot's own odometry, with the pose
+estimated at the frame's capture time. A height is the mean of the points at its place, weighted by
+the variance of depth and the drift since. Points on walls are left out: heights are of what can be
+stood on. Where no point is, the nearest one stands in.
 
-With a `foot_gain` the map also moves up and down until the standing feet touch it: a second, stronger baseline.
+With a `foot_gain` the map also moves up and down until the standing feet touch it: a second,
+    stronger baseline.
 """
 
 import math
@@ -29,22 +31,29 @@ from saltus.wire.topics import TOPICS
 
 MODEL_ID = "geometric"
 FOOT_GAIN = 0.3
-"""Share of the distance between feet and map that one tick removes: the best of 0.05, 0.15, 0.3 on recorded runs."""
+"""Share of the distance between feet and map that one tick removes: the best of 0.05, 0.15, 0.3 on
+recorded runs."""
 FOOT_GATE_M = 0.06  # what is more is an edge beside the foot, not drift
-MEMORY_S = 2.0  # at 0.6 m/s and above, everything between the first view and the last point behind the robot
+# At 0.6 m/s and above, everything between the first view and the last point behind the robot
+MEMORY_S = 2.0
 BASELINE_M = 0.050  # of the imagers; D435i datasheet
 DISPARITY_STD_PX = 0.08  # D435i datasheet, "sub-pixel RMS error" of a good calibration
-SENSOR_FOCAL_PX = 211.313  # of the D435i at 424 x 240; a pooled image does not lessen errors that neighbours share
+# Of the D435i at 424 x 240; a pooled image does not lessen errors that neighbours share
+SENSOR_FOCAL_PX = 211.313
 DRIFT_MPS = 0.10
-"""Drift of the odometry: 5 cm down and 9 cm back in 1 s in recorded runs on stairs, step and gap."""
+"""Drift of the odometry: 5 cm down and 9 cm back in 1 s in recorded runs on stairs, step and
+gap."""
 HALF_WIDTH_M = 0.15  # points as far to the side count: legs are 0.13 m from the middle
 BIN_M = 0.01
-WINDOW_M = 0.0125  # half of it, around each point of the grid: a pixel at 0.7 m covers 1 cm (D435i), 5 cm (pooled)
+# Half of it, around each point of the grid: a pixel at 0.7 m covers 1 cm (D435i), 5 cm (pooled)
+WINDOW_M = 0.0125
 WALL_ANGLE = math.radians(45.0)  # steeper than this nothing can be stood on
-WALL_SPAN = 0.014  # half the angle over which steepness is judged [rad]: wide against noise, narrow against a stair
+# Half the angle over which steepness is judged [rad]: wide against noise, narrow against a stair
+WALL_SPAN = 0.014
 OUTLIER_SIGMAS = 3.0
 SLACK_M = 0.01  # what the drift since the last view may add to the noise of a point
-GAP_SLOPE = 0.5  # standard error per distance to the nearest known point: terrains rise 0.2 m over 0.25-0.5 m
+# Standard error per distance to the nearest known point: terrains rise 0.2 m over 0.25-0.5 m
+GAP_SLOPE = 0.5
 
 _DEPTH = TOPICS["camera/depth"]
 
@@ -63,8 +72,9 @@ class _Points:
 class GeometricHeightmap:
     """Same `step` as `saltus.heightmap.service.service.HeightmapService`.
 
-    A frame counts for `memory_s`, where `images` is given only as one of the newest so many; `foot_gain` is the share
-    of the mean distance between standing feet and map that one tick removes.
+    A frame counts for `memory_s`, where `images` is given only as one of the newest so many;
+    `foot_gain` is the share of the mean distance between standing feet and map that one tick
+    removes.
     """
 
     def __init__(
@@ -76,7 +86,11 @@ class GeometricHeightmap:
         images: int | None = None,
     ) -> None:
         self._x, self._foot_gain = grid.points[:, 0], foot_gain
-        self._mount, self._legs, self._foot_radius = Mount.of(robot), LegKinematics(robot), robot.foot_radius
+        self._mount, self._legs, self._foot_radius = (
+            Mount.of(robot),
+            LegKinematics(robot),
+            robot.foot_radius,
+        )
         self._memory_ns = round(1e9 * memory_s)
         self._odometry = VelocityOdometry(memory_s)
         self._points: deque[_Points] = deque(maxlen=images)
@@ -123,7 +137,10 @@ class GeometricHeightmap:
         """Moves the map towards the feet that stand; returns by how much [m]."""
         rotation = rotations.rotation_matrix(self._odometry.pose.quaternion)
         yaw_from_world = rotations.yaw_rotation(np.asarray(self._odometry.pose.yaw)).T
-        feet = self._legs.position(np.asarray(state.joint_position, np.float64)) @ (yaw_from_world @ rotation).T
+        feet = (
+            self._legs.position(np.asarray(state.joint_position, np.float64))
+            @ (yaw_from_world @ rotation).T
+        )
         gap = feet[:, 2] - self._foot_radius - np.interp(feet[:, 0], self._x, height)
         drift = gap[np.asarray(state.leg_trusted) & (np.abs(gap) < FOOT_GATE_M)]
         if not len(drift):
@@ -148,7 +165,10 @@ class GeometricHeightmap:
             return unknown, unknown + UNKNOWN_HALF_WIDTH_M
         ages_s = [np.full(len(p.xyz), (pose.time_ns - p.time_ns) * 1e-9) for p in self._points]
         offset = np.concatenate([p.xyz for p in self._points]) - pose.position
-        variance = np.concatenate([p.variance for p in self._points]) + (DRIFT_MPS * np.concatenate(ages_s)) ** 2
+        variance = (
+            np.concatenate([p.variance for p in self._points])
+            + (DRIFT_MPS * np.concatenate(ages_s)) ** 2
+        )
         ahead = math.cos(pose.yaw) * offset[:, 0] + math.sin(pose.yaw) * offset[:, 1]
         order = np.argsort(ahead)
         return _on_grid(self._x, ahead[order], offset[order, 2], variance[order])
@@ -183,7 +203,10 @@ def _walls(ahead: Floats, z: Floats, seen: NDArray[np.bool_], focal: float) -> N
 
 
 def _binned(time_ns: int, points: Floats, variance: Floats, ahead: Floats) -> _Points:
-    """Weighted means; errors of neighbours are shared, so a mean is no surer than the surest pixel in it."""
+    """Weighted means.
+
+    Errors of neighbours are shared, so a mean is no surer than the surest pixel in it.
+    """
     place, index = np.unique(np.floor(ahead / BIN_M).astype(np.int64), return_inverse=True)
     weight = 1.0 / np.maximum(variance, 1e-8)
     total = np.bincount(index, weight, len(place))
@@ -204,10 +227,13 @@ def _on_grid(line_x: Floats, ahead: Floats, z: Floats, variance: Floats) -> tupl
             place = _nearest(ahead, x)
             distance = abs(ahead[place] - x)
             near = slice(
-                np.searchsorted(ahead, ahead[place] - WINDOW_M), np.searchsorted(ahead, ahead[place] + WINDOW_M)
+                np.searchsorted(ahead, ahead[place] - WINDOW_M),
+                np.searchsorted(ahead, ahead[place] + WINDOW_M),
             )
         height[i], fused = _robust_mean(z[near], variance[near])
-        half_width_90[i] = min(INTERVAL90 * math.hypot(fused, GAP_SLOPE * distance), UNKNOWN_HALF_WIDTH_M)
+        half_width_90[i] = min(
+            INTERVAL90 * math.hypot(fused, GAP_SLOPE * distance), UNKNOWN_HALF_WIDTH_M
+        )
     return height, half_width_90
 
 
@@ -221,8 +247,8 @@ def _nearest(ahead: Floats, x: float) -> int:
 def _robust_mean(z: Floats, variance: Floats) -> tuple[float, float]:
     """Mean of the points that agree with the weighted median, and its standard error.
 
-    The median chooses one side of an edge. The surest point bounds the standard error from below: points share the
-    drift of the odometry, so that more of them do not make the mean surer.
+    The median chooses one side of an edge. The surest point bounds the standard error from below:
+    points share the drift of the odometry, so that more of them do not make the mean surer.
     """
     weight = 1.0 / np.maximum(variance, 1e-8)
     order = np.argsort(z)

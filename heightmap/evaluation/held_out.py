@@ -1,8 +1,8 @@
 """Measures a predictor in runs that no training saw, with policy and predictor in the loop.
 
-Half of the courses have sizes that both planners master, half are drawn as in training, up to the paper's, on which
-the scripted planner falls. Cameras have errors of different strength. Steps count from the first that is not standing
-to the end of the run, however it ends.
+Half of the courses have sizes that both planners master, half are drawn as in training, up to the
+paper's, on which the scripted planner falls. Cameras have errors of different strength. Steps count
+from the first that is not standing to the end of the run, however it ends.
 """
 
 import math
@@ -48,7 +48,9 @@ from saltus.workers import tell
 MASTERED, HARD = "mastered", "hard"
 HARDEST = 0.8  # as in training: stairs of 0.25 m, a step of 0.64 m, a gap of 0.89 m
 ROBOTS = 20  # in a batch
-FIRST_SEED = 3_000_000_000  # above those of policy evaluations, below those that data are drawn from (2**32)
+FIRST_SEED = (
+    3_000_000_000  # above those of policy evaluations, below those that data are drawn from (2**32)
+)
 LAST_SEED = 6000  # of the runs: each has 200,000 seeds of trials
 ROBOT_WORK = 50
 """Steps of a batch that take as long as measuring one robot of it."""
@@ -73,7 +75,10 @@ class HeldOutRuns:
     camera: str = "d435i"
     """Name or TOML file; the errors of a stereo camera have another strength in each run."""
     terrains: tuple[str, ...] = PAPER
-    """Families of the courses in turn, mastered and hard; those that the paper does not have are all called hard."""
+    """Families of the courses in turn, mastered and hard.
+
+    Those that the paper does not have are all called hard.
+    """
     policy: Path | None = None
     """ONNX file of the learned policy; by default the shipped one."""
     baselines: tuple[str, ...] = tuple(BASELINES)
@@ -87,7 +92,10 @@ class HeldOutRuns:
     def __post_init__(self) -> None:
         stands_s = STAND_STEPS * TICK_S
         if not self.time_limit_s > stands_s:
-            raise ConfigError(f"time_limit_s = {self.time_limit_s:g}: a robot only stands for the first {stands_s:g} s")
+            raise ConfigError(
+                f"time_limit_s = {self.time_limit_s:g}: a robot only stands for the first "
+                f"{stands_s:g} s"
+            )
         check_between(self, runs=(1, 10**6), seed=(0, LAST_SEED), time_limit_s=(stands_s, 3600.0))
         for name in self.baselines:
             if name not in BASELINES:
@@ -96,7 +104,10 @@ class HeldOutRuns:
     @property
     def batches(self) -> list[tuple[int, int]]:
         """Number and size of each batch."""
-        return [(i, min(ROBOTS, self.runs - first)) for i, first in enumerate(range(0, self.runs, ROBOTS))]
+        return [
+            (i, min(ROBOTS, self.runs - first))
+            for i, first in enumerate(range(0, self.runs, ROBOTS))
+        ]
 
     @property
     def work(self) -> int:
@@ -123,7 +134,9 @@ class HeldOutRuns:
         source = _source(network, rng, setups)
         loop = Loop(
             setups,
-            make_planner(planner, robot, setups[0].grid, self.policy if planner == "learned" else None),
+            make_planner(
+                planner, robot, setups[0].grid, self.policy if planner == "learned" else None
+            ),
             heights=source,
             time_limit_s=self.time_limit_s,
         )
@@ -141,13 +154,19 @@ class HeldOutRuns:
         return measured
 
 
-def _source(network: HeightmapNetwork, rng: np.random.Generator, setups: Sequence[Setup]) -> PredictedHeights:
+def _source(
+    network: HeightmapNetwork, rng: np.random.Generator, setups: Sequence[Setup]
+) -> PredictedHeights:
     """Heights of robots whose cameras lose images and, where they are not ideal, have errors of different strength."""
     camera, profile = setups[0].camera, setups[0].profile
-    profile = replace(profile, camera=drawn_around(profile.camera, loss=rng.uniform(0.0, TRAINING.loss)))
+    profile = replace(
+        profile, camera=drawn_around(profile.camera, loss=rng.uniform(0.0, TRAINING.loss))
+    )
     errors = None if camera.ideal else drawn_cameras(len(setups), rng, StereoConfig.of(camera))
     rngs = None if camera.ideal else rng.spawn(len(setups))
-    return PredictedHeights(network, [replace(setup, profile=profile) for setup in setups], errors, rngs)
+    return PredictedHeights(
+        network, [replace(setup, profile=profile) for setup in setups], errors, rngs
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -191,7 +210,12 @@ class _Tick(Prediction):
 
 
 def _measured(
-    config: HeldOutRuns, model: HeightmapNetwork, ticks: Sequence[_Tick], robot: int, setup: Setup, level: str
+    config: HeldOutRuns,
+    model: HeightmapNetwork,
+    ticks: Sequence[_Tick],
+    robot: int,
+    setup: Setup,
+    level: str,
 ) -> HeldOutRun:
     """Steps that count of one robot's first trial."""
     ticks, terrain = [tick for tick in ticks if tick.moment.running[robot]], setup.terrain
@@ -200,7 +224,12 @@ def _measured(
     captured_s = np.array([tick.captured_s[robot] for tick in ticks])
     counted, status = slice(STAND_STEPS, None), None
     replayed = [
-        (name, _replayed(GeometricHeightmap(setup.robot, setup.grid, foot_gain=BASELINES[name]), ticks, robot))
+        (
+            name,
+            _replayed(
+                GeometricHeightmap(setup.robot, setup.grid, foot_gain=BASELINES[name]), ticks, robot
+            ),
+        )
         for name in config.baselines
     ]
     if config.statuses:
@@ -211,10 +240,18 @@ def _measured(
         level=level,
         x=setup.grid.points[:, 0],
         true_height=true_heights(terrain, position, quaternion, setup.grid)[counted],
-        view=visibility(terrain, Mount.of(setup.robot), setup.grid, position, quaternion, captured_s)[counted],
+        view=visibility(
+            terrain, Mount.of(setup.robot), setup.grid, position, quaternion, captured_s
+        )[counted],
         predictions={
-            NETWORK: _prediction([tick.height[robot] for tick in ticks], [tick.half_width_90[robot] for tick in ticks]),
-            **{name: _prediction([m.height for m in maps], [m.half_width_90 for m in maps]) for name, maps in replayed},
+            NETWORK: _prediction(
+                [tick.height[robot] for tick in ticks],
+                [tick.half_width_90[robot] for tick in ticks],
+            ),
+            **{
+                name: _prediction([m.height for m in maps], [m.half_width_90 for m in maps])
+                for name, maps in replayed
+            },
         },
         way=Way.of(terrain, position),
         status=status,
@@ -232,12 +269,19 @@ def _replayed(predictor: Predictor, ticks: Sequence[_Tick], robot: int) -> list[
         if np.isfinite(tick.captured_s[robot]):
             arrived.setdefault(round(float(tick.captured_s[robot]) / TICK_S), states.step)
     number = {step: i for i, step in enumerate(taken)}
-    frames = [depth_frame(MODEL_CAMERA, taken[step], time_ns=step_ns(step), frame_id=number[step]) for step in arrived]
+    frames = [
+        depth_frame(MODEL_CAMERA, taken[step], time_ns=step_ns(step), frame_id=number[step])
+        for step in arrived
+    ]
     messages = [
-        state_message(states, robot, time_ns=step_ns(states.step), step=states.step, mode=ControllerMode.RUN)
+        state_message(
+            states, robot, time_ns=step_ns(states.step), step=states.step, mode=ControllerMode.RUN
+        )
         for states in known
     ]
-    return replay_predictor(predictor, frames, messages, [step_ns(step) for step in arrived.values()])
+    return replay_predictor(
+        predictor, frames, messages, [step_ns(step) for step in arrived.values()]
+    )
 
 
 def _prediction(height: Sequence[Reals], half_width_90: Sequence[Reals]) -> Prediction:
@@ -260,7 +304,9 @@ def course(rng: np.random.Generator, index: int, kinds: Sequence[str]) -> tuple[
         rise, run = float(rng.uniform(0.05, 0.10)), float(rng.uniform(0.25, 0.3))
         return MASTERED, TerrainConfig(terrain=kind, rise_m=rise, run_m=run, steps=14)
     if kind == "stepping_stones":
-        return MASTERED, TerrainConfig(terrain=kind, stone_m=0.5, gap_m=float(rng.uniform(0.10, 0.20)), steps=8)
+        return MASTERED, TerrainConfig(
+            terrain=kind, stone_m=0.5, gap_m=float(rng.uniform(0.10, 0.20)), steps=8
+        )
     if kind == "step":
         return MASTERED, TerrainConfig(terrain=kind, height_m=float(rng.uniform(0.10, 0.22)))
     if kind == "gap":

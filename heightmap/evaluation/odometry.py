@@ -9,7 +9,8 @@ from saltus import rotations
 from saltus.arrays import Floats
 from saltus.wire.messages import RobotState
 
-MAX_STEP_S = 0.25  # a longer silence tells nothing about the way: the original pauses its filter for no longer
+# A longer silence tells nothing about the way: the original pauses its filter for no longer
+MAX_STEP_S = 0.25
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,7 +55,9 @@ class VelocityOdometry:
             else:
                 self._poses.clear()
         quaternion = np.asarray(state.quaternion_base_in_world, np.float64)
-        self._poses.append(OdometryPose(time_ns=state.time_ns, position=position, quaternion=quaternion))
+        self._poses.append(
+            OdometryPose(time_ns=state.time_ns, position=position, quaternion=quaternion)
+        )
         self._velocity = velocity
         while state.time_ns - self._poses[0].time_ns > self._memory_ns:
             self._poses.popleft()
@@ -79,4 +82,6 @@ def _between(before: OdometryPose, after: OdometryPose, time_ns: int) -> Odometr
     sign = 1.0 if float(before.quaternion @ after.quaternion) >= 0.0 else -1.0
     quaternion = (1.0 - share) * before.quaternion + share * sign * after.quaternion
     position = (1.0 - share) * before.position + share * after.position
-    return OdometryPose(time_ns=time_ns, position=position, quaternion=quaternion / np.linalg.norm(quaternion))
+    return OdometryPose(
+        time_ns=time_ns, position=position, quaternion=quaternion / np.linalg.norm(quaternion)
+    )

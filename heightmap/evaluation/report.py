@@ -54,7 +54,9 @@ class ErrorReport:
         for name in self.predictors:
             if group := self._of(name, run):
                 height = np.concatenate([c.height for c in group])
-                result[name] = edge_errors(height, np.concatenate([c.true_height for c in group]), group[0].x)
+                result[name] = edge_errors(
+                    height, np.concatenate([c.true_height for c in group]), group[0].x
+                )
         return result
 
     def worst(self) -> list[tuple[Comparison, int]]:
@@ -70,7 +72,10 @@ class ErrorReport:
         for _, number, i in ranked:
             comparison = self.comparisons[number]
             time_s = comparison.time_s[i]
-            if all(other is not comparison or abs(other.time_s[j] - time_s) > APART_S for other, j in chosen):
+            if all(
+                other is not comparison or abs(other.time_s[j] - time_s) > APART_S
+                for other, j in chosen
+            ):
                 chosen.append((comparison, i))
             if len(chosen) == WORST:
                 break
@@ -80,14 +85,24 @@ class ErrorReport:
         """Everything as plain values for JSON; lengths in metres."""
         return {
             "runs": [
-                {"name": run.name, "terrain": run.terrain, "steps": len(run.states), "lost": list(run.lost)}
+                {
+                    "name": run.name,
+                    "terrain": run.terrain,
+                    "steps": len(run.states),
+                    "lost": list(run.lost),
+                }
                 for run in self.runs
             ],
             "failed": list(self.failed),
             "reference": sorted({comparison.reference for comparison in self.comparisons}),
             "predictors": {name: self._numbers_of(name) for name in self.predictors},
             "worst": [
-                {"run": c.run, "predictor": c.predictor, "time_s": float(c.time_s[i]), "mae_m": _mean_error(c, i)}
+                {
+                    "run": c.run,
+                    "predictor": c.predictor,
+                    "time_s": float(c.time_s[i]),
+                    "mae_m": _mean_error(c, i),
+                }
                 for c, i in self.worst()
             ],
         }
@@ -109,7 +124,8 @@ class ErrorReport:
             "observed_m": calibration.observed_m.tolist(),
         }
         table["by_run"] = {
-            c.run: _summary(self.errors(c.run)[name], self.edges(c.run)[name]) | {"ok_share": c.ok_share}
+            c.run: _summary(self.errors(c.run)[name], self.edges(c.run)[name])
+            | {"ok_share": c.ok_share}
             for c in self._of(name, None)
         }
         return table
@@ -152,7 +168,10 @@ def write_report(report: ErrorReport, path: Path) -> None:
         is_without_truth=any(comparison.reference != "truth" for comparison in report.comparisons),
         summaries=_summaries(report),
         distance=figures.distance_figure(errors),
-        groups=[(title, figures.group_figure(errors, rows_of, axis)) for _, title, rows_of, axis in _SECTIONS],
+        groups=[
+            (title, figures.group_figure(errors, rows_of, axis))
+            for _, title, rows_of, axis in _SECTIONS
+        ],
         edges=figures.edge_figure(report.edges()),
         calibration=figures.calibration_figure(errors),
         least=centimetres(WORST_M),
@@ -163,14 +182,18 @@ def write_report(report: ErrorReport, path: Path) -> None:
     try:
         write_page(path, text)
     except OSError as error:
-        raise RecordingError(f"cannot write the report '{path}' ({error.strerror}): name another folder") from error
+        raise RecordingError(
+            f"cannot write the report '{path}' ({error.strerror}): name another folder"
+        ) from error
 
 
 def _named_apart(runs: list[ComparedRun]) -> list[ComparedRun]:
     """Numbers runs of the same name."""
     names = [run.name for run in runs]
     return [
-        replace(run, name=f"{run.name} ({names[: i + 1].count(run.name)})") if names.count(run.name) > 1 else run
+        replace(run, name=f"{run.name} ({names[: i + 1].count(run.name)})")
+        if names.count(run.name) > 1
+        else run
         for i, run in enumerate(runs)
     ]
 
@@ -213,10 +236,15 @@ def _summaries(report: ErrorReport) -> list[tuple[str, ...]]:
         errors, edges = report.errors(run), report.edges(run)
         for name in errors:
             numbers = _summary(errors[name], edges[name])
-            shares = [c.ok_share for c in report.comparisons if c.predictor == name and run in (None, c.run)]
+            shares = [
+                c.ok_share
+                for c in report.comparisons
+                if c.predictor == name and run in (None, c.run)
+            ]
             cells = (
                 *(centimetres(numbers[f"{key}_m"]) for key in ("mae", "mae_visible", "mae_remembered", "edge_error")),
-                f"{rounded(100 * numbers['edges_found'], 0)} % of {numbers['edges']}", str(numbers["edges_false"]),
+                f"{rounded(100 * numbers['edges_found'], 0)} % of {numbers['edges']}",
+                str(numbers["edges_false"]),
                 f"{rounded(100 * numbers['coverage90'], 1)} %", rounded(numbers["nll"], 2),
                 f"{100 * np.mean(shares):.0f} %",
             )  # fmt: skip
@@ -237,9 +265,13 @@ def _moments(report: ErrorReport) -> list[tuple[str, go.Figure]]:
         others = [c for c in report.comparisons if c.run == comparison.run and c is not comparison]
         frame = frames.get((comparison.run, int(comparison.frame_id[i])))
         text = (
-            f"{comparison.run}, {comparison.time_s[i]:.2f} s: {100 * _mean_error(comparison, i):.1f} cm; "
-            f"{comparison.phase[i]}, {comparison.speed_mps[i]:.1f} m/s, image {1e3 * comparison.age_s[i]:.0f} ms old"
+            f"{comparison.run}, {comparison.time_s[i]:.2f} s: "
+            f"{100 * _mean_error(comparison, i):.1f} cm; "
+            f"{comparison.phase[i]}, {comparison.speed_mps[i]:.1f} m/s, image "
+            f"{1e3 * comparison.age_s[i]:.0f} ms old"
             f"{'' if frame is not None else ', not in the recording'}"
         )
-        moments.append((text, figures.moment_figure(i, comparison, others, frame, report.predictors)))
+        moments.append(
+            (text, figures.moment_figure(i, comparison, others, frame, report.predictors))
+        )
     return moments

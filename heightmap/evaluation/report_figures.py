@@ -14,7 +14,15 @@ from saltus.heightmap.evaluation.errors_by import ErrorRow, Errors
 from saltus.reports.figures import BLUE, GREEN, GREY, ORANGE, RED, laid_out
 from saltus.wire.messages import DepthFrame
 
-COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9", "#F0E442")  # the rest of Okabe and Ito's palette
+COLOURS = (
+    BLUE,
+    ORANGE,
+    GREEN,
+    RED,
+    "#CC79A7",
+    "#56B4E9",
+    "#F0E442",
+)  # the rest of Okabe and Ito's palette
 EDGE_BIN_M = 0.1
 MOMENT_HEIGHT = 230  # px
 _LEGEND = {"orientation": "h", "y": 1.02, "yanchor": "bottom", "itemsizing": "constant"}
@@ -33,12 +41,18 @@ def distance_figure(errors: Mapping[str, Errors]) -> go.Figure:
             ("half of the stated 90 % interval", [row.half_width_90_m for row in rows], "dash"),
         ):
             figure.add_scatter(
-                x=x, y=_cm(values), name=f"{name}, {label}", legendgroup=name, line={"color": colour, "dash": dash}
+                x=x,
+                y=_cm(values),
+                name=f"{name}, {label}",
+                legendgroup=name,
+                line={"color": colour, "dash": dash},
             )
     return _styled(figure, "distance ahead of the base [cm]", height=400)
 
 
-def group_figure(errors: Mapping[str, Errors], rows_of: Callable[[Errors], list[ErrorRow]], title: str) -> go.Figure:
+def group_figure(
+    errors: Mapping[str, Errors], rows_of: Callable[[Errors], list[ErrorRow]], title: str
+) -> go.Figure:
     """Mean error of groups as bars, one colour for each predictor."""
     figure = go.Figure()
     for (name, of), colour in zip(errors.items(), _colours(errors), strict=True):
@@ -68,7 +82,8 @@ def edge_figure(edges: Mapping[str, EdgeErrors]) -> go.Figure:
         bins = [i for i in np.unique(index) if (found & (index == i)).any()]
         mean = [np.abs(of.error[found & (index == i)]).mean() for i in bins]
         figure.add_scatter(
-            x=[100 * EDGE_BIN_M * (i + 0.5) for i in bins], y=_cm(mean), name=name, mode="lines+markers",
+            x=[100 * EDGE_BIN_M * (i + 0.5) for i in bins], y=_cm(mean), name=name,
+            mode="lines+markers",
             line={"color": colour},
         )  # fmt: skip
     return _styled(figure, "true distance of the edge ahead of the base [cm]", height=300)
@@ -80,10 +95,14 @@ def calibration_figure(errors: Mapping[str, Errors]) -> go.Figure:
     top = 0.0
     for (name, of), colour in zip(errors.items(), _colours(errors), strict=True):
         calibration = of.calibration()
-        curves = ((calibration.level, calibration.coverage), (calibration.stated_m, calibration.observed_m))
+        curves = (
+            (calibration.level, calibration.coverage),
+            (calibration.stated_m, calibration.observed_m),
+        )
         for column, (x, y) in enumerate(curves, start=1):
             figure.add_scatter(
-                x=100 * x, y=100 * y, name=name, mode="lines+markers", line={"color": colour}, legendgroup=name,
+                x=100 * x, y=100 * y, name=name, mode="lines+markers", line={"color": colour},
+                legendgroup=name,
                 showlegend=column == 1, row=1, col=column,
             )  # fmt: skip
         top = max(top, 100 * float(max(calibration.stated_m.max(), calibration.observed_m.max())))
@@ -100,7 +119,11 @@ def calibration_figure(errors: Mapping[str, Errors]) -> go.Figure:
 
 
 def moment_figure(
-    index: int, moment: Comparison, others: Sequence[Comparison], frame: DepthFrame | None, names: Sequence[str]
+    index: int,
+    moment: Comparison,
+    others: Sequence[Comparison],
+    frame: DepthFrame | None,
+    names: Sequence[str],
 ) -> go.Figure:
     """One moment: the image in use, the predictions, and the truth.
 
@@ -115,7 +138,8 @@ def moment_figure(
     if frame is not None:
         image, x, y = _image(frame)
         figure.add_heatmap(
-            z=image, x=x, y=y, colorscale="Viridis_r", zmin=0.3, zmax=2.0, hovertemplate="%{z:.2f} m<extra></extra>",
+            z=image, x=x, y=y, colorscale="Viridis_r", zmin=0.3, zmax=2.0,
+            hovertemplate="%{z:.2f} m<extra></extra>",
             colorbar={"title": "m", "thickness": 8, "x": 0.145, "len": 1.0}, row=1, col=1,
         )  # fmt: skip
     figure.update_xaxes(visible=False, col=1)
@@ -131,7 +155,8 @@ def moment_figure(
     )  # fmt: skip
     for comparison in (moment, *others):
         figure.add_scatter(
-            x=centimetres, y=100 * comparison.height[index], name=comparison.predictor, mode="lines+markers",
+            x=centimetres, y=100 * comparison.height[index], name=comparison.predictor,
+            mode="lines+markers",
             line={"color": colours[comparison.predictor]}, marker={"size": 4}, row=1, col=2,
         )  # fmt: skip
     figure.add_scatter(
@@ -144,7 +169,10 @@ def moment_figure(
 
 
 def _image(frame: DepthFrame) -> tuple[Reals, Reals, Reals]:
-    """Depth [m] in view of the page: at most 96 rows, NaN where invalid or beyond range; and tangents of its pixels."""
+    """Depth [m] in view of the page: at most 96 rows, NaN where invalid or beyond range.
+
+    And tangents of its pixels.
+    """
     every = max(1, frame.depth.shape[0] // 96)
     raw = frame.depth[::every, ::every]
     depth = np.where((raw == 0) | (raw == NOTHING), np.nan, raw * frame.depth_unit_m)

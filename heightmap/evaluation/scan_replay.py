@@ -17,23 +17,35 @@ from saltus.wire.topics import depth_topic
 SETTLED_NS = 1_000_000_000
 """Figures are of what comes so long after the first image, as those of models/scan.md."""
 VISIBLE_S = 0.2
-"""A point is visible where a ray of an image ended that was exposed within this time before its newest image."""
+"""A point is visible where a ray of an image ended that was exposed within this time before its
+newest image."""
 
 
-def replayed_run(recording: Recording, choice: ScanChoice) -> Iterator[tuple[RobotState, DepthFrame | None, Heightmap]]:
+def replayed_run(
+    recording: Recording, choice: ScanChoice
+) -> Iterator[tuple[RobotState, DepthFrame | None, Heightmap]]:
     """Each recorded state with the image that came with it and its answer, in order of time.
 
     Raises:
         RecordingError: there is no image or no state in it.
     """
-    times = [(arrival_ns, envelope.capture_ns) for arrival_ns, envelope, _ in recording.payloads("camera/depth")]
+    times = [
+        (arrival_ns, envelope.capture_ns)
+        for arrival_ns, envelope, _ in recording.payloads("camera/depth")
+    ]
     states = recording.of(RobotState)
     if not times or not states:
-        raise RecordingError(f"{recording.path} has no {'robot state' if times else 'depth image'}: record a run")
+        raise RecordingError(
+            f"{recording.path} has no {'robot state' if times else 'depth image'}: record a run"
+        )
     latency_s = 1e-9 * min(arrival_ns - capture_ns for arrival_ns, capture_ns in times)
     rig = choice.rig(recording.robot, recording.camera)
     service = ScanService(choice.network(), rig, depth_topic(latency_s))
-    arriving = ((ns, frame) for ns, _, frame in recording.messages("camera/depth") if isinstance(frame, DepthFrame))
+    arriving = (
+        (ns, frame)
+        for ns, _, frame in recording.messages("camera/depth")
+        if isinstance(frame, DepthFrame)
+    )
     following = next(arriving, None)
     for state in states:
         newest = None
@@ -42,7 +54,9 @@ def replayed_run(recording: Recording, choice: ScanChoice) -> Iterator[tuple[Rob
         yield state, newest, service.step(state, newest, state.time_ns)
 
 
-def scan_errors(recording: Recording, grid: HeightGrid, answers: Iterable[Heightmap]) -> dict[str, Any]:
+def scan_errors(
+    recording: Recording, grid: HeightGrid, answers: Iterable[Heightmap]
+) -> dict[str, Any]:
     """Errors [mm], share inside the 90 % interval, median half-width [mm] and share of all points, by visibility.
 
     Only `points` where the recording has no truth, or no image came a second before its end.
@@ -56,14 +70,25 @@ def scan_errors(recording: Recording, grid: HeightGrid, answers: Iterable[Height
         if truth is None or begun_ns is None or answer.time_ns - begun_ns < SETTLED_NS:
             continue
         height = true_heights(recording, grid, truth)
-        found = (np.abs(answer.height - height), answer.half_width_90, answer.age_s, answer.depth_age_s + 0.0 * height)
+        found = (
+            np.abs(answer.height - height),
+            answer.half_width_90,
+            answer.age_s,
+            answer.depth_age_s + 0.0 * height,
+        )
         for column, values in zip(columns, found, strict=True):
             column.append(np.asarray(values))
     if not columns[0]:
         return {"points": grid.size}
     error, half_width, age_s, newest_s = (np.concatenate(column) for column in columns)
     seen, lately = np.isfinite(age_s), age_s - newest_s < VISIBLE_S
-    kinds = {"all": seen | True, "seen": seen, "visible": lately, "remembered": seen & ~lately, "never": ~seen}
+    kinds = {
+        "all": seen | True,
+        "seen": seen,
+        "visible": lately,
+        "remembered": seen & ~lately,
+        "never": ~seen,
+    }
     return {"points": grid.size} | {
         name: {
             "mean_mm": round(1e3 * float(error[kind].mean()), 2),
@@ -80,4 +105,6 @@ def true_heights(recording: Recording, grid: HeightGrid, truth: GroundTruth) -> 
     """Heights of the ground at the points of a grid, relative to the base [m], shape (points,)."""
     _, _, yaw = roll_pitch_yaw(rotation_matrix(np.asarray(truth.quaternion_base_in_world)))
     position = np.asarray(truth.position_base_in_world)
-    return np.asarray(recording.terrain.height_at(*grid.points_in_world(position, yaw)) - position[2])
+    return np.asarray(
+        recording.terrain.height_at(*grid.points_in_world(position, yaw)) - position[2]
+    )

@@ -36,7 +36,8 @@ class HeightScore:
     coverage90_seen: float
     """The same of the points that the camera ever saw."""
     nll: float
-    """Mean negative log-likelihood of all points [nats, heights in metres], for a Laplace law with that interval."""
+    """Mean negative log-likelihood of all points [nats, heights in metres], for a Laplace law with
+    that interval."""
     points: int
 
 
@@ -47,7 +48,10 @@ FIGURES = tuple(field.name for field in fields(HeightScore) if field.name != "po
 def score(runs: Sequence[HeldOutRun], predictor: str) -> HeightScore:
     """One predictor in some runs."""
     means = mean_of(
-        np.sum([totals(run.x, run.true_height, run.view, run.predictions[predictor]) for run in runs], axis=0)
+        np.sum(
+            [totals(run.x, run.true_height, run.view, run.predictions[predictor]) for run in runs],
+            axis=0,
+        )
     )
     points = sum(run.true_height.size for run in runs)
     return HeightScore(**dict(zip(FIGURES, means.tolist(), strict=True)), points=points)
@@ -87,7 +91,8 @@ def mean_of(totals: Floats) -> Floats:
 def scores(runs: Sequence[HeldOutRun]) -> dict[str, Any]:
     """The network's score on all runs, by terrain and by level, and those of the baselines.
 
-    Plain values, each with how far its robots went (`saltus.heightmap.evaluation.distance_travelled`).
+    Plain values, each with how far its robots went
+    (`saltus.heightmap.evaluation.distance_travelled`).
     """
     names = [name for name in runs[0].predictions if name != NETWORK]
     return {
@@ -103,9 +108,13 @@ def _table(runs: Sequence[HeldOutRun], predictor: str) -> dict[str, Any]:
     return {**_figures(runs, predictor), "by_terrain": by_terrain}
 
 
-def _grouped(runs: Sequence[HeldOutRun], predictor: str, group: Callable[[HeldOutRun], str]) -> dict[str, Any]:
+def _grouped(
+    runs: Sequence[HeldOutRun], predictor: str, group: Callable[[HeldOutRun], str]
+) -> dict[str, Any]:
     names = sorted({group(run) for run in runs})
-    return {name: _figures([run for run in runs if group(run) == name], predictor) for name in names}
+    return {
+        name: _figures([run for run in runs if group(run) == name], predictor) for name in names
+    }
 
 
 def _figures(runs: Sequence[HeldOutRun], predictor: str) -> dict[str, Any]:

@@ -1,7 +1,9 @@
 """True where the heights of a robot can be trusted, from a recording in which it stands on level, free ground.
 
-There the truth is known without a second sensor: the ground ahead is as high as the ground under the feet. What makes
-heights wrong on a robot shows there, too: images that come rarely, late or with the wrong time, a camera that sits
+There the truth is known without a second sensor: the ground ahead is as high as the ground under
+    the feet. What makes
+heights wrong on a robot shows there, too: images that come rarely, late or with the wrong time, a
+    camera that sits
 elsewhere than claimed, a service that does not answer.
 """
 
@@ -27,7 +29,8 @@ LEAST_RATE = 0.9
 LEAST_OK = 0.98
 """Share of the heightmaps after the first that is OK."""
 MOST_OFF_M = 0.01
-"""Twice what the shipped network is off on unseen courses (models/heightmap.md); level ground is easier."""
+"""Twice what the shipped network is off on unseen courses (models/heightmap.md); level ground is
+easier."""
 WIDEST_M = 0.02
 """Half of the 90 % interval, twice `MOST_OFF_M`."""
 SCAN_OFF_M, SCAN_WIDEST_M = 0.015, 0.03
@@ -57,7 +60,8 @@ def check_standing(recording: Recording) -> list[Finding]:
     """Checks of the heights of a robot that stands in a recording, in the order in which to mend them.
 
     Raises:
-        RecordingError: there is no image, no state, or no heightmap in it, or the robot hardly stands.
+        RecordingError: there is no image, no state, or no heightmap in it, or the robot hardly
+            stands.
     """
     timing = rates_and_ages(recording)
     state, image = "controller/state", "camera/depth"
@@ -70,8 +74,10 @@ def check_standing(recording: Recording) -> list[Finding]:
     pairs = standing_pairs(recording.of(DepthFrame), states)
     if len(pairs) < FEWEST_FRAMES:
         raise RecordingError(
-            f"{recording.path}: {len(pairs)} images of a robot that stands, and {FEWEST_FRAMES} are needed: its state "
-            "must say that it stands on all feet, or be at rest and name none, and images be dated by the same clock"
+            f"{recording.path}: {len(pairs)} images of a robot that stands, and {FEWEST_FRAMES} "
+            f"are needed: its state "
+            "must say that it stands on all feet, or be at rest and name none, and images be dated "
+            "by the same clock"
         )
     heightmaps = recording.of(Heightmap)
     scan = bool(heightmaps and len(heightmaps[0].age_s))
@@ -90,12 +96,15 @@ def _check_clock(recording: Recording, timing: TopicTiming, missing: str) -> Non
     if not freshness(TOPICS["controller/state"], 0, round(1e9 * age_s)).usable:
         off = f"{abs(age_s):.3f} s {'ahead of' if age_s < 0.0 else 'behind'}"
         raise RecordingError(
-            f"{recording.path}: no messages of {missing}: states are {off} the clock of this computer, and so not "
+            f"{recording.path}: no messages of {missing}: states are {off} the clock of this "
+            f"computer, and so not "
             "answered: date them by it"
         )
 
 
-def _rate(recording: Recording, name: str, topic: str, rate_hz: float, nominal_hz: float) -> Finding:
+def _rate(
+    recording: Recording, name: str, topic: str, rate_hz: float, nominal_hz: float
+) -> Finding:
     """How many a second arrived, and how many were lost since the first: a sender may have begun long before."""
     numbers: dict[bytes, list[int]] = {}
     for _, envelope, _ in recording.payloads(topic):
@@ -118,7 +127,9 @@ def _age(recording: Recording, timing: TopicTiming, *, scan: bool) -> Finding:
     high_s += 0.0 if scan else TRAINING.jitter_s
     good = MS * low_s <= timing.age_p50_ms and timing.age_p99_ms <= MS * high_s
     early = "date each image with its exposure, not with its arrival"
-    late = "images come later than in any training: shorten their way, or name the camera's latency_s"
+    late = (
+        "images come later than in any training: shorten their way, or name the camera's latency_s"
+    )
     return Finding(
         name="age of images",
         measured=f"{timing.age_p50_ms:.0f} ms, 99 %: {timing.age_p99_ms:.0f}",
@@ -129,14 +140,21 @@ def _age(recording: Recording, timing: TopicTiming, *, scan: bool) -> Finding:
     )
 
 
-def _place(recording: Recording, pairs: list[tuple[DepthFrame, RobotState]], *, scan: bool) -> Iterator[Finding]:
+def _place(
+    recording: Recording, pairs: list[tuple[DepthFrame, RobotState]], *, scan: bool
+) -> Iterator[Finding]:
     """The line's network does not know where the camera sits: it has learned which pixel shows which ground."""
     wanted = f"within {DEG * MOUNT_PITCH_ERROR:.1f} deg and {MM * MOUNT_POSITION_ERROR_M:.0f} mm of its claim"
     try:
         calibration = fit_place(pairs, recording.robot, recording.camera)
     except RecordingError as error:
         yield Finding(
-            name=PLACE, measured=str(error), wanted=wanted, good=False, cure="stand it on free ground", values={}
+            name=PLACE,
+            measured=str(error),
+            wanted=wanted,
+            good=False,
+            cure="stand it on free ground",
+            values={},
         )
         return
     claimed, found = calibration.claimed, calibration.found
@@ -146,9 +164,14 @@ def _place(recording: Recording, pairs: list[tuple[DepthFrame, RobotState]], *, 
         name=PLACE,
         measured=f"pitch {DEG * pitch:+.1f} deg, roll {DEG * roll:+.1f} deg, height {MM * height:+.0f} mm",
         wanted=wanted,
-        good=max(abs(pitch), abs(roll)) <= MOUNT_PITCH_ERROR and abs(height) <= MOUNT_POSITION_ERROR_M,
+        good=max(abs(pitch), abs(roll)) <= MOUNT_PITCH_ERROR
+        and abs(height) <= MOUNT_POSITION_ERROR_M,
         cure="saltus render calibrate finds its place; then "
-        + ("serve with that (--cameras)" if scan else "move it, or train a predictor for that place"),
+        + (
+            "serve with that (--cameras)"
+            if scan
+            else "move it, or train a predictor for that place"
+        ),
         values={"pitch_deg": DEG * pitch, "roll_deg": DEG * roll, "height_mm": MM * height},
     )
 
@@ -156,31 +179,45 @@ def _place(recording: Recording, pairs: list[tuple[DepthFrame, RobotState]], *, 
 def _heights(heightmaps: list[Heightmap], every_state: list[RobotState]) -> Iterator[Finding]:
     states = {state.step: state for state in every_state if stands(state)}
     maps = [heights for heights in heightmaps if heights.step in states]
-    begun = next((i for i, heights in enumerate(maps) if heights.status == HeightmapStatus.OK), len(maps))
+    begun = next(
+        (i for i, heights in enumerate(maps) if heights.status == HeightmapStatus.OK), len(maps)
+    )
     ok = [heights for heights in maps[begun:] if heights.status == HeightmapStatus.OK]
     share = len(ok) / max(len(maps) - begun, 1)
-    others = {HeightmapStatus(each.status).name for each in maps[begun:]} - {"OK"} if ok else {"never OK"}
+    others = (
+        {HeightmapStatus(each.status).name for each in maps[begun:]} - {"OK"}
+        if ok
+        else {"never OK"}
+    )
     yield Finding(
         name="status",
-        measured=f"OK in {100 * share:.0f} %" + "".join(f", {name.lower()}" for name in sorted(others)),
+        measured=f"OK in {100 * share:.0f} %"
+        + "".join(f", {name.lower()}" for name in sorted(others)),
         wanted=f"OK in {100 * LEAST_OK:.0f} %",
         good=share >= LEAST_OK,
         cure="mend what stands above first; then look at the service's events",
         values={"ok_share": share},
     )
     if ok:
-        yield from _precision(np.array([heights.height + states[heights.step].base_height for heights in ok]), ok)
+        yield from _precision(
+            np.array([heights.height + states[heights.step].base_height for heights in ok]), ok
+        )
 
 
 def _precision(off: Floats, ok: list[Heightmap]) -> Iterator[Finding]:
     """`off`: heights over the ground under the feet [m], shape (heightmaps, points); of a scan those that were seen."""
     scan = bool(len(ok[0].age_s))
     most_off, widest = (SCAN_OFF_M, SCAN_WIDEST_M) if scan else (MOST_OFF_M, WIDEST_M)
-    seen = np.array([np.isfinite(heights.age_s) for heights in ok]) if scan else np.ones(off.shape, np.bool_)
+    seen = (
+        np.array([np.isfinite(heights.age_s) for heights in ok])
+        if scan
+        else np.ones(off.shape, np.bool_)
+    )
     points = np.flatnonzero(seen.any(axis=0))
     if not len(points):
         yield Finding(
-            name="heights", measured="no point of the grid was ever in an image", wanted="some", good=False,
+            name="heights", measured="no point of the grid was ever in an image", wanted="some",
+            good=False,
             cure="where does the camera look? its TOML says where it sits (saltus render calibrate)", values={},
         )  # fmt: skip
         return
@@ -198,7 +235,8 @@ def _precision(off: Floats, ok: list[Heightmap]) -> Iterator[Finding]:
         + ("right mounts of the cameras? no parts of the robot in its images?" if scan else
            "right joint angles? then train a predictor for this robot"),
         values={
-            "off_mm": MM * float(by_point.mean()), "most_mm": MM * float(by_point.max()), "most_at_m": float(ahead),
+            "off_mm": MM * float(by_point.mean()), "most_mm": MM * float(by_point.max()),
+            "most_at_m": float(ahead),
         },
     )  # fmt: skip
     yield Finding(

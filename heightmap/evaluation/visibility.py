@@ -22,9 +22,16 @@ _NEAREST_M = 0.02  # ground below the camera has no slope
 
 
 def visibility(
-    terrain: Terrain, mount: Mount, grid: HeightGrid, position: Floats, quaternion: Floats, captured_s: Floats
+    terrain: Terrain,
+    mount: Mount,
+    grid: HeightGrid,
+    position: Floats,
+    quaternion: Floats,
+    captured_s: Floats,
 ) -> NDArray[np.int8]:
-    """When each point of the heightmap was last seen, in images that the robot has got; legs are not in the way here.
+    """When each point of the heightmap was last seen, in images that the robot has got.
+
+    Legs are not in the way here.
 
     Args:
         terrain: Under the robot.
@@ -32,7 +39,8 @@ def visibility(
         grid: A line of points ahead.
         position: True, of the base at each tick from 0 on [m], shape (ticks, 3).
         quaternion: The same, shape (ticks, 4).
-        captured_s: Capture time of the image in use, minus infinity before the first [s], shape (ticks,).
+        captured_s: Capture time of the image in use, minus infinity before the first [s], shape
+            (ticks,).
 
     Returns:
         `VISIBLE`, `REMEMBERED` or `UNSEEN`, shape (ticks, rows).
@@ -50,7 +58,9 @@ def visibility(
         if np.isfinite(image_s):
             last_s[seen[round(image_s / TICK_S)]] = image_s
         ago_s = tick * TICK_S - last_s[place[tick]]
-        result[tick] = np.where(ago_s <= RECENT_S, VISIBLE, np.where(np.isfinite(ago_s), REMEMBERED, UNSEEN))
+        result[tick] = np.where(
+            ago_s <= RECENT_S, VISIBLE, np.where(np.isfinite(ago_s), REMEMBERED, UNSEEN)
+        )
     return result
 
 
@@ -76,7 +86,11 @@ def seen_by_rays(
     place = np.stack(np.broadcast_arrays(ground, aside, height), axis=-1)
     origin, _ = camera_pose(mount, position, quaternion)
     ahead = ground - np.asarray(origin)[:, :1]
-    slope = np.where(ahead > _NEAREST_M, (height - np.asarray(origin)[:, 2:]) / np.maximum(ahead, _NEAREST_M), -np.inf)
+    slope = np.where(
+        ahead > _NEAREST_M,
+        (height - np.asarray(origin)[:, 2:]) / np.maximum(ahead, _NEAREST_M),
+        -np.inf,
+    )
     # A place is hidden where one before it looks higher.
     clear = (slope >= np.maximum.accumulate(slope, axis=1)) & np.isfinite(slope)
     return clear & in_view(mount, place, position, quaternion)

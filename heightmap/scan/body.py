@@ -31,7 +31,10 @@ class NoBody:
 
 
 class BodyBox:
-    """A box around a robot's base, in its frame: nothing in it is ground. `size` is its full length, width, height."""
+    """A box around a robot's base, in its frame: nothing in it is ground.
+
+    `size` is its full length, width, height.
+    """
 
     def __init__(self, size: tuple[float, float, float]) -> None:
         self._half = 0.5 * np.asarray(size, np.float32)
@@ -65,5 +68,7 @@ class RobotBody:
         progress = some @ along.T - np.sum(start * along, -1)  # (near, shapes), times length
         share = (progress / length).clip(0.0, 1.0)
         from_start = np.sum(some**2, -1)[:, None] - 2.0 * (some @ start.T) + np.sum(start**2, -1)
-        on[near] |= (from_start + share * (share * length - 2.0 * progress) <= self._squared).any(-1)
+        on[near] |= (from_start + share * (share * length - 2.0 * progress) <= self._squared).any(
+            -1
+        )
         return on

@@ -38,7 +38,11 @@ def window_corner(position: Array, settings: MapSettings) -> Array:
 
 def places(xy: Array, corner: Array, settings: MapSettings) -> Array:
     """Positions (batch, n, 2) [m] in units of fine cells of the window; the centre of the first one is at 0, 0."""
-    return xy / settings.fine_m - 0.5 - namespace(xy).astype(corner * settings.sub, xy.dtype)[:, None, :]
+    return (
+        xy / settings.fine_m
+        - 0.5
+        - namespace(xy).astype(corner * settings.sub, xy.dtype)[:, None, :]
+    )
 
 
 def centres(corner: Array, settings: MapSettings, like: Array) -> tuple[Array, Array]:
@@ -53,7 +57,13 @@ def centres(corner: Array, settings: MapSettings, like: Array) -> tuple[Array, A
 
 
 def sorted_into_cells(
-    points: Array, variance: Array, valid: Array, corner: Array, settings: MapSettings, *, extremes: bool = True
+    points: Array,
+    variance: Array,
+    valid: Array,
+    corner: Array,
+    settings: MapSettings,
+    *,
+    extremes: bool = True,
 ) -> CellHeights:
     """Heights of points (batch, n, 3) in the odometry's frame; `variance` [m^2] and `valid` have shape (batch, n).
 
@@ -64,11 +74,15 @@ def sorted_into_cells(
     inside = valid & xp.all((place >= 0) & (place < side), axis=-1)
     batch, count = valid.shape
     robots = xp.arange(batch, dtype=xp.int64, device=points.device)[:, None] * side**2
-    # What is outside adds nothing, to cells far apart: additions to one and the same cell would wait for each other.
+    # What is outside adds nothing, to cells far apart: additions to one and the same cell would
+    # wait for each other.
     spare = xp.arange(count, dtype=xp.int64, device=points.device)[None, :] % side**2
     index = (robots + xp.where(inside, place[..., 0] * side + place[..., 1], spare)).reshape(-1)
     z, kept = points[:, :, 2].reshape(-1), xp.astype(inside, points.dtype).reshape(-1)
-    sums = [_added(index, kept * value, batch * side**2) for value in (xp.ones_like(z), z, variance.reshape(-1))]
+    sums = [
+        _added(index, kept * value, batch * side**2)
+        for value in (xp.ones_like(z), z, variance.reshape(-1))
+    ]
     number, total, spread = (value.reshape(batch, side, side) for value in sums)
     some = number.clip(1.0, None)
     mean, each = total / some, spread / some
@@ -76,7 +90,10 @@ def sorted_into_cells(
     high = low = mean
     if extremes:
         hit = number > 0.0
-        found = [_highest(index, xp.where(kept > 0.0, sign * z, -math.inf), batch * side**2) for sign in (1.0, -1.0)]
+        found = [
+            _highest(index, xp.where(kept > 0.0, sign * z, -math.inf), batch * side**2)
+            for sign in (1.0, -1.0)
+        ]
         high, low = (
             xp.where(hit, sign * value.reshape(batch, side, side), 0.0)
             for sign, value in zip((1.0, -1.0), found, strict=True)
@@ -92,14 +109,21 @@ def moved(values: Array, by: Array, new: float) -> Array:
     if isinstance(values, np.ndarray):  # blocks are copied in a tenth of the time
         found = np.full_like(values, new)
         for robot, (down, right) in enumerate(by.clip(-side, side).tolist()):
-            (to_row, from_row), (to_column, from_column) = _overlap(down, side), _overlap(right, side)
+            (to_row, from_row), (to_column, from_column) = (
+                _overlap(down, side),
+                _overlap(right, side),
+            )
             found[robot, to_row, to_column] = values[robot, from_row, from_column]
         return found
     steps = xp.arange(side, dtype=xp.int64, device=values.device)
     rows, columns = steps[None, :] + by[:, :1], steps[None, :] + by[:, 1:]
     robots = xp.arange(batch, dtype=xp.int64, device=values.device)[:, None, None]
-    taken = values[robots, rows.clip(0, side - 1)[:, :, None], columns.clip(0, side - 1)[:, None, :]]
-    inside = ((rows >= 0) & (rows < side))[:, :, None] & ((columns >= 0) & (columns < side))[:, None, :]
+    taken = values[
+        robots, rows.clip(0, side - 1)[:, :, None], columns.clip(0, side - 1)[:, None, :]
+    ]
+    inside = ((rows >= 0) & (rows < side))[:, :, None] & ((columns >= 0) & (columns < side))[
+        :, None, :
+    ]
     return xp.where(inside, taken, new)
 
 
@@ -109,7 +133,10 @@ def _overlap(by: int, side: int) -> tuple[slice, slice]:
 
 
 def sampled(values: Array, place: Array) -> Array:
-    """Bilinear values at places (batch, n, 2) in units of cells, held at the border. Shape (batch, n)."""
+    """Bilinear values at places (batch, n, 2) in units of cells, held at the border.
+
+    Shape (batch, n).
+    """
     xp, side = namespace(values), values.shape[1]
     place = place.clip(0.0, side - 1.0)
     first = xp.floor(place).clip(0.0, side - 2.0)

@@ -10,7 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from saltus.arrays import Array, namespace
-from saltus.heightmap.scan.cells import CellHeights, centres, moved, places, sampled, sorted_into_cells, window_corner
+from saltus.heightmap.scan.cells import (
+    CellHeights,
+    centres,
+    moved,
+    places,
+    sampled,
+    sorted_into_cells,
+    window_corner,
+)
 from saltus.heightmap.scan.filling import filled
 from saltus.heightmap.scan.matching import Drift, drift, slopes_of
 from saltus.heightmap.scan.settings import MapSettings
@@ -62,7 +70,10 @@ class Measurement(NamedTuple):
 
 
 class ElevationMap(NamedTuple):
-    """State of the map; arrays of cells have shape (batch, side, side), heights are in the odometry's world [m]."""
+    """State of the map.
+
+    Arrays of cells have shape (batch, side, side), heights are in the odometry's world [m].
+    """
 
     height: Array
     variance: Array
@@ -77,7 +88,10 @@ class ElevationMap(NamedTuple):
     told_width: Array
     """Its half-width [m]; `WIDEST` where it told none."""
     corner: Array
-    """First cell of the window, see `saltus.heightmap.scan.cells.window_corner`. Shape (batch, 2)."""
+    """First cell of the window, see `saltus.heightmap.scan.cells.window_corner`.
+
+    Shape (batch, 2).
+    """
     correction: Array
     """Added to the odometry's positions [m], shape (batch, 3)."""
     images: Array
@@ -127,7 +141,9 @@ def is_known(state: ElevationMap) -> Array:
     return state.variance < 0.5 * UNKNOWN_M2
 
 
-def advanced(state: ElevationMap, measured: Measurement, settings: MapSettings) -> tuple[ElevationMap, Surroundings]:
+def advanced(
+    state: ElevationMap, measured: Measurement, settings: MapSettings
+) -> tuple[ElevationMap, Surroundings]:
     """The map after an image: moved to the base, corrected for drift, and with the new heights in it."""
     before = state.correction
     state = _moved(state, measured.now.position + before, settings)
@@ -143,7 +159,9 @@ def advanced(state: ElevationMap, measured: Measurement, settings: MapSettings) 
     base = measured.now.position + state.correction
     guess, weight = _under_body(state, base, measured.body_height, settings)
     whole = filled(xp.where(known, state.height, guess), xp.where(known, 1.0, weight))
-    return state, Surroundings(filled=whole, new=new, feet=feet, base=base, drift=state.correction - before)
+    return state, Surroundings(
+        filled=whole, new=new, feet=feet, base=base, drift=state.correction - before
+    )
 
 
 def _matched(
@@ -173,7 +191,12 @@ def _moved(state: ElevationMap, position: Array, settings: MapSettings) -> Eleva
 
 
 def _of_image(
-    state: ElevationMap, measured: Measurement, tilt: Array | None, settings: MapSettings, *, extremes: bool
+    state: ElevationMap,
+    measured: Measurement,
+    tilt: Array | None,
+    settings: MapSettings,
+    *,
+    extremes: bool,
 ) -> CellHeights:
     """Heights of an image's points, tilted back by what matching found."""
     xp = namespace(state.height)
@@ -184,7 +207,9 @@ def _of_image(
     points = points + (measured.exposed.position + state.correction)[:, None, :]
     deviation = settings.depth_noise * measured.depth**2
     variance = deviation**2 + settings.point_noise_m**2
-    return sorted_into_cells(points, variance, measured.depth > 0.0, state.corner, settings, extremes=extremes)
+    return sorted_into_cells(
+        points, variance, measured.depth > 0.0, state.corner, settings, extremes=extremes
+    )
 
 
 def _away(state: ElevationMap, position: Array, settings: MapSettings) -> tuple[Array, Array]:
@@ -220,7 +245,9 @@ def _fused(state: ElevationMap, new: CellHeights, settings: MapSettings) -> Elev
     )
 
 
-def _with_feet(state: ElevationMap, measured: Measurement, settings: MapSettings) -> tuple[ElevationMap, CellHeights]:
+def _with_feet(
+    state: ElevationMap, measured: Measurement, settings: MapSettings
+) -> tuple[ElevationMap, CellHeights]:
     """Moves the pose towards where standing feet touch the map, and puts them into it where it knows nothing."""
     xp = namespace(state.height)
     position = measured.now.position + state.correction
@@ -238,7 +265,8 @@ def _with_feet(state: ElevationMap, measured: Measurement, settings: MapSettings
                         soles.shape[:2])  # fmt: skip
     variance = xp.zeros_like(soles[..., 2]) + settings.foot_noise_m**2
     cells = sorted_into_cells(soles, variance, stands, state.corner, settings, extremes=False)
-    # Where the map knows the ground, feet move the pose: a height that was drawn to the foot would hide the drift.
+    # Where the map knows the ground, feet move the pose: a height that was drawn to the foot would
+    # hide the drift.
     new = cells._replace(count=xp.where(is_known(state), 0.0, cells.count))
     return _fused(state, new, settings), cells
 
@@ -251,11 +279,15 @@ def _soles(feet: Array, settings: MapSettings) -> Array:
     xp = namespace(feet)
     steps = (xp.arange(_SOLE, dtype=feet.dtype, device=feet.device) - 1.0) * settings.fine_m
     x, y = xp.meshgrid(steps, steps, indexing="ij")
-    offsets = xp.stack([xp.reshape(x, (-1,)), xp.reshape(y, (-1,)), xp.zeros_like(xp.reshape(x, (-1,)))], -1)
+    offsets = xp.stack(
+        [xp.reshape(x, (-1,)), xp.reshape(y, (-1,)), xp.zeros_like(xp.reshape(x, (-1,)))], -1
+    )
     return xp.reshape(feet[:, :, None, :] + offsets[None, None], (feet.shape[0], -1, 3))
 
 
-def _under_body(state: ElevationMap, base: Array, body_height: Array, settings: MapSettings) -> tuple[Array, Array]:
+def _under_body(
+    state: ElevationMap, base: Array, body_height: Array, settings: MapSettings
+) -> tuple[Array, Array]:
     """The guess that the ground under the base is as far below it as usual, and its weight by cell."""
     xp = namespace(base)
     x, y = _away(state, base, settings)

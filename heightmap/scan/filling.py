@@ -32,7 +32,9 @@ def _fours(values: Array) -> Array:
 def _doubled(values: Array) -> Array:
     """Bilinear on twice as many rows and columns, held at the border."""
     rows = _doubled_rows(values)
-    return namespace(values).matrix_transpose(_doubled_rows(namespace(values).matrix_transpose(rows)))
+    return namespace(values).matrix_transpose(
+        _doubled_rows(namespace(values).matrix_transpose(rows))
+    )
 
 
 def _doubled_rows(values: Array) -> Array:

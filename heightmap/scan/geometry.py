@@ -11,7 +11,9 @@ GUESSED_M = 0.15
 """Half-width of a height that was filled [m]."""
 
 
-def geometric_heights(state: ElevationMap, around: Surroundings, now_s: Array, settings: MapSettings) -> Heights:
+def geometric_heights(
+    state: ElevationMap, around: Surroundings, now_s: Array, settings: MapSettings
+) -> Heights:
     """Heights of the map's cells without a network; `now_s` has shape (batch,)."""
     xp = namespace(state.height)
     age = (now_s[:, None, None] - state.seen_s).clip(0.0, OLDEST_S)

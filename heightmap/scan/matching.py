@@ -38,7 +38,8 @@ def drift(
     xp = namespace(height)
     residual = new.mean - height
     used = known & (new.count > 0.0) & (xp.abs(residual) < settings.gate_m)
-    # A point may be off sideways, too: by so much it says less of the height the steeper the map is.
+    # A point may be off sideways, too: by so much it says less of the height the steeper the map
+    # is.
     steep = settings.sideways_m**2 * (slopes[0] ** 2 + slopes[1] ** 2)
     total = variance + new.variance + steep + settings.least_m**2
     weight = xp.where(used, settings.independent / total, 0.0)
@@ -52,7 +53,10 @@ def drift(
         factors = xp.reshape(xp.stack(columns, axis=1), (batch, len(columns), -1))
     products = (factors[:, :-1] * xp.reshape(weight, (batch, 1, -1))) @ xp.matrix_transpose(factors)
     priors = [settings.step_m] * 3 + [settings.tilt_rad] * 2
-    matrix = [[products[:, i, j] + (i == j) * prior**-2 for j in range(i + 1)] for i, prior in enumerate(priors)]
+    matrix = [
+        [products[:, i, j] + (i == j) * prior**-2 for j in range(i + 1)]
+        for i, prior in enumerate(priors)
+    ]
     found = _solved(matrix, [products[:, i, -1] for i in range(len(priors))])
     return Drift(xp.stack(found[:3], axis=-1), xp.stack(found[3:], axis=-1))
 

@@ -6,7 +6,8 @@ from saltus.arrays import Array, namespace
 from saltus.heightmap.scan.elevation import WIDEST, ElevationMap, Surroundings, is_known
 
 MEASURED = (
-    "known", "deviation", "age", "new", "new_count", "new_high", "new_low", "high", "low", "foot", "foot_count",
+    "known", "deviation", "age", "new", "new_count", "new_high", "new_low", "high", "low", "foot",
+    "foot_count",
 )  # fmt: skip
 """Planes of `Inputs.measured`: whether a cell was ever measured (1 or 0), standard deviation
 [m], time since its last point [s], then heights above `Inputs.filled` [m] of this image's points
@@ -47,7 +48,9 @@ class Heights(NamedTuple):
     """Half of the 90 % interval [m]."""
 
 
-def inputs_of(state: ElevationMap, around: Surroundings, now_s: Array, body_height: Array) -> Inputs:
+def inputs_of(
+    state: ElevationMap, around: Surroundings, now_s: Array, body_height: Array
+) -> Inputs:
     """Inputs of the network after an image; `now_s` and `body_height` have shape (batch,)."""
     xp = namespace(state.height)
     level = (around.base[:, 2] - body_height)[:, None, None]
@@ -59,8 +62,10 @@ def inputs_of(state: ElevationMap, around: Surroundings, now_s: Array, body_heig
 
     measured = [
         xp.astype(known, age.dtype), xp.where(known, state.variance, 0.0) ** 0.5, age,
-        above(around.new.mean, hit), around.new.count, above(around.new.high, hit), above(around.new.low, hit),
-        above(state.high, known), above(state.low, known), above(around.feet.mean, foot), around.feet.count,
+        above(around.new.mean, hit), around.new.count, above(around.new.high, hit),
+        above(around.new.low, hit),
+        above(state.high, known), above(state.low, known), above(around.feet.mean, foot),
+        around.feet.count,
     ]  # fmt: skip
     told = xp.where(state.told_width < WIDEST, state.told - around.filled, 0.0)
     images = state.images.clip(0.0, MOST_IMAGES)

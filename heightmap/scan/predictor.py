@@ -9,8 +9,24 @@ from saltus.arrays import Floats, Singles
 from saltus.errors import ConfigError, ModelError
 from saltus.grid import HeightGrid
 from saltus.heightmap.scan.cells import places, sampled
-from saltus.heightmap.scan.elevation import NEVER_S, ElevationMap, Measurement, Pose, advanced, new_map
-from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS, REACH_M, Heights, Inputs, inputs_of, remembered
+from saltus.heightmap.scan.elevation import (
+    NEVER_S,
+    ElevationMap,
+    Measurement,
+    Pose,
+    advanced,
+    new_map,
+)
+from saltus.heightmap.scan.planes import (
+    MEASURED,
+    MEMORY,
+    NUMBERS,
+    REACH_M,
+    Heights,
+    Inputs,
+    inputs_of,
+    remembered,
+)
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.model_file import ModelFile
 
@@ -30,7 +46,10 @@ class Ground(NamedTuple):
     half_width: Floats
     """Half of the 90 % interval [m]."""
     seen_s: Floats
-    """Exposure of the last image with a point within 3 cm [s]; minus infinity where there was none."""
+    """Exposure of the last image with a point within 3 cm [s].
+
+    Minus infinity where there was none.
+    """
 
 
 class ScanNetwork:
@@ -48,10 +67,14 @@ class ScanNetwork:
     def __init__(self, path: Path) -> None:
         file = ModelFile(path)
         if (found := file.field("format")) != FORMAT:
-            raise ModelError(f"model {path} does not fit: its format is {found!r}, this program needs {FORMAT!r}")
+            raise ModelError(
+                f"model {path} does not fit: its format is {found!r}, this program needs {FORMAT!r}"
+            )
         for name, known in _NAMES.items():
             if tuple(file.field(name)) != known:
-                raise ModelError(f"model {path} does not fit: its '{name}' are other planes: export it again")
+                raise ModelError(
+                    f"model {path} does not fit: its '{name}' are other planes: export it again"
+                )
         try:
             self.settings = MapSettings.from_toml(file.field("map"))
         except ConfigError as error:
@@ -65,7 +88,9 @@ class ScanNetwork:
 
     def __call__(self, inputs: Inputs) -> tuple[Singles, Singles]:
         """Height above `inputs.filled` and half-width [m], each of shape (batch, side, side)."""
-        fed = {name: np.ascontiguousarray(getattr(inputs, name), np.float32) for name in self._inputs}
+        fed = {
+            name: np.ascontiguousarray(getattr(inputs, name), np.float32) for name in self._inputs
+        }
         height, half_width = self._session.run(list(OUTPUTS), fed)
         return height, half_width
 
@@ -102,7 +127,11 @@ class ScanPredictor:
         now = np.full(1, now_s, np.float32)
         height, half_width = self._network(inputs_of(state, around, now, measured.body_height))
         # no comparison with NaN is true, so that this also asks for finite numbers
-        if not (np.abs(height).max() <= FARTHEST_M and half_width.min() > 0.0 and half_width.max() <= FARTHEST_M):
+        if not (
+            np.abs(height).max() <= FARTHEST_M
+            and half_width.min() > 0.0
+            and half_width.max() <= FARTHEST_M
+        ):
             return False
         told = Heights(around.filled + height, half_width)
         self._known = (remembered(state, told), told)
@@ -135,7 +164,10 @@ class ScanPredictor:
 
 
 def _last_seen(seen_s: Singles, place: Floats) -> Floats:
-    """When a point last fell into the cell of each place, or one beside it [s]; minus infinity where none ever did."""
+    """When a point last fell into the cell of each place, or one beside it [s].
+
+    Minus infinity where none ever did.
+    """
     cell = np.floor(place + 0.5).astype(np.int64)
     reach = np.arange(-1, 2)
     rows, columns = ((cell[:, axis, None] + reach).clip(0, len(seen_s) - 1) for axis in (0, 1))

@@ -16,7 +16,8 @@ class MapSettings(Value):
     cell_m: float = 0.04
     """Side of the cells by which the window moves, and on which the network works [m]."""
     cells: int = 64
-    """Along each side of the window, a multiple of 8: 2.56 m hold a scan of 1.6 x 1.0 m at any yaw."""
+    """Along each side of the window, a multiple of 8: 2.56 m hold a scan of 1.6 x 1.0 m at any
+    yaw."""
     sub: int = 2
     """Heights along each side of a cell: 2 cm are as fine as a point's own error asks
     (prototype: 4 cm lose 9 mm)."""
@@ -60,11 +61,13 @@ class MapSettings(Value):
 
     def __post_init__(self) -> None:
         check_between(
-            self, cell_m=(0.005, 0.5), cells=(8, 512), sub=(1, 8), depth_noise=(0.0, 0.1), point_noise_m=(1e-4, 0.1),
+            self, cell_m=(0.005, 0.5), cells=(8, 512), sub=(1, 8), depth_noise=(0.0, 0.1),
+            point_noise_m=(1e-4, 0.1),
             shared_noise=(0.0, 1.0), drift=(0.0, 1.0), surprise=(0.0, 1.0),
             least_m=(1e-4, 0.1), looks=(1, 16), step_m=(1e-5, 0.1), tilt_rad=(1e-6, 0.1),
             independent=(1e-4, 1.0), sideways_m=(0.0, 0.1),
-            gate_m=(0.001, 1.0), foot_gain=(0.0, 1.0), foot_noise_m=(1e-4, 0.1), body_height_noise_m=(1e-3, 1.0),
+            gate_m=(0.001, 1.0), foot_gain=(0.0, 1.0), foot_noise_m=(1e-4, 0.1),
+            body_height_noise_m=(1e-3, 1.0),
         )  # fmt: skip
 
     @property

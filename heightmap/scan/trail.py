@@ -41,7 +41,10 @@ class Waypoint(NamedTuple):
     def moved(self, seconds: float) -> "Waypoint":
         """The same so much later, or earlier, as its velocities have it."""
         angle = self.turn * seconds
-        return self._replace(position=self.position + self.velocity * seconds, rotation=self.rotation @ _turned(angle))
+        return self._replace(
+            position=self.position + self.velocity * seconds,
+            rotation=self.rotation @ _turned(angle),
+        )
 
     @property
     def pose(self) -> Pose:
@@ -59,7 +62,10 @@ class Trail:
         """Sum of the jumps of the positions that were told."""
 
     def add(self, state: RobotState) -> bool:
-        """Goes on to a state; true where nothing that is known from before can be placed any more."""
+        """Goes on to a state.
+
+        True where nothing that is known from before can be placed any more.
+        """
         rotation = rotation_matrix(np.asarray(state.quaternion_base_in_world, np.float64))
         last = self._points[-1] if self._points else None
         lost = last is None or not 0 < state.time_ns - last.time_ns < GAP_NS
@@ -72,12 +78,16 @@ class Trail:
         velocity = np.asarray(state.velocity_base_in_world, np.float64)
         position = self._position(state, None if lost else last, velocity, seconds)
         turn = np.asarray(state.angular_velocity_base, np.float64)
-        self._points.append(Waypoint(state.time_ns, position, rotation, velocity, turn, state.joint_position))
+        self._points.append(
+            Waypoint(state.time_ns, position, rotation, velocity, turn, state.joint_position)
+        )
         while state.time_ns - self._points[0].time_ns > KEPT_NS:
             self._points.popleft()
         return last is not None and lost
 
-    def _position(self, state: RobotState, last: Waypoint | None, velocity: Floats, seconds: float) -> Floats:
+    def _position(
+        self, state: RobotState, last: Waypoint | None, velocity: Floats, seconds: float
+    ) -> Floats:
         told = np.asarray(state.position_base_in_odometry, np.float64)
         begin = np.array([0.0, 0.0, state.base_height]) if last is None else last.position
         way = np.zeros(3) if last is None else 0.5 * seconds * (velocity + last.velocity)
@@ -103,7 +113,11 @@ class Trail:
     def at(self, time_ns: int) -> Waypoint | None:
         """The robot at a time; None where that is too far from all that is known."""
         points = self._points
-        if not points or time_ns - points[-1].time_ns > REACH_NS or points[0].time_ns - time_ns > REACH_NS:
+        if (
+            not points
+            or time_ns - points[-1].time_ns > REACH_NS
+            or points[0].time_ns - time_ns > REACH_NS
+        ):
             return None
         before = next((point for point in reversed(points) if point.time_ns <= time_ns), None)
         if before is None:

@@ -21,13 +21,17 @@ PROPRIOCEPTION = (
     *(f"angular_velocity_{axis}" for axis in "xyz"),
     "base_height",
 )
-"""Names of the entries. Angles [rad], positions [m] and velocities [m/s, rad/s] in the yaw frame."""
+"""Names of the entries.
+
+Angles [rad], positions [m] and velocities [m/s, rad/s] in the yaw frame.
+"""
 
 
 def proprioception_of_states(states: Proprioception, legs: LegKinematics) -> Array:
     """The vectors of a batch, numpy or torch, float32, shape (..., len(PROPRIOCEPTION)).
 
-    The position of a foot says where the ground is while its leg is trusted to stand; otherwise it is zero (original).
+    The position of a foot says where the ground is while its leg is trusted to stand; otherwise it
+    is zero (original).
     """
     rotation = rotations.rotation_matrix(states.quaternion_base_in_world)
     feet = legs.position(states.joint_position)
@@ -53,8 +57,10 @@ def _law_of_one(legs: LegKinematics) -> Callable[[Proprioception], Floats]:
     """The same law without arrays."""
     three, four, joints = np.zeros(3), np.zeros(4), np.zeros(12)
     any_state = RobotStates(
-        quaternion_base_in_world=four, angular_velocity_base=three, acceleration_base=three, joint_position=joints,
-        joint_velocity=joints, velocity_base_in_world=three, base_height=0.0, leg_contact=four, leg_progress=four,
+        quaternion_base_in_world=four, angular_velocity_base=three, acceleration_base=three,
+        joint_position=joints,
+        joint_velocity=joints, velocity_base_in_world=three, base_height=0.0, leg_contact=four,
+        leg_progress=four,
         leg_trusted=four, cycle=0.0,
     )  # fmt: skip
     return straight_line(partial(proprioception_of_states, legs=legs), any_state)
@@ -79,7 +85,11 @@ def _entries(
     return [
         roll,
         pitch,
-        *(stands * _dot(axis, foot) for stands, foot in zip(trusted, feet, strict=True) for axis in (ahead, up)),
+        *(
+            stands * _dot(axis, foot)
+            for stands, foot in zip(trusted, feet, strict=True)
+            for axis in (ahead, up)
+        ),
         *trusted,
         cosine * velocity_x + sine * velocity_y,
         cosine * velocity_y - sine * velocity_x,

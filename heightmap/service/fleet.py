@@ -36,7 +36,10 @@ class RobotRequest:
 
     @property
     def images(self) -> Iterator[tuple[str, DepthFrame, bytes]]:
-        """Name, image and start of the process of each camera that has sent one; the first has no name."""
+        """Name, image and start of the process of each camera that has sent one.
+
+        The first has no name.
+        """
         if self.frame is not None and self.camera_boot is not None:
             yield "", self.frame, self.camera_boot
         for name, sample in self.others.items():
@@ -59,7 +62,10 @@ class _Robot:
         return [self.service] if self.coming is None else [self.service, self.coming]
 
     def accept(self, arrival: RobotRequest) -> None:
-        """Empties hidden states where the robot was restarted; images of a camera that was are counted anew."""
+        """Empties hidden states where the robot was restarted.
+
+        Images of a camera that was are counted anew.
+        """
         if arrival.robot_boot != self._robot_boot:
             self._robot_boot = arrival.robot_boot
             for service in self.services:
@@ -96,11 +102,13 @@ class _Robot:
 class FleetService:
     """Answers the states of several robots, by name, and waits for none of them.
 
-    Each robot has a hidden state of its own, which is emptied when that robot is restarted, and never because of
-    another robot. `depth` says how old images may be.
+    Each robot has a hidden state of its own, which is emptied when that robot is restarted, and
+    never because of another robot. `depth` says how old images may be.
     """
 
-    def __init__(self, network: HeightmapNetwork, robots: Iterable[str], depth: Topic = DEPTH) -> None:
+    def __init__(
+        self, network: HeightmapNetwork, robots: Iterable[str], depth: Topic = DEPTH
+    ) -> None:
         self._depth = depth
         self._robots = {robot: _Robot(network, depth) for robot in robots}
         self.swaps = 0
@@ -111,8 +119,10 @@ class FleetService:
     def use(self, network: HeightmapNetwork) -> None:
         """Gives another model to all robots.
 
-        It runs beside the one in use and replaces it, robot by robot, when its hidden state is warm: each robot has
-        heights all the time. Where its answers do not become as good within three seconds, it is dropped.
+        It runs beside the one in use and replaces it, robot by robot, when its hidden state is
+            warm: each robot has
+        heights all the time. Where its answers do not become as good within three seconds, it is
+        dropped.
         """
         for robot in self._robots.values():
             robot.coming, robot.coming_since_ns = HeightmapService(network, self._depth), None
@@ -131,7 +141,9 @@ class FleetService:
             ticks = _run(network, [inputs for _, _, inputs in batch])
             for (service, arrival, inputs), tick in zip(batch, ticks, strict=True):
                 service.finish(arrival.state, inputs, tick, arrival.now_ns)
-        return {name: self._answer(self._robots[name], arrival) for name, arrival in arrivals.items()}
+        return {
+            name: self._answer(self._robots[name], arrival) for name, arrival in arrivals.items()
+        }
 
     def _answer(self, robot: _Robot, arrival: RobotRequest) -> Heightmap:
         if robot.take_over():

@@ -13,7 +13,10 @@ class FrameLoss:
         self._missing: deque[tuple[int, int]] = deque()
 
     def accept(self, frame_id: int, time_ns: int) -> None:
-        """Takes note of an image that is used, in order of capture; a lower number than the last is a new count."""
+        """Takes note of an image that is used, in order of capture.
+
+        A lower number than the last is a new count.
+        """
         missing = 0 if self._last is None else frame_id - self._last - 1
         self._last = frame_id
         if missing > 0:

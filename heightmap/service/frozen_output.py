@@ -5,7 +5,8 @@ import numpy as np
 from saltus.heightmap.service.sight import Tick, TickInputs
 
 FROZEN_NS = 1_000_000_000
-"""A trotting or bounding robot goes through two cycles in this time: no terrain looks the same to the last bit."""
+"""A trotting or bounding robot goes through two cycles in this time: no terrain looks the same to
+the last bit."""
 
 
 class FrozenOutput:

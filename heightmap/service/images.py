@@ -10,13 +10,21 @@ from saltus.wire.topics import TOPICS, Topic
 NO_FRAME = -1
 DEPTH = TOPICS["camera/depth"]
 DEGRADED_INVALID_PIXELS = 0.3
-MAX_FUTURE_S = 0.005  # clocks of one machine agree; more than this is not a clock that can be trusted
+MAX_FUTURE_S = (
+    0.005  # clocks of one machine agree; more than this is not a clock that can be trusted
+)
 DEGRADED_LOST_SHARE = 0.2  # of the images of the last second; the model is trained with 8 % at most
 LOSS_MARGIN_S = 0.020
 """Two ticks of 100 Hz: an image may have arrived a tick before it is taken, and what would be too late at the next tick
 is said at this one."""
-_TRUST = (HeightmapStatus.OK, HeightmapStatus.DEGRADED, HeightmapStatus.WARMING, HeightmapStatus.INVALID)
-"""From good to bad, unlike their numbers: heights of poor images are of some use, of an empty hidden state of none."""
+_TRUST = (
+    HeightmapStatus.OK,
+    HeightmapStatus.DEGRADED,
+    HeightmapStatus.WARMING,
+    HeightmapStatus.INVALID,
+)
+"""From good to bad, unlike their numbers: heights of poor images are of some use, of an empty
+hidden state of none."""
 _DEGRADED_LOST = DEGRADED_LOST_SHARE * DEPTH.rate_hz * 1e-9 * WINDOW_NS
 
 
@@ -55,16 +63,23 @@ class ImageWatch:
         age_s, newest = (now_ns - frame.time_ns) * 1e-9, self.newest
         if not -MAX_FUTURE_S <= age_s <= self._depth.invalid_age_s:
             return False
-        return newest is None or (frame.frame_id != newest.frame_id and frame.time_ns > newest.time_ns)
+        return newest is None or (
+            frame.frame_id != newest.frame_id and frame.time_ns > newest.time_ns
+        )
 
-    def take(self, frame: DepthFrame, invalid_fraction: float, arrival_ns: int, *, used: bool) -> None:
+    def take(
+        self, frame: DepthFrame, invalid_fraction: float, arrival_ns: int, *, used: bool
+    ) -> None:
         """Takes note of an image that was news, and of whether it is in use from now on."""
         self.newest = View(invalid_fraction, frame.time_ns, frame.frame_id, arrival_ns)
         self.view = self.newest if used else self.view
         self._loss.accept(frame.frame_id, frame.time_ns)
 
     def new_camera(self) -> None:
-        """Counts images anew, of a camera that has started anew. Those of before hold on: pauses are judged as ever."""
+        """Counts images anew, of a camera that has started anew.
+
+        Those of before hold on: pauses are judged as ever.
+        """
         if self.newest is not None:
             renumbered = replace(self.newest, frame_id=NO_FRAME)
             self.view = renumbered if self.view is self.newest else self.view
@@ -84,7 +99,11 @@ class ImageWatch:
         extra, newest, view = self._depth.max_extra_age_s, self.newest, self.view
         if newest is None:
             waiting_s = (now_ns - (self._started_ns or 0)) * 1e-9
-            return HeightmapStatus.INVALID if waiting_s > self._depth.invalid_age_s else HeightmapStatus.WARMING
+            return (
+                HeightmapStatus.INVALID
+                if waiting_s > self._depth.invalid_age_s
+                else HeightmapStatus.WARMING
+            )
         if view is None or view is not newest:
             return HeightmapStatus.INVALID
         age_s = (max(now_ns, state_ns) - view.time_ns) * 1e-9
@@ -94,7 +113,10 @@ class ImageWatch:
         if not warm:
             return HeightmapStatus.WARMING
         late = age_s > self._depth.degraded_age_s or silent_s > 0.5 * extra
-        patchy = view.invalid_fraction > DEGRADED_INVALID_PIXELS or self._loss.count(now_ns) > _DEGRADED_LOST
+        patchy = (
+            view.invalid_fraction > DEGRADED_INVALID_PIXELS
+            or self._loss.count(now_ns) > _DEGRADED_LOST
+        )
         return HeightmapStatus.DEGRADED if late or patchy else HeightmapStatus.OK
 
 

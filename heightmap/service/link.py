@@ -9,7 +9,9 @@ from saltus.wire.bus import Sample
 from saltus.wire.messages import Done, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import Topic
 
-UNANSWERED_NS = 500_000_000  # so that a clock that differs is reported within 1 s of the robot's first state
+UNANSWERED_NS = (
+    500_000_000  # so that a clock that differs is reported within 1 s of the robot's first state
+)
 
 
 class RobotLink:
@@ -46,8 +48,8 @@ class RobotLink:
     def take(self) -> RobotRequest | None:
         """Returns what the robot asks now, if it does; never waits.
 
-        In lockstep a state asks only when the frame that is due with it has come, or not at all if a newer one comes
-        first. In real time a state that is too old to be used asks nothing.
+        In lockstep a state asks only when the frame that is due with it has come, or not at all if
+        a newer one comes first. In real time a state that is too old to be used asks nothing.
         """
         if not self._lockstep:
             self._take_frame()  # decoded before anybody waits for what is made of it
@@ -109,7 +111,9 @@ class RobotLink:
         """Publishes; says once when the status changes."""
         self._heightmaps.put(heightmap)
         if self._lockstep:
-            self._done.put(Done(time_ns=heightmap.time_ns, step=heightmap.step, process=self.context.name))
+            self._done.put(
+                Done(time_ns=heightmap.time_ns, step=heightmap.step, process=self.context.name)
+            )
         self.ticks += 1
         if heightmap.status == self._status:
             return
@@ -117,4 +121,6 @@ class RobotLink:
         late = heightmap.depth_age_s > self._depth.degraded_age_s
         lost = late and heightmap.status == HeightmapStatus.INVALID
         code = "depth_lost" if lost else f"heightmap_{heightmap.status.name.lower()}"
-        self.context.event(code, f"step {heightmap.step}, image {heightmap.depth_age_s * 1e3:.0f} ms old")
+        self.context.event(
+            code, f"step {heightmap.step}, image {heightmap.depth_age_s * 1e3:.0f} ms old"
+        )

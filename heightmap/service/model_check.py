@@ -1,9 +1,11 @@
-"""The model check: loads a model in a process of its own and runs it; a crash here cannot crash a robot's service.
+"""The model check: loads a model in a process of its own and runs it.
+
+A crash here cannot crash a robot's service.
 
     python -m saltus.heightmap.service.model_check FILE < robot.toml
 
-The robot is the one that is served. Prints the model's id; a model that cannot be used ends in one line on stderr and
-exit code 2.
+The robot is the one that is served. Prints the model's id; a model that cannot be used ends in one
+line on stderr and exit code 2.
 """
 
 import resource
@@ -23,7 +25,8 @@ from saltus.wire.messages import DepthFrame, HeightmapStatus
 from saltus.wire.topics import CAMERA_LATENCY_S, CAMERA_PERIOD_S
 
 WARM_TICKS = 200
-"""After the warm-up: two seconds, in which a hidden state that grows and a frozen output are noticed."""
+"""After the warm-up: two seconds, in which a hidden state that grows and a frozen output are
+noticed."""
 MEMORY_BYTES = 8 << 30  # of addresses, most of which ONNX Runtime never touches
 CPU_S = 20
 
@@ -38,12 +41,16 @@ def checked_model(robot: Robot, path: Path) -> HeightmapNetwork:
     service = HeightmapService(network)
     rng = np.random.default_rng(0)
     frames = [_frame(i, rng) for i in range(network.warmup_frames + WARM_TICKS)]
-    for tick, (state, frame) in enumerate(zip(LevelRobot().states(robot, frames), frames, strict=True)):
+    for tick, (state, frame) in enumerate(
+        zip(LevelRobot().states(robot, frames), frames, strict=True)
+    ):
         answer = service.step(state, frame, state.time_ns)
         expected = HeightmapStatus.OK if tick >= network.warmup_frames else HeightmapStatus.WARMING
         if answer.status > expected or service.bad_outputs:
             found = answer.status.name if answer.status > expected else "not plausible"
-            raise ModelError(f"model {path} fails its check: after {tick} good images the heightmap is {found}")
+            raise ModelError(
+                f"model {path} fails its check: after {tick} good images the heightmap is {found}"
+            )
     return network
 
 

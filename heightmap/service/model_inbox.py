@@ -20,7 +20,10 @@ from saltus.runtime.run_folder import SETUP_FILE
 from saltus.setup import Setup
 
 FILE = "heightmap.onnx"
-"""Name of the file below the folder of a run; its checksum lies beside it, and the service's answer."""
+"""Name of the file below the folder of a run.
+
+Its checksum lies beside it, and the service's answer.
+"""
 CHECKING, ACCEPTED = "checking", "accepted"
 """Answers of a service; anything else is why it refuses the model."""
 TIMEOUT_S = 60.0
@@ -32,8 +35,9 @@ _POLL_S = 0.1
 class ModelInbox:
     """Watches one ONNX file for the robot that is served; a file that was there before is not news.
 
-    A new file is loaded and run in another process first (`saltus.heightmap.service.model_check`), then the very same
-    bytes, by their sha256, are loaded here, both away from the thread that answers the robots.
+    A new file is loaded and run in another process first (`saltus.heightmap.service.model_check`),
+    then the very same bytes, by their sha256, are loaded here, both away from the thread that
+    answers the robots.
     """
 
     def __init__(self, robot: Robot, grid: HeightGrid, path: Path) -> None:
@@ -58,7 +62,8 @@ class ModelInbox:
         check, self._check = self._check, None
         try:
             network = check.result()
-        except OSError as error:  # no memory or no handle for another process: not the fault of those who are served
+        # No memory or no handle for another process: not the fault of those who are served
+        except OSError as error:
             self._answer(f"it could not be checked: {error}")
             raise ModelError(f"model {self._path} could not be checked: {error}") from error
         except ModelError as error:
@@ -68,7 +73,10 @@ class ModelInbox:
         return network
 
     def _answer(self, text: str) -> None:
-        """Tells whoever gave the model; robots are served all the same where that cannot be written."""
+        """Tells whoever gave the model.
+
+        Robots are served all the same where that cannot be written.
+        """
         place = _answer_path(self._path)
         with contextlib.suppress(OSError):
             write_whole(place, text)
@@ -84,10 +92,21 @@ class ModelInbox:
         path = self._path
         _ask_for_checksum(path)
         command = [sys.executable, "-P", "-m", "saltus.heightmap.service.model_check", str(path)]
-        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONUTF8": "1"}
+        environment = {
+            **os.environ,
+            "OMP_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+            "PYTHONUTF8": "1",
+        }
         pipe = subprocess.PIPE
         with subprocess.Popen(
-            command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment, encoding="utf-8"
+            command,
+            stdin=pipe,
+            stdout=pipe,
+            stderr=pipe,
+            text=True,
+            env=environment,
+            encoding="utf-8",
         ) as check:
             self._process = check
             try:
@@ -97,7 +116,9 @@ class ModelInbox:
                 raise ModelError(f"model {path} was not loaded within {TIMEOUT_S:g} s") from error
         if check.returncode != 0:
             lines = complaint.strip().splitlines()
-            raise ModelError(lines[-1] if lines else f"model {path} ended its check with code {check.returncode}")
+            raise ModelError(
+                lines[-1] if lines else f"model {path} ended its check with code {check.returncode}"
+            )
         network = HeightmapNetwork(self._robot, path, self._grid)
         if network.model_id != model_id.strip():
             raise ModelError(f"model {path} was replaced while it was checked")
@@ -139,10 +160,13 @@ def give(model: Path, run_dir: Path) -> str:
 
 
 def wait_for_answer(run_dir: Path) -> str:
-    """Waits until the service of a run has checked the model that was given; returns why it refuses it, or nothing.
+    """Waits until the service of a run has checked the model that was given.
+
+    Returns why it refuses it, or nothing.
 
     Raises:
-        ModelError: no service looks there, or it does not come to an end; the model is taken away again.
+        ModelError: no service looks there, or it does not come to an end; the model is taken away
+            again.
     """
     target = run_dir / FILE
     answer, heard, deadline_s = _answer_path(target), False, time.monotonic() + HEARD_S
@@ -158,9 +182,12 @@ def wait_for_answer(run_dir: Path) -> str:
     for place in (target, checksum_path(target), answer):
         place.unlink(missing_ok=True)
     if heard:
-        raise ModelError(f"the service of '{run_dir}' did not finish its check within {TIMEOUT_S + HEARD_S:g} s")
+        raise ModelError(
+            f"the service of '{run_dir}' did not finish its check within {TIMEOUT_S + HEARD_S:g} s"
+        )
     raise ModelError(
-        f"no heightmap service looks into '{run_dir}': name the --run-dir of one that runs, in real time "
+        f"no heightmap service looks into '{run_dir}': name the --run-dir of one that runs, in "
+        f"real time "
         "(a lockstep run takes no model)"
     )
 
@@ -172,4 +199,6 @@ def _answer_path(target: Path) -> Path:
 def _ask_for_checksum(path: Path) -> None:
     checksum = checksum_path(path)
     if not checksum.exists():
-        raise ModelError(f"model {path} has no {checksum.name} beside it: a damaged file would not be noticed")
+        raise ModelError(
+            f"model {path} has no {checksum.name} beside it: a damaged file would not be noticed"
+        )

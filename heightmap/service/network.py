@@ -22,7 +22,9 @@ from saltus.robots.robot import Robot
 FORMAT = "saltus-heightmap-1"
 INPUTS = ("image", "age", "new", "proprioception", "hidden")
 OUTPUTS = ("height", "std", "hidden_out")
-KEPT_CALLS = 32  # sizes of batches, 8 kB a robot: as many as one process has robots, each with two models
+KEPT_CALLS = (
+    32  # sizes of batches, 8 kB a robot: as many as one process has robots, each with two models
+)
 MOUNT_POSITION_ERROR_M, MOUNT_PITCH_ERROR = 0.01, np.deg2rad(1.5)
 """How far a camera may sit from the place it was made for, along each axis and in pitch [rad]: a printed mount and its
 screws. Training data are drawn with it, or with more (`saltus.heightmap.data.mounts`)."""
@@ -41,12 +43,17 @@ def camera_metadata(robot: Robot) -> dict[str, Any]:
 
 
 def _other_angles(robot: Robot) -> dict[str, float]:
-    """Roll and yaw of the camera [rad]; files leave out those that are 0, as those of before knew none."""
+    """Roll and yaw of the camera [rad].
+
+    Files leave out those that are 0, as those of before knew none.
+    """
     return {"roll": robot.camera_roll, "yaw": robot.camera_yaw}
 
 
 class HeightmapNetwork:
-    """A model file in ONNX Runtime, on one thread that sleeps between calls; to be called from one thread.
+    """A model file in ONNX Runtime, on one thread that sleeps between calls.
+
+    To be called from one thread.
 
     Args:
         robot: Whose heights are wanted.
@@ -54,7 +61,8 @@ class HeightmapNetwork:
         grid: Where they are wanted; by default where the model tells them.
 
     Raises:
-        ModelError: the file is unreadable, or does not fit the robot or this program; the message names the field.
+        ModelError: the file is unreadable, or does not fit the robot or this program; the message
+            names the field.
     """
 
     def __init__(self, robot: Robot, path: Path, grid: HeightGrid | None = None) -> None:
@@ -71,7 +79,14 @@ class HeightmapNetwork:
         self.warmup_frames = int(file.field("warmup_frames"))
         self._calls: dict[int, _Call] = {}
 
-    def tick(self, image: Singles, age_s: Floats, new: NDArray[np.bool_], features: Singles, hidden: Singles) -> Tick:
+    def tick(
+        self,
+        image: Singles,
+        age_s: Floats,
+        new: NDArray[np.bool_],
+        features: Singles,
+        hidden: Singles,
+    ) -> Tick:
         """Runs one tick of many robots; see `saltus.heightmap.service.sight.TickInputs`."""
         height, std, hidden_out = self._call(len(image)).run((image, age_s, new, features, hidden))
         return Tick(height, np.float32(INTERVAL90) * std, hidden_out)
@@ -124,9 +139,12 @@ def _check_metadata(file: ModelFile, robot: Robot, grid: HeightGrid) -> None:
     camera, made_for = file.field("camera"), file.field("robot")
     if made_for != robot.name:
         raise ModelError(
-            f"model {file.path} does not fit: its 'robot' is {made_for!r}, and heights are wanted for "
-            f"{robot.name!r}. Train one for it (saltus heightmap collect cpu --loop.learned 0 --loop.robot ...), or "
-            "take 187 heights of any robot (saltus heightmap serve --grid scan); true heights need no model (saltus "
+            f"model {file.path} does not fit: its 'robot' is {made_for!r}, and heights are wanted "
+            f"for "
+            f"{robot.name!r}. Train one for it (saltus heightmap collect cpu --loop.learned 0 "
+            f"--loop.robot ...), or "
+            "take 187 heights of any robot (saltus heightmap serve --grid scan); true heights need "
+            "no model (saltus "
             "policy eval --planner scripted): docs/robots.md"
         )
     expected: dict[str, Any] = {
@@ -139,12 +157,21 @@ def _check_metadata(file: ModelFile, robot: Robot, grid: HeightGrid) -> None:
         found = file.field(name)
         for where, left, right in _leaves(name, found, wanted):
             if not _same(left, right):
-                raise ModelError(f"model {file.path} does not fit: '{where}' is {left!r}, this program needs {right!r}")
+                raise ModelError(
+                    f"model {file.path} does not fit: '{where}' is {left!r}, this program needs "
+                    f"{right!r}"
+                )
     _check_mount(file.path, camera, robot)
     for name, low, high in (("warmup_frames", 1, 500), ("nominal_delay_s", 0.0, 0.5)):
         found = file.field(name)
-        if isinstance(found, bool) or not isinstance(found, int | float) or not low <= found <= high:
-            raise ModelError(f"model {file.path} does not fit: '{name}' is {found!r}, expected {low} to {high}")
+        if (
+            isinstance(found, bool)
+            or not isinstance(found, int | float)
+            or not low <= found <= high
+        ):
+            raise ModelError(
+                f"model {file.path} does not fit: '{name}' is {found!r}, expected {low} to {high}"
+            )
     if not isinstance(file.field("warmup_frames"), int):
         raise ModelError(f"model {file.path} does not fit: 'warmup_frames' must be a whole number")
 
@@ -160,17 +187,29 @@ def _check_mount(path: Path, camera: dict[str, Any], robot: Robot) -> None:
     try:
         off = robot.camera_position - np.array(camera["position_m"], np.float64)
         turned = robot.camera_pitch - float(camera["pitch_rad"])
-        aside = [abs(angle - float(camera.get(f"{name}_rad", 0.0))) for name, angle in _other_angles(robot).items()]
+        aside = [
+            abs(angle - float(camera.get(f"{name}_rad", 0.0)))
+            for name, angle in _other_angles(robot).items()
+        ]
     except (TypeError, ValueError):
-        raise ModelError(f"model {path} does not fit: 'camera' does not say where it sits") from None
-    if not (np.abs(off).max() <= MOUNT_POSITION_ERROR_M and max(abs(turned), *aside) <= MOUNT_PITCH_ERROR):
+        raise ModelError(
+            f"model {path} does not fit: 'camera' does not say where it sits"
+        ) from None
+    if not (
+        np.abs(off).max() <= MOUNT_POSITION_ERROR_M
+        and max(abs(turned), *aside) <= MOUNT_PITCH_ERROR
+    ):
         ahead, left, up = 100.0 * off
         steeper = f"{abs(np.rad2deg(turned)):.1f} deg {'more' if turned > 0.0 else 'less'} down"
-        steeper += f" and rolled or turned by {np.rad2deg(max(aside)):.1f} deg" if max(aside) > 0.0 else ""
+        steeper += (
+            f" and rolled or turned by {np.rad2deg(max(aside)):.1f} deg" if max(aside) > 0.0 else ""
+        )
         raise ModelError(
-            f"model {path} was made for a camera elsewhere: the robot's sits {ahead:+.1f} cm ahead, {left:+.1f} cm to "
+            f"model {path} was made for a camera elsewhere: the robot's sits {ahead:+.1f} cm "
+            f"ahead, {left:+.1f} cm to "
             f"the left and {up:+.1f} cm up of it, {steeper}, and training covers "
-            f"{100.0 * MOUNT_POSITION_ERROR_M:g} cm and {np.rad2deg(MOUNT_PITCH_ERROR):.1f} deg; give one that was "
+            f"{100.0 * MOUNT_POSITION_ERROR_M:g} cm and {np.rad2deg(MOUNT_PITCH_ERROR):.1f} deg; "
+            f"give one that was "
             "trained for this camera (--heightmap-model, see docs/tutorials/camera.md)"
         )
 
@@ -178,10 +217,14 @@ def _check_mount(path: Path, camera: dict[str, Any], robot: Robot) -> None:
 def _leaves(where: str, found: Any, wanted: Any) -> list[tuple[str, Any, Any]]:
     """Pairs of values to compare; a structure that differs is one unequal pair."""
     if isinstance(wanted, dict) and isinstance(found, dict) and wanted.keys() == found.keys():
-        return [leaf for key in wanted for leaf in _leaves(f"{where}.{key}", found[key], wanted[key])]
+        return [
+            leaf for key in wanted for leaf in _leaves(f"{where}.{key}", found[key], wanted[key])
+        ]
     if isinstance(wanted, list) and isinstance(found, list) and len(wanted) == len(found):
         pairs = enumerate(zip(found, wanted, strict=True))
-        return [leaf for i, (left, right) in pairs for leaf in _leaves(f"{where}[{i}]", left, right)]
+        return [
+            leaf for i, (left, right) in pairs for leaf in _leaves(f"{where}[{i}]", left, right)
+        ]
     return [(where, found, wanted)]
 
 

@@ -13,7 +13,8 @@ from saltus.runtime.process import STATUS_PERIOD_S, ProcessContext
 from saltus.used_networks import model_path
 
 WAIT_S = 0.1
-"""At most, for messages: proof of life, a new model and the wish to stop want to be looked after without any."""
+"""At most, for messages: proof of life, a new model and the wish to stop want to be looked after
+without any."""
 REFUSED = "model/refused"
 """Name under which refused models are counted, beside refused messages."""
 
@@ -22,8 +23,9 @@ class HeightmapProcess:
     """Wires the service to buses and clocks, one for each robot; the buses share one bell.
 
     Configuration and folder are those of the first. A model that is put into the folder
-    (`saltus.heightmap.service.model_inbox`) replaces the one in use, in real time only: a lockstep run must repeat.
-    With a `scan` its grid is served in place of the line, by the network of any grid, which is not replaced.
+    (`saltus.heightmap.service.model_inbox`) replaces the one in use, in real time only: a lockstep
+    run must repeat. With a `scan` its grid is served in place of the line, by the network of any
+    grid, which is not replaced.
     """
 
     def __init__(self, contexts: Sequence[ProcessContext], scan: ScanChoice | None = None) -> None:
@@ -36,14 +38,18 @@ class HeightmapProcess:
         names = [context.bus.prefix for context in contexts]
         if scan is not None:
             rig = scan.rig(setup.robot, setup.camera)
-            self._fleet: FleetService | ScanFleet = ScanFleet(scan.network(), rig, names, depth, at_once=self._lockstep)
+            self._fleet: FleetService | ScanFleet = ScanFleet(
+                scan.network(), rig, names, depth, at_once=self._lockstep
+            )
             cameras = [camera for camera in rig.cameras if camera]
         else:
             model = model_path("heightmap", first.config.heightmap_model)
             network = HeightmapNetwork(setup.robot, model, setup.grid)
             self._fleet, cameras = FleetService(network, names, depth), []
             self._inbox = ModelInbox(setup.robot, setup.grid, first.run_dir / FILE)
-        self._links = {context.bus.prefix: RobotLink(context, depth, cameras) for context in contexts}
+        self._links = {
+            context.bus.prefix: RobotLink(context, depth, cameras) for context in contexts
+        }
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Answers until it is told to stop. Without robot states it only shows that it is alive."""
@@ -66,9 +72,13 @@ class HeightmapProcess:
             arrival = link.take()
             if arrival is not None:
                 arrivals[name] = arrival
-        # The sums of a batch differ in their last bit from those of one robot: in lockstep nobody's answer may depend
-        # on who else asks at the same moment.
-        batches = [{name: arrival} for name, arrival in arrivals.items()] if self._lockstep else [arrivals]
+        # The sums of a batch differ in their last bit from those of one robot: in lockstep nobody's
+        # answer may depend on who else asks at the same moment.
+        batches = (
+            [{name: arrival} for name, arrival in arrivals.items()]
+            if self._lockstep
+            else [arrivals]
+        )
         for batch in batches:
             for name, heightmap in self._fleet.step(batch).items():
                 self._links[name].answer(heightmap)
@@ -92,7 +102,11 @@ class HeightmapProcess:
         if swaps > self._told[0]:
             self._tell("model_swapped", f"{swaps} of this service so far")
         if given_up > self._told[1]:
-            self._tell("model_refused", "its answers did not become as good as those of the one in use", refused=True)
+            self._tell(
+                "model_refused",
+                "its answers did not become as good as those of the one in use",
+                refused=True,
+            )
         self._told = swaps, given_up
 
     def _tell(self, code: str, detail: str, *, refused: bool = False) -> None:

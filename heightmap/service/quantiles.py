@@ -9,7 +9,8 @@ from saltus.constants import NORMAL_90
 
 INTERVAL90 = NORMAL_90
 """Half of the 90 % interval over what a model file calls `std`. For normal errors that would be their standard
-deviation; real errors have heavier tails, and the network is fitted to hold 90 % of them, so it is not."""
+deviation; real errors have heavier tails, and the network is fitted to hold 90 % of them, so it is
+not."""
 UNKNOWN_HALF_WIDTH_M = INTERVAL90 * 0.5
 """Half-width of a height that nobody has seen: the deepest trench."""
 _SCALE = 1.0 / math.log(10.0)

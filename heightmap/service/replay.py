@@ -32,10 +32,10 @@ def replay_frames(
     Args:
         network: Of the service.
         frames: In order of capture.
-        states: Recorded states, in order of time and in the clock of the frames; or a stand-in, which has one state
-            for each frame.
-        arrival_ns: When each frame could first be used; 50 ms after its capture, as on the robot, where not given. The
-            fastest frame says how late the camera is.
+        states: Recorded states, in order of time and in the clock of the frames; or a stand-in,
+            which has one state for each frame.
+        arrival_ns: When each frame could first be used; 50 ms after its capture, as on the robot,
+            where not given. The fastest frame says how late the camera is.
 
     Returns:
         One heightmap for each state.
@@ -44,8 +44,13 @@ def replay_frames(
         states = states.states(network.robot, frames)
     if arrival_ns is None:
         arrival_ns = [frame.time_ns + round(1e9 * CAMERA_LATENCY_S) for frame in frames]
-    fastest_ns = min((arrival - frame.time_ns for arrival, frame in zip(arrival_ns, frames, strict=True)), default=0)
-    return replay_predictor(HeightmapService(network, depth_topic(1e-9 * fastest_ns)), frames, states, arrival_ns)
+    fastest_ns = min(
+        (arrival - frame.time_ns for arrival, frame in zip(arrival_ns, frames, strict=True)),
+        default=0,
+    )
+    return replay_predictor(
+        HeightmapService(network, depth_topic(1e-9 * fastest_ns)), frames, states, arrival_ns
+    )
 
 
 def replay_level(
@@ -55,7 +60,11 @@ def replay_level(
 
     Holds no frame longer than it takes to answer it.
     """
-    service, still, latency_ns = HeightmapService(network), level.state(network.robot), round(1e9 * CAMERA_LATENCY_S)
+    service, still, latency_ns = (
+        HeightmapService(network),
+        level.state(network.robot),
+        round(1e9 * CAMERA_LATENCY_S),
+    )
     for step, frame in enumerate(frames):
         now_ns = frame.time_ns + latency_ns
         yield frame, service.step(replace(still, step=step, time_ns=now_ns), frame, now_ns)
@@ -99,7 +108,10 @@ def _again(read: Callable[[], Iterable[DepthFrame]]) -> Iterator[DepthFrame]:
 
 
 def replay_predictor(
-    predictor: Predictor, frames: Iterable[DepthFrame], states: Iterable[RobotState], arrival_ns: Iterable[int]
+    predictor: Predictor,
+    frames: Iterable[DepthFrame],
+    states: Iterable[RobotState],
+    arrival_ns: Iterable[int],
 ) -> list[Heightmap]:
     """The same for any predictor, which has not been used before.
 

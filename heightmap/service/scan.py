@@ -45,7 +45,8 @@ class ScanRig:
     spoken: Dialect | None = None
     """Makes the observation."""
     robot: Robot | None = None
-    """Robot whose legs say where the feet are that stand (`leg_trusted`); None: states tell `standing_feet`."""
+    """Robot whose legs say where the feet are that stand (`leg_trusted`); None: states tell
+    `standing_feet`."""
     body: OwnBody = field(default_factory=NoBody)
 
 
@@ -94,7 +95,9 @@ class ScanService:
     one of several is lost, heights are DEGRADED.
     """
 
-    def __init__(self, network: ScanNetwork, rig: ScanRig, depth: Topic = DEPTH, worker: Worker | None = None) -> None:
+    def __init__(
+        self, network: ScanNetwork, rig: ScanRig, depth: Topic = DEPTH, worker: Worker | None = None
+    ) -> None:
         self._network, self._rig, self._depth = network, rig, depth
         self._worker: Worker = worker or AtOnce()
         self._legs = None if rig.robot is None else LegKinematics(rig.robot)
@@ -118,12 +121,17 @@ class ScanService:
         """Counts the images of a camera anew that has started anew; what was seen holds on."""
         self._watches[camera].new_camera()
 
-    def step(self, state: RobotState, frames: DepthFrame | Mapping[str, DepthFrame] | None, now_ns: int) -> Heightmap:
-        """Goes on to a state; returns the heightmap at its time, an old answer for a state that has one.
+    def step(
+        self, state: RobotState, frames: DepthFrame | Mapping[str, DepthFrame] | None, now_ns: int
+    ) -> Heightmap:
+        """Goes on to a state.
+
+        Returns the heightmap at its time, an old answer for a state that has one.
 
         Args:
             state: Of the robot.
-            frames: Frames that have arrived since the last call, by camera, or that of the only one.
+            frames: Frames that have arrived since the last call, by camera, or that of the only
+                one.
             now_ns: The run's clock.
         """
         if self._last is not None and state.step <= self._last.step:
@@ -162,7 +170,9 @@ class ScanService:
             shown = sorted(self._waiting.values(), key=lambda each: each.frame.time_ns)
             self._waiting.clear()
             predictor, feet, now = self._predictor, self._feet(state), self._trail.now
-            self._looking = self._worker.submit(lambda: self._seen(predictor, shown, feet, now, state))
+            self._looking = self._worker.submit(
+                lambda: self._seen(predictor, shown, feet, now, state)
+            )
             self._take_in()
 
     def _take_in(self) -> None:
@@ -177,7 +187,12 @@ class ScanService:
             self._forget()
 
     def _seen(
-        self, predictor: ScanPredictor, shown: list[_Shown], feet: Singles, now: Waypoint, state: RobotState
+        self,
+        predictor: ScanPredictor,
+        shown: list[_Shown],
+        feet: Singles,
+        now: Waypoint,
+        state: RobotState,
     ) -> _Look:
         """Looks at images with a robot's map; changes nothing else."""
         newest, points, depths, missing = shown[-1].exposed, [], [], []
@@ -195,9 +210,11 @@ class ScanService:
         if not points:
             return _Look(shown, missing, plausible=True)
         measured = Measurement(
-            points=np.concatenate(points)[None], depth=np.concatenate(depths)[None], exposed=newest.pose,
+            points=np.concatenate(points)[None], depth=np.concatenate(depths)[None],
+            exposed=newest.pose,
             now=now.pose, feet=feet[None], standing=np.ones((1, len(feet)), np.bool_),
-            body_height=np.full(1, height, np.float32), exposed_s=np.full(1, self._time_s(newest.time_ns), np.float32),
+            body_height=np.full(1, height, np.float32),
+            exposed_s=np.full(1, self._time_s(newest.time_ns), np.float32),
         )  # fmt: skip
         return _Look(shown, missing, plausible=predictor.see(measured, self._time_s(now.time_ns)))
 
@@ -206,7 +223,9 @@ class ScanService:
         told = np.asarray(state.standing_feet, np.float32)
         if self._legs is None or self._rig.robot is None:
             return told
-        centres = self._legs.position(np.asarray(state.joint_position, np.float64))[np.asarray(state.leg_trusted)]
+        centres = self._legs.position(np.asarray(state.joint_position, np.float64))[
+            np.asarray(state.leg_trusted)
+        ]
         under = centres - self._rig.robot.foot_radius * self._trail.now.rotation[2]
         return np.concatenate([under.astype(np.float32), told])
 
@@ -231,11 +250,14 @@ class ScanService:
         ground = self._ground(state)
         age_s = self._time_s(state.time_ns) - ground.seen_s
         return Heightmap(
-            time_ns=state.time_ns, step=state.step, x=np.array(grid.x), y=np.array(grid.y), height=ground.height,
+            time_ns=state.time_ns, step=state.step, x=np.array(grid.x), y=np.array(grid.y),
+            height=ground.height,
             half_width_90=ground.half_width, status=status,
             depth_age_s=np.inf if newest is None else 1e-9 * (state.time_ns - newest.time_ns),
-            frame_id=NO_FRAME if newest is None else newest.frame_id, model_id=self._network.model_id,
-            seen_share=float(np.mean(np.isfinite(age_s))), age_s=age_s.clip(0.0), dialect=rig.dialect,
+            frame_id=NO_FRAME if newest is None else newest.frame_id,
+            model_id=self._network.model_id,
+            seen_share=float(np.mean(np.isfinite(age_s))), age_s=age_s.clip(0.0),
+            dialect=rig.dialect,
             observation=np.zeros(0) if rig.spoken is None else rig.spoken.observation(ground.height, grid),
         )  # fmt: skip
 
@@ -244,8 +266,12 @@ class ScanService:
         grid, now = self._rig.grid, self._trail.now
         if not self._predictor.images:
             level = np.full(grid.size, -_body_height(self._rig.robot, state))
-            return Ground(level, np.full(grid.size, UNKNOWN_HALF_WIDTH_M), np.full(grid.size, -np.inf))
-        return self._predictor.ground(now.pose, float(np.arctan2(now.rotation[1, 0], now.rotation[0, 0])), grid)
+            return Ground(
+                level, np.full(grid.size, UNKNOWN_HALF_WIDTH_M), np.full(grid.size, -np.inf)
+            )
+        return self._predictor.ground(
+            now.pose, float(np.arctan2(now.rotation[1, 0], now.rotation[0, 0])), grid
+        )
 
 
 def _body_height(robot: Robot | None, state: RobotState) -> float:

@@ -32,7 +32,10 @@ class ScanChoice:
     dialect: str = ""
     """Name of the dialect of the observation; empty: none."""
     cameras: tuple[DepthCamera, ...] = ()
-    """The first sends under `camera/depth`, others under `camera/depth/NAME`; none: the run's own."""
+    """The first sends under `camera/depth`, others under `camera/depth/NAME`.
+
+    None: the run's own.
+    """
     body: str = ROBOT_BODY
     """"robot": legs and trunk are those of the run's robot. "none", or length, width and height of a box around the
     base [m], as 0.6x0.4x0.5: the robot has no model, and states tell its standing feet."""
@@ -52,7 +55,10 @@ class ScanChoice:
         cameras = self.cameras or (own,)
         names = [FIRST, *(camera.name for camera in cameras[1:])]
         if len(set(names)) < len(names) or "" in names[1:] or any("/" in name for name in names):
-            raise ConfigError(f"names of cameras: {', '.join(names[1:])}: each must have one of its own, without /")
+            raise ConfigError(
+                f"names of cameras: {', '.join(names[1:])}: each must have one of its own, without "
+                f"/"
+            )
         mounts = {
             name: ScanCamera(Mount.of(camera.mounted_on(robot)), camera.range_m)
             for name, camera in zip(names, cameras, strict=True)
@@ -72,7 +78,8 @@ class ScanChoice:
             length, width, height = (float(side) for side in self.body.split("x"))
         except ValueError:
             raise ConfigError(
-                f"body = '{self.body}': it must be robot, none, or the sides of a box [m], as 0.6x0.4x0.5"
+                f"body = '{self.body}': it must be robot, none, or the sides of a box [m], as "
+                f"0.6x0.4x0.5"
             ) from None
         return BodyBox((length, width, height))
 
@@ -80,11 +87,13 @@ class ScanChoice:
         """One line about what the service is not told of the robot, and what that costs (docs/scan.md)."""
         if self.body == ROBOT_BODY:
             return (
-                f"legs and trunk of {robot.name} are taken out of the images, and its feet tell the ground: of another "
+                f"legs and trunk of {robot.name} are taken out of the images, and its feet tell "
+                f"the ground: of another "
                 "robot say --body none, or its box, as --body 0.6x0.4x0.5"
             )
         body = (
-            "the robot's own body stays in the images: if cameras see it, ground under it is up to 60 mm off for 8"
+            "the robot's own body stays in the images: if cameras see it, ground under it is up to "
+            "60 mm off for 8"
             if self.body == NO_BODY
             else "a box stands for the body: legs outside of it are taken for ground"
         )
@@ -98,9 +107,17 @@ class ScanFleet:
     """
 
     def __init__(
-        self, network: ScanNetwork, rig: ScanRig, robots: Iterable[str], depth: Topic = DEPTH, *, at_once: bool
+        self,
+        network: ScanNetwork,
+        rig: ScanRig,
+        robots: Iterable[str],
+        depth: Topic = DEPTH,
+        *,
+        at_once: bool,
     ) -> None:
-        self._pool = None if at_once else ThreadPoolExecutor(max_workers=1, thread_name_prefix="scan")
+        self._pool = (
+            None if at_once else ThreadPoolExecutor(max_workers=1, thread_name_prefix="scan")
+        )
         worker: Worker = self._pool or AtOnce()
         self._services = {robot: ScanService(network, rig, depth, worker) for robot in robots}
         self._boots: dict[tuple[str, str | None], bytes] = {}

@@ -22,11 +22,13 @@ _ONE = np.ones(1, np.bool_)
 
 
 class HeightmapService:
-    """Holds the hidden state of one robot; one call of `step` for each robot state. Services may share a network.
+    """Holds the hidden state of one robot; one call of `step` for each robot state.
 
-    It is the `saltus.heightmap.service.sight.Sight` of one robot, with statuses. The service ignores
-    duplicates, frames older than the one in use, frames from the future, and frames that are older
-    than `depth` allows.
+    Services may share a network.
+
+    It is the `saltus.heightmap.service.sight.Sight` of one robot, with statuses. The service
+    ignores duplicates, frames older than the one in use, frames from the future, and frames that
+    are older than `depth` allows.
     """
 
     def __init__(self, network: HeightmapNetwork, depth: Topic = DEPTH) -> None:
@@ -68,11 +70,16 @@ class HeightmapService:
         self._sight.reset(_ONE)
 
     def new_camera(self) -> None:
-        """Counts images anew, of a camera that has started anew. What was seen holds on: pauses are judged as ever."""
+        """Counts images anew, of a camera that has started anew.
+
+        What was seen holds on: pauses are judged as ever.
+        """
         self._images.new_camera()
 
     def step(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Heightmap:
-        """Advances by one tick; returns the heightmap at the time of `state`, an old answer for a state that has one.
+        """Advances by one tick.
+
+        Returns the heightmap at the time of `state`, an old answer for a state that has one.
 
         Args:
             state: Of the robot.
@@ -85,7 +92,9 @@ class HeightmapService:
             return self._last
         return self.finish(state, inputs, self._network.tick(*inputs), now_ns)
 
-    def prepare(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> TickInputs | None:
+    def prepare(
+        self, state: RobotState, frame: DepthFrame | None, now_ns: int
+    ) -> TickInputs | None:
         """First part of `step`: takes the frame in and says what the network is to be given.
 
         None where the state was answered already, by `last`.

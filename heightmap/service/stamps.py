@@ -54,6 +54,7 @@ class SteadyStamps:
         if not self.count:
             return ""
         return (
-            f"stamps of images go back, stay or jump {self.count} times, by {self.largest_s:+.6g} s "
+            f"stamps of images go back, stay or jump {self.count} times, by {self.largest_s:+.6g} "
+            f"s "
             "at most: replayed as if the camera had gone on; do not rely on heights around there"
         )

@@ -5,11 +5,12 @@ A run of it is a folder:
     dagger.json      how it was begun; a run that goes on must be the same
     dataset/         one shard a round, after those that it began with
     start/           the predictor that it began with, if any
-    round_000/       heightmap.pt, heightmap.onnx and heightmap.md: the predictor that was trained on rounds up to 0
+    round_000/       heightmap.pt,
+    heightmap.onnx and heightmap.md: the predictor that was trained on rounds up to 0
 
-Every file and folder appears whole or not at all, and each follows from the seed and what was there before. So a run
-that was killed goes on with the round it was in, from the beginning of its collection or of its training, and gives
-what it would have given.
+Every file and folder appears whole or not at all, and each follows from the seed and what was there
+before. So a run that was killed goes on with the round it was in, from the beginning of its
+collection or of its training, and gives what it would have given.
 """
 
 import hashlib
@@ -83,23 +84,28 @@ def dagger(
         directory: Of the run.
         config: What to do.
         observer: Is told how far it is.
-        start: Checkpoint of the predictor to begin with. Without it round 0 uses true heights and trains from nothing.
+        start: Checkpoint of the predictor to begin with. Without it round 0 uses true heights and
+            trains from nothing.
         base: Dataset whose shards stand before the first round's, and are trained on as well.
-        processes: That collect, as `cluster`: see `closed_loop_batches`. The data do not depend on them.
+        processes: That collect, as `cluster`: see `closed_loop_batches`. The data do not depend on
+            them.
         cluster: Address of a Ray cluster.
 
     Returns:
         The newest predictor's ONNX file.
 
     Raises:
-        DatasetError: the folder holds a run of another configuration, or a dataset is missing or damaged.
+        DatasetError: the folder holds a run of another configuration, or a dataset is missing or
+            damaged.
         ModelError: `start` is no checkpoint.
         ConfigError, StackError: the cluster cannot be used.
     """
     if start is not None:
         load_checkpoint(start)  # what is wrong is said before anything is written down
     elif base is not None and not (directory / BEGUN).exists():
-        refuse_twice(base, read_records(base), config.seed, round_table(config.loop, config.batches, 0, None))
+        refuse_twice(
+            base, read_records(base), config.seed, round_table(config.loop, config.batches, 0, None)
+        )
     if base is not None and not (directory / BEGUN).exists() and (damages := validate(base)):
         raise DatasetError(damages[0])
     directory.mkdir(parents=True, exist_ok=True)
@@ -117,7 +123,13 @@ def dagger(
                 before,
                 config,
                 observer,
-                partial(closed_loop_batches, config.loop, profile=config.profile, processes=processes, cluster=cluster),
+                partial(
+                    closed_loop_batches,
+                    config.loop,
+                    profile=config.profile,
+                    processes=processes,
+                    cluster=cluster,
+                ),
             )
         folder = directory / f"round_{index:03d}"
         if not folder.exists():
@@ -131,7 +143,9 @@ def begun_settings(directory: Path) -> DaggerConfig:
     path = directory / BEGUN
     try:
         begun = json.loads(path.read_text(encoding="utf-8"))
-        return from_table(DaggerConfig, {name: value for name, value in begun.items() if name not in _DIGESTS})
+        return from_table(
+            DaggerConfig, {name: value for name, value in begun.items() if name not in _DIGESTS}
+        )
     except (OSError, ValueError, AttributeError, ConfigError) as error:
         raise DatasetError(f"{path} is damaged: {error}") from error
 
@@ -150,11 +164,16 @@ def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: P
         write_whole(path, json.dumps(wanted, indent=1) + "\n", synced=True)
         return
     try:
-        older = {"profile": SHIPPED, "profile_sha256": _digest(SHIPPED, config.loop.robot)}  # runs that did not name it
+        older = {
+            "profile": SHIPPED,
+            "profile_sha256": _digest(SHIPPED, config.loop.robot),
+        }  # runs that did not name it
         begun = older | json.loads(path.read_text(encoding="utf-8"))
         for name, value in wanted.items():
             if begun[name] != value:
-                raise DatasetError(f"{path}: this run was begun with {name} = {begun[name]}, not {value}")
+                raise DatasetError(
+                    f"{path}: this run was begun with {name} = {begun[name]}, not {value}"
+                )
     except (json.JSONDecodeError, KeyError, TypeError) as error:
         raise DatasetError(f"{path} is damaged: {error}") from error
 
@@ -183,13 +202,19 @@ def _started(folder: Path, start: Path, loop: ClosedLoop) -> Path:
 
 
 def _collect(
-    data: Path, index: int, before: Path | None, config: DaggerConfig, observer: Observer, batches: Batches
+    data: Path,
+    index: int,
+    before: Path | None,
+    config: DaggerConfig,
+    observer: Observer,
+    batches: Batches,
 ) -> None:
     model = None if before is None else before / MODEL
     keys = [(config.seed, index, batch) for batch in range(config.batches)]
     table = round_table(config.loop, config.batches, index, model)
     table |= hardware_table(config.profile, config.loop.robot, load_camera(config.loop.camera))
-    # Whatever interrupts the writing, the workers end here and now, not when the iteration is forgotten.
+    # Whatever interrupts the writing, the workers end here and now, not when the iteration is
+    # forgotten.
     with closing(batches(model, keys)) as made:
         write_shard(data, _watched(made, index, observer), seed=config.seed, config=table)
 
@@ -202,18 +227,27 @@ def _watched(batches: Iterable[list[Episode]], index: int, observer: Observer) -
         observer.collected(index, done, ticks)
 
 
-def _train(folder: Path, index: int, before: Path | None, config: DaggerConfig, observer: Observer) -> None:
+def _train(
+    folder: Path, index: int, before: Path | None, config: DaggerConfig, observer: Observer
+) -> None:
     """Trains on all rounds so far, begins with the last predictor, and exports and measures the next."""
     further = PredictorTraining(
         updates=config.updates,
         batch=config.batch,
         seed=config.seed + index,
-        save_every_s=math.inf,  # one that is resumed draws other windows: it would not give the same predictor
+        # One that is resumed draws other windows: it would not give the same predictor
+        save_every_s=math.inf,
     )
     if before is not None:
         further = replace(further, learning_rate=FURTHER_RATE)
     data = folder.parent / "dataset"
     with whole_folder(folder) as partial_folder:
         checkpoint = partial_folder / CHECKPOINT
-        train(data, checkpoint, further, partial(observer.trained, index), start=before and before / CHECKPOINT)
+        train(
+            data,
+            checkpoint,
+            further,
+            partial(observer.trained, index),
+            start=before and before / CHECKPOINT,
+        )
         release(checkpoint, data, partial_folder / MODEL)

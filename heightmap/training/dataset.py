@@ -33,9 +33,12 @@ class ImageNoise:
 
 
 NO_NOISE = ImageNoise()
-# D435i at 424x240: 7.6 mm at 1 m a raw pixel, spatially correlated, so that pooling 5x5 helps little over half
-# (datasheet and tuning guide). Depth accuracy 2 % at 2 m. Shares of invalid pixels: 6.7 % in a real recording.
-TRAINING_NOISE = ImageNoise(scale=0.015, disparity=0.006, edge_loss=0.5, pixel_loss=0.05, patch_loss=0.1)
+# D435i at 424x240: 7.6 mm at 1 m a raw pixel, spatially correlated, so that pooling 5x5 helps
+# little over half (datasheet and tuning guide). Depth accuracy 2 % at 2 m. Shares of invalid
+# pixels: 6.7 % in a real recording.
+TRAINING_NOISE = ImageNoise(
+    scale=0.015, disparity=0.006, edge_loss=0.5, pixel_loss=0.05, patch_loss=0.1
+)
 _EDGE_M = 0.06  # a step in depth between neighbours that counts as an edge
 _PATCH = (16, 8)
 _AT_ONCE = 16  # episodes: images of some MB, which stay in the cache of a processor
@@ -65,8 +68,8 @@ class Window(NamedTuple):
 class EpisodeStore:
     """Episodes on a device, with the windows that can be cut from them.
 
-    `weight` says how often each is chosen, relative to the others, `true_depth` whether its images are without any
-    error (as all are by default).
+    `weight` says how often each is chosen, relative to the others, `true_depth` whether its images
+    are without any error (as all are by default).
     """
 
     def __init__(
@@ -77,7 +80,9 @@ class EpisodeStore:
         true_depth: Sequence[bool] | None = None,
     ) -> None:
         self.episodes = episodes
-        self._true_depth = np.ones(len(episodes), np.bool_) if true_depth is None else np.asarray(true_depth)
+        self._true_depth = (
+            np.ones(len(episodes), np.bool_) if true_depth is None else np.asarray(true_depth)
+        )
         self._share = np.cumsum(np.ones(len(episodes)) if weight is None else weight)
         self.device = device
         self._lengths = np.array([len(e.height) for e in episodes])
@@ -90,7 +95,9 @@ class EpisodeStore:
     def normalisation(self) -> Normalisation:
         """Statistics of all ticks. A sensor that hardly varies is not blown up."""
         p, h = self._proprioception, self._height
-        return Normalisation(p.mean(0), p.std(0).clamp(min=0.02), h.mean(0), h.std(0).clamp(min=0.05))
+        return Normalisation(
+            p.mean(0), p.std(0).clamp(min=0.02), h.mean(0), h.std(0).clamp(min=0.05)
+        )
 
     def windows(
         self,
@@ -104,24 +111,33 @@ class EpisodeStore:
     ) -> Iterator[Window]:
         """Yields windows for ever: each of `batch` robots runs through random episodes, window after window.
 
-        Half of the robots enter an episode in its middle, so that a hidden state is also built up in full motion. Of
-        the windows that continue an episode, the share `forgets` begins with an empty hidden state all the same.
+        Half of the robots enter an episode in its middle, so that a hidden state is also built up
+        in full motion. Of the windows that continue an episode, the share `forgets` begins with an
+        empty hidden state all the same.
         """
         slots = _Slots(batch, int(self._lengths.max()))
         self._enter(slots, np.arange(batch), delivery, rng)
         generator = torch.Generator(self.device).manual_seed(int(rng.integers(2**62)))
         while True:
             window = self._cut(slots, length)
-            yield window._replace(image=with_noise(window.image, noise, generator, window.true_depth))
+            yield window._replace(
+                image=with_noise(window.image, noise, generator, window.true_depth)
+            )
             slots.position += length
-            slots.starts[:] = rng.uniform(size=batch) < forgets if forgets else False  # none drawn for nothing
+            slots.starts[:] = (
+                rng.uniform(size=batch) < forgets if forgets else False
+            )  # none drawn for nothing
             finished = np.flatnonzero(slots.position >= self._lengths[slots.episode])
             if len(finished):
                 self._enter(slots, finished, delivery, rng)
 
-    def _enter(self, slots: "_Slots", rows: Indices, model: DeliveryModel, rng: np.random.Generator) -> None:
+    def _enter(
+        self, slots: "_Slots", rows: Indices, model: DeliveryModel, rng: np.random.Generator
+    ) -> None:
         """Sends robots into other episodes."""
-        chosen = np.searchsorted(self._share, rng.uniform(0.0, self._share[-1], len(rows)), side="right")
+        chosen = np.searchsorted(
+            self._share, rng.uniform(0.0, self._share[-1], len(rows)), side="right"
+        )
         begin = rng.integers(2, size=len(rows)) * rng.integers(self._lengths[chosen])
         drawn = deliver([self.episodes[i] for i in chosen], model, rng)
         slots.episode[rows], slots.position[rows], slots.starts[rows] = chosen, begin, True
@@ -129,8 +145,13 @@ class EpisodeStore:
         slots.frame[rows, :ticks], slots.age_s[rows, :ticks], slots.new[rows, :ticks] = drawn
 
     def _together(self, arrays: Sequence[np.ndarray], kind: torch.dtype) -> Tensor:
-        """All rows on the device, images up to the range; some at a time, as large copies on the host take long."""
-        rows = torch.empty(sum(map(len, arrays)), *arrays[0].shape[1:], dtype=kind, device=self.device)
+        """All rows on the device, images up to the range.
+
+        Some at a time, as large copies on the host take long.
+        """
+        rows = torch.empty(
+            sum(map(len, arrays)), *arrays[0].shape[1:], dtype=kind, device=self.device
+        )
         filled = 0
         for first in range(0, len(arrays), _AT_ONCE):
             part = np.concatenate(arrays[first : first + _AT_ONCE])
@@ -147,7 +168,10 @@ class EpisodeStore:
         frame = np.take_along_axis(slots.frame, rows, 1)
         first, last = np.maximum(frame[:, 0], 0), np.maximum(frame[:, -1], 0)
         span = int((last - first).max()) + 1
-        wanted = np.minimum(first[:, None] + np.arange(span), last[:, None]) + self._first_frame[slots.episode, None]
+        wanted = (
+            np.minimum(first[:, None] + np.arange(span), last[:, None])
+            + self._first_frame[slots.episode, None]
+        )
         tick = self._to((rows + self._first_tick[slots.episode, None]).T)
         return Window(
             image=self._images(self._to(wanted)),
@@ -185,12 +209,15 @@ class _Slots:
         """True where a robot begins with an empty hidden state: in a new episode, or where it was
         emptied on the way."""
         self.frame = np.zeros((batch, longest), np.int64)
-        """Images as they are delivered, see `saltus.heightmap.data.delivery.Delivery`, as the two that follow."""
+        """Images as they are delivered, see `saltus.heightmap.data.delivery.Delivery`, as the two
+        that follow."""
         self.age_s = np.zeros((batch, longest), np.float32)
         self.new = np.zeros((batch, longest), np.float32)
 
 
-def run_window(model: HeightmapModel, window: Window, hidden: Tensor) -> tuple[HeightEstimate, Tensor]:
+def run_window(
+    model: HeightmapModel, window: Window, hidden: Tensor
+) -> tuple[HeightEstimate, Tensor]:
     """Runs a window; robots that begin a new episode begin with an empty hidden state."""
     batch, images = window.image.shape[:2]
     encoded = model.encode(window.image.flatten(0, 1)).unflatten(0, (batch, images))
@@ -209,7 +236,8 @@ def with_noise(
         image: Depth in [0, 1] and validity, shape (batch, images, 2, 48, 16).
         noise: Bounds; each robot of the batch gets its own share of them.
         generator: On the device of `image`.
-        true_depth: Robots whose images have no errors of stereo matching yet, bool, shape (batch,); all by default.
+        true_depth: Robots whose images have no errors of stereo matching yet, bool, shape (batch,);
+            all by default.
     """
 
     def uniform(*shape: int) -> Tensor:
@@ -220,14 +248,20 @@ def with_noise(
 
     batch, images, _, height, width = image.shape
     one = (batch, 1, 1, 1)
-    stereo = 1.0 if true_depth is None else true_depth.float().reshape(one)  # whether its errors are still to come
+    stereo = (
+        1.0 if true_depth is None else true_depth.float().reshape(one)
+    )  # whether its errors are still to come
     depth, valid = image[:, :, 0], image[:, :, 1]
     metres = depth * RANGE_M
     noisy = metres * (1.0 + noise.scale * normal(*one))
     if noise.disparity > 0.0:
         white = normal(batch, images, height, width)
-        smooth = 3.0 * functional.avg_pool2d(normal(batch, images, height, width), 3, 1, 1)  # still unit variance
-        noisy = noisy + noise.disparity * stereo * uniform(*one) * metres.square() * (0.6 * white + 0.8 * smooth)
+        smooth = 3.0 * functional.avg_pool2d(
+            normal(batch, images, height, width), 3, 1, 1
+        )  # still unit variance
+        noisy = noisy + noise.disparity * stereo * uniform(*one) * metres.square() * (
+            0.6 * white + 0.8 * smooth
+        )
     lost = uniform(batch, images, height, width) < noise.pixel_loss * uniform(*one).square()
     if noise.edge_loss > 0.0:
         share = noise.edge_loss * stereo * uniform(*one)
@@ -253,12 +287,18 @@ def _edges(metres: Tensor) -> Tensor:
     """Pixels with a neighbour at a very different depth, shape as `metres`."""
     farthest, nearest = metres, metres
     for axis in (-2, -1):
-        farthest, nearest = _widened(farthest, torch.maximum, axis), _widened(nearest, torch.minimum, axis)
+        farthest, nearest = (
+            _widened(farthest, torch.maximum, axis),
+            _widened(nearest, torch.minimum, axis),
+        )
     return farthest - nearest > _EDGE_M
 
 
 def _widened(values: Tensor, chosen: Callable[[Tensor, Tensor], Tensor], axis: int) -> Tensor:
-    """Choice of each value and its two neighbours along an axis; pooling takes twice the time on processors."""
+    """Choice of each value and its two neighbours along an axis.
+
+    Pooling takes twice the time on processors.
+    """
     count = values.shape[axis]
     result = values.clone()
     for here, there in ((1, 0), (0, 1)):

@@ -14,7 +14,13 @@ from saltus.depth_camera import DepthCamera
 from saltus.grid import HeightGrid, grid_metadata
 from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
-from saltus.heightmap.service.network import FORMAT, INPUTS, OUTPUTS, HeightmapNetwork, camera_metadata
+from saltus.heightmap.service.network import (
+    FORMAT,
+    INPUTS,
+    OUTPUTS,
+    HeightmapNetwork,
+    camera_metadata,
+)
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.service.sight import TickInputs
 from saltus.onnx_export import write_onnx
@@ -88,14 +94,18 @@ def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
 
 
 def parity(
-    model: HeightmapModel, network: HeightmapNetwork, inputs: Iterable[TickInputs], reset_every: int = 170
+    model: HeightmapModel,
+    network: HeightmapNetwork,
+    inputs: Iterable[TickInputs],
+    reset_every: int = 170,
 ) -> float:
     """Greatest difference in a tick between the file and torch in double precision.
 
-    Of heights [m], of halves of their 90 % intervals [m], and of the hidden state (no unit, -1 to 1). Inputs are those
-    of recurrent steps. Both begin each tick with the hidden state that the file's own run has come to; it is emptied
-    after every `reset_every`. Two runs side by side would differ by rounding that grows through the GRU: after 3 to 40
-    further updates single precision in torch came to be up to 57 um off double precision, in the file 15 um.
+    Of heights [m], of halves of their 90 % intervals [m], and of the hidden state (no unit, -1 to
+    1). Inputs are those of recurrent steps. Both begin each tick with the hidden state that the
+    file's own run has come to; it is emptied after every `reset_every`. Two runs side by side would
+    differ by rounding that grows through the GRU: after 3 to 40 further updates single precision in
+    torch came to be up to 57 um off double precision, in the file 15 um.
     """
     exact, worst = _Step(deepcopy(model).double()), 0.0
     for step, given in enumerate(inputs):
@@ -106,20 +116,31 @@ def parity(
         tensors = [torch.from_numpy(np.asarray(value, np.float32)).double() for value in given]
         with torch.no_grad():
             height, std, state = (output.numpy() for output in exact(*tensors))
-        differences = [np.abs(a - b).max() for a, b in zip(found, (height, INTERVAL90 * std, state), strict=True)]
+        differences = [
+            np.abs(a - b).max()
+            for a, b in zip(found, (height, INTERVAL90 * std, state), strict=True)
+        ]
         worst = float(np.max([worst, *differences]))  # which a number that is none comes through
         hidden = found.hidden
     return worst
 
 
-def random_inputs(model: HeightmapModel, rng: np.random.Generator, steps: int) -> Iterator[TickInputs]:
+def random_inputs(
+    model: HeightmapModel, rng: np.random.Generator, steps: int
+) -> Iterator[TickInputs]:
     """Random inputs in the range of what occurs, each of one robot whose hidden state is empty."""
     mean, spread = model.proprioception_mean.numpy(), model.proprioception_std.numpy()
     for _ in range(steps):
         valid = rng.uniform(size=IMAGE_SHAPE[1:]) < rng.uniform(0.2, 1.0)
-        image = np.stack([np.where(valid, rng.uniform(size=valid.shape), 1.0), valid]).astype(np.float32)
+        image = np.stack([np.where(valid, rng.uniform(size=valid.shape), 1.0), valid]).astype(
+            np.float32
+        )
         features = (mean + spread * rng.normal(size=len(mean))).astype(np.float32)
-        age_s, new, hidden = rng.uniform(0.03, 0.2), rng.uniform() < 0.5, np.zeros((1, model.config.hidden))
+        age_s, new, hidden = (
+            rng.uniform(0.03, 0.2),
+            rng.uniform() < 0.5,
+            np.zeros((1, model.config.hidden)),
+        )
         yield TickInputs(image[None], np.array([age_s]), np.array([new]), features[None], hidden)
 
 

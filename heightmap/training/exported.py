@@ -20,8 +20,8 @@ def read_exported(path: Path) -> dict[str, Any]:
         path: A file of `saltus heightmap export`, under any name.
 
     Returns:
-        "origin" (dataset, seed and the sizes of the network), "update" (0: none since it was exported) and "model" (its
-        tensors by name).
+        "origin" (dataset, seed and the sizes of the network), "update" (0: none since it was
+        exported) and "model" (its tensors by name).
 
     Raises:
         ModelError: the file is missing, damaged, or no heightmap network.
@@ -41,7 +41,11 @@ def read_exported(path: Path) -> dict[str, Any]:
         hidden = weights["gru.weight_hh_l0"].shape[1]
     except KeyError as error:
         raise ModelError(f"{path} is no heightmap network: '{error.args[0]}' is missing") from error
-    sizes = {"channels": channels, "hidden": hidden, "head": head[:-1]}  # the last layer is the output
+    sizes = {
+        "channels": channels,
+        "hidden": hidden,
+        "head": head[:-1],
+    }  # the last layer is the output
     config = {"seed": told.field("seed"), "model": sizes}
     return {
         "origin": {"config": config, "dataset": told.field("dataset"), "start": None},

@@ -91,7 +91,9 @@ def frames_and_feet(robot: Robot) -> str:
     """Returns what a card says of the frames, and of where the feet of the robot are."""
     x, y, _ = robot.hip_anchor[1]
     side = robot.abduction_offset[1]
-    return _FRAMES.format(thigh=robot.thigh_length, calf=robot.calf_length, hip_x=x, hip_y=y, side=side)
+    return _FRAMES.format(
+        thigh=robot.thigh_length, calf=robot.calf_length, hip_x=x, hip_y=y, side=side
+    )
 
 
 def interface(

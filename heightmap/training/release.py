@@ -33,10 +33,13 @@ from saltus.robots.robot import Robot
 from saltus.robots.shipped import robot_name_in
 
 PARITY_STEPS = 1000
-MAX_DIFFERENCE = 1e-5  # in a tick, see `Release.parity`; single precision is up to 4e-6 off on held-out episodes
+MAX_DIFFERENCE = (
+    1e-5  # in a tick, see `Release.parity`; single precision is up to 4e-6 off on held-out episodes
+)
 MAX_BYTES = 10_000_000
 MEASURED = 300
-"""Held-out episodes at most, spread over all of them: three minutes, and a mean error is known to some percent."""
+"""Held-out episodes at most, spread over all of them: three minutes, and a mean error is known to
+some percent."""
 REGIONS = (
     ("all 30 points", "mae_m"),
     ("ahead, x >= 0.45 m (in view)", "ahead_m"),
@@ -54,7 +57,8 @@ class Release:
     warmup_frames: int
     parity: float
     """Greatest difference in a tick from torch in double precision, of 1,000 recurrent steps with resets: heights,
-    halves of intervals [m] and hidden state (no unit), see `saltus.heightmap.training.export.parity`."""
+    halves of intervals [m] and hidden state (no unit), see
+    `saltus.heightmap.training.export.parity`."""
     clean: Accuracy
     """Images as late as the camera makes them, none lost."""
     faulty: Accuracy
@@ -74,30 +78,41 @@ def release(
         checkpoint: Of `saltus.heightmap.training.train`.
         data: The dataset that it was trained on.
         model_path: ONNX file to write; the card goes beside it with the suffix .md.
-        unseen: Dataset to measure on, none of whose episodes were trained on; those of the last training and of the
-            one that it began with are refused. Of `data` only the manifest is needed then: its shards may have stayed
-            on the machine that made them. Without it, what training held out.
+        unseen: Dataset to measure on, none of whose episodes were trained on; those of the last
+            training and of the one that it began with are refused. Of `data` only the manifest is
+            needed then: its shards may have stayed on the machine that made them. Without it, what
+            training held out.
         begun: Called when all files are read and the work begins.
 
     Raises:
-        DatasetError: `data` is not what the checkpoint was trained on, or `unseen` is known to have been.
-        ModelError: the checkpoint cannot be read, or its file differs from it or is too large. What lay at
-            `model_path` is still there then.
+        DatasetError: `data` is not what the checkpoint was trained on, or `unseen` is known to have
+            been.
+        ModelError: the checkpoint cannot be read, or its file differs from it or is too large. What
+            lay at `model_path` is still there then.
     """
     model, training = load_checkpoint(checkpoint)
     records = read_records(data)
     if "updates" not in training["config"]:
-        raise ModelError(f"{checkpoint} is a model already: --checkpoint takes what saltus heightmap train wrote")
+        raise ModelError(
+            f"{checkpoint} is a model already: --checkpoint takes what saltus heightmap train wrote"
+        )
     if dataset_hash(records) != training["dataset"]:
-        raise DatasetError(f"{checkpoint} was trained on dataset {training['dataset']}, not on {data}")
-    measured_on = "the tenth of it that training held out" if unseen is None else _unseen(unseen, training, records)
+        raise DatasetError(
+            f"{checkpoint} was trained on dataset {training['dataset']}, not on {data}"
+        )
+    measured_on = (
+        "the tenth of it that training held out"
+        if unseen is None
+        else _unseen(unseen, training, records)
+    )
     held_out = _spread(split(read_dataset(data))[1]) if unseen is None else read_dataset(unseen)
     begun()
     camera = camera_of(data, records)
     name, grid = robot_name_in(records[0].config), records[0].grid
     robot = camera.mounted_on(load_robot(name))
     origin = Origin(
-        robot=name, grid=grid, camera=camera, latency_s=float(records[0].latency.latency), warmup_frames=1,
+        robot=name, grid=grid, camera=camera, latency_s=float(records[0].latency.latency),
+        warmup_frames=1,
         dataset=dataset_hash(records), seed=int(training["config"]["seed"]),
     )  # fmt: skip
     model_path.parent.mkdir(parents=True, exist_ok=True)
@@ -113,10 +128,14 @@ def release(
         difference = parity(model, network, islice(inputs, PARITY_STEPS))
         if not difference <= MAX_DIFFERENCE:
             raise ModelError(
-                f"its ONNX file differs from {checkpoint} by {difference:.2g}: more than {MAX_DIFFERENCE:g}"
+                f"its ONNX file differs from {checkpoint} by {difference:.2g}: more than "
+                f"{MAX_DIFFERENCE:g}"
             )
         if candidate.stat().st_size > MAX_BYTES:
-            raise ModelError(f"{checkpoint} gives a file of {candidate.stat().st_size} bytes: more than {MAX_BYTES}")
+            raise ModelError(
+                f"{checkpoint} gives a file of {candidate.stat().st_size} bytes: more than "
+                f"{MAX_BYTES}"
+            )
         result = Release(
             model_id=network.model_id,
             warmup_frames=warmup,
@@ -134,7 +153,9 @@ def release(
 
 def _spread(episodes: Sequence[Episode]) -> list[Episode]:
     """As many as are measured, from the first to the last; all of a small dataset."""
-    return [episodes[int(i)] for i in np.unique(np.linspace(0, len(episodes) - 1, MEASURED).round())]
+    return [
+        episodes[int(i)] for i in np.unique(np.linspace(0, len(episodes) - 1, MEASURED).round())
+    ]
 
 
 def card_path(model_path: Path) -> Path:
@@ -146,14 +167,17 @@ def _unseen(folder: Path, training: dict[str, Any], trained_on: list[ShardRecord
     """Names a dataset that is not known to have been trained on.
 
     Raises:
-        DatasetError: it has a shard, or the motion of one, that the last training saw, or is what the one before saw.
+        DatasetError: it has a shard, or the motion of one, that the last training saw, or is what
+            the one before saw.
     """
     records = read_records(folder)
     known = {motion(record.seed, record.config) for record in trained_on}
     whole = training["start"] is not None and training["start"]["dataset"] == dataset_hash(records)
     for record in records:
         if whole or motion(record.seed, record.config) in known:
-            raise DatasetError(f"{folder / record.file} was trained on: it cannot say what a model is worth")
+            raise DatasetError(
+                f"{folder / record.file} was trained on: it cannot say what a model is worth"
+            )
     return f"dataset {dataset_hash(records)}, seeds {', '.join(str(record.seed) for record in records)}"
 
 
@@ -167,18 +191,30 @@ def _card(
 ) -> str:
     config, sizes, grid = training["config"], training["config"]["model"], records[0].grid
     shards = "\n".join(
-        f"| {r.file} | {r.config.get('source', '?')} | {r.episodes} | {r.ticks} | {r.seed} | {r.commit} "
+        f"| {r.file} | {r.config.get('source', '?')} | {r.episodes} | {r.ticks} | {r.seed} | "
+        f"{r.commit} "
         f"| {r.sha256[:16]} |"
         for r in records
     )
     late = records[0].latency
-    latency, soonest, latest = (1e3 * seconds for seconds in (late.latency, *TRAINING.range_s(late)))
+    latency, soonest, latest = (
+        1e3 * seconds for seconds in (late.latency, *TRAINING.range_s(late))
+    )
     start = training["start"]
-    begun = f"with a network of {start['update']} updates on dataset {start['dataset']}" if start else "from nothing"
+    begun = (
+        f"with a network of {start['update']} updates on dataset {start['dataset']}"
+        if start
+        else "from nothing"
+    )
     forgets = 100 * config.get("forgets", 0.0)  # older checkpoints do not name it
     clean, faulty = result.clean, result.faulty
-    rows = [(name, 1e3 * getattr(clean, field), 1e3 * getattr(faulty, field)) for name, field in REGIONS]
-    rows += [(kind, 1e3 * value, 1e3 * faulty.terrain_mae_m[kind]) for kind, value in clean.terrain_mae_m.items()]
+    rows = [
+        (name, 1e3 * getattr(clean, field), 1e3 * getattr(faulty, field)) for name, field in REGIONS
+    ]
+    rows += [
+        (kind, 1e3 * value, 1e3 * faulty.terrain_mae_m[kind])
+        for kind, value in clean.terrain_mae_m.items()
+    ]
     errors = "\n".join(f"| {name} | {left:.1f} | {right:.1f} |" for name, left, right in rows)
     return f"""# Heightmap model {result.model_id}
 

@@ -31,11 +31,20 @@ from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.settings import ModelConfig, PredictorTraining
 from saltus.heightmap.training.calibration import calibrate
-from saltus.heightmap.training.dataset import NO_NOISE, TRAINING_NOISE, EpisodeStore, ImageNoise, Window, run_window
+from saltus.heightmap.training.dataset import (
+    NO_NOISE,
+    TRAINING_NOISE,
+    EpisodeStore,
+    ImageNoise,
+    Window,
+    run_window,
+)
 from saltus.heightmap.training.exported import read_exported
 
 Item = TypeVar("Item")
-_SMALLEST_M = 1e-4  # keeps the logarithm of an error finite: a tenth of the depth unit of the camera
+_SMALLEST_M = (
+    1e-4  # keeps the logarithm of an error finite: a tenth of the depth unit of the camera
+)
 _USUAL_M = 0.1  # spread of heights: an error in it is of the size that the network itself works in
 HELD_OUT = 10  # every tenth episode is for validation
 
@@ -51,7 +60,10 @@ class TrainingProgress:
     """Over the last batch, noise and faults included."""
     seconds: float
     calibrates: bool = False
-    """All updates are done; the intervals are now fitted to held-out episodes, which takes a while."""
+    """All updates are done.
+
+    The intervals are now fitted to held-out episodes, which takes a while.
+    """
 
 
 def train(
@@ -66,14 +78,14 @@ def train(
 
     Args:
         data: Directory of the dataset.
-        checkpoint: Written every `save_every_s`, at the end, and where it is interrupted: weights, optimiser, and what
-            they were made from.
+        checkpoint: Written every `save_every_s`, at the end, and where it is interrupted: weights,
+            optimiser, and what they were made from.
         config: How to train.
         progress: Called about once a second, and before the calibration.
-        start: Checkpoint or exported model whose network to begin with, its normalisation included: for a further round
-            of data.
-        shown: What the network is shown of an episode, as its proprioception, and is to tell, as heights: for networks
-            that are to tell something else.
+        start: Checkpoint or exported model whose network to begin with, its normalisation included:
+            for a further round of data.
+        shown: What the network is shown of an episode, as its proprioception, and is to tell, as
+            heights: for networks that are to tell something else.
 
     Returns:
         The trained network, on the CPU.
@@ -81,8 +93,8 @@ def train(
     Raises:
         ConfigError: there is no such device.
         DatasetError: the dataset is missing, damaged, or has too few episodes to hold any out.
-        ModelError: `start` is no network of heights, or `checkpoint` is of another training (the message says what
-            differs).
+        ModelError: `start` is no network of heights, or `checkpoint` is of another training (the
+            message says what differs).
         SaltusError: `checkpoint` cannot be written.
     """
     records, device = read_records(data), _device(config.device)
@@ -91,13 +103,18 @@ def train(
     settings = {**asdict(config), "model": asdict(known[0].config if known else config.model)}
     origin: dict[str, Any] = {"config": settings, "dataset": dataset_hash(records), "start": None}
     if start and known:
-        origin["start"] = {"sha256": file_sha256(start), **{name: known[1][name] for name in ("dataset", "update")}}
+        origin["start"] = {
+            "sha256": file_sha256(start),
+            **{name: known[1][name] for name in ("dataset", "update")},
+        }
     begun = _begun(checkpoint, origin)
     store, held_out = _stores(data, records, device, shown)
     torch.manual_seed(config.seed)
     model = known[0] if known else HeightmapModel(config.model, store.normalisation())
     model.to(store.device).train()
-    optimiser = torch.optim.AdamW(model.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
+    optimiser = torch.optim.AdamW(
+        model.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
+    )
     first = 0
     if begun is not None:
         model.load_state_dict(_weights(begun))
@@ -113,7 +130,8 @@ def train(
             if progress is not None and (now - told > 1.0 or last):
                 told = now
                 state = TrainingProgress(
-                    update=update, updates=config.updates, loss=float(loss), mae_m=float(error), seconds=now - began,
+                    update=update, updates=config.updates, loss=float(loss), mae_m=float(error),
+                    seconds=now - began,
                     calibrates=last,
                 )  # fmt: skip
                 progress(state)
@@ -131,14 +149,21 @@ def train(
 
 
 def _stores(
-    data: Path, records: list[ShardRecord], device: torch.device, shown: Callable[[Episode], Episode]
+    data: Path,
+    records: list[ShardRecord],
+    device: torch.device,
+    shown: Callable[[Episode], Episode],
 ) -> tuple[EpisodeStore, EpisodeStore]:
     """Episodes to fit, and those held out."""
     # Every round of the dataset is drawn equally often, however many episodes it has.
     weights = split([1.0 / record.episodes for record in records for _ in range(record.episodes)])
     true_depth = split([record.camera.ideal for record in records for _ in range(record.episodes)])
-    parts = zip(split([shown(episode) for episode in read_dataset(data)]), weights, true_depth, strict=True)
-    fitted, held_out = (EpisodeStore(episodes, device, weight, true) for episodes, weight, true in parts)
+    parts = zip(
+        split([shown(episode) for episode in read_dataset(data)]), weights, true_depth, strict=True
+    )
+    fitted, held_out = (
+        EpisodeStore(episodes, device, weight, true) for episodes, weight, true in parts
+    )
     return fitted, held_out
 
 
@@ -153,7 +178,9 @@ def _updates(
     """Makes the updates from `first` on; yields loss and mean absolute error [m] after each."""
     # A resumed training draws other windows than before the interruption.
     rng = np.random.default_rng([config.seed, first])
-    windows = store.windows(config.batch, config.window, delivery, _noise(config), rng, forgets=config.forgets)
+    windows = store.windows(
+        config.batch, config.window, delivery, _noise(config), rng, forgets=config.forgets
+    )
     hidden = torch.zeros(config.batch, model.config.hidden, device=store.device)
     for update, window in zip(range(first, config.updates), windows, strict=False):
         for group in optimiser.param_groups:
@@ -173,7 +200,9 @@ def split(episodes: list[Item]) -> tuple[list[Item], list[Item]]:
     fitted = [e for i, e in enumerate(episodes) if i % HELD_OUT != HELD_OUT - 1]
     held_out = episodes[HELD_OUT - 1 :: HELD_OUT]
     if not held_out:
-        raise DatasetError(f"{len(episodes)} episodes are too few: at least {HELD_OUT} are needed to hold one out")
+        raise DatasetError(
+            f"{len(episodes)} episodes are too few: at least {HELD_OUT} are needed to hold one out"
+        )
     return fitted, held_out
 
 
@@ -189,14 +218,18 @@ def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, dict[str, Any]]:
     try:
         sizes = table["origin"]["config"]["model"]
         shapes = {name: table["model"][name] for name in Normalisation._fields}
-        config = ModelConfig(channels=tuple(sizes["channels"]), hidden=sizes["hidden"], head=tuple(sizes["head"]))
+        config = ModelConfig(
+            channels=tuple(sizes["channels"]), hidden=sizes["hidden"], head=tuple(sizes["head"])
+        )
         model = HeightmapModel(config, Normalisation(**shapes))
         model.load_state_dict(_weights(table))
         if len(model.proprioception_mean) != len(PROPRIOCEPTION):
             raise KeyError(checkpoint)  # a network that tells something else
         return model.eval(), {**table["origin"], "update": table["update"]}
     except (KeyError, TypeError, AttributeError, RuntimeError) as error:
-        raise ModelError(f"{checkpoint} is no checkpoint of the heightmap network, or damaged") from error
+        raise ModelError(
+            f"{checkpoint} is no checkpoint of the heightmap network, or damaged"
+        ) from error
 
 
 def settings_of(checkpoint: Path) -> PredictorTraining:
@@ -207,17 +240,22 @@ def settings_of(checkpoint: Path) -> PredictorTraining:
     """
     _, training = load_checkpoint(checkpoint)
     try:
-        return PredictorTraining(**{**training["config"], "model": ModelConfig(**training["config"]["model"])})
+        return PredictorTraining(
+            **{**training["config"], "model": ModelConfig(**training["config"]["model"])}
+        )
     except (TypeError, ConfigError) as error:
-        raise ModelError(f"{checkpoint} is of a training by another version: name another folder with --out") from error
+        raise ModelError(
+            f"{checkpoint} is of a training by another version: name another folder with --out"
+        ) from error
 
 
 def _loss(estimate: HeightEstimate, window: Window) -> Tensor:
     """The absolute error, and how far the stated interval is from holding the share of errors that it should.
 
-    The first makes heights medians: where an edge may be here or there, a median is on one side of it and a mean is in
-    the air. The second is the quantile loss of the logarithm of the error, so that it asks the same of flat ground,
-    where errors are a millimetre, and of trenches. It leaves the heights alone.
+    The first makes heights medians: where an edge may be here or there, a median is on one side of
+        it and a mean is in
+    the air. The second is the quantile loss of the logarithm of the error, so that it asks the same
+    of flat ground, where errors are a millimetre, and of trenches. It leaves the heights alone.
     """
     error = (estimate.height - window.height).abs()
     beyond = (error.detach() + _SMALLEST_M).log() - estimate.log_std - math.log(INTERVAL90)
@@ -261,7 +299,10 @@ def _read(checkpoint: Path) -> dict[str, Any]:
 
 
 def _weights(table: dict[str, Any]) -> dict[str, Tensor]:
-    """Weights of the network; an older checkpoint has and needs no correction of intervals by width."""
+    """Weights of the network.
+
+    An older checkpoint has and needs no correction of intervals by width.
+    """
     return {"correction": torch.zeros(WIDTHS), **table["model"]}
 
 
@@ -272,20 +313,35 @@ def _begun(checkpoint: Path, origin: dict[str, Any]) -> dict[str, Any] | None:
     table = _read(checkpoint)
     found = differences(_compared(table["origin"]), _compared(origin))
     if differs := ", ".join(f"{d.name} = {d.before}, not {d.now}" for d in found):
-        raise ModelError(f"{checkpoint} is of another training ({differs}): name another folder with --out")
+        raise ModelError(
+            f"{checkpoint} is of another training ({differs}): name another folder with --out"
+        )
     return table
 
 
 def _compared(origin: dict[str, Any]) -> dict[str, Any]:
     """Parts of an origin that make it another training: not where it runs, nor how often it is saved."""
-    config = {name: value for name, value in origin.get("config", {}).items() if name not in ("device", "save_every_s")}
+    config = {
+        name: value
+        for name, value in origin.get("config", {}).items()
+        if name not in ("device", "save_every_s")
+    }
     return {**origin, "config": config}
 
 
 def _save(
-    checkpoint: Path, origin: dict[str, Any], update: int, model: HeightmapModel, optimiser: torch.optim.Optimizer
+    checkpoint: Path,
+    origin: dict[str, Any],
+    update: int,
+    model: HeightmapModel,
+    optimiser: torch.optim.Optimizer,
 ) -> None:
-    table = {"origin": origin, "update": update, "model": model.state_dict(), "optimiser": optimiser.state_dict()}
+    table = {
+        "origin": origin,
+        "update": update,
+        "model": model.state_dict(),
+        "optimiser": optimiser.state_dict(),
+    }
     try:
         with atomic_write(checkpoint) as partial:
             torch.save(table, partial)

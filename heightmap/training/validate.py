@@ -12,7 +12,8 @@ from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.sight import TickInputs
 
-AHEAD_X = 0.45  # standing, the camera sees the ground from 0.485 m on (derived from its pose and field of view)
+# Standing, the camera sees the ground from 0.485 m on (derived from its pose and field of view)
+AHEAD_X = 0.45
 UNDER_X = 0.2  # up to the front hips: seen some time ago, or known by the feet
 SETTLED_TICKS = 50  # the first 0.5 s count for the warm-up, not for the accuracy
 WARM = 1.1  # warm: the error is at most 10 % above that of a network that saw all images before
@@ -43,17 +44,23 @@ class Accuracy:
 
     @property
     def warning(self) -> str:
-        """Why these errors are not to be taken for good; empty where most robots came to an edge."""
+        """Why these errors are not to be taken for good.
+
+        Empty where most robots came to an edge.
+        """
         if self.uneven >= LEAST_SHARE * self.courses:
             return ""
         return (
             f"these errors say little: robots came to an edge in {self.uneven} of {self.courses} "
-            "episodes off flat ground, and level ground is easy to predict; collect longer episodes "
+            "episodes off flat ground, and level ground is easy to predict; collect longer "
+            "episodes "
             "(--loop.ticks 600)"
         )
 
 
-def accuracy(network: HeightmapNetwork, episodes: Sequence[Episode], delivery: DeliveryModel | None = None) -> Accuracy:
+def accuracy(
+    network: HeightmapNetwork, episodes: Sequence[Episode], delivery: DeliveryModel | None = None
+) -> Accuracy:
     """Errors of a model file over whole episodes, images without noise.
 
     Args:
@@ -93,8 +100,9 @@ def _is_uneven(episode: Episode, x: Floats) -> bool:
 def warmup_frames(network: HeightmapNetwork, episodes: Sequence[Episode], limit: int = 50) -> int:
     """Images after the hidden state was emptied until the visible part is as good as without that: 5 to `limit`.
 
-    Each episode runs once undisturbed and once with its hidden state emptied in the middle; errors ahead are compared
-    image by image, averaged over the episodes. `limit` where none of them lasts long enough to tell.
+    Each episode runs once undisturbed and once with its hidden state emptied in the middle; errors
+    ahead are compared image by image, averaged over the episodes. `limit` where none of them lasts
+    long enough to tell.
     """
     ticks = limit * FRAME_TICKS
     warm, cold, ahead = np.zeros(limit), np.zeros(limit), network.x >= AHEAD_X
@@ -106,7 +114,9 @@ def warmup_frames(network: HeightmapNetwork, episodes: Sequence[Episode], limit:
             continue
         for total, forget_at in ((warm, None), (cold, lost_at)):
             height, _ = run_episode(network, episode, DeliveryModel(), forget_at)
-            total += np.abs(height[span][:, ahead] - truth).mean(-1).reshape(limit, FRAME_TICKS).mean(-1)
+            total += (
+                np.abs(height[span][:, ahead] - truth).mean(-1).reshape(limit, FRAME_TICKS).mean(-1)
+            )
     if not warm.any():
         return limit
     late = np.flatnonzero(cold > WARM * warm)
@@ -114,7 +124,10 @@ def warmup_frames(network: HeightmapNetwork, episodes: Sequence[Episode], limit:
 
 
 def run_episode(
-    network: HeightmapNetwork, episode: Episode, delivery: DeliveryModel, forget_at: int | None = None
+    network: HeightmapNetwork,
+    episode: Episode,
+    delivery: DeliveryModel,
+    forget_at: int | None = None,
 ) -> tuple[Singles, Singles]:
     """Heights and half of their 90 % intervals [m] at every tick, each of shape (ticks, 30).
 
@@ -139,6 +152,8 @@ def episode_inputs(episode: Episode, delivery: DeliveryModel) -> Iterator[TickIn
     images, blank = model_image(episode.depth), model_image(np.zeros_like(episode.depth[0]))
     delivered = deliver([episode], delivery, np.random.default_rng(0))
     ((frames, ages_s, news),) = zip(*delivered, strict=True)
-    for features, frame, age_s, new in zip(episode.proprioception, frames, ages_s, news, strict=True):
+    for features, frame, age_s, new in zip(
+        episode.proprioception, frames, ages_s, news, strict=True
+    ):
         image, hidden = images[frame] if frame >= 0 else blank, np.empty((1, 0), np.float32)
         yield TickInputs(image[None], np.array([age_s]), np.array([new]), features[None], hidden)

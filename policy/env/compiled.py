@@ -1,4 +1,7 @@
-"""Stages of a training step: plain functions on a CPU; compiled, and replayed as CUDA graphs, on a GPU."""
+"""Stages of a training step: plain functions on a CPU.
+
+Compiled, and replayed as CUDA graphs, on a GPU.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -15,7 +18,10 @@ _UNROLLED = 17  # sums of up to 16 terms are written out: the longest product he
 
 
 class Stage:
-    """A function that changes tensors in place, always the same ones; called a few times before it is replayed."""
+    """A function that changes tensors in place, always the same ones.
+
+    Called a few times before it is replayed.
+    """
 
     def __init__(self, function: Callable[[], None], device: torch.device) -> None:
         self._function = function
@@ -35,7 +41,9 @@ class Stage:
                 compiled()
         torch.cuda.current_stream().wait_stream(beside)
         self._graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(self._graph, capture_error_mode="thread_local"):  # NCCL has threads of its own
+        with torch.cuda.graph(
+            self._graph, capture_error_mode="thread_local"
+        ):  # NCCL has threads of its own
             compiled()
 
     def compiled(self, backend: Callable[..., Any] | str) -> Callable[[], None]:
@@ -45,7 +53,9 @@ class Stage:
         compiled = torch.compile(self._function, backend=backend, dynamic=False, fullgraph=True)
 
         def call() -> None:
-            with config.patch(recompile_limit=_COMPILATIONS, accumulated_recompile_limit=_COMPILATIONS):
+            with config.patch(
+                recompile_limit=_COMPILATIONS, accumulated_recompile_limit=_COMPILATIONS
+            ):
                 compiled()
 
         return call
@@ -61,8 +71,8 @@ class Stage:
 def _fusing_backend() -> Callable[..., Any]:
     """The default compiler, with products of small matrices written out.
 
-    A leg controller multiplies thousands of 3 x 3 matrices. As calls of a library each is a kernel of its own that
-    goes through memory; as sums of products they join the arithmetic around them.
+    A leg controller multiplies thousands of 3 x 3 matrices. As calls of a library each is a kernel
+    of its own that goes through memory; as sums of products they join the arithmetic around them.
     """
     from torch._inductor.compile_fx import compile_fx
     from torch._inductor.decomposition import select_decomp_table
@@ -72,7 +82,9 @@ def _fusing_backend() -> Callable[..., Any]:
         torch.ops.aten.bmm.default: _written_out_bmm,
         torch.ops.aten.mm.default: _written_out_mm,
     }
-    return partial(compile_fx, decompositions=table, config_patches={"unroll_reductions_threshold": _UNROLLED})
+    return partial(
+        compile_fx, decompositions=table, config_patches={"unroll_reductions_threshold": _UNROLLED}
+    )
 
 
 def _written_out_bmm(a: Tensor, b: Tensor) -> Tensor:

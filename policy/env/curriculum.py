@@ -21,16 +21,23 @@ class CurriculumConfig:
     stepping_stones: float = 0.15
     step: float = 0.25
     gap: float = 0.15
-    """Share of the robots on each kind of terrain, relative to the others; a robot stays on its kind."""
+    """Share of the robots on each kind of terrain, relative to the others.
+
+    A robot stays on its kind.
+    """
     stairs_down: float = 0.0
     step_down: float = 0.0
     pyramid: float = 0.0
     irregular: float = 0.0
     hurdles: float = 0.0
     ditch: float = 0.0
-    """The same for kinds that are left out unless they are asked for, see `saltus.terrain.law.KINDS`."""
+    """The same for kinds that are left out unless they are asked for, see
+    `saltus.terrain.law.KINDS`."""
     own: Annotated[dict[str, float], shown("NAME SHARE ...", "none")] = field(default_factory=dict)
-    """The same for ramp_up, ramp_down, and families of your own, by name; see `saltus.terrain.own`."""
+    """The same for ramp_up, ramp_down, and families of your own, by name.
+
+    See `saltus.terrain.own`.
+    """
     levels: int = 10
     """Level k has difficulties from k / levels to (k + 1) / levels of the hardest."""
     hardest: float = 1.0
@@ -46,17 +53,28 @@ class CurriculumConfig:
 
     def __post_init__(self) -> None:
         check_between(self, **dict.fromkeys(KINDS, (0.0, 1e6)))
-        check_between(self, levels=(1, 255), hardest=(0.0, 2.0), promotion_m=(0.0, 100.0), demotion_m=(0.0, 100.0))
+        check_between(
+            self,
+            levels=(1, 255),
+            hardest=(0.0, 2.0),
+            promotion_m=(0.0, 100.0),
+            demotion_m=(0.0, 100.0),
+        )
         check_between(self, any_level=(0.0, 1.0))
         for kind, share in self.own.items():
             if kind in KINDS or not 0.0 <= share <= 1e6:
-                raise ConfigError(f"own.{kind} = {share:g}: a family of your own, and a share from 0 to 1e+06")
+                raise ConfigError(
+                    f"own.{kind} = {share:g}: a family of your own, and a share from 0 to 1e+06"
+                )
         if not any(self.shares.values()):
             raise ConfigError("the shares of all kinds of terrain are 0: one must be more")
 
     @property
     def shares(self) -> dict[str, float]:
-        """Shares of the kinds of terrain, `KINDS` and then those of one's own; a kind is its place in it."""
+        """Shares of the kinds of terrain, `KINDS` and then those of one's own.
+
+        A kind is its place in it.
+        """
         return {kind: getattr(self, kind) for kind in KINDS} | self.own
 
     def share(self, kind: str) -> float:
@@ -70,7 +88,9 @@ class CurriculumConfig:
         Raises:
             ConfigError: a family is not installed here, or makes no course.
         """
-        return CourseTable.of(tuple(self.own), self.levels, self.hardest, BOXES) if self.own else None
+        return (
+            CourseTable.of(tuple(self.own), self.levels, self.hardest, BOXES) if self.own else None
+        )
 
     @property
     def boxes(self) -> int:
@@ -79,7 +99,10 @@ class CurriculumConfig:
 
 
 def kinds_of_robots(config: CurriculumConfig, count: int) -> list[int]:
-    """The kind of each robot as its place in `shares`; kinds lie side by side, in the shares of `config`."""
+    """The kind of each robot as its place in `shares`.
+
+    Kinds lie side by side, in the shares of `config`.
+    """
     ends, total = [], 0.0
     for kind in config.shares:
         total += config.share(kind)
@@ -90,7 +113,9 @@ def kinds_of_robots(config: CurriculumConfig, count: int) -> list[int]:
 def next_level(
     config: CurriculumConfig, level: Array, way: Array, failed: Array, finished: Array, draw: Array
 ) -> Array:
-    """Level of the next course, whole numbers as floats; beyond the last, and in a share of cases, any level.
+    """Level of the next course, whole numbers as floats.
+
+    Beyond the last, and in a share of cases, any level.
 
     Args:
         config: What is asked for.
@@ -104,7 +129,9 @@ def next_level(
     one = xp.ones_like(level)
     up = ~failed & (finished | (way > config.promotion_m))
     down = ~up & (way < config.demotion_m)
-    moved = xp.clip(level + xp.where(up, one, 0.0 * one) - xp.where(down, one, 0.0 * one), 0.0, None)
+    moved = xp.clip(
+        level + xp.where(up, one, 0.0 * one) - xp.where(down, one, 0.0 * one), 0.0, None
+    )
     place = draw * config.levels
     drawn = xp.floor(place)
     is_drawn = place - drawn < config.any_level  # the fraction of a uniform number is uniform, too

@@ -17,12 +17,16 @@ from saltus.robots.robot import Robot
 from saltus.trial import NOMINAL_FEEDFORWARD_DELAY_S
 
 
-def training_drives(robot: Robot, profile: Profile, config: RandomisationConfig, memory: Memory) -> ActuatorChain:
+def training_drives(
+    robot: Robot, profile: Profile, config: RandomisationConfig, memory: Memory
+) -> ActuatorChain:
     """The chain of all robots; what is drawn for them is read from `memory` at every use."""
     wide, m = config.wide, memory
     effects: dict[str, Effect] = {effect.name: effect.fitted(robot) for effect in profile.actuator}
 
-    def draw(kind: type[Effect], parameter: str, around: Callable[[Array], Array], beyond: float = 0.0) -> None:
+    def draw(
+        kind: type[Effect], parameter: str, around: Callable[[Array], Array], beyond: float = 0.0
+    ) -> None:
         known = effects.get(kind.name, kind())
         greatest = float(np.max(getattr(known, parameter))) + beyond
         drawn = Drawn(read=lambda array: around(known.value(parameter, array)), greatest=greatest)
@@ -38,7 +42,12 @@ def training_drives(robot: Robot, profile: Profile, config: RandomisationConfig,
             beyond,
         )
     if wide.share > 0.0:
-        draw(CommandDelay, "delay", lambda delay: delay + m.command_delay_s[:, None], wide.command_delay_s)
+        draw(
+            CommandDelay,
+            "delay",
+            lambda delay: delay + m.command_delay_s[:, None],
+            wide.command_delay_s,
+        )
         draw(CoulombFriction, "torque", lambda torque: torque + m.joint_friction[:, None])
         draw(ViscousFriction, "coefficient", lambda damping: damping + m.joint_damping[:, None])
     return ActuatorChain(tuple(effects.values()))

@@ -1,8 +1,9 @@
 """The training environment: thousands of robots, each on its course, in lockstep at 100 Hz.
 
-A step is: clip the action; five times control, physics, sense; then judge, reset who is done, observe. All state lives
-in the tensors of `Memory`, which every stage changes in place, so that on a GPU each stage is replayed as a CUDA graph
-and nothing waits for the processor.
+A step is: clip the action; five times control, physics, sense; then judge, reset who is done,
+    observe. All state lives
+in the tensors of `Memory`, which every stage changes in place, so that on a GPU each stage is
+replayed as a CUDA graph and nothing waits for the processor.
 """
 
 import math
@@ -58,7 +59,10 @@ class Transition:
     done: Tensor
     """The episode is over and the next has begun, bool, shape (n,)."""
     timed_out: Tensor
-    """It ended at the time limit or at the end of the course, which is no failure. Bool, shape (n,)."""
+    """It ended at the time limit or at the end of the course, which is no failure.
+
+    Bool, shape (n,).
+    """
 
 
 class JumpEnv:
@@ -87,7 +91,9 @@ class JumpEnv:
         self._stand_pose = Constant(self.robot.stand_pose)
         profile = load_profile(config.profile, self.robot)
         self._law = LegController(
-            self.robot, solver=solver or BatchedSolver(self.robot), compensation=compensation_of(profile, self.robot)
+            self.robot,
+            solver=solver or BatchedSolver(self.robot),
+            compensation=compensation_of(profile, self.robot),
         )
         self._estimator = Estimator(self.robot)
         kinds = kinds_of_robots(config.curriculum, self.count)
@@ -100,10 +106,14 @@ class JumpEnv:
         self.standing = torch.zeros(self.count, dtype=torch.bool, device=self.device)
         """Robots that stand, whatever their plan; they begin to step when they do so no more. May be written in place,
         shape (n,)."""
-        self.views = Views(self.robot, grid, self.memory, config, self.states, self._qpos, self._qvel)
+        self.views = Views(
+            self.robot, grid, self.memory, config, self.states, self._qpos, self._qvel
+        )
         self._equip(profile)
         self.episodes = Episodes(self.memory, config, engine, self._estimator, self.views, profile)
-        self.stages = [Stage(f, self.device) for f in (self._plan, self._control, self._sense, self._finish)]
+        self.stages = [
+            Stage(f, self.device) for f in (self._plan, self._control, self._sense, self._finish)
+        ]
         """Plan, control, sense and finish: what a step does around the physics."""
         self._begin(prepare=True)
 
@@ -115,7 +125,8 @@ class JumpEnv:
         """
         if self.config.contact_dimensions(profile) > self._engine.dimensions:
             raise ConfigError(
-                "soft_feet: contacts of this engine resist neither turning nor rolling; give it 6 dimensions, or leave "
+                "soft_feet: contacts of this engine resist neither turning nor rolling; give it 6 "
+                "dimensions, or leave "
                 "torsion and rolling out of the profile, and softness out of the draws"
             )
         self._drives = training_drives(self.robot, profile, self.config.randomisation, self.memory)
@@ -187,7 +198,9 @@ class JumpEnv:
         beyond = bounds.normalised(wanted) - bounds.normalised(plan)
         excess = (0.25 * beyond * beyond).sum(-1)  # outputs span 2, ranges 1
         memory, latest = self.memory, plan[:, None]
-        begins = (memory.time_s == memory.first_time_s)[:, None, None]  # before its first plan a robot had none
+        begins = (memory.time_s == memory.first_time_s)[
+            :, None, None
+        ]  # before its first plan a robot had none
         plans = torch.where(begins, latest, torch.cat([latest, memory.plans[:, :-1]], 1))
         store(memory, plan=plan, excess=excess, plans=plans, tick=torch.zeros_like(memory.tick))
         self.memory.terms.zero_()
@@ -198,10 +211,14 @@ class JumpEnv:
         memory, true = self.memory, engine_states(self._engine, self.memory)
         states = self._sensed(true)
         reference = reference_of(plan_from_values(self._obeyed()), memory.heading)
-        command, state, seen = self._law.step(reference, states, self._law_state(), ControllerMode.RUN)
+        command, state, seen = self._law.step(
+            reference, states, self._law_state(), ControllerMode.RUN
+        )
         command = self._or_stand(command)
         joints = true.joint_position, true.joint_velocity
-        torque, actuators = self._drives.step(command, *joints, self._time_s(), memory.actuators, self._fresh())
+        torque, actuators = self._drives.step(
+            command, *joints, self._time_s(), memory.actuators, self._fresh()
+        )
         self._ctrl.copy_(torque.applied)
         if (resistance := torque.resistance) is not None:
             self._engine.set_joints(resistance.friction, resistance.damping, resistance.armature)
@@ -305,7 +322,9 @@ class JumpEnv:
         """Starts the next episode of `robots`, bool, shape (n,)."""
         self.episodes.reset(robots)
         if imu := self.memory.imu:
-            now = self._imu.step(_reading(engine_states(self._engine, self.memory)), self._time_s(), imu[1], robots)
+            now = self._imu.step(
+                _reading(engine_states(self._engine, self.memory)), self._time_s(), imu[1], robots
+            )
             keep(imu, chosen_of(robots, now, imu))
         self.views.set_goals(robots)
 
@@ -321,7 +340,9 @@ class JumpEnv:
         if not self._drives.senses_otherwise:
             return true
         motion = true.joint_position, true.joint_velocity
-        joints = self._drives.measured(*motion, self._time_s(), self.memory.actuators, self._fresh())
+        joints = self._drives.measured(
+            *motion, self._time_s(), self.memory.actuators, self._fresh()
+        )
         return replace(true, joint_position=joints.position, joint_velocity=joints.velocity)
 
     def _time_s(self) -> Tensor:

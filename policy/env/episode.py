@@ -30,14 +30,22 @@ TALLY = ("episodes", "finished", "tilted", "touched", "sunk", "astray", "way_m",
 """Counts over the episodes of each kind of terrain."""
 
 _START_DRAWS = ColumnNames(joints=(12,), x=(), yaw=(), y=(), heading=(), height_shift=(2,))
-_EVENT_DRAWS = ColumnNames(level=(), difficulty=(), torque_time=(), torque=(), push_time=(), push_ahead=())
+_EVENT_DRAWS = ColumnNames(
+    level=(), difficulty=(), torque_time=(), torque=(), push_time=(), push_ahead=()
+)
 
 
 class Episodes:
     """Judges and resets; results are tensors that are rewritten in place."""
 
     def __init__(
-        self, memory: Memory, config: EnvConfig, engine: Engine, estimator: Estimator, views: Views, profile: Profile
+        self,
+        memory: Memory,
+        config: EnvConfig,
+        engine: Engine,
+        estimator: Estimator,
+        views: Views,
+        profile: Profile,
     ) -> None:
         self._memory, self._config, self._engine, self._views = memory, config, engine, views
         self._body, shift = profile.body_chain, shift_of(profile.heightmap)
@@ -47,7 +55,9 @@ class Episodes:
         count, device = engine.count, memory.phase.device
         self._shift = torch.tensor((shift.x, shift.z), device=device)
         beside = torch.tensor((shift.x_range, shift.z_range), device=device)
-        self._shift_range = beside + torch.tensor(config.randomisation.height_shift_m, device=device)
+        self._shift_range = beside + torch.tensor(
+            config.randomisation.height_shift_m, device=device
+        )
         self._wide = config.randomisation.wide
         self._columns = ColumnNames(
             course=(DRAWS.count,),
@@ -58,7 +68,10 @@ class Episodes:
             height_noise=(views.grid.size,),
         )
         self.draws = torch.zeros(count, self._columns.count, device=device)
-        """Uniform numbers for the next `reset`, `disturb` and observation; the environment fills them."""
+        """Uniform numbers for the next `reset`, `disturb` and observation.
+
+        The environment fills them.
+        """
         self.reward = torch.zeros(count, device=device)
         self.done = torch.zeros(count, dtype=torch.bool, device=device)
         self.timed_out = torch.zeros(count, dtype=torch.bool, device=device)
@@ -74,7 +87,10 @@ class Episodes:
         self._legs, self._foot_radius = LegKinematics(robot), robot.foot_radius
         self._stand = torch.tensor(robot.stand_pose, dtype=torch.float32, device=device)
         self._is_kind = torch.stack([memory.kind == k for k in kinds]).float()
-        low, high = robot.trunk_center - 0.5 * robot.trunk_size, robot.trunk_center + 0.5 * robot.trunk_size
+        low, high = (
+            robot.trunk_center - 0.5 * robot.trunk_size,
+            robot.trunk_center + 0.5 * robot.trunk_size,
+        )
         edge = torch.zeros(_TRUNK_POINTS, 3, device=device)
         edge[:, 0] = torch.linspace(float(low[0]), float(high[0]), _TRUNK_POINTS)
         edge[:, 2] = float(low[2])
@@ -99,8 +115,12 @@ class Episodes:
         touched = (edge[..., 2] < ground[:, 1:]).any(-1) | memory.touched[:, 12:].any(-1)
         descends = self._views.descends()
         lowest = torch.where(descends, memory.floor + TRENCH_DEPTH, 0.0)
-        sunk = (position[:, 2] - ground[:, 0] < limits.lowest_base_m) | (position[:, 2] < lowest - limits.sunk_m)
-        astray = (position[:, 1].abs() > limits.astray_m) | ((yaw - memory.heading).abs() > limits.astray_rad)
+        sunk = (position[:, 2] - ground[:, 0] < limits.lowest_base_m) | (
+            position[:, 2] < lowest - limits.sunk_m
+        )
+        astray = (position[:, 1].abs() > limits.astray_m) | (
+            (yaw - memory.heading).abs() > limits.astray_rad
+        )
         failed = tilted | touched | sunk | astray | ~finite
         memory.time_s.add_(POLICY_DT)
         finished = (position[:, 0] > memory.finish_x) & ~failed
@@ -118,15 +138,20 @@ class Episodes:
         counted = torch.stack([row.float() * self.done for row in rows], -1)
         self.tally.add_((self._is_kind[:, :, None] * torch.nan_to_num(counted)[None]).sum(1))
         drawn = _EVENT_DRAWS.of(self._drawn.event)
-        level = next_level(self._config.curriculum, memory.level, way, failed, finished, drawn.level)
-        # A robot's first episode, which may be too short for any way, moves no level when its time is over.
+        level = next_level(
+            self._config.curriculum, memory.level, way, failed, finished, drawn.level
+        )
+        # A robot's first episode, which may be too short for any way, moves no level when its time
+        # is over.
         store(memory, self.done & (failed | finished | (memory.first_time_s == 0.0)), level=level)
 
     def reset(self, mask: Tensor) -> None:
         """Starts the next episode of the robots in `mask`, bool, shape (n,)."""
         memory, ranges = self._memory, self._config.randomisation
         drawn = self._drawn
-        hard = difficulty(self._config.curriculum, memory.level, _EVENT_DRAWS.of(drawn.event).difficulty)
+        hard = difficulty(
+            self._config.curriculum, memory.level, _EVENT_DRAWS.of(drawn.event).difficulty
+        )
         course = draw_courses(memory.kind, hard, drawn.course)
         names = ("low", "high", "top", "finish_x", "slope", "floor")
         store(memory, mask, **{name: getattr(course, name) for name in names})
@@ -139,7 +164,11 @@ class Episodes:
         self._engine.set_terrain(self._views.courses().boxes())
         if self._wide.share > 0.0:
             mass_kg = self._engine.robot.mass
-            store(memory, mask, **draw_wide(ranges, bodies["friction"], mass_kg, self._grown, drawn.wide))
+            store(
+                memory,
+                mask,
+                **draw_wide(ranges, bodies["friction"], mass_kg, self._grown, drawn.wide),
+            )
         self._engine.set_bodies(self._bodies())
         start = _START_DRAWS.of(drawn.start)
         self._place(mask, start)
@@ -165,19 +194,26 @@ class Episodes:
 
     def _bodies(self) -> BodyModel:
         memory = self._memory
-        # in double precision: robots that are not softened are as stiff as those of a training without such draws
+        # in double precision: robots that are not softened are as stiff as those of a training
+        # without such draws
         softness = memory.softness.double() if self._wide.share > 0.0 else 0.0
         claimed = BodyModel(
             payload_kg=memory.payload_kg,
             com_shift=memory.com_shift,
             inertia_scale=1.0,
             friction=memory.friction,
-            **{name: usual + softness * (soft - usual) for name, (usual, soft) in SOFT_RUBBER.items()},
+            **{
+                name: usual + softness * (soft - usual)
+                for name, (usual, soft) in SOFT_RUBBER.items()
+            },
         )
         return self._body.apply(claimed)
 
     def disturb(self) -> None:
-        """Redraws the torque on the trunk, and pushes; both at random times with the configured mean period."""
+        """Redraws the torque on the trunk, and pushes.
+
+        Both at random times with the configured mean period.
+        """
         memory, ranges = self._memory, self._config.randomisation
         event, body = _EVENT_DRAWS.of(self._drawn.event), BODY_DRAWS.of(self._drawn.body)
         redrawn = event.torque_time < POLICY_DT / ranges.torque_period_s
@@ -189,7 +225,9 @@ class Episodes:
         way = 2.0 * torch.stack([event.push_ahead, body.push_aside], -1) - 1.0
         kick = ranges.push_mps * way
         if self._wide.share > 0.0:
-            hard = (event.push_time < POLICY_DT / self._wide.side_push_period_s) & (memory.push_mps > 0.0)
+            hard = (event.push_time < POLICY_DT / self._wide.side_push_period_s) & (
+                memory.push_mps > 0.0
+            )
             aside = torch.where(hard, memory.push_mps * torch.sign(way[:, 1]), kick[:, 1])
             kick = torch.stack([kick[:, 0], aside], -1)
         self._qvel[:, :2] += (kick * pushed[:, None]).to(self._qvel.dtype)
@@ -201,7 +239,10 @@ class Episodes:
         """
         memory, ranges = self._memory, self._config.randomisation
         joints = self._stand + ranges.start_joint_rad * (2.0 * drawn.joints - 1.0)
-        x, yaw = ranges.start_x_m * (2.0 * drawn.x - 1.0), ranges.start_yaw_rad * (2.0 * drawn.yaw - 1.0)
+        x, yaw = (
+            ranges.start_x_m * (2.0 * drawn.x - 1.0),
+            ranges.start_yaw_rad * (2.0 * drawn.yaw - 1.0),
+        )
         zero = torch.zeros_like(x)
         quaternion = quaternion_from_roll_pitch_yaw(zero, zero, yaw)
         feet = self._legs.position(joints)

@@ -16,7 +16,10 @@ from saltus.terrain.batch import COLUMNS
 
 @dataclass(kw_only=True, eq=False)
 class Memory:
-    """All state that is not the physics engine's. Shapes are for one robot; every tensor has a leading dimension."""
+    """All state that is not the physics engine's.
+
+    Shapes are for one robot; every tensor has a leading dimension.
+    """
 
     # the leg controller, the estimator and the drives
     phase: Tensor
@@ -32,7 +35,8 @@ class Memory:
     # the present action
     plan: Tensor  # (10,), values within bounds
     plans: Tensor  # (length, 10): the same, and those before it
-    past: Tensor  # (steps, RECALLED): what the policy remembers, see `saltus.policy.features.remembered`
+    # (steps, RECALLED): what the policy remembers, see `saltus.policy.features.remembered`
+    past: Tensor
     tick: Tensor  # physics steps since the plan
     excess: Tensor
     # the episode
@@ -89,7 +93,9 @@ _FLAGS = {"contact": (4,), "trusted": (4,), "touched": (16,)}
 
 
 def blank_memory(kinds: Iterable[int], plans: int, past: int, device: torch.device) -> Memory:
-    """Zeros for robots on the given kinds of terrain; every episode begins with a reset that fills them.
+    """Zeros for robots on the given kinds of terrain.
+
+    Every episode begins with a reset that fills them.
 
     So many plans are kept, and so many steps of the past.
     """

@@ -13,7 +13,13 @@ from saltus.effects.body import (
 from saltus.errors import ConfigError
 
 BODY_DRAWS = ColumnNames(
-    friction=(), payload_kg=(), motor_strength=(), com_shift=(3,), delay_s=(), push_aside=(), plan_delay_s=()
+    friction=(),
+    payload_kg=(),
+    motor_strength=(),
+    com_shift=(3,),
+    delay_s=(),
+    push_aside=(),
+    plan_delay_s=(),
 )
 """Uniform random numbers of a robot: what `draw_bodies` takes, and the side of a push."""
 
@@ -40,14 +46,15 @@ the impedance of Menagerie's Go1, and the frictions of its feet."""
 class WideConfig:
     """Draws that some robots meet beyond the definition of a trial: nothing, unless `share` is more than 0.
 
-    Each value is drawn between the robot's usual one and the one given here, or stays usual, for one episode. The
-    density rises from nothing at the usual value.
+    Each value is drawn between the robot's usual one and the one given here, or stays usual, for
+    one episode. The density rises from nothing at the usual value.
     """
 
     share: float = 0.0
     """Probability with which each value is drawn and not usual."""
     growth_msteps: tuple[float, float] = (0.0, 0.0)
-    """Million environment steps, of all processes, between which the ranges grow from nothing to all."""
+    """Million environment steps, of all processes, between which the ranges grow from nothing to
+    all."""
     friction: float = 0.3
     """Friction of the ground."""
     joint_damping: float = 0.3
@@ -66,7 +73,9 @@ class WideConfig:
     def __post_init__(self) -> None:
         check_between(self, share=(0.0, 1.0), growth_msteps=(0.0, 1e9), friction=(0.01, 10.0))
         check_between(self, joint_damping=(0.0, 10.0), joint_friction=(0.0, 10.0))
-        check_between(self, softness=(0.0, 1.0), command_delay_s=(0.0, 0.1), side_push_ns=(0.0, 1e3))
+        check_between(
+            self, softness=(0.0, 1.0), command_delay_s=(0.0, 0.1), side_push_ns=(0.0, 1e3)
+        )
         check_between(self, side_push_period_s=(1e-3, 1e12))
         if self.growth_msteps[0] > self.growth_msteps[1]:
             raise ConfigError(f"growth_msteps = {self.growth_msteps}: the lowest comes first")
@@ -89,12 +98,19 @@ class WideConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class RandomisationConfig:
-    """Ranges; a robot's values hold for one episode. Those of a trial, and what the original left out."""
+    """Ranges; a robot's values hold for one episode.
+
+    Those of a trial, and what the original left out.
+    """
 
     friction: tuple[float, float] = (0.5, 1.0)  # definition of a trial
     payload_kg: tuple[float, float] = (0.0, 1.5)  # definition of a trial
     motor_strength: tuple[float, float] = (0.9, 1.1)  # definition of a trial
-    com_shift_m: tuple[float, float, float] = (0.046, 0.03, 0.03)  # +-; original, where it is switched off
+    com_shift_m: tuple[float, float, float] = (
+        0.046,
+        0.03,
+        0.03,
+    )  # +-; original, where it is switched off
     feedforward_delay_s: tuple[float, float] = (0.008, 0.012)
     """Delay of a robot whose profile has the original's 10 ms, +- one tick; another delay moves it,
     see `saltus.trial`."""
@@ -103,7 +119,9 @@ class RandomisationConfig:
     ones."""
     height_shift_m: tuple[float, float] = (0.08, 0.05)  # +-; paper: along the yaw, and vertical
     """Around that of the profile, whose own ranges widen it."""
-    height_noise_m: float = 0.01  # +-, each height and step: a predictor's errors vary within an episode
+    height_noise_m: float = (
+        0.01  # +-, each height and step: a predictor's errors vary within an episode
+    )
     pitch_torque_nm: float = 4.0  # +-; original: on the trunk, redrawn every 0.5 s
     torque_period_s: float = 0.5  # original
     push_mps: float = 0.3  # +-, forward and sideways: a change of velocity that a bound absorbs
@@ -116,11 +134,21 @@ class RandomisationConfig:
     def __post_init__(self) -> None:
         period, spread = (1e-3, 1e12), (0.0, 10.0)
         check_between(self, friction=spread, payload_kg=(0.0, 50.0), motor_strength=(0.01, 10.0))
-        check_between(self, com_shift_m=(0.0, 1.0), feedforward_delay_s=(0.0, 0.1), plan_delay_s=(0.0, 0.1))
-        check_between(self, height_shift_m=(0.0, 1.0), height_noise_m=(0.0, 1.0), pitch_torque_nm=(0.0, 1e3))
+        check_between(
+            self, com_shift_m=(0.0, 1.0), feedforward_delay_s=(0.0, 0.1), plan_delay_s=(0.0, 0.1)
+        )
+        check_between(
+            self, height_shift_m=(0.0, 1.0), height_noise_m=(0.0, 1.0), pitch_torque_nm=(0.0, 1e3)
+        )
         check_between(self, torque_period_s=period, push_period_s=period, push_mps=spread)
         check_between(self, start_x_m=spread, start_yaw_rad=spread, start_joint_rad=spread)
-        for name in ("friction", "payload_kg", "motor_strength", "feedforward_delay_s", "plan_delay_s"):
+        for name in (
+            "friction",
+            "payload_kg",
+            "motor_strength",
+            "feedforward_delay_s",
+            "plan_delay_s",
+        ):
             low, high = getattr(self, name)
             if low > high:
                 raise ConfigError(f"{name} = {(low, high)}: the lowest comes first")
@@ -130,10 +158,14 @@ def draw_bodies(config: RandomisationConfig, draws: Array) -> dict[str, Array]:
     """Makes bodies from uniform numbers in [0, 1), shape (n, BODY_DRAWS.count).
 
     Returns:
-        Fields of `saltus.policy.env.memory.Memory`: each of shape (n,), but the centre of mass (n, 3).
+        Fields of `saltus.policy.env.memory.Memory`: each of shape (n,), but the centre of mass (n,
+        3).
     """
     drawn = BODY_DRAWS.of(draws)
-    com = [(2.0 * drawn.com_shift[:, axis] - 1.0) * limit for axis, limit in enumerate(config.com_shift_m)]
+    com = [
+        (2.0 * drawn.com_shift[:, axis] - 1.0) * limit
+        for axis, limit in enumerate(config.com_shift_m)
+    ]
     return {
         "friction": between(config.friction, drawn.friction),
         "payload_kg": between(config.payload_kg, drawn.payload_kg),
@@ -157,8 +189,11 @@ def draw_wide(
         draws: Uniform in [0, 1), shape (n, len(WIDE)).
     """
     wide, xp = config.wide, namespace(draws)
-    # Below `share` a number is, stretched, another uniform one; its root makes the greater values the more frequent.
-    strength = grown * xp.where(draws < wide.share, xp.sqrt(draws / wide.share), xp.zeros_like(draws))
+    # Below `share` a number is, stretched, another uniform one; its root makes the greater values
+    # the more frequent.
+    strength = grown * xp.where(
+        draws < wide.share, xp.sqrt(draws / wide.share), xp.zeros_like(draws)
+    )
     part = WIDE_DRAWS.of(strength)
     return {
         "friction": usual_friction + (wide.friction - usual_friction) * part.friction,

@@ -1,7 +1,8 @@
 """The reward of the paper, term by term, at every 2 ms.
 
-Each term is weight x value x stepping frequency, so that a constant value earns the same for every jump, however long
-the jump takes. Weights and formulas are the original's unless something else is said.
+Each term is weight x value x stepping frequency, so that a constant value earns the same for every
+jump, however long the jump takes. Weights and formulas are the original's unless something else is
+said.
 """
 
 from dataclasses import dataclass, fields
@@ -23,7 +24,8 @@ class RewardConfig:
     stepping_frequency: float = 0.008
     goal_distance: float = 0.016
     vertical_distance: float = 0.032
-    """Twice the original's: at its weight a jump onto a step of 0.6 m earned less than a third of what it cost."""
+    """Twice the original's: at its weight a jump onto a step of 0.6 m earned less than a third of
+    what it cost."""
     yaw: float = 0.016
     base_height: float = 0.01
     tracking_cost: float = 1e-4
@@ -50,11 +52,17 @@ class RewardInputs:
     foot_clearance: Array
     """Clearance of the sole above the terrain [m], shape (n, 4)."""
     excess: Array
-    """Sum over the action of the squared excess beyond its bounds, as shares of their ranges. Shape (n,)."""
+    """Sum over the action of the squared excess beyond its bounds, as shares of their ranges.
+
+    Shape (n,).
+    """
     stepping_frequency: Array
     """[Hz], shape (n,)."""
     goal_error: Array
-    """Horizontal distance to the goal of this jump, as a share of its length at first. Shape (n,)."""
+    """Horizontal distance to the goal of this jump, as a share of its length at first.
+
+    Shape (n,).
+    """
     height_error: Array
     """Vertical distance to it [m], shape (n,)."""
     yaw_error: Array
@@ -62,13 +70,15 @@ class RewardInputs:
     base_height: Array
     """Above the terrain [m], shape (n,)."""
     tracking_cost: Array
-    """How far the leg controller's stance forces stay from what the plan asks for: its cost, shape (n,)."""
+    """How far the leg controller's stance forces stay from what the plan asks for: its cost, shape
+    (n,)."""
 
 
 _CLEARANCE = 0.02  # a foot that is higher above the ground earns no more [m]; original
 _SLOWEST_FREE = 1.5  # stepping faster than this costs [Hz]; original
 _HIGHEST_EARNING = 0.6  # base height that earns no more [m]; original
-_FARTHEST = 4.0  # squared distances are cut off here: a robot that left its goal behind is not punished without end
+# Squared distances are cut off here: a robot that left its goal behind is not punished without end
+_FARTHEST = 4.0
 
 
 def reward_terms(config: RewardConfig, given: RewardInputs) -> Array:
@@ -83,7 +93,9 @@ def reward_terms(config: RewardConfig, given: RewardInputs) -> Array:
         "alive": one,
         "contact_consistency": 1.0 - xp.mean(xp.abs(touching - stance), axis=-1),
         "foot_slipping": -xp.clip(xp.mean(stance * given.foot_speed_squared, axis=-1), 0.0, 1.0),
-        "foot_clearance": xp.mean((1.0 - stance) * xp.clip(given.foot_clearance / _CLEARANCE, 0.0, 1.0), axis=-1),
+        "foot_clearance": xp.mean(
+            (1.0 - stance) * xp.clip(given.foot_clearance / _CLEARANCE, 0.0, 1.0), axis=-1
+        ),
         "out_of_bound_action": -given.excess,
         "knee_contact": -xp.mean(xp.where(given.leg_touching, legs, 0.0 * legs), axis=-1),
         "stepping_frequency": _SLOWEST_FREE - xp.clip(frequency, _SLOWEST_FREE, None),

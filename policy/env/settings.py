@@ -37,7 +37,14 @@ class EpisodeConfig:
 
     def __post_init__(self) -> None:
         above = (SMALLEST, LARGEST)
-        check_between(self, time_limit_s=above, lowest_base_m=above, sunk_m=above, astray_m=above, astray_rad=above)
+        check_between(
+            self,
+            time_limit_s=above,
+            lowest_base_m=above,
+            sunk_m=above,
+            astray_m=above,
+            astray_rad=above,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,11 +59,14 @@ class EnvConfig:
     past_steps: Annotated[tuple[int, ...], tyro.conf.arg(help_behavior_hint="(default: none)")] = ()
     """Instants that the policy recalls, in steps of 10 ms before the present one, ascending."""
     profile: Annotated[str, tyro.conf.arg(prefix_name=False)] = "shipped"
-    """Effects of the drives: shipped (those of the robot), ideal, one of your own, or a TOML file."""
+    """Effects of the drives: shipped (those of the robot), ideal, one of your own, or a TOML
+    file."""
 
     def contact_dimensions(self, profile: Profile) -> int:
         """How many directions contacts need for the effects of `profile` and for what is drawn beyond them."""
-        return max(profile.body_chain.contact_dimensions, self.randomisation.wide.contact_dimensions)
+        return max(
+            profile.body_chain.contact_dimensions, self.randomisation.wide.contact_dimensions
+        )
 
     def __post_init__(self) -> None:
         check_past_steps(self.past_steps)
@@ -83,7 +93,8 @@ class LearningConfig:
     learning_rate: float = 1e-3
     """At first; then adapted to `desired_kl`."""
     desired_kl: float = 0.01
-    """KL divergence between policies before and after an update that the learning rate is adapted to, at first."""
+    """KL divergence between policies before and after an update that the learning rate is adapted
+    to, at first."""
     last_kl: float = 0.01
     """The same from iteration `entropy_iterations` on; between them it falls geometrically."""
     max_grad_norm: float = 1.0
@@ -92,7 +103,8 @@ class LearningConfig:
     """First standard deviation of the action, in units of half its range; original 0.5, for
     narrower ranges."""
     first_lift_std: float = 0.25
-    """The same of the feet's lift, whose range is wide for the sake of the highest steps: 0.15 m."""
+    """The same of the feet's lift, whose range is wide for the sake of the highest steps: 0.15
+    m."""
     std_range: tuple[float, float] = (0.05, 1.0)
     """Lowest and highest standard deviation."""
     first_entropy: float = 0.01
@@ -105,9 +117,26 @@ class LearningConfig:
 
     def __post_init__(self) -> None:
         count, above, share = (1, 10**6), (SMALLEST, LARGEST), (0.0, 1.0)
-        check_between(self, hidden=count, horizon=count, epochs=count, minibatches=count, entropy_iterations=count)
-        check_between(self, gamma=share, lam=share, clip=share, learning_rate=above, desired_kl=above, last_kl=above)
-        check_between(self, max_grad_norm=above, first_std=above, first_lift_std=above, std_range=above)
+        check_between(
+            self,
+            hidden=count,
+            horizon=count,
+            epochs=count,
+            minibatches=count,
+            entropy_iterations=count,
+        )
+        check_between(
+            self,
+            gamma=share,
+            lam=share,
+            clip=share,
+            learning_rate=above,
+            desired_kl=above,
+            last_kl=above,
+        )
+        check_between(
+            self, max_grad_norm=above, first_std=above, first_lift_std=above, std_range=above
+        )
         check_between(self, first_entropy=above, last_entropy=above)
         if not self.hidden:
             raise ConfigError("hidden = (): a network needs a hidden layer")
@@ -135,7 +164,8 @@ class TrainConfig:
         check_between(self, robots=(1, MOST_ROBOTS), seed=(0, 2**32))
         if self.robots * self.learning.horizon < self.learning.minibatches:
             raise ConfigError(
-                f"robots = {self.robots}: with a horizon of {self.learning.horizon} steps they are too few for "
+                f"robots = {self.robots}: with a horizon of {self.learning.horizon} steps they are "
+                f"too few for "
                 f"{self.learning.minibatches} minibatches"
             )
 

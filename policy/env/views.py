@@ -38,7 +38,13 @@ class Views:
         qvel: Tensor,
     ) -> None:
         self._legs, self._stand_height = LegKinematics(robot), robot.stand_height
-        self._memory, self._config, self._states, self._qpos, self._qvel = memory, config, states, qpos, qvel
+        self._memory, self._config, self._states, self._qpos, self._qvel = (
+            memory,
+            config,
+            states,
+            qpos,
+            qvel,
+        )
         count, device = len(memory.kind), memory.phase.device
         self.grid = grid
         """Grid of the policy's heights."""
@@ -48,21 +54,35 @@ class Views:
         self._descends, self.family = descends(memory.kind), memory.kind - len(KINDS)
         self.is_own = self.family >= 0
         """Which robots are on families of one's own, and below, on which; shape (n,)."""
-        self.table = None if config.curriculum.table is None else config.curriculum.table.like(memory.phase)
-        self.critic = torch.zeros(count, size_with(grid) + PRIVILEGED + config.randomisation.wide.draws, device=device)
+        self.table = (
+            None if config.curriculum.table is None else config.curriculum.table.like(memory.phase)
+        )
+        self.critic = torch.zeros(
+            count, size_with(grid) + PRIVILEGED + config.randomisation.wide.draws, device=device
+        )
 
     def courses(self) -> Courses:
         """The terrain of every robot."""
         m, own = self._memory, None
         if self.table is not None:
             own = OwnCourses(table=self.table, course=m.course.long(), used=self.is_own)
-        return Courses(low=m.low, high=m.high, top=m.top, finish_x=m.finish_x, slope=m.slope, floor=m.floor, own=own)
+        return Courses(
+            low=m.low,
+            high=m.high,
+            top=m.top,
+            finish_x=m.finish_x,
+            slope=m.slope,
+            floor=m.floor,
+            own=own,
+        )
 
     def descends(self) -> Tensor:
         """Which robots are on ground that may lead down, bool, shape (n,)."""
         if self.table is None:
             return self._descends
-        return torch.where(self.is_own, self.table.leads_down[self._memory.course.long()], self._descends)
+        return torch.where(
+            self.is_own, self.table.leads_down[self._memory.course.long()], self._descends
+        )
 
     def set_goals(self, fresh: Tensor) -> None:
         """Gives robots that begin a gait cycle, or an episode (`fresh`, bool, (n,)), the goal of their next jump.
@@ -76,11 +96,15 @@ class Views:
         aside = position[:, 1:2]
         below = self.courses().height_at(far, aside.expand_as(far))
         descends = self.descends()
-        ground = torch.where(descends[:, None], below, below.clamp(min=0.0))  # over a trench it is its rim
+        ground = torch.where(
+            descends[:, None], below, below.clamp(min=0.0)
+        )  # over a trench it is its rim
         length = _GOAL_M / (1.0 + (ground[:, 1] - ground[:, 0]).abs() / _GOAL_M)
         goal_x = position[:, 0] + length
         there = self.courses().height_at(goal_x[:, None], aside)[:, 0]
-        goal_z = torch.where(descends, there, torch.maximum(there, ground[:, 0])) + self._stand_height
+        goal_z = (
+            torch.where(descends, there, torch.maximum(there, ground[:, 0])) + self._stand_height
+        )
         store(memory, begins, goal_x=goal_x, goal_z=goal_z, goal_length=length, cycle=cycle)
 
     def observe(self, draws: Tensor, fresh: Tensor) -> None:
@@ -101,7 +125,8 @@ class Views:
         shifted = courses.height_at(*places) - position[:, 2:] + shift[:, 1:]
         noise = self._config.randomisation.height_noise_m * (2.0 * draws - 1.0)
         true, far = (
-            courses.height_at(*grid.points_in_world(position, yaw)) - position[:, 2:] for grid in (self.grid, self._far)
+            courses.height_at(*grid.points_in_world(position, yaw)) - position[:, 2:]
+            for grid in (self.grid, self._far)
         )
         self.actor.copy_(self._recalled(torch.nan_to_num(features(seen, shifted + noise)), fresh))
         exact = features(seen, true)
@@ -118,7 +143,10 @@ class Views:
         return with_past(vector, self._memory.past, self._config.past_steps)
 
     def _privileged(self, yaw: Tensor, far: Tensor) -> Tensor:
-        """Returns what the critic sees besides the policy's vector, each about of size 1. Shape (n, PRIVILEGED)."""
+        """Returns what the critic sees besides the policy's vector, each about of size 1.
+
+        Shape (n, PRIVILEGED).
+        """
         memory, config = self._memory, self._config
         position, velocity = self._qpos[:, :3].float(), self._qvel[:, :3].float()
         scalars = [
@@ -147,7 +175,9 @@ class Views:
             far,
         ]
         if self._has_wide:
-            parts.append(torch.stack([scale * getattr(memory, name) for name, scale in WIDE.items()], -1))
+            parts.append(
+                torch.stack([scale * getattr(memory, name) for name, scale in WIDE.items()], -1)
+            )
         return torch.cat(parts, -1)
 
 

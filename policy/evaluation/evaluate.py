@@ -62,7 +62,8 @@ class Evaluation:
     profile: str | Profile = "shipped"
     """Name, TOML file, or the effects themselves."""
     known: str | None = None
-    """Name or TOML file of the profile of which the leg controller takes out torque gain and viscous friction."""
+    """Name or TOML file of the profile of which the leg controller takes out torque gain and
+    viscous friction."""
     friction: float | None = None
     """Friction of the ground in all trials, in place of what each draws."""
     push_ns: float = 0.0
@@ -73,11 +74,19 @@ class Evaluation:
 
     def __post_init__(self) -> None:
         check_between(
-            self, trials=(1, MOST_TRIALS), seed=(0, 2**32), friction=(0.01, MOST_FRICTION), push_ns=(0.0, MOST_PUSH_NS)
+            self,
+            trials=(1, MOST_TRIALS),
+            seed=(0, 2**32),
+            friction=(0.01, MOST_FRICTION),
+            push_ns=(0.0, MOST_PUSH_NS),
         )
         if not 0.0 <= self.plan_delay_s <= MAX_PLAN_DELAY_S:
-            raise ConfigError(f"plan_delay_s = {self.plan_delay_s:g}: it must be from 0 to {MAX_PLAN_DELAY_S:g}")
-        make_terrain(self.course)  # what is wrong with terrain or profile is said before anything runs
+            raise ConfigError(
+                f"plan_delay_s = {self.plan_delay_s:g}: it must be from 0 to {MAX_PLAN_DELAY_S:g}"
+            )
+        make_terrain(
+            self.course
+        )  # what is wrong with terrain or profile is said before anything runs
         robot = load_robot(self.robot)
         if isinstance(self.profile, str):
             load_profile(self.profile, robot)
@@ -160,8 +169,9 @@ def evaluate(
 ) -> Iterator[dict[int, TrialResult]]:
     """Runs the trials and yields batches of results by seed, in their order.
 
-    `heights` and `planner` make the source of heights and the planner of robots; both must be picklable where
-    `processes` (one for each core by default) is not 1. The listener is told of progress, in trials.
+    `heights` and `planner` make the source of heights and the planner of robots; both must be
+    picklable where `processes` (one for each core by default) is not 1. The listener is told of
+    progress, in trials.
     """
     run = partial(run_batch, evaluation, heights, planner)
     batches = _batches(range(evaluation.seed, evaluation.seed + evaluation.trials), BATCH)
@@ -193,7 +203,9 @@ def run_batch(
     traces = traces_of(list(_telling(loop, terrains)))
     ended = zip(seeds, loop.outcomes, traces, terrains, strict=True)
     return {
-        seed: TrialResult(outcome=outcome, failure=failure_of(robot, outcome, trace, terrain), trace=trace)
+        seed: TrialResult(
+            outcome=outcome, failure=failure_of(robot, outcome, trace, terrain), trace=trace
+        )
         for seed, outcome, trace, terrain in ended
         if outcome is not None
     }

@@ -16,18 +16,25 @@ SIZE = (320, 240)
 
 
 def picture_strip(setup: Setup, trace: Trace) -> Markup:
-    """HTML with pictures at even times from the first jump to the end; a sentence where there is no way to draw."""
+    """HTML with pictures at even times from the first jump to the end.
+
+    A sentence where there is no way to draw.
+    """
     last = len(trace.pose) - 1
     chosen = np.linspace(min(FIRST_S, trace.time_s[last]), trace.time_s[last], MOMENTS)
     rows = np.searchsorted(trace.time_s, chosen - 1e-9)
     try:
         poses = trace.pose[rows], trace.joint_position[rows]
-        pose, joints, heights = (array.astype(np.float64) for array in (*poses, trace.heights[rows]))
+        pose, joints, heights = (
+            array.astype(np.float64) for array in (*poses, trace.heights[rows])
+        )
         frames = snapshots(setup.robot, setup.terrain, pose, joints, setup.grid, heights, size=SIZE)
     except SaltusError as error:
         return Markup("<p>No pictures: {}</p>").format(error)
     shown = Markup('<img src="{}" alt="robot at {:.2f} s" width="33%">')
-    return Markup().join(shown.format(_source(frame), time_s) for frame, time_s in zip(frames, chosen, strict=True))
+    return Markup().join(
+        shown.format(_source(frame), time_s) for frame, time_s in zip(frames, chosen, strict=True)
+    )
 
 
 def _source(frame: np.ndarray) -> str:

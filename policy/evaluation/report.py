@@ -24,7 +24,10 @@ BEHIND_M, AHEAD_M = 0.6, 1.0  # of the start and of the finish
 def write_evaluation_report(
     evaluation: Evaluation, result: EvaluationResult, table: dict[str, Any], path: Path
 ) -> None:
-    """Writes the report of an evaluation, whose result is printed as `table`; it opens without a network."""
+    """Writes the report of an evaluation, whose result is printed as `table`.
+
+    It opens without a network.
+    """
     drawn = result.trials[:SHOWN]
     setups = evaluation.setups(result.seeds[:SHOWN])
     terrains = [setup.terrain for setup in setups]
@@ -34,13 +37,18 @@ def write_evaluation_report(
         printed=table,
         shown=shown,
         course=course_title(terrains[0]),
-        alike=f"of the first {len(drawn)} trials" if len(drawn) < len(result.trials) else "of all trials",
+        alike=f"of the first {len(drawn)} trials"
+        if len(drawn) < len(result.trials)
+        else "of all trials",
         placement=_placement(drawn, terrains),
         strip=picture_strip(setups[0], drawn[0].trace),
         body_curves=_body(drawn),
         phase=_phase(drawn),
         gait=_gait(drawn[0]),
-        failures=[(cause.replace("_", " "), count, _places(result, cause)) for cause, count in _worst_first(result)],
+        failures=[
+            (cause.replace("_", " "), count, _places(result, cause))
+            for cause, count in _worst_first(result)
+        ],
         commit=commit(),
         config=to_toml(evaluation),
     )
@@ -54,10 +62,16 @@ def _worst_first(result: EvaluationResult) -> list[tuple[str, int]]:
 def _places(result: EvaluationResult, cause: str) -> str:
     """Seeds and where along the course the robot was at the end of trials that failed by this cause."""
     pairs = zip(result.seeds, result.trials, strict=True)
-    return ", ".join(f"{seed} at {trial.trace.base[-1, 0]:.1f} m" for seed, trial in pairs if trial.failure == cause)
+    return ", ".join(
+        f"{seed} at {trial.trace.base[-1, 0]:.1f} m"
+        for seed, trial in pairs
+        if trial.failure == cause
+    )
 
 
-def _lines(figure: go.Figure, trial: TrialResult, x: Any, y: Any, opacity: float, **more: Any) -> None:
+def _lines(
+    figure: go.Figure, trial: TrialResult, x: Any, y: Any, opacity: float, **more: Any
+) -> None:
     """A curve of a trial, which may be of hundreds: green where it succeeded, else red."""
     figure.add_scattergl(
         x=x, y=y, mode="lines", showlegend=False, opacity=opacity,
@@ -74,7 +88,9 @@ def _placement(trials: Sequence[TrialResult], terrains: Sequence[Terrain]) -> go
         x, z = trial.trace.base.T
         _lines(figure, trial, x, z, 0.5, hoverinfo="skip")
     x, z = np.concatenate([trial.trace.landings for trial in trials]).T
-    figure.add_scattergl(x=x, y=z, name="landings", mode="markers", marker={"color": BLUE, "size": 4})
+    figure.add_scattergl(
+        x=x, y=z, name="landings", mode="markers", marker={"color": BLUE, "size": 4}
+    )
     figure.update_yaxes(scaleanchor="x", scaleratio=1)
     return laid_out(figure, 430, x="x [m]", y="z [m]", legend_y=1.12)
 
@@ -86,7 +102,8 @@ def _body(trials: Sequence[TrialResult]) -> go.Figure:
         _lines(figure, trial, x, z, 0.6, yaxis="y")
         _lines(figure, trial, x, np.degrees(trial.trace.pitch), 0.6, yaxis="y2")
     return laid_out(
-        figure, 430, xaxis={"title": "x [m]", "anchor": "y2"}, yaxis={"domain": [0.54, 1.0], "title": "z [m]"},
+        figure, 430, xaxis={"title": "x [m]", "anchor": "y2"},
+        yaxis={"domain": [0.54, 1.0], "title": "z [m]"},
         yaxis2={"domain": [0.0, 0.46], "title": "pitch [deg], nose down positive"},
     )  # fmt: skip
 
@@ -103,5 +120,7 @@ def _phase(trials: Sequence[TrialResult]) -> go.Figure:
 def _gait(trial: TrialResult) -> go.Figure:
     """Gait of a pair of feet, of which either may stand and either may bear load."""
     trace = trial.trace
-    stance, loaded = (np.any(mask.reshape(-1, 2, 2), axis=-1) for mask in (trace.stance, trace.loaded))
+    stance, loaded = (
+        np.any(mask.reshape(-1, 2, 2), axis=-1) for mask in (trace.stance, trace.loaded)
+    )
     return contact_figure(trace.time_s, ("front feet", "rear feet"), stance, loaded)

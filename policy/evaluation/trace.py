@@ -15,7 +15,9 @@ from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Outcome
 
-Failure = Literal["", "timeout", "trench", "astray", "edge_hit", "slip", "fall_in_flight", "fall_in_stance"]
+Failure = Literal[
+    "", "timeout", "trench", "astray", "edge_hit", "slip", "fall_in_flight", "fall_in_stance"
+]
 
 STEP_S = PHYSICS_DT * POLICY_STEPS
 
@@ -64,7 +66,10 @@ def traces_of(steps: Sequence[Moment]) -> list[Trace]:
     """Cuts a roll-out into the traces of its first trials."""
     lengths = np.sum([step.running for step in steps], axis=0)
     truths = [step.truth for step in steps]
-    base = [np.hstack([truth.position_base_in_world, truth.quaternion_base_in_world]) for truth in truths]
+    base = [
+        np.hstack([truth.position_base_in_world, truth.quaternion_base_in_world])
+        for truth in truths
+    ]
     rows = {
         "pose": np.array(base, np.float32),
         "joint_position": np.array([truth.joint_position for truth in truths], np.float32),
@@ -73,7 +78,9 @@ def traces_of(steps: Sequence[Moment]) -> list[Trace]:
         "stance": np.array([step.states.leg_contact for step in steps]),
         "loaded": np.array([truth.foot_force for truth in truths]) > LOADED_N,
     }
-    return [Trace(**{name: row[:n, i] for name, row in rows.items()}) for i, n in enumerate(lengths)]
+    return [
+        Trace(**{name: row[:n, i] for name, row in rows.items()}) for i, n in enumerate(lengths)
+    ]
 
 
 BEFORE_END_S = 0.4  # a gait cycle: what happened before it has been survived
@@ -82,12 +89,17 @@ WALL_M = 0.02  # sole to wall: what a foot moves in one step
 UNDER_M = 0.01  # below the upper side of an edge: a sole rests on it, or rolls over it
 SUNK_M = 0.05  # below the ground at both sides of a trench
 CAME_FROM_S = 1.0  # two gait cycles: where a foot bore since then is where it came from
-ACROSS_M = np.linspace(0.0, 1.5, 31)  # ways to a side of a trench, the longest as wide as one is: 1.2 m are asked for
+ACROSS_M = np.linspace(
+    0.0, 1.5, 31
+)  # ways to a side of a trench, the longest as wide as one is: 1.2 m are asked for
 IN_AIR_S = 0.05
 
 
 def failure_of(robot: Robot, outcome: Outcome, trace: Trace, terrain: Terrain) -> Failure:
-    """Why a trial failed; empty after a success. The first that holds of what is known about its last 0.4 s."""
+    """Why a trial failed; empty after a success.
+
+    The first that holds of what is known about its last 0.4 s.
+    """
     if outcome.success:
         return ""
     if outcome.cause == "time_limit":
@@ -109,27 +121,37 @@ def failure_of(robot: Robot, outcome: Outcome, trace: Trace, terrain: Terrain) -
 def _sunk(trace: Trace, last: slice, radius: float, terrain: Terrain) -> NDArray[np.bool_]:
     """Feet in a trench: below the ground that they came from, which is there again behind and ahead.
 
-    Ground that only leads down or up is none, nor is that between walls. Of the `last` steps, shape (t, 4).
+    Ground that only leads down or up is none, nor is that between walls. Of the `last` steps, shape
+    (t, 4).
     """
     lately = slice(-round(CAME_FROM_S / STEP_S), None)
     ground = terrain.height_at(trace.foot[lately, :, 0], trace.foot[lately, :, 1])
     came_from = np.maximum.accumulate(np.where(trace.loaded[lately], ground, -np.inf), axis=0)[last]
     foot, ground = trace.foot[last], ground[last]
     x, y = foot[..., 0], foot[..., 1]
-    places = (np.broadcast_arrays(x[..., None] + side * ACROSS_M, y[..., None]) for side in (-1.0, 1.0))
+    places = (
+        np.broadcast_arrays(x[..., None] + side * ACROSS_M, y[..., None]) for side in (-1.0, 1.0)
+    )
     behind, ahead = (np.maximum.accumulate(terrain.height_at(*place), axis=-1) for place in places)
-    sides = np.minimum(behind, ahead[..., ::-1]).max(axis=-1)  # as far apart as a trench may be wide
+    sides = np.minimum(behind, ahead[..., ::-1]).max(
+        axis=-1
+    )  # as far apart as a trench may be wide
     rim = np.minimum(sides, came_from) - SUNK_M
     return np.asarray((ground < rim) & (foot[..., 2] - radius < rim))
 
 
 def _at_wall(foot: Floats, radius: float, terrain: Terrain) -> NDArray[np.bool_]:
-    """Feet in front of a wall that reaches higher than their sole; what is less steep than 45 deg is none.
+    """Feet in front of a wall that reaches higher than their sole.
+
+    What is less steep than 45 deg is none.
 
     Shape (t, 4).
     """
     x, y, sole, reach = foot[..., 0], foot[..., 1], foot[..., 2] - radius, radius + WALL_M
-    return np.asarray(terrain.height_at(x + reach, y) > np.maximum(sole + UNDER_M, terrain.height_at(x, y) + reach))
+    return np.asarray(
+        terrain.height_at(x + reach, y)
+        > np.maximum(sole + UNDER_M, terrain.height_at(x, y) + reach)
+    )
 
 
 def _slipped(x: Floats, loaded: NDArray[np.bool_]) -> NDArray[np.bool_]:

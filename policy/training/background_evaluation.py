@@ -12,7 +12,9 @@ from saltus.policy.training.evaluation_table import EvaluationRow, read_rows
 
 NEEDED = ("daqp", "onnx", "onnxruntime")
 """Packages that the deployed stack and its export need besides those of training."""
-_SPARE_CORES = 2  # for the training itself: one for its process, one for what the driver of a GPU does
+_SPARE_CORES = (
+    2  # for the training itself: one for its process, one for what the driver of a GPU does
+)
 
 
 def missing_packages() -> list[str]:
@@ -21,13 +23,22 @@ def missing_packages() -> list[str]:
 
 
 class BackgroundEvaluation:
-    """Runs `saltus.policy.training.standard_evaluation` every so often, one at a time; never waits for it.
+    """Runs `saltus.policy.training.standard_evaluation` every so often, one at a time.
 
-    Rows are added to `table`, a CSV. `processes` run trials at once, by default one for each core but two.
+    Never waits for it.
+
+    Rows are added to `table`, a CSV. `processes` run trials at once, by default one for each core
+    but two.
     """
 
     def __init__(
-        self, table: Path, kinds: Iterable[str], *, every_s: float, trials: int, processes: int | None = None
+        self,
+        table: Path,
+        kinds: Iterable[str],
+        *,
+        every_s: float,
+        trials: int,
+        processes: int | None = None,
     ) -> None:
         self._table, self._kinds, self._trials = table, list(kinds), trials
         self.every_s = every_s
@@ -38,7 +49,10 @@ class BackgroundEvaluation:
         self._process: subprocess.Popen[bytes] | None = None
 
     def due(self, now_s: float) -> bool:
-        """True where an evaluation is due and none is running. The first is due `every_s` after the first call."""
+        """True where an evaluation is due and none is running.
+
+        The first is due `every_s` after the first call.
+        """
         if self._started_s is None:
             self._started_s = now_s
         return self._process is None and now_s - self._started_s >= self.every_s

@@ -31,7 +31,9 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
         check_archive(path, checksums=True)  # torch loads flipped weights without complaint
         state = torch.load(path, map_location=device, weights_only=True)
     except OSError as error:
-        raise SaltusError(f"cannot read checkpoint {path}: {error.strerror or 'it is damaged'}") from error
+        raise SaltusError(
+            f"cannot read checkpoint {path}: {error.strerror or 'it is damaged'}"
+        ) from error
     except Exception as error:  # unpickling another kind of file raises anything
         raise SaltusError(f"{path} is no checkpoint: torch cannot read it") from error
     if not isinstance(state, dict) or not state.keys() >= NEEDED:
@@ -44,4 +46,6 @@ def config_of(state: dict[str, Any]) -> TrainConfig:
     try:
         return from_toml(TrainConfig, state["config"])
     except ConfigError as error:
-        raise SaltusError(f"the checkpoint's configuration does not fit this program: {error}") from error
+        raise SaltusError(
+            f"the checkpoint's configuration does not fit this program: {error}"
+        ) from error

@@ -26,10 +26,13 @@ GPU_EVALUATE_MINUTES = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class Train:
-    """Trains the motion policy: on a CPU to bound on flat ground, on a GPU on the paper's terrains. Ctrl-C saves.
+    """Trains the motion policy: on a CPU to bound on flat ground, on a GPU on the paper's terrains.
 
-    A flag wins over --config, --config over the resumed training or the defaults; the defaults below are a GPU's. A
-    TOML file names what it changes as the flags do: learning.desired_kl = 0.003.
+    Ctrl-C saves.
+
+    A flag wins over --config, --config over the resumed training or the defaults; the defaults
+    below are a GPU's. A TOML file names what it changes as the flags do: learning.desired_kl =
+    0.003.
 
     For example:
       saltus policy train --device cpu --minutes 15
@@ -37,17 +40,24 @@ class Train:
     """
 
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-policy-train")] = None
-    """Folder for checkpoint.pt, config.toml, log.txt, tables and curves; one with another training is refused."""
+    """Folder for checkpoint.pt, config.toml, log.txt, tables and curves.
+
+    One with another training is refused.
+    """
     minutes: float = 15.0
     """Time limit, with compilation."""
     iterations: Annotated[int | None, shown("INT", "none, the time ends it")] = None
     """Stop at this iteration, counted from the very first."""
     resume: Annotated[Path | None, shown("PATH", "none, from nothing")] = None
-    """Checkpoint to go on from, in its own folder or in another, which then gets its log and tables as well."""
+    """Checkpoint to go on from, in its own folder or in another, which then gets its log and tables
+    as well."""
     config: Annotated[Path | None, shown("PATH", "none")] = None
     """TOML file with what is to differ from the resumed training, or from the defaults."""
     device: Literal["auto", "cpu"] = "auto"
-    """auto: a GPU where there is one. Several GPUs: torchrun --nproc_per_node N -m saltus.cli.policy_train."""
+    """auto: a GPU where there is one.
+
+    Several GPUs: torchrun --nproc_per_node N -m saltus.cli.policy_train.
+    """
     evaluate_minutes: Annotated[float | None, shown("FLOAT", "3 beside a GPU, 0 on a CPU")] = None
     """Time between evaluations with the deployed stack, which run beside the training; 0: none."""
     commit: Annotated[str | None, shown("STR", "as git says")] = None
@@ -64,14 +74,18 @@ class Train:
         return replace(self, training=load_changes(start, self.config) if self.config else start)
 
     def run(self) -> int:
-        """Trains to the end of the time, with one line every ten seconds; saves where it is interrupted.
+        """Trains to the end of the time, with one line every ten seconds.
+
+        Saves where it is interrupted.
 
         Raises:
             KeyboardInterrupt: it was interrupted; what was learned is saved.
             SaltusError: something of it cannot be; the message says what.
         """
         if not 0.0 < self.minutes < math.inf:
-            raise SaltusError(f"minutes = {self.minutes:g}: it must be more than 0, and have an end")
+            raise SaltusError(
+                f"minutes = {self.minutes:g}: it must be more than 0, and have an end"
+            )
         if self.iterations is not None:
             check_between(self, iterations=(1, 10**9))
         if self.evaluate_minutes is not None:
@@ -81,11 +95,16 @@ class Train:
             find_family(kind)  # before there is a folder
         start, folder = self._start(), self.out or new_folder("policy-train")
         self._check_networks(start)
-        if os.environ.get("RANK", "0") != "0":  # one of several that learn together: the first one writes
+        if (
+            os.environ.get("RANK", "0") != "0"
+        ):  # one of several that learn together: the first one writes
             self._train(folder, "")
             return 0
         self._check_folder(folder)
-        self._train(folder, _note(start, self.training, "the resumed training" if self.resume else "the defaults"))
+        self._train(
+            folder,
+            _note(start, self.training, "the resumed training" if self.resume else "the defaults"),
+        )
         print(folder / CHECKPOINT)  # noqa: T201
         return 0
 
@@ -107,7 +126,9 @@ class Train:
                 note=note,
             )
         except MemoryError as error:
-            raise SaltusError(f"robots = {self.training.robots}: too many for the memory of this computer") from error
+            raise SaltusError(
+                f"robots = {self.training.robots}: too many for the memory of this computer"
+            ) from error
         except KeyboardInterrupt:
             if note and not (folder / CHECKPOINT).exists():
                 print("interrupted before anything was learned", file=sys.stderr)  # noqa: T201
@@ -127,7 +148,8 @@ class Train:
     def _check_networks(self, start: TrainConfig) -> None:
         if self.resume is not None and self.training.learning.hidden != start.learning.hidden:
             raise SaltusError(
-                f"learning.hidden = {self.training.learning.hidden}: the networks of {self.resume} have "
+                f"learning.hidden = {self.training.learning.hidden}: the networks of {self.resume} "
+                f"have "
                 f"{start.learning.hidden}"
             )
 
@@ -139,11 +161,15 @@ class Train:
         there = folder / CHECKPOINT
         if not there.exists() or (self.resume is not None and _is_same_file(self.resume, there)):
             return
-        raise another_training(there, asdict(config_of(read_checkpoint(there))), asdict(self.training))
+        raise another_training(
+            there, asdict(config_of(read_checkpoint(there))), asdict(self.training)
+        )
 
 
 def _note(start: TrainConfig, now: TrainConfig, what: str) -> str:
-    found = [f"{d.name} = {d.now} (there {d.before})" for d in differences(asdict(start), asdict(now))]
+    found = [
+        f"{d.name} = {d.now} (there {d.before})" for d in differences(asdict(start), asdict(now))
+    ]
     return f"differs from {what}: {', '.join(found)}" if found else f"as {what}"
 
 

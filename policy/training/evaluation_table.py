@@ -20,7 +20,8 @@ class EvaluationRow:
     trials: int
     success_rate: float
     way_share: float
-    """Mean distance along x over the distance to the finish: it rises long before the first success."""
+    """Mean distance along x over the distance to the finish: it rises long before the first
+    success."""
     mean_speed_mps: float
     """Mean of successes; NaN where there are none."""
     time_p50_s: float
@@ -37,7 +38,10 @@ def append_rows(table: Path, rows: Sequence[EvaluationRow]) -> None:
 def read_rows(table: Path) -> list[EvaluationRow]:
     """The rows of a table that `append_rows` wrote; none where there is no table."""
     types: dict[str, Any] = {f.name: f.type for f in fields(EvaluationRow)}
-    return [EvaluationRow(**{name: types[name](text) for name, text in line.items()}) for line in read_table(table)]
+    return [
+        EvaluationRow(**{name: types[name](text) for name, text in line.items()})
+        for line in read_table(table)
+    ]
 
 
 def summary(rows: Sequence[EvaluationRow]) -> str:

@@ -41,7 +41,9 @@ class DeployedPolicy(nn.Module):
         try:
             actor.load_state_dict(checkpoint["actor_state_dict"])
         except RuntimeError as error:
-            raise SaltusError("the checkpoint's network does not fit this program: train the policy again") from error
+            raise SaltusError(
+                "the checkpoint's network does not fit this program: train the policy again"
+            ) from error
         self.network = actor.as_onnx(verbose=False).eval()
         self.bounds: ActionBounds = config.env.bounds
         self.robot: Robot = load_robot(config.robot)
@@ -56,7 +58,8 @@ def export(checkpoint: Path, path: Path) -> float:
     """Writes the policy of a checkpoint as ONNX, whole or not at all.
 
     Returns:
-        Greatest difference between torch and the file over random observations, as a share of each action's range.
+        Greatest difference between torch and the file over random observations, as a share of each
+        action's range.
 
     Raises:
         SaltusError: the checkpoint cannot be read or does not fit, or the file cannot be written.
@@ -88,19 +91,32 @@ def read_policy(path: Path) -> dict[str, Any]:
     state = {"config": str(file.field("config"))}
     actor = _actor(config_of(state))
     graph = onnx.load_model_from_string(file.data).graph
-    values = {each.name: torch.from_numpy(onnx.numpy_helper.to_array(each).copy()) for each in graph.initializer}
-    named = {name.removeprefix(_NETWORK): value for name, value in values.items() if name.startswith(_NETWORK)}
+    values = {
+        each.name: torch.from_numpy(onnx.numpy_helper.to_array(each).copy())
+        for each in graph.initializer
+    }
+    named = {
+        name.removeprefix(_NETWORK): value
+        for name, value in values.items()
+        if name.startswith(_NETWORK)
+    }
     divisors = [value for name, value in values.items() if not name.startswith(_NETWORK)]
     known = actor.state_dict()
-    if not {_MEAN, *(name for name in known if name.startswith("mlp."))} <= set(named) or len(divisors) != 1:
-        raise ModelError(f"{path} holds another network than this program exports: name its checkpoint")
+    if (
+        not {_MEAN, *(name for name in known if name.startswith("mlp."))} <= set(named)
+        or len(divisors) != 1
+    ):
+        raise ModelError(
+            f"{path} holds another network than this program exports: name its checkpoint"
+        )
     std = divisors[0] - actor.obs_normalizer.eps
     return state | {"actor_state_dict": known | named | {_STD: std, _VARIANCE: std.square()}}
 
 
 def _actor(config: TrainConfig) -> MLPModel:
     like = TensorDict(
-        {"policy": torch.zeros(1, size_with(load_grid(config.grid), config.env.past_steps))}, batch_size=[1]
+        {"policy": torch.zeros(1, size_with(load_grid(config.grid), config.env.past_steps))},
+        batch_size=[1],
     )
     return make_actor(like, config.learning, config.env.bounds)
 
@@ -132,4 +148,6 @@ def parity(policy: DeployedPolicy, path: Path, count: int = 1000) -> float:
     with torch.no_grad():
         expected = policy(torch.from_numpy(given)).numpy()
     span = np.array(policy.bounds.high) - np.array(policy.bounds.low)
-    return float(np.max(np.abs(PolicyActor(policy.robot, policy.grid, path).values(given) - expected) / span))
+    return float(
+        np.max(np.abs(PolicyActor(policy.robot, policy.grid, path).values(given) - expected) / span)
+    )

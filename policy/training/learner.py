@@ -25,14 +25,22 @@ _GROUPS = {"actor": ["policy"], "critic": ["privileged"]}
 class Learner:
     """Collects experience and learns from it; `distributed` is rank and number of processes that learn together."""
 
-    def __init__(self, env: JumpEnv, config: LearningConfig, distributed: tuple[int, int] = (0, 1)) -> None:
+    def __init__(
+        self, env: JumpEnv, config: LearningConfig, distributed: tuple[int, int] = (0, 1)
+    ) -> None:
         self._env, self._config = env, config
         self._observation = _observation(env.transition())
         device = str(env.device)
         self.world = distributed[1]
         self._together = self.world > 1
-        group = {"global_rank": distributed[0], "world_size": distributed[1]} if self._together else None
-        storage = RolloutStorage("rl", env.count, config.horizon, self._observation, [len(ACTIONS)], device)
+        group = (
+            {"global_rank": distributed[0], "world_size": distributed[1]}
+            if self._together
+            else None
+        )
+        storage = RolloutStorage(
+            "rl", env.count, config.horizon, self._observation, [len(ACTIONS)], device
+        )
         self.ppo = PPO(
             make_actor(self._observation, config, env.config.bounds),
             MLPModel(self._observation, _GROUPS, "critic", 1, list(config.hidden), "elu", True),
@@ -62,7 +70,10 @@ class Learner:
             transition = self._env.step(self.act())
             self._observation = _observation(transition)
             self.ppo.process_env_step(
-                self._observation, transition.reward, transition.done, {"time_outs": transition.timed_out.float()}
+                self._observation,
+                transition.reward,
+                transition.done,
+                {"time_outs": transition.timed_out.float()},
             )
         self.ppo.compute_returns(self._observation)
         self.steps += self._config.horizon * self._env.count * self.world
@@ -78,13 +89,16 @@ class Learner:
         self.ppo.desired_kl = self._settled(config.desired_kl, config.last_kl)
         losses = self.ppo.update()
         self.iteration += 1
-        self._share_parameters()  # the statistics of the observations differ from process to process
+        # The statistics of the observations differ from process to process
+        self._share_parameters()
         return losses
 
     @property
     def std(self) -> float:
         """Mean standard deviation of the action, in units of half its range."""
-        return float(self.ppo.actor.distribution.std_param.detach().clamp(*self._config.std_range).mean())
+        return float(
+            self.ppo.actor.distribution.std_param.detach().clamp(*self._config.std_range).mean()
+        )
 
     def save(self, path: Path, extra: dict[str, Any]) -> None:
         """Writes everything that is needed to go on, whole or not at all."""
@@ -99,7 +113,9 @@ class Learner:
         write_checkpoint(path, state)
 
     def load(self, path: Path) -> dict[str, Any]:
-        """Goes on from a file that `save` wrote, with any number of robots and any bounds; returns what it holds.
+        """Goes on from a file that `save` wrote, with any number of robots and any bounds.
+
+        Returns what it holds.
 
         Raises:
             SaltusError: the file is no checkpoint, or one of networks of another size.
@@ -108,7 +124,9 @@ class Learner:
         try:
             self.ppo.load(state, None, strict=True)
         except RuntimeError as error:
-            raise SaltusError(f"{path} holds networks of another size than this training") from error
+            raise SaltusError(
+                f"{path} holds networks of another size than this training"
+            ) from error
         old, new = config_of(state).env.bounds, self._env.config.bounds
         if old != new:
             rebase(self.ppo.actor, old, new)
@@ -136,7 +154,9 @@ def make_actor(observation: TensorDict, config: LearningConfig, bounds: ActionBo
         "init_std": config.first_std,
         "std_range": config.std_range,
     }
-    actor = MLPModel(observation, _GROUPS, "actor", len(ACTIONS), list(config.hidden), "elu", True, gaussian)
+    actor = MLPModel(
+        observation, _GROUPS, "actor", len(ACTIONS), list(config.hidden), "elu", True, gaussian
+    )
     last = actor.mlp[-1]
     with torch.no_grad():
         last.weight.mul_(0.01)
@@ -161,7 +181,10 @@ def rebase(actor: MLPModel, old: ActionBounds, new: ActionBounds) -> None:
 
 
 def _observation(transition: Transition) -> TensorDict:
-    return TensorDict({"policy": transition.actor, "privileged": transition.critic}, batch_size=[len(transition.actor)])
+    return TensorDict(
+        {"policy": transition.actor, "privileged": transition.critic},
+        batch_size=[len(transition.actor)],
+    )
 
 
 def _levels(old_kind: torch.Tensor, old_level: torch.Tensor, kind: torch.Tensor) -> torch.Tensor:

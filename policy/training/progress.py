@@ -13,13 +13,17 @@ from saltus.policy.training.files import PROGRESS
 from saltus.policy.training.learner import Learner
 
 _SHORT = {
-    "flat": "fl", "stairs": "st", "stepping_stones": "sn", "step": "up", "gap": "gp", "stairs_down": "sd",
+    "flat": "fl", "stairs": "st", "stepping_stones": "sn", "step": "up", "gap": "gp",
+    "stairs_down": "sd",
     "step_down": "dn", "pyramid": "py", "irregular": "ir", "hurdles": "hu", "ditch": "di",
 }  # fmt: skip
 
 
 class TallyReader:
-    """Reads the environment's tallies and starts them again; continues `progress.csv` and the curves of a folder."""
+    """Reads the environment's tallies and starts them again.
+
+    Continues `progress.csv` and the curves of a folder.
+    """
 
     def __init__(self, folder: Path, env: JumpEnv, learner: Learner) -> None:
         self._env, self._learner = env, learner
@@ -61,7 +65,9 @@ class TallyReader:
         steps = max((self._learner.steps - self._last_steps) / robots, 1.0)
         means = (100.0 * sums / steps).tolist()  # per second
         sums.zero_()
-        return {f"reward/{name}": value for name, value in zip(TERMS, means, strict=True)} | {"reward": sum(means)}
+        return {f"reward/{name}": value for name, value in zip(TERMS, means, strict=True)} | {
+            "reward": sum(means)
+        }
 
     def _terrains(self) -> dict[str, float]:
         memory, tally = self._env.memory, self._env.episodes.tally
@@ -82,7 +88,8 @@ class TallyReader:
     def _write(self, row: dict[str, float]) -> None:
         append_table(self._table, [{name: f"{value:.6g}" for name, value in row.items()}])
         self.add(
-            {name if "/" in name else f"train/{name}": value for name, value in row.items()}, int(row["iteration"])
+            {name if "/" in name else f"train/{name}": value for name, value in row.items()},
+            int(row["iteration"]),
         )
 
 
@@ -94,6 +101,8 @@ def _line(row: dict[str, float]) -> str:
         for kind in kinds
     ]
     return (
-        f"it {row['iteration']:.0f} {row['steps'] / 1e6:.1f}M {row['seconds']:.0f}s {row['steps_per_s'] / 1e3:.1f}k/s "
-        f"rew {row['reward']:.2f} std {row['std']:.2f} lr {row['learning_rate']:.0e} | " + " | ".join(terrains)
+        f"it {row['iteration']:.0f} {row['steps'] / 1e6:.1f}M {row['seconds']:.0f}s "
+        f"{row['steps_per_s'] / 1e3:.1f}k/s "
+        f"rew {row['reward']:.2f} std {row['std']:.2f} lr {row['learning_rate']:.0e} | "
+        + " | ".join(terrains)
     )

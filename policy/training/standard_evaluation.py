@@ -3,9 +3,10 @@
     python -m saltus.policy.training.standard_evaluation CHECKPOINT TABLE [--kinds stairs gap] [--trials 8]
         [--processes 4]
 
-Exports the checkpoint and runs it as deployed: the law in numpy, exact stance forces, ONNX Runtime, MuJoCo, all effects
-of the drives, what a trial draws. One row a course is added to TABLE. `saltus.policy.training.background_evaluation`
-runs this beside a training.
+Exports the checkpoint and runs it as deployed: the law in numpy, exact stance forces, ONNX Runtime,
+    MuJoCo, all effects
+of the drives, what a trial draws. One row a course is added to TABLE.
+`saltus.policy.training.background_evaluation` runs this beside a training.
 """
 
 import argparse
@@ -40,7 +41,9 @@ COURSES: dict[str, TerrainConfig] = {
     "stairs_0.15": TerrainConfig(terrain="stairs", rise_m=0.15, run_m=0.25),
     "stairs_0.20": TerrainConfig(terrain="stairs", rise_m=0.20, run_m=0.25),
     "stones_0.20": TerrainConfig(terrain="stepping_stones", stone_m=0.5, gap_m=0.20),
-    "stones_0.1_to_0.5": TerrainConfig(terrain="stepping_stones", stone_m=0.5, gap_m=0.1, gap_max_m=0.5),
+    "stones_0.1_to_0.5": TerrainConfig(
+        terrain="stepping_stones", stone_m=0.5, gap_m=0.1, gap_max_m=0.5
+    ),
     "step_0.30": TerrainConfig(terrain="step", height_m=0.30),
     "step_0.60": TerrainConfig(terrain="step", height_m=0.60),
     "gap_0.40": TerrainConfig(terrain="gap", gap_m=0.40),
@@ -66,18 +69,24 @@ def course_of(name: str) -> TerrainConfig:
 def evaluate_checkpoint(
     checkpoint: Path, courses: Sequence[str], trials: int, processes: int
 ) -> Iterator[EvaluationRow]:
-    """Exports a checkpoint and runs it on courses, one batch of robots each; rows come in the order of the courses.
+    """Exports a checkpoint and runs it on courses, one batch of robots each.
+
+    Rows come in the order of the courses.
 
     Raises:
         SaltusError: the checkpoint cannot be read or does not fit.
     """
     from saltus.policy.training.checkpoint import config_of, read_checkpoint
-    from saltus.policy.training.export import export  # here: the processes that run trials need no torch
+    from saltus.policy.training.export import (
+        export,
+    )  # here: the processes that run trials need no torch
 
     with tempfile.TemporaryDirectory() as folder:
         model = Path(folder) / "policy.onnx"
         export(checkpoint, model)
-        file = ModelFile(model)  # knows what was exported: a training may have replaced the checkpoint since
+        file = ModelFile(
+            model
+        )  # knows what was exported: a training may have replaced the checkpoint since
         iteration, steps = int(file.field("iteration")), int(file.field("steps"))
         trained = config_of(read_checkpoint(checkpoint))
         run = partial(_results, trained.robot, trained.grid, model, trials)
@@ -87,9 +96,17 @@ def evaluate_checkpoint(
 
 
 def _results(robot: str, grid: str, model: Path, trials: int, course: str) -> EvaluationResult:
-    evaluation = Evaluation(robot=robot, grid=grid, course=course_of(course), trials=trials, seed=FIRST_SEED)
+    evaluation = Evaluation(
+        robot=robot, grid=grid, course=course_of(course), trials=trials, seed=FIRST_SEED
+    )
     seeds = range(FIRST_SEED, FIRST_SEED + trials)
-    return merged([run_batch(evaluation, shifted_heights, partial(make_planner, "learned", model=model), seeds)])
+    return merged(
+        [
+            run_batch(
+                evaluation, shifted_heights, partial(make_planner, "learned", model=model), seeds
+            )
+        ]
+    )
 
 
 def _row(course: str, result: EvaluationResult, iteration: int, steps: int) -> EvaluationRow:
@@ -110,7 +127,9 @@ def _row(course: str, result: EvaluationResult, iteration: int, steps: int) -> E
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Parses the command line, evaluates, and adds the rows."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("table", type=Path)
     parser.add_argument("--kinds", nargs="+", default=list(PAPER), help="of terrain")

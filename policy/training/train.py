@@ -1,8 +1,8 @@
 """Trains the motion policy, on a CPU or on GPUs, resumable at any time (`python -m saltus.cli.policy_train`).
 
-The folder gets `checkpoint.pt` (everything that is needed to go on), `config.toml`, `commit.txt`, `log.txt`,
-`progress.csv`, `evaluation.csv` and curves for tensorboard. With `torchrun --nproc_per_node N -m
-saltus.cli.policy_train ...` N GPUs learn together.
+The folder gets `checkpoint.pt` (everything that is needed to go on), `config.toml`, `commit.txt`,
+`log.txt`, `progress.csv`, `evaluation.csv` and curves for tensorboard. With `torchrun
+--nproc_per_node N -m saltus.cli.policy_train ...` N GPUs learn together.
 """
 
 import os
@@ -37,9 +37,14 @@ class Rank:
     device: str = "cpu"
 
 
-def make_engine(robot: Robot, count: int, config: EnvConfig, device: str, threads: int = 0) -> Engine:
+def make_engine(
+    robot: Robot, count: int, config: EnvConfig, device: str, threads: int = 0
+) -> Engine:
     """The physics of an environment on a device, "cpu" or "cuda:N"."""
-    boxes, dimensions = config.curriculum.boxes, config.contact_dimensions(load_profile(config.profile, robot))
+    boxes, dimensions = (
+        config.curriculum.boxes,
+        config.contact_dimensions(load_profile(config.profile, robot)),
+    )
     if device == "cpu":
         from saltus.sim.training_cpu import BatchEngine
 
@@ -61,16 +66,20 @@ def train(
     code: str | None = None,
     note: str = "",
 ) -> None:
-    """Trains until the time is over or `iterations` are done, and saves; so it does where it is interrupted.
+    """Trains until the time is over or `iterations` are done, and saves.
+
+    So it does where it is interrupted.
 
     Args:
-        config: The run; resuming takes networks and levels from the checkpoint and all else from here.
+        config: The run; resuming takes networks and levels from the checkpoint and all else from
+            here.
         folder: For the results. A checkpoint that lies there is written over.
         minutes: From the call of this function, with compilation.
         rank: Of this process.
         resume: Checkpoint to go on from.
         iterations: Where to stop before the time is over; counted from the very first.
-        evaluate_minutes: Time between evaluations with the deployed stack, which run beside the training; 0 for none.
+        evaluate_minutes: Time between evaluations with the deployed stack, which run beside the
+            training; 0 for none.
         code: Which code trains, where this machine cannot tell.
         note: A line for people before it begins.
 
@@ -81,7 +90,13 @@ def train(
     start = time.monotonic()
     torch.manual_seed(config.seed + 1000 * rank.rank)
     engine = make_engine(load_robot(config.robot), config.robots, config.env, rank.device)
-    env = JumpEnv(engine, config.env, load_grid(config.grid), seed=config.seed + 1000 * rank.rank, device=rank.device)
+    env = JumpEnv(
+        engine,
+        config.env,
+        load_grid(config.grid),
+        seed=config.seed + 1000 * rank.rank,
+        device=rank.device,
+    )
     learner = Learner(env, config.learning, (rank.rank, rank.world))
     before_s = float(learner.load(resume)["seconds"]) if resume else 0.0
     record: TrainingRecord | None = None
@@ -93,7 +108,10 @@ def train(
             )  # fmt: skip
             if note:
                 record.say(note)
-            record.say(f"ready after {time.monotonic() - start:.0f} s: {config.robots} robots on {rank.device}")
+            record.say(
+                f"ready after {time.monotonic() - start:.0f} s: {config.robots} robots on "
+                f"{rank.device}"
+            )
         for _ in _iterations(learner, start, minutes, iterations, rank):
             learner.collect()
             losses = learner.learn()
@@ -104,24 +122,35 @@ def train(
     except KeyboardInterrupt:
         if record is not None:
             record.save()
-            record.say(f"interrupted: what was learned until iteration {learner.iteration} is in {record.checkpoint}")
+            record.say(
+                f"interrupted: what was learned until iteration {learner.iteration} is in "
+                f"{record.checkpoint}"
+            )
         raise
     finally:
         if record is not None:
             record.close()
 
 
-def _iterations(learner: Learner, start: float, minutes: float, last: int | None, rank: Rank) -> Iterator[None]:
+def _iterations(
+    learner: Learner, start: float, minutes: float, last: int | None, rank: Rank
+) -> Iterator[None]:
     """One item for each iteration that there is time for, with a bar that shows how much of it is gone."""
     first = learner.iteration
     form = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"
-    with tqdm(total=1.0, desc="train", bar_format=form, file=sys.stderr, disable=rank.rank > 0) as bar:
+    with tqdm(
+        total=1.0, desc="train", bar_format=form, file=sys.stderr, disable=rank.rank > 0
+    ) as bar:
         while not _over(start, minutes, rank) and (last is None or learner.iteration < last):
             yield
             share = (time.monotonic() - start) / (60.0 * minutes)
             if last is not None:
                 share = max(share, (learner.iteration - first) / (last - first))
-            bar.set_postfix(iteration=learner.iteration, million_steps=f"{1e-6 * learner.steps:.1f}", refresh=False)
+            bar.set_postfix(
+                iteration=learner.iteration,
+                million_steps=f"{1e-6 * learner.steps:.1f}",
+                refresh=False,
+            )
             bar.update(min(share, 1.0) - bar.n)
 
 
@@ -142,8 +171,9 @@ def device_of_this_process(device: str) -> Rank:
     """Where this process trains, made ready for it; `device` is "cpu", or "auto" for a GPU where there is one."""
     world = int(os.environ.get("WORLD_SIZE", "1"))
     if device == "cpu" or not has_gpu():
-        # Batches of a few hundred robots are too small to share: two threads on two busy cores wait for each other,
-        # and take 11 times as long as one (docs/history.md). The physics has threads of its own.
+        # Batches of a few hundred robots are too small to share: two threads on two busy cores wait
+        # for each other, and take 11 times as long as one (docs/history.md). The physics has
+        # threads of its own.
         torch.set_num_threads(1)
         return Rank()
     local = int(os.environ.get("LOCAL_RANK", "0"))

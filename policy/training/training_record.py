@@ -28,8 +28,9 @@ LOG, RESULTS = "log.txt", "evaluation.csv"
 class TrainingRecord:
     """Writes checkpoints, reports and curves into a folder when they are due; `say` prints a line for people as well.
 
-    The run began at `start_s` on the monotonic clock, less what the checkpoint that it resumes had cost; log and tables
-    beside that one are continued. Every `evaluate_s` the deployed stack is evaluated, never where that is 0.
+    The run began at `start_s` on the monotonic clock, less what the checkpoint that it resumes had
+    cost; log and tables beside that one are continued. Every `evaluate_s` the deployed stack is
+    evaluated, never where that is 0.
     """
 
     def __init__(
@@ -56,9 +57,14 @@ class TrainingRecord:
         (folder / COMMIT).write_text(commit + "\n", encoding="utf-8")
         self._progress = TallyReader(folder, env, learner)
         self._reported = self._saved = time.monotonic()
-        self.evaluation = self._evaluations(folder, config.env.curriculum, evaluate_s) if evaluate_s > 0.0 else None
+        self.evaluation = (
+            self._evaluations(folder, config.env.curriculum, evaluate_s)
+            if evaluate_s > 0.0
+            else None
+        )
         """Evaluation that runs beside the training; None where none does."""
-        self.save()  # a folder with a table in it has a checkpoint, which no other training writes over
+        # A folder with a table in it has a checkpoint, which no other training writes over
+        self.save()
 
     def say(self, line: str) -> None:
         """Tells people, and the log."""
@@ -101,16 +107,23 @@ class TrainingRecord:
         for row in rows:
             values = {name: value for name, value in asdict(row).items() if name in _CURVES}
             self._progress.add(
-                {f"deployed/{row.course}/{name}": value for name, value in values.items()}, row.iteration
+                {f"deployed/{row.course}/{name}": value for name, value in values.items()},
+                row.iteration,
             )
 
-    def _evaluations(self, folder: Path, curriculum: CurriculumConfig, every_s: float) -> BackgroundEvaluation | None:
+    def _evaluations(
+        self, folder: Path, curriculum: CurriculumConfig, every_s: float
+    ) -> BackgroundEvaluation | None:
         missing = missing_packages()
         if missing:
-            self.say(f"no evaluation with the deployed stack: not installed here: {', '.join(missing)}")
+            self.say(
+                f"no evaluation with the deployed stack: not installed here: {', '.join(missing)}"
+            )
             return None
         kinds = [kind for kind, share in curriculum.shares.items() if share > 0.0]
-        return BackgroundEvaluation(folder / RESULTS, kinds, every_s=every_s, trials=EVALUATION_TRIALS)
+        return BackgroundEvaluation(
+            folder / RESULTS, kinds, every_s=every_s, trials=EVALUATION_TRIALS
+        )
 
 
 def _carry_on(before: Path, folder: Path, iteration: int) -> None:

@@ -1,8 +1,9 @@
 """Which of the trained models are taken: those with which simulated robots of the found profile do best.
 
-A further training gains where it trains and may lose elsewhere. The shipped models stay in the running, and the robot
-itself is not asked: it is for the measurement. Whether the leg controller makes up for the drives that were found is
-chosen, too: friction may have been what held a robot with other faults upright. A trained policy knows no other way.
+A further training gains where it trains and may lose elsewhere. The shipped models stay in the
+running, and the robot itself is not asked: it is for the measurement. Whether the leg controller
+makes up for the drives that were found is chosen, too: friction may have been what held a robot
+with other faults upright. A trained policy knows no other way.
 """
 
 import json
@@ -46,7 +47,8 @@ class Choice:
     models: dict[str, str]
     """Name of each trained network by its kind."""
     tallies: dict[str, dict[str, Tally]] = field(default_factory=dict)
-    """By pairs of models ("heightmap+policy", "policy+drives", ..., "" for the shipped ones), and by course."""
+    """By pairs of models ("heightmap+policy", "policy+drives", ..., "" for the shipped ones), and
+    by course."""
 
     @property
     def best(self) -> tuple[str, ...]:
@@ -88,15 +90,22 @@ def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choi
                 seed = settings.seed + SEEDS_APART + before.trials
                 knows = folder.profile if DRIVES in pair else folder.known
                 robot = (settings.loop, folder.profile, str(knows))
-                batches = trials.run_trials(models, trials.trials_of(*robot, course, seed, count), ran)
+                batches = trials.run_trials(
+                    models, trials.trials_of(*robot, course, seed, count), ran
+                )
                 more = sum(not trial.failure for batch in batches for trial in batch.values())
-                row[course] = Tally(successes=before.successes + more, trials=settings.choice_trials)
+                row[course] = Tally(
+                    successes=before.successes + more, trials=settings.choice_trials
+                )
                 write_whole(folder.choice, json.dumps(asdict(choice)), synced=True)
     return choice
 
 
 def pairs_of(trained: Sequence[ModelKind], *, with_drives: bool) -> list[tuple[str, ...]]:
-    """Pairs in the running, by names, most that is new first; a trained policy only with the drives it knows."""
+    """Pairs in the running, by names, most that is new first.
+
+    A trained policy only with the drives it knows.
+    """
     pairs: list[tuple[str, ...]] = []
     for size in range(len(trained), -1, -1):
         pairs += combinations(trained, size)
@@ -113,7 +122,11 @@ def finds_drives(folder: CycleFolder) -> bool:
 
 def chosen(folder: CycleFolder) -> Choice | None:
     """Reads what was tried so far; None where nothing was."""
-    return from_table(Choice, json.loads(folder.choice.read_text(encoding="utf-8"))) if folder.choice.exists() else None
+    return (
+        from_table(Choice, json.loads(folder.choice.read_text(encoding="utf-8")))
+        if folder.choice.exists()
+        else None
+    )
 
 
 def taken_models(folder: CycleFolder) -> tuple[ModelKind, ...]:
@@ -125,7 +138,11 @@ def taken_models(folder: CycleFolder) -> tuple[ModelKind, ...]:
 def known_after(folder: CycleFolder) -> Path:
     """The profile that the leg controller knows after the search."""
     choice = chosen(folder)
-    return folder.profile if choice is None or not finds_drives(folder) or DRIVES in choice.best else folder.known
+    return (
+        folder.profile
+        if choice is None or not finds_drives(folder) or DRIVES in choice.best
+        else folder.known
+    )
 
 
 def verdict(choice: Choice, kind: ModelKind) -> str:

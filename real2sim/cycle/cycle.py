@@ -66,11 +66,15 @@ class CycleRun:
         logs = finding.record_logs(self.folder, self.settings, self.observer.at)
         self.observer.say(f"logs: {', '.join(log.name for log in logs)}")
         found, again = finding.find_effects(self.folder, self.settings, logs, self.observer.at)
-        known, patched = (self.folder.read(file) for file in (self.folder.known, self.folder.profile))
+        known, patched = (
+            self.folder.read(file) for file in (self.folder.known, self.folder.profile)
+        )
         self.observer.say(f"found: {sentence(found.verdict, known)}")
         for line in finding.not_applied(self.folder):
             self.observer.say(line)
-        with_it = None if again is None else f"with what was found: {sentence(again.verdict, patched)}"
+        with_it = (
+            None if again is None else f"with what was found: {sentence(again.verdict, patched)}"
+        )
         self.observer.say(with_it or NOTHING_FOUND)
 
     def _collect(self) -> None:
@@ -113,7 +117,9 @@ class CycleRun:
             if str(kind) in choice.models:
                 self.observer.say(f"{kind} model: {choosing.verdict(choice, kind)}")
         if finds_drives:
-            self.observer.say(f"drives: {'made up for' if choosing.DRIVES in choice.best else choosing.LEFT}")
+            self.observer.say(
+                f"drives: {'made up for' if choosing.DRIVES in choice.best else choosing.LEFT}"
+            )
 
     def _measure(self) -> None:
         if not self.folder.hidden.exists():

@@ -17,7 +17,12 @@ from saltus.policy.planner import make_planner
 from saltus.policy.training.files import CHECKPOINT
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
-from saltus.real2sim.cycle.training import device_collection, differs_beyond_camera, policy_changes, shipped_checkpoint
+from saltus.real2sim.cycle.training import (
+    device_collection,
+    differs_beyond_camera,
+    policy_changes,
+    shipped_checkpoint,
+)
 from saltus.used_networks import ModelKind
 
 PROFILE, CAMERA = "profile.toml", "camera.toml"
@@ -71,11 +76,18 @@ def refuse(export: Path | None, take: Path | None) -> None:
     if export is not None and take is not None:
         raise ConfigError(f"--export-training {export}: not together with --take-training")
     if export is not None and export.exists():
-        raise ConfigError(f"--export-training {export}: there is a file or folder of this name already")
+        raise ConfigError(
+            f"--export-training {export}: there is a file or folder of this name already"
+        )
     if take is not None and not (take / PROFILE).is_file():
-        raise ConfigError(f"--take-training {take}: {PROFILE} is missing: no folder that --export-training wrote")
+        raise ConfigError(
+            f"--take-training {take}: {PROFILE} is missing: no folder that --export-training wrote"
+        )
     if take is not None and not _models(take):
-        raise ConfigError(f"--take-training {take}: there is no policy.onnx and no heightmap.onnx: run its train.sh")
+        raise ConfigError(
+            f"--take-training {take}: there is no policy.onnx and no heightmap.onnx: run its "
+            f"train.sh"
+        )
 
 
 def export_training(folder: CycleFolder, settings: CycleSettings, out: Path) -> None:
@@ -90,7 +102,9 @@ def export_training(folder: CycleFolder, settings: CycleSettings, out: Path) -> 
         script, driver = _BEGIN, Path("policy.pt")
         if differs_beyond_camera(folder):
             script, driver = script + _POLICY, Path("policy") / CHECKPOINT
-            (made / "policy.toml").write_text(tomli_w.dumps(policy_changes(settings, Path(PROFILE))), encoding="utf-8")
+            (made / "policy.toml").write_text(
+                tomli_w.dumps(policy_changes(settings, Path(PROFILE))), encoding="utf-8"
+            )
         collection = device_collection(settings, driver, Path("heightmap.onnx"), Path(PROFILE))
         (made / "collection.toml").write_text(to_toml(collection), encoding="utf-8")
         (made / "predictor.toml").write_text(to_toml(settings.predictor), encoding="utf-8")
@@ -99,7 +113,9 @@ def export_training(folder: CycleFolder, settings: CycleSettings, out: Path) -> 
         (made / "README.md").write_text(_README, encoding="utf-8")
 
 
-def take_training(folder: CycleFolder, settings: CycleSettings, given: Path) -> tuple[ModelKind, ...]:
+def take_training(
+    folder: CycleFolder, settings: CycleSettings, given: Path
+) -> tuple[ModelKind, ...]:
     """Checks the models that another machine has trained, and takes them; returns their kinds.
 
     Raises:

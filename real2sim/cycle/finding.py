@@ -32,18 +32,27 @@ _GAPS = "gaps.json"
 
 
 def search_until_told(
-    logs: Sequence[Path], look: Callable[[Sequence[Path]], Judgement], record: Callable[[str], Path] | None
+    logs: Sequence[Path],
+    look: Callable[[Sequence[Path]], Judgement],
+    record: Callable[[str], Path] | None,
 ) -> tuple[Judgement, tuple[Path, ...]]:
-    """Looks at logs; where effects stay a set, adds the log of the experiment that separates them and looks again.
+    """Looks at logs.
 
-    `record` runs an experiment by its name and returns its log; None where no experiment can be run. Returns the last
-    judgement, and its logs.
+    Where effects stay a set, adds the log of the experiment that separates them and looks again.
+
+    `record` runs an experiment by its name and returns its log; None where no experiment can be
+    run. Returns the last judgement, and its logs.
     """
     for _ in range(1, ROUNDS):
         found = look(logs)
         proposed = found.verdict.next_experiment
         known = [log.name for log in logs]
-        if record is None or found.verdict.verdict != "set" or proposed is None or proposed.name in known:
+        if (
+            record is None
+            or found.verdict.verdict != "set"
+            or proposed is None
+            or proposed.name in known
+        ):
             return found, tuple(logs)
         logs = [*logs, record(proposed.name)]
     return look(logs), tuple(logs)
@@ -61,7 +70,8 @@ def record_logs(folder: CycleFolder, settings: CycleSettings, tell: Progress) ->
         for log in logs:
             if (robot := read_claims(log)["robot"]) != settings.loop.robot:
                 raise ConfigError(
-                    f"{log}: of the robot {robot}; the models that a cycle trains are of {settings.loop.robot}"
+                    f"{log}: of the robot {robot}; the models that a cycle trains are of "
+                    f"{settings.loop.robot}"
                 )
         return logs
     return [record(folder, settings, tell, name) for name in settings.experiments]
@@ -95,16 +105,24 @@ def find_effects(
     """
     known = folder.read(folder.known)
     recorded = None if settings.logs else partial(record, folder, settings, tell)
-    found, logs = search_until_told(logs, partial(_look, folder.found, known, settings.seed, tell, "find"), recorded)
+    found, logs = search_until_told(
+        logs, partial(_look, folder.found, known, settings.seed, tell, "find"), recorded
+    )
     if found.verdict.verdict == "bad_log":
         raise RecordingError(f"{sentence(found.verdict)}: see {folder.found / 'report.html'}")
     patched, _ = apply_what_can_be(found.patch, known, folder.robot)
-    again = _look(folder.again, patched, settings.seed, tell, "again", logs) if patched != known else None
+    again = (
+        _look(folder.again, patched, settings.seed, tell, "again", logs)
+        if patched != known
+        else None
+    )
     folder.profile.write_text(patched.to_toml(), encoding="utf-8")
     return found, again
 
 
-def apply_what_can_be(patch: Patch, known: Profile, robot: Robot) -> tuple[Profile, tuple[str, ...]]:
+def apply_what_can_be(
+    patch: Patch, known: Profile, robot: Robot
+) -> tuple[Profile, tuple[str, ...]]:
     """The profile with the effects of the patch that it can have, and a line for each that it cannot."""
     refused = []
     for effect in patch.effects:
@@ -117,11 +135,21 @@ def apply_what_can_be(patch: Patch, known: Profile, robot: Robot) -> tuple[Profi
 
 def not_applied(folder: CycleFolder) -> tuple[str, ...]:
     """A line for each effect that was found and that the profile cannot have."""
-    return apply_what_can_be(load_patch(folder.found / "patch.toml"), folder.read(folder.known), folder.robot)[1]
+    return apply_what_can_be(
+        load_patch(folder.found / "patch.toml"), folder.read(folder.known), folder.robot
+    )[1]
 
 
-def _look(out: Path, profile: Profile, seed: int, tell: Progress, name: str, logs: Sequence[Path]) -> Judgement:
-    judged = find(logs, out, profile=profile, seed=seed, progress=lambda stage, share: tell(f"{name}: {stage}", share))
+def _look(
+    out: Path, profile: Profile, seed: int, tell: Progress, name: str, logs: Sequence[Path]
+) -> Judgement:
+    judged = find(
+        logs,
+        out,
+        profile=profile,
+        seed=seed,
+        progress=lambda stage, share: tell(f"{name}: {stage}", share),
+    )
     gaps = [
         asdict(gap) | {"signal": f"{compared.problem.name}: {gap.signal}"}
         for each in judged.examinations
@@ -133,7 +161,10 @@ def _look(out: Path, profile: Profile, seed: int, tell: Progress, name: str, log
 
 
 def gaps_of(found: Path) -> dict[str, SignalGap]:
-    """The gap of each sensor's signals by their names, as the search in this folder began; none where there is none."""
+    """The gap of each sensor's signals by their names, as the search in this folder began.
+
+    None where there is none.
+    """
     path = found / _GAPS
     gaps = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     return {gap["signal"]: from_table(SignalGap, gap) for gap in gaps}

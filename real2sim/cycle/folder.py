@@ -1,4 +1,7 @@
-"""The folder of a cycle: where each stage leaves its results. A stage whose results are there is not repeated."""
+"""The folder of a cycle: where each stage leaves its results.
+
+A stage whose results are there is not repeated.
+"""
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -110,17 +113,24 @@ def open_folder(root: Path, given: CycleSettings) -> tuple[CycleFolder, CycleSet
 
     Raises:
         ConfigError: there is neither a robot nor a log, or a profile cannot be read.
-        SaltusError: the folder cannot be written into, or was begun with other settings or profiles.
+        SaltusError: the folder cannot be written into, or was begun with other settings or
+            profiles.
     """
     folder = CycleFolder(root, load_robot(given.loop.robot))
     if given.hidden is None and not given.logs:
-        raise ConfigError("nothing to look at: name the robot's profile with --hidden, or run logs with --logs")
+        raise ConfigError(
+            "nothing to look at: name the robot's profile with --hidden, or run logs with --logs"
+        )
     missing = [str(log) for log in given.logs if not log.exists()]
     if missing:
         raise ConfigError(f"logs = {missing[0]}: there is no such folder")
     begun = folder.settings.exists()
-    names = {folder.known: given.profile} | ({folder.hidden: str(given.hidden)} if given.hidden is not None else {})
-    profiles = {} if begun else {path: load_profile(name, folder.robot) for path, name in names.items()}
+    names = {folder.known: given.profile} | (
+        {folder.hidden: str(given.hidden)} if given.hidden is not None else {}
+    )
+    profiles = (
+        {} if begun else {path: load_profile(name, folder.robot) for path, name in names.items()}
+    )
     for profile in profiles.values():
         refuse_shift(profile.heightmap, "a robot that sees with a camera")
     texts = {path: profile.to_toml() for path, profile in profiles.items()}
@@ -147,8 +157,10 @@ def _compare(folder: CycleFolder, settings: CycleSettings) -> None:
     """Refuses to go on with a cycle that was begun in another way."""
     before = load(CycleSettings, folder.settings)
     for d in differences(
-        asdict(before), asdict(replace(settings, trials=before.trials, choice_trials=before.choice_trials))
+        asdict(before),
+        asdict(replace(settings, trials=before.trials, choice_trials=before.choice_trials)),
     ):
         raise ConfigError(
-            f"{folder.settings}: this cycle was begun with {d.name} = {d.before}, not {d.now}: name another with --out"
+            f"{folder.settings}: this cycle was begun with {d.name} = {d.before}, not {d.now}: "
+            f"name another with --out"
         )

@@ -38,10 +38,16 @@ class Measured:
 def measured(folder: CycleFolder, when: When, course: str) -> Measured | None:
     """Reads what was measured so far; None where nothing was."""
     path = _file(folder, when, course)
-    return from_table(Measured, json.loads(path.read_text(encoding="utf-8"))) if path.exists() else None
+    return (
+        from_table(Measured, json.loads(path.read_text(encoding="utf-8")))
+        if path.exists()
+        else None
+    )
 
 
-def measure(folder: CycleFolder, settings: CycleSettings, when: When, course: str, tell: Progress) -> Measured:
+def measure(
+    folder: CycleFolder, settings: CycleSettings, when: When, course: str, tell: Progress
+) -> Measured:
     """Runs the trials that are still missing of a course, and writes them down batch by batch."""
     models = models_of(folder, when)
     names = names_of(models)
@@ -62,7 +68,10 @@ def measure(folder: CycleFolder, settings: CycleSettings, when: When, course: st
     seed = settings.seed + len(known.failures)
     robot = (settings.loop, folder.hidden, known_of(folder, when))
     for batch in run_trials(models, trials_of(*robot, course, seed, missing), ran):
-        known = replace(known, failures=known.failures | {str(seed): trial.failure for seed, trial in batch.items()})
+        known = replace(
+            known,
+            failures=known.failures | {str(seed): trial.failure for seed, trial in batch.items()},
+        )
         write_whole(_file(folder, when, course), json.dumps(asdict(known)), synced=True)
     return known
 

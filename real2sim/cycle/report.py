@@ -19,7 +19,15 @@ from saltus.provenance import commit
 from saltus.real2sim.cycle.choosing import DRIVES, chosen, verdict
 from saltus.real2sim.cycle.finding import gaps_of, not_applied
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
-from saltus.real2sim.cycle.measuring import MOMENTS, NOT_MEASURED, Measured, When, known_of, measured, models_of
+from saltus.real2sim.cycle.measuring import (
+    MOMENTS,
+    NOT_MEASURED,
+    Measured,
+    When,
+    known_of,
+    measured,
+    models_of,
+)
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.trials import COURSES, run_trials, trials_of
 from saltus.real2sim.cycle.truth import TruthRow, rows_of
@@ -43,10 +51,16 @@ def results(folder: CycleFolder) -> dict[str, Any]:
         "effects": [asdict(row) for row in rows_of(folder)],
         "not_applied": not_applied(folder),
         "models": trained(folder),
-        "choice": None if choice is None else asdict(choice) | {"taken": choice.taken, "drives": DRIVES in choice.best},
+        "choice": None
+        if choice is None
+        else asdict(choice) | {"taken": choice.taken, "drives": DRIVES in choice.best},
         "courses": {
             course: {
-                when: {"successes": trials.successes, "trials": len(trials.failures), "models": trials.models}
+                when: {
+                    "successes": trials.successes,
+                    "trials": len(trials.failures),
+                    "models": trials.models,
+                }
                 for when, trials in done.items()
             }
             for course, done in courses.items()
@@ -68,7 +82,10 @@ def write_cycle_report(folder: CycleFolder, settings: CycleSettings) -> None:
     hidden = [row for row in rows if row.true is not None and row.true != row.known]
     found, again = _verdict(folder.found), _verdict(folder.again)
     before, after = gaps_of(folder.found), gaps_of(folder.again)
-    shown = [replace(gap, after=after[name].before if name in after else gap.before) for name, gap in before.items()]
+    shown = [
+        replace(gap, after=after[name].before if name in after else gap.before)
+        for name, gap in before.items()
+    ]
     untestable = {each["name"]: each["why"] for each in (found or {})["untestable"]}
     text = render(
         __file__,
@@ -81,7 +98,9 @@ def write_cycle_report(folder: CycleFolder, settings: CycleSettings) -> None:
         again=_words(again) if again else "",
         gaps=gap_figure(shown) if shown else None,
         trained=trained(folder),
-        data_ticks=sum(record.ticks for record in read_records(folder.dataset)) if folder.dataset.exists() else None,
+        data_ticks=sum(record.ticks for record in read_records(folder.dataset))
+        if folder.dataset.exists()
+        else None,
         updates=settings.predictor.updates,
         choice=chosen(folder),
         course_names=tuple(COURSES),
@@ -104,28 +123,44 @@ def write_cycle_report(folder: CycleFolder, settings: CycleSettings) -> None:
 
 def _courses(folder: CycleFolder) -> Courses:
     """Returns what was measured so far."""
-    pairs = {course: {when: measured(folder, when, course) for when in MOMENTS} for course in COURSES}
+    pairs = {
+        course: {when: measured(folder, when, course) for when in MOMENTS} for course in COURSES
+    }
     return {
         course: known
         for course, done in pairs.items()
-        if (known := {when: trials for when, trials in done.items() if trials is not None and trials.failures})
+        if (
+            known := {
+                when: trials
+                for when, trials in done.items()
+                if trials is not None and trials.failures
+            }
+        )
     }
 
 
 def _verdict(found: Path) -> dict[str, Any] | None:
     path = found / "verdict.json"
-    verdict: dict[str, Any] | None = json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+    verdict: dict[str, Any] | None = (
+        json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+    )
     return verdict
 
 
 def _headline(rows: list[TruthRow], hidden: list[TruthRow], courses: Courses) -> str:
     found = sum(row.found is not None for row in hidden)
-    said = [f"{found} of {len(hidden)} hidden parameters found" if hidden else f"{len(rows)} parameters found"]
+    said = [
+        f"{found} of {len(hidden)} hidden parameters found"
+        if hidden
+        else f"{len(rows)} parameters found"
+    ]
     whole = [done for done in courses.values() if len(done) == len(MOMENTS)]
     for when in MOMENTS:
         trials = [done[when] for done in whole]
         if trials:
-            share = sum(each.successes for each in trials) / sum(len(each.failures) for each in trials)
+            share = sum(each.successes for each in trials) / sum(
+                len(each.failures) for each in trials
+            )
             said.append(f"{share:.0%} of all trials succeed {when}")
     return f"The cycle: {'; '.join(said)}"
 
@@ -142,9 +177,14 @@ def _choices(folder: CycleFolder) -> str:
     choice = chosen(folder)
     if choice is None:
         return ""
-    said = [f"{kind} model {verdict(choice, kind)}" for kind in MODELS if str(kind) in choice.models]
+    said = [
+        f"{kind} model {verdict(choice, kind)}" for kind in MODELS if str(kind) in choice.models
+    ]
     if any(DRIVES in pair for pair in choice.tallies):
-        said.append("the leg controller " + ("makes up for the drives" if DRIVES in choice.best else "stays as it was"))
+        said.append(
+            "the leg controller "
+            + ("makes up for the drives" if DRIVES in choice.best else "stays as it was")
+        )
     return "; ".join(said)
 
 
@@ -152,31 +192,54 @@ def _named(pair: str) -> str:
     """New parts of a pair, in words."""
     names = [name for name in pair.split("+") if name]
     models = " and ".join(name for name in names if name != DRIVES)
-    words = [f"trained {models}" if models else "as shipped", *(["drives made up for"] if DRIVES in names else [])]
+    words = [
+        f"trained {models}" if models else "as shipped",
+        *(["drives made up for"] if DRIVES in names else []),
+    ]
     return ", ".join(words)
 
 
 def _causes(trials: Measured) -> str:
     causes = Counter(cause for cause in trials.failures.values() if cause)
-    return ", ".join(f"{count} {cause.replace('_', ' ')}" for cause, count in causes.most_common()) or "-"
+    return (
+        ", ".join(f"{count} {cause.replace('_', ' ')}" for cause, count in causes.most_common())
+        or "-"
+    )
 
 
 def _pictures(folder: CycleFolder, settings: CycleSettings, courses: Courses) -> list[Markup]:
-    """One trial before and after, on the course where most changed; there the first that failed before."""
-    gains = {c: done["after"].successes - done["before"].successes for c, done in courses.items() if len(done) == 2}
+    """One trial before and after, on the course where most changed.
+
+    There the first that failed before.
+    """
+    gains = {
+        c: done["after"].successes - done["before"].successes
+        for c, done in courses.items()
+        if len(done) == 2
+    }
     if not gains:
         return []
     course = max(gains, key=lambda name: gains[name])
     before = courses[course]["before"].failures
     seed = next((seed for seed, cause in before.items() if cause), next(iter(before)))
-    return [_strip(folder, settings, courses[course][when], when, course, int(seed)) for when in MOMENTS]
+    return [
+        _strip(folder, settings, courses[course][when], when, course, int(seed)) for when in MOMENTS
+    ]
 
 
 def _strip(
-    folder: CycleFolder, settings: CycleSettings, trials: Measured, when: When, course: str, seed: int
+    folder: CycleFolder,
+    settings: CycleSettings,
+    trials: Measured,
+    when: When,
+    course: str,
+    seed: int,
 ) -> Markup:
     """Pictures of a trial, which is run again for them once."""
-    kept = folder.measured / f"{when}-{course.partition(' ')[0]}-{seed}-{'-'.join(trials.models.values())}.html"
+    kept = (
+        folder.measured
+        / f"{when}-{course.partition(' ')[0]}-{seed}-{'-'.join(trials.models.values())}.html"
+    )
     if not kept.exists():
         models = models_of(folder, when)
         robot = (settings.loop, folder.hidden, known_of(folder, when))
@@ -193,7 +256,11 @@ def _words(verdict: dict[str, Any] | None) -> str:
     if verdict is None:
         return "not searched"
     gap = verdict["gap"]
-    size = "" if gap is None else f", mean squared residual {gap['before']:.3g} where noise alone is {gap['floor']:.3g}"
+    size = (
+        ""
+        if gap is None
+        else f", mean squared residual {gap['before']:.3g} where noise alone is {gap['floor']:.3g}"
+    )
     return f"the verdict is {verdict['verdict'].replace('_', ' ')}{size}"
 
 
@@ -214,7 +281,8 @@ def success_figure(courses: Mapping[str, Mapping[When, Measured]]) -> go.Figure:
         low, high = 100 * np.array([success_interval(*count) for count in counts]).reshape(-1, 2).T
         figure.add_bar(
             x=list(done), y=share, name=f"{when}", marker_color=COLOURS[when],
-            text=[f"{hits} of {count}" for hits, count in counts], textposition="inside", insidetextanchor="start",
+            text=[f"{hits} of {count}" for hits, count in counts], textposition="inside",
+            insidetextanchor="start",
             error_y={"type": "data", "symmetric": False, "array": high - share, "arrayminus": share - low},
         )  # fmt: skip
     figure.update_yaxes(range=[0, 104])
@@ -228,10 +296,12 @@ def truth_figure(rows: Sequence[TruthRow]) -> go.Figure:
     names = [row.name for row in rows]
     found = [(name, share) for name, share in zip(names, shares, strict=True) if share is not None]
     figure.add_scatter(
-        x=[middle for _, (_, middle, _) in found], y=[name for name, _ in found], mode="markers", name="found",
+        x=[middle for _, (_, middle, _) in found], y=[name for name, _ in found], mode="markers",
+        name="found",
         marker={"color": BLUE, "size": 11},
         error_x={
-            "type": "data", "symmetric": False, "array": [high - middle for _, (_, middle, high) in found],
+            "type": "data", "symmetric": False,
+            "array": [high - middle for _, (_, middle, high) in found],
             "arrayminus": [middle - low for _, (low, middle, _) in found],
         },
     )  # fmt: skip
@@ -242,10 +312,14 @@ def truth_figure(rows: Sequence[TruthRow]) -> go.Figure:
     )  # fmt: skip
     figure.add_vline(x=100.0, line={"color": GREEN, "width": 2})
     figure.add_vline(x=0.0, line={"color": GREY, "dash": "dot", "width": 1})
-    figure.update_yaxes(autorange="reversed", type="category", categoryorder="array", categoryarray=names)
+    figure.update_yaxes(
+        autorange="reversed", type="category", categoryorder="array", categoryarray=names
+    )
     return laid_out(
-        figure, 130 + 34 * len(rows), x="of the hidden change [%], with 90 % intervals; green: the truth",
-        margin={"l": 260, "r": 20, "t": 40, "b": 50}, legend={"orientation": "h", "y": 1.0, "yanchor": "bottom"},
+        figure, 130 + 34 * len(rows),
+        x="of the hidden change [%], with 90 % intervals; green: the truth",
+        margin={"l": 260, "r": 20, "t": 40, "b": 50},
+        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom"},
     )  # fmt: skip
 
 
@@ -254,5 +328,7 @@ def _shares(row: TruthRow) -> tuple[float, float, float] | None:
     if row.found is None or row.ci90 is None or row.true is None or row.known is None:
         return None
     change = 0.01 * (row.true - row.known)
-    low, middle, high = ((value - row.known) / change for value in (row.ci90[0], row.found, row.ci90[1]))
+    low, middle, high = (
+        (value - row.known) / change for value in (row.ci90[0], row.found, row.ci90[1])
+    )
     return min(low, high), middle, max(low, high)

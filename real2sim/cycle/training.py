@@ -38,7 +38,8 @@ motions are not all alike."""
 
 
 SHIPPED_FILES = {"policy": "checkpoints/policy.pt", "heightmap": "heightmap.onnx"}
-"""Files of models/ with which further training begins: the predictor's ends with no state of an optimiser."""
+"""Files of models/ with which further training begins: the predictor's ends with no state of an
+optimiser."""
 
 
 def shipped_checkpoint(kind: str) -> Path:
@@ -49,8 +50,9 @@ def shipped_checkpoint(kind: str) -> Path:
 def collect_data(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> None:
     """Runs robots with the profile, the shipped predictor in the loop.
 
-    Where a policy was trained it drives them, else the shipped one. With a GPU they run there, as with `saltus
-    heightmap collect gpu`, without one on processors, as with `saltus heightmap collect cpu`.
+    Where a policy was trained it drives them, else the shipped one. With a GPU they run there, as
+    with `saltus heightmap collect gpu`, without one on processors, as with `saltus heightmap
+    collect cpu`.
 
     Raises:
         KeyboardInterrupt: it was interrupted; nothing is kept.
@@ -81,7 +83,9 @@ def collect_data(folder: CycleFolder, settings: CycleSettings, tell: Progress) -
             raise KeyboardInterrupt
 
 
-def device_collection(settings: CycleSettings, policy: Path, predictor: Path, profile: Path) -> DeviceCollection:
+def device_collection(
+    settings: CycleSettings, policy: Path, predictor: Path, profile: Path
+) -> DeviceCollection:
     """Returns what `saltus heightmap collect gpu` is told: these files, and the courses and the camera of the cycle."""
     loop = DeviceLoop(
         robot=settings.loop.robot,
@@ -92,19 +96,24 @@ def device_collection(settings: CycleSettings, policy: Path, predictor: Path, pr
         cameras=(settings.loop.camera,),
     )
     return DeviceCollection(
-        episodes=settings.episodes, seed=settings.seed, policy=policy, predictor=predictor, profile=str(profile),
+        episodes=settings.episodes, seed=settings.seed, policy=policy, predictor=predictor,
+        profile=str(profile),
         loop=loop,
     )  # fmt: skip
 
 
 def train_predictor(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> None:
-    """Trains the shipped predictor on these data, as `saltus heightmap train` and `export`; goes on where it was."""
+    """Trains the shipped predictor on these data, as `saltus heightmap train` and `export`.
+
+    Goes on where it was.
+    """
     from saltus.heightmap.training.release import release
     from saltus.heightmap.training.train import train
 
     checkpoint = folder.predictor / "heightmap.pt"
     train(
-        folder.dataset, checkpoint, settings.predictor, lambda at: tell("train the predictor", at.update / at.updates),
+        folder.dataset, checkpoint, settings.predictor,
+        lambda at: tell("train the predictor", at.update / at.updates),
         start=shipped_checkpoint("heightmap"),
     )  # fmt: skip
     tell("export the predictor", 1.0)
@@ -114,7 +123,8 @@ def train_predictor(folder: CycleFolder, settings: CycleSettings, tell: Progress
 def differs_beyond_camera(folder: CycleFolder) -> bool:
     """True where drives, body or IMU of the found profile differ from those that the shipped policy was trained with.
 
-    If only the camera does there is nothing for the policy to learn: its inputs are heights, not images.
+    If only the camera does there is nothing for the policy to learn: its inputs are heights, not
+        images.
     """
     profiles = folder.read(folder.profile), load_profile(SHIPPED, folder.robot)
     found, learned = (replace(profile, camera=()) for profile in profiles)
@@ -124,8 +134,9 @@ def differs_beyond_camera(folder: CycleFolder) -> bool:
 def policy_changes(settings: CycleSettings, profile: Path) -> dict[str, Any]:
     """Returns what the policy's training has otherwise than that of the shipped one, as tables of its TOML file.
 
-    The shipped one ended with small steps and sure of its actions; a robot that is another needs the steps of the
-    beginning, and trials of other actions, on courses of all levels: what it mastered it may not master any more.
+    The shipped one ended with small steps and sure of its actions; a robot that is another needs
+    the steps of the beginning, and trials of other actions, on courses of all levels: what it
+    mastered it may not master any more.
     """
     std_range = [FURTHER_STD, LearningConfig.std_range[1]]
     learning = {"desired_kl": FURTHER_KL, "last_kl": FURTHER_KL, "std_range": std_range}
@@ -138,15 +149,22 @@ def policy_changes(settings: CycleSettings, profile: Path) -> dict[str, Any]:
 
 
 def train_policy(folder: CycleFolder, settings: CycleSettings) -> None:
-    """Trains the shipped policy with the profile, as `saltus policy train` and `export`; goes on where it was."""
+    """Trains the shipped policy with the profile, as `saltus policy train` and `export`.
+
+    Goes on where it was.
+    """
     from saltus.policy.training.checkpoint import config_of, read_checkpoint
     from saltus.policy.training.export import export
 
     shipped, own = shipped_checkpoint("policy"), folder.policy / CHECKPOINT
     resume = own if own.exists() else shipped
     done_s = float(read_checkpoint(resume)["seconds"]) - float(read_checkpoint(shipped)["seconds"])
-    config = changed(config_of(read_checkpoint(shipped)), policy_changes(settings, folder.profile.absolute()))
+    config = changed(
+        config_of(read_checkpoint(shipped)), policy_changes(settings, folder.profile.absolute())
+    )
     minutes = settings.policy_minutes - done_s / 60.0
     if minutes > 0.0:
-        Train(out=folder.policy, minutes=minutes, resume=resume, training=config, evaluate_minutes=0.0).run()
+        Train(
+            out=folder.policy, minutes=minutes, resume=resume, training=config, evaluate_minutes=0.0
+        ).run()
     export(own, folder.policy / "policy.onnx")

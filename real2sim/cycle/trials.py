@@ -22,23 +22,35 @@ COURSES = {
 
 def names_of(models: Mapping[ModelKind, Path | None]) -> dict[str, str]:
     """Name of each network by its kind."""
-    return {str(kind): model_id(model_path(kind, model).read_bytes()) for kind, model in models.items()}
+    return {
+        str(kind): model_id(model_path(kind, model).read_bytes()) for kind, model in models.items()
+    }
 
 
-def trials_of(loop: ClosedLoop, profile: Path, known: str, course: str, seed: int, count: int) -> Evaluation:
+def trials_of(
+    loop: ClosedLoop, profile: Path, known: str, course: str, seed: int, count: int
+) -> Evaluation:
     """`count` trials of robots of a profile, the first with the seed.
 
     The leg controller makes up for what the profile `known` says of the drives.
     """
     return Evaluation(
-        robot=loop.robot, grid=loop.grid, camera=loop.camera, course=COURSES[course], trials=count, seed=seed,
+        robot=loop.robot, grid=loop.grid, camera=loop.camera, course=COURSES[course], trials=count,
+        seed=seed,
         profile=str(profile), known=known,
     )  # fmt: skip
 
 
 def run_trials(
-    models: Mapping[ModelKind, Path | None], evaluation: Evaluation, listener: Listener | None = None
+    models: Mapping[ModelKind, Path | None],
+    evaluation: Evaluation,
+    listener: Listener | None = None,
 ) -> Iterator[dict[int, TrialResult]]:
     """Runs trials with networks, the shipped ones where none is named; yields batches by seed."""
     heights = PredictedHeightsFactory(model=models["heightmap"])
-    return evaluate(evaluation, heights, partial(make_planner, "learned", model=models["policy"]), listener=listener)
+    return evaluate(
+        evaluation,
+        heights,
+        partial(make_planner, "learned", model=models["policy"]),
+        listener=listener,
+    )

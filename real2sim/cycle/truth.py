@@ -54,16 +54,25 @@ def rows_of(folder: CycleFolder) -> list[TruthRow]:
     known, hidden = read(folder.known), read(folder.hidden) if folder.hidden.exists() else None
     rows = [] if hidden is None else list(_hidden(folder, known, hidden, effects))
     told = {(row.effect, row.parameter) for row in rows}
-    others = ((e, name, interval) for e in effects for name, interval in e.params.items() if (e.name, name) not in told)
+    others = (
+        (e, name, interval)
+        for e in effects
+        for name, interval in e.params.items()
+        if (e.name, name) not in told
+    )
     for effect, name, interval in others:
         before, true = (
-            None if profile is None else float(np.mean(_values(profile, effect.name, name)[_places(effect)]))
+            None
+            if profile is None
+            else float(np.mean(_values(profile, effect.name, name)[_places(effect)]))
             for profile in (known, hidden)
         )
         rows.append(
             TruthRow(
-                effect=effect.name, parameter=name, unit=interval.unit, where=_where(effect), known=before,
-                true=true, found=interval.value, ci90=interval.ci90, remark="" if hidden is None else WRONG,
+                effect=effect.name, parameter=name, unit=interval.unit, where=_where(effect),
+                known=before,
+                true=true, found=interval.value, ci90=interval.ci90,
+                remark="" if hidden is None else WRONG,
             )
         )  # fmt: skip
     return rows
@@ -79,7 +88,8 @@ def _hidden(
             if field.metadata["null"] == ():  # a curve is no number: found are knee and plateau
                 if _effect(known, name) != _effect(hidden, name):
                     yield TruthRow(
-                        effect=name, parameter=field.name, unit=field.metadata["unit"], where="", known=None,
+                        effect=name, parameter=field.name, unit=field.metadata["unit"], where="",
+                        known=None,
                         true=float("nan"), found=None, ci90=None, remark=_why_not(folder, name),
                     )  # fmt: skip
                 continue
@@ -99,10 +109,17 @@ def _hidden(
                 )  # fmt: skip
 
 
-def _finding(effects: tuple[FoundEffect, ...], name: str, parameter: str, places: Indices) -> FoundEffect | None:
+def _finding(
+    effects: tuple[FoundEffect, ...], name: str, parameter: str, places: Indices
+) -> FoundEffect | None:
     """Finding of an effect at the first of these joints."""
     return next(
-        (e for e in effects if e.name == name and parameter in e.params and places[0] in _places(e).tolist()), None
+        (
+            e
+            for e in effects
+            if e.name == name and parameter in e.params and places[0] in _places(e).tolist()
+        ),
+        None,
     )
 
 
@@ -126,7 +143,9 @@ def _why_not(folder: CycleFolder, name: str) -> str:
 
 def _values(profile: Profile, name: str, parameter: str) -> Floats:
     """A parameter at the 12 joints; of what is no effect of joints, 12 times the same."""
-    return np.broadcast_to(np.asarray(getattr(_effect(profile, name), parameter), dtype=np.float64), len(JOINTS))
+    return np.broadcast_to(
+        np.asarray(getattr(_effect(profile, name), parameter), dtype=np.float64), len(JOINTS)
+    )
 
 
 def _effect(profile: Profile, name: str) -> Effect:

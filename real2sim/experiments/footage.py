@@ -65,7 +65,10 @@ class FootageCamera:
     def claim(self) -> dict[str, Any]:
         """`meta.camera` of a run log."""
         return {
-            **{name: getattr(self.intrinsics, name) for name in ("fx", "fy", "cx", "cy", "width", "height")},
+            **{
+                name: getattr(self.intrinsics, name)
+                for name in ("fx", "fy", "cx", "cy", "width", "height")
+            },
             "position": self.mount.position.tolist(),
             **{name: getattr(self.mount, name) for name in ("roll", "pitch", "yaw")},
             "rate": self.rate_hz,
@@ -97,12 +100,18 @@ def film(
     claimed = RobotCamera(robot=robot, intrinsics=camera.intrinsics, mount=camera.mount)
     renderer = EmbreeRenderer(terrain, claimed.moved(profile.view_chain), threads=1)
     poses = ("position_base_in_world", "quaternion_base_in_world", "joint_position")
-    depth = renderer.render_batch(*(np.array([getattr(state, name) for state in states]) for name in poses)).astype(
-        np.float64
+    depth = renderer.render_batch(
+        *(np.array([getattr(state, name) for state in states]) for name in poses)
+    ).astype(np.float64)
+    depth += (
+        AXIAL_NOISE
+        * np.where(np.isfinite(depth), depth, 0.0) ** 2
+        * rng.standard_normal(depth.shape)
     )
-    depth += AXIAL_NOISE * np.where(np.isfinite(depth), depth, 0.0) ** 2 * rng.standard_normal(depth.shape)
     depth[~(depth <= RANGE_MAX_M)] = 0.0
-    shown, arrival_s = to_images(profile, camera.intrinsics.fx).camera_chain.film(depth, capture_s, rng)
+    shown, arrival_s = to_images(profile, camera.intrinsics.fx).camera_chain.film(
+        depth, capture_s, rng
+    )
     kept = np.isfinite(arrival_s)
     return DepthTable(
         arrival_s=arrival_s[kept],

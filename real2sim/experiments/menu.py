@@ -49,7 +49,11 @@ class Experiment:
 
     def gains(self, robot: Robot) -> tuple[float, float]:
         """Kp [Nm/rad] and kd [Nm s/rad] of all joints."""
-        return self.held_gains if self.base == "fixed" else (robot.gains.stand_kp, robot.gains.stand_kd)
+        return (
+            self.held_gains
+            if self.base == "fixed"
+            else (robot.gains.stand_kp, robot.gains.stand_kd)
+        )
 
     def duration_s(self, robot: Robot) -> float:
         """Time in motion."""
@@ -90,7 +94,12 @@ def _heave_and_pitch(robot: Robot) -> tuple[Section, ...]:
 def _at(robot: Robot, *ahead_m: float) -> tuple[Section, ...]:
     """A robot that is put at several distances from the first edge, twice at each."""
     return tuple(
-        Section(name=f"{x:g} m {i + 1}", condition=f"{x:g} m", commands=motions.rest(robot, 2.5), ahead_m=x)
+        Section(
+            name=f"{x:g} m {i + 1}",
+            condition=f"{x:g} m",
+            commands=motions.rest(robot, 2.5),
+            ahead_m=x,
+        )
         for i in range(2)
         for x in ahead_m
     )
@@ -99,7 +108,11 @@ def _at(robot: Robot, *ahead_m: float) -> tuple[Section, ...]:
 def _drops(robot: Robot, *heights_m: float) -> tuple[Section, ...]:
     return tuple(
         Section(
-            name=f"{h:g} m {i + 1}", condition=f"drop {h:g} m", commands=motions.rest(robot, 1.5), ahead_m=1.5, drop_m=h
+            name=f"{h:g} m {i + 1}",
+            condition=f"drop {h:g} m",
+            commands=motions.rest(robot, 1.5),
+            ahead_m=1.5,
+            drop_m=h,
         )
         for i in range(3)
         for h in heights_m
@@ -108,16 +121,19 @@ def _drops(robot: Robot, *heights_m: float) -> tuple[Section, ...]:
 
 _FRICTION = ("viscous_friction", "coulomb_friction", "stiction", "backlash")
 _TIMING = (
-    "command_delay", "actuator_lag", "velocity_filter", "velocity_scale", "armature", "viscous_friction", "torque_gain",
+    "command_delay", "actuator_lag", "velocity_filter", "velocity_scale", "armature",
+    "viscous_friction", "torque_gain",
 )  # fmt: skip
 _IMAGE_GEOMETRY = ("camera_pitch", "camera_height", "camera_fov", "depth_scale", "depth_bias")
 _IMAGE_EDGES = ("edge_holes", "hole_fill", "range_clip", "depth_noise")
 
 _ALL = (
     Experiment(
-        name="joint_tour", how="chirps, triangles, steps and holds of all joints of a held robot, each twice",
+        name="joint_tour",
+        how="chirps, triangles, steps and holds of all joints of a held robot, each twice",
         shows=(
-            *_TIMING[:5], "torque_gain", *_FRICTION, "torque_saturation", "torque_speed_limit", "encoder_bias",
+            *_TIMING[:5], "torque_gain", *_FRICTION, "torque_saturation", "torque_speed_limit",
+            "encoder_bias",
             "joint_spring", "battery_sag",
         ),
         base="fixed", held_gains=(30.0, 1.2), sections=_tour, limits=HELD,
@@ -127,9 +143,11 @@ _ALL = (
         shows=_TIMING, base="fixed", sections=lambda robot: _chirps(robot, 10.0), limits=HELD,
     ),
     Experiment(
-        name="joint_chirp_kp2", how="the joint chirp with twice the stiffness: gain and inertia part",
+        name="joint_chirp_kp2",
+        how="the joint chirp with twice the stiffness: gain and inertia part",
         shows=("torque_gain", "armature", "command_delay", "actuator_lag"),
-        base="fixed", held_gains=(60.0, 1.6), sections=lambda robot: _chirps(robot, 12.0), limits=HELD,
+        base="fixed", held_gains=(60.0, 1.6), sections=lambda robot: _chirps(robot, 12.0),
+        limits=HELD,
     ),
     Experiment(
         name="single_sine", how="a sine of 1 Hz of all joints of a held robot",
@@ -153,8 +171,10 @@ _ALL = (
         ), limits=HELD,
     ),
     Experiment(
-        name="large_steps", how="jumps of the desired angle by 0.8 to 1.6 rad: high torque, high speed",
-        shows=("torque_saturation", "torque_speed_limit", "torque_gain"), base="fixed", held_gains=(24.0, 1.4),
+        name="large_steps",
+        how="jumps of the desired angle by 0.8 to 1.6 rad: high torque, high speed",
+        shows=("torque_saturation", "torque_speed_limit", "torque_gain"), base="fixed",
+        held_gains=(24.0, 1.4),
         sections=lambda robot: _both(
             repeated("0.8 rad", 2, motions.steps(robot, 4.0, 0.6, 0.4)),
             repeated("1.6 rad", 3, motions.steps(robot, 4.0, 0.6, (0.48, 0.48, 0.8))),
@@ -162,18 +182,22 @@ _ALL = (
     ),
     Experiment(
         name="hold_ladder", how="rest at angles up and down the range",
-        shows=("encoder_bias", "joint_spring", "stiction", "torque_gain", "encoder_quantisation"), base="fixed",
-        sections=lambda robot: repeated("hold ladder", 3, motions.hold_ladder(robot, 6.0, 0.6, 6)), limits=HELD,
+        shows=("encoder_bias", "joint_spring", "stiction", "torque_gain", "encoder_quantisation"),
+        base="fixed",
+        sections=lambda robot: repeated("hold ladder", 3, motions.hold_ladder(robot, 6.0, 0.6, 6)),
+        limits=HELD,
     ),
     Experiment(
         name="torque_ladder", how="pulses of feed-forward torque of rising size",
-        shows=("torque_saturation", "feedforward_delay", "torque_gain"), base="fixed", held_gains=(24.0, 1.4),
+        shows=("torque_saturation", "feedforward_delay", "torque_gain"), base="fixed",
+        held_gains=(24.0, 1.4),
         sections=lambda robot: repeated("pulses", 3, motions.torque_ladder(robot, 7.0, (20.0, 20.0, 30.0), 5, 0.010)),
         limits=HELD,
     ),
     Experiment(
         name="heave_and_pitch", how="heave and pitch of the body from 0.3 to 5 Hz before a step",
-        shows=("camera_latency", "temporal_smear", "frame_drop", "imu_latency", "foot_friction"), base="free",
+        shows=("camera_latency", "temporal_smear", "frame_drop", "imu_latency", "foot_friction"),
+        base="free",
         sections=_heave_and_pitch, limits=FREE,
         terrain=lambda: level.make("step", height_m=STEP_M), camera=True,
     ),
@@ -186,7 +210,8 @@ _ALL = (
         ), limits=FREE, terrain=lambda: level.make("step", height_m=STEP_M), camera=True,
     ),
     Experiment(
-        name="heave_sine", how="one sine of body height, 1 Hz", shows=("camera_latency",), base="free",
+        name="heave_sine", how="one sine of body height, 1 Hz", shows=("camera_latency",),
+        base="free",
         sections=lambda robot: repeated("heave", 3, motions.body_sine(robot, 5.0, 1.0, 0.03)),
         limits=FREE, camera=True,
     ),
@@ -212,7 +237,8 @@ _ALL = (
         ), limits=FREE,
     ),
     Experiment(
-        name="stand_with_payload", how="the squat with a known mass of 2 kg on the trunk: mass and gain part",
+        name="stand_with_payload",
+        how="the squat with a known mass of 2 kg on the trunk: mass and gain part",
         shows=("payload_mass", "torque_gain"), base="free",
         sections=lambda robot: _both(
             repeated("stand", 2, motions.rest(robot, 2.0)),

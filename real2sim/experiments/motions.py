@@ -47,12 +47,19 @@ class Section:
     """The height from which it is let fall then."""
 
 
-def sweep(robot: Robot, duration_s: float, start_hz: float, end_hz: float, amplitude_rad: float) -> Commands:
-    """Chirp about the stand, logarithmic in frequency; the amplitude of the velocity does not rise beyond 1 Hz."""
+def sweep(
+    robot: Robot, duration_s: float, start_hz: float, end_hz: float, amplitude_rad: float
+) -> Commands:
+    """Chirp about the stand, logarithmic in frequency.
+
+    The amplitude of the velocity does not rise beyond 1 Hz.
+    """
     t = _times(duration_s)
     rate = np.log(end_hz / start_hz) / duration_s
     phase = 2.0 * np.pi * start_hz * np.expm1(rate * t) / rate
-    amplitude = amplitude_rad * _envelope(t, duration_s) / np.maximum(1.0, start_hz * np.exp(rate * t))
+    amplitude = (
+        amplitude_rad * _envelope(t, duration_s) / np.maximum(1.0, start_hz * np.exp(rate * t))
+    )
     return _about_stand(robot, amplitude[:, None] * np.sin(phase[:, None] + JOINT_PHASE))
 
 
@@ -72,14 +79,18 @@ def triangle(robot: Robot, duration_s: float, speed_rad_s: float, amplitude_rad:
     return _about_stand(robot, amplitude_rad * _envelope(t, duration_s)[:, None] * wave)
 
 
-def steps(robot: Robot, duration_s: float, period_s: float, amplitude_rad: float | Sequence[float]) -> Commands:
+def steps(
+    robot: Robot, duration_s: float, period_s: float, amplitude_rad: float | Sequence[float]
+) -> Commands:
     """Jumps of the desired angle from one side of the stand to the other, a joint of each leg at a time."""
     t = _times(duration_s)
     turn = np.tile([0.0, 1.0 / 3.0, 2.0 / 3.0], 4) * period_s
     sign = np.where(((t[:, None] + turn) // period_s) % 2 < 1, 1.0, -1.0)
     inside = ((t > RAMP_S) & (t < duration_s - RAMP_S))[:, None]
     offset = np.where(inside, np.tile(np.broadcast_to(amplitude_rad, 3), 4) * sign, 0.0)
-    return Commands(q_des=robot.stand_pose + offset, dq_des=np.zeros_like(offset), tau_ff=np.zeros_like(offset))
+    return Commands(
+        q_des=robot.stand_pose + offset, dq_des=np.zeros_like(offset), tau_ff=np.zeros_like(offset)
+    )
 
 
 def hold_ladder(robot: Robot, duration_s: float, amplitude_rad: float, rungs: int) -> Commands:
@@ -89,14 +100,18 @@ def hold_ladder(robot: Robot, duration_s: float, amplitude_rad: float, rungs: in
     levels = np.concatenate([[0.0], up, up[-2::-1], [0.0]])
     edges = np.linspace(0.0, duration_s, len(levels) + 1)
     move_s = min(0.3, 0.3 * duration_s / len(levels))  # a third of a rung moves, the rest holds
-    knots_t = np.concatenate([[0.0], np.repeat(edges[1:-1], 2) + np.tile([0.0, move_s], len(levels) - 1), [duration_s]])
+    knots_t = np.concatenate(
+        [[0.0], np.repeat(edges[1:-1], 2) + np.tile([0.0, move_s], len(levels) - 1), [duration_s]]
+    )
     knots_y = np.repeat(levels, 2)
     wave = np.interp(t, knots_t, knots_y)
     direction = np.tile([1.0, -1.0, 1.0], 4)
     return _about_stand(robot, amplitude_rad * wave[:, None] * direction)
 
 
-def torque_ladder(robot: Robot, duration_s: float, highest_nm: Sequence[float], rungs: int, pulse_s: float) -> Commands:
+def torque_ladder(
+    robot: Robot, duration_s: float, highest_nm: Sequence[float], rungs: int, pulse_s: float
+) -> Commands:
     """Short feed-forward pulses of rising size, pushing and pulling in turn, one joint of each leg at a time.
 
     The desired angle stays that of the stand: the PD law brings the joint back.
@@ -110,27 +125,45 @@ def torque_ladder(robot: Robot, duration_s: float, highest_nm: Sequence[float], 
         begin = RAMP_S + pulse * period
         on = (t >= begin) & (t < begin + pulse_s)
         torque[np.ix_(on, np.arange(joint, 12, 3))] = side * highest_nm[joint] * (rung + 1) / rungs
-    return Commands(q_des=np.tile(robot.stand_pose, (len(t), 1)), dq_des=np.zeros_like(torque), tau_ff=torque)
+    return Commands(
+        q_des=np.tile(robot.stand_pose, (len(t), 1)), dq_des=np.zeros_like(torque), tau_ff=torque
+    )
 
 
 def body_chirp(
-    robot: Robot, duration_s: float, start_hz: float, end_hz: float, height_m: float = 0.0, pitch_rad: float = 0.0
+    robot: Robot,
+    duration_s: float,
+    start_hz: float,
+    end_hz: float,
+    height_m: float = 0.0,
+    pitch_rad: float = 0.0,
 ) -> Commands:
-    """Heave and pitch of a robot that stands, a quarter of a period apart; speeds do not rise beyond 1 Hz."""
+    """Heave and pitch of a robot that stands, a quarter of a period apart.
+
+    Speeds do not rise beyond 1 Hz.
+    """
     t = _times(duration_s)
     rate = np.log(end_hz / start_hz) / duration_s
     phase = 2.0 * np.pi * start_hz * np.expm1(rate * t) / rate
     amplitude = _envelope(t, duration_s) / np.maximum(1.0, start_hz * np.exp(rate * t))
-    return stance(robot, height_m * amplitude * np.sin(phase), pitch_rad * amplitude * np.cos(phase))
+    return stance(
+        robot, height_m * amplitude * np.sin(phase), pitch_rad * amplitude * np.cos(phase)
+    )
 
 
 def body_sine(
-    robot: Robot, duration_s: float, frequency_hz: float, height_m: float = 0.0, pitch_rad: float = 0.0
+    robot: Robot,
+    duration_s: float,
+    frequency_hz: float,
+    height_m: float = 0.0,
+    pitch_rad: float = 0.0,
 ) -> Commands:
     """Heave and pitch of a robot that stands, at one frequency."""
     t = _times(duration_s)
     phase, amplitude = 2.0 * np.pi * frequency_hz * t, _envelope(t, duration_s)
-    return stance(robot, height_m * amplitude * np.sin(phase), pitch_rad * amplitude * np.sin(phase))
+    return stance(
+        robot, height_m * amplitude * np.sin(phase), pitch_rad * amplitude * np.sin(phase)
+    )
 
 
 def rest(robot: Robot, duration_s: float) -> Commands:
@@ -148,22 +181,31 @@ def stance(robot: Robot, height_m: Floats, pitch_rad: Floats) -> Commands:
         pitch_rad: Of the base, nose down positive, shape (n,).
 
     Returns:
-        Angles by inverse kinematics and the feed-forward torque that carries a quarter of the weight on each leg.
+        Angles by inverse kinematics and the feed-forward torque that carries a quarter of the
+        weight on each leg.
     """
     zero = np.zeros_like(height_m)
-    rotation = np.asarray(rotation_matrix(quaternion_from_roll_pitch_yaw(zero, pitch_rad, zero)))  # (n, 3, 3)
+    rotation = np.asarray(
+        rotation_matrix(quaternion_from_roll_pitch_yaw(zero, pitch_rad, zero))
+    )  # (n, 3, 3)
     legs = LegKinematics(robot)
-    raised = legs.position(robot.stand_pose) - np.stack([zero, zero, height_m], axis=-1)[:, None, :]  # (n, 4, 3), world
+    raised = (
+        legs.position(robot.stand_pose) - np.stack([zero, zero, height_m], axis=-1)[:, None, :]
+    )  # (n, 4, 3), world
     q_des = legs.inverse(raised @ rotation)
     jacobian = legs.jacobian(q_des)
-    down_in_base = rotation.mT @ np.array([0.0, 0.0, -0.25 * robot.mass * GRAVITY])  # what a foot exerts, (n, 3)
+    down_in_base = rotation.mT @ np.array(
+        [0.0, 0.0, -0.25 * robot.mass * GRAVITY]
+    )  # what a foot exerts, (n, 3)
     tau_ff = np.einsum("nlij,ni->nlj", jacobian, down_in_base).reshape(len(q_des), 12)
     return Commands(q_des=q_des, dq_des=np.gradient(q_des, PHYSICS_DT, axis=0), tau_ff=tau_ff)
 
 
 def repeated(name: str, count: int, commands: Commands) -> tuple[Section, ...]:
     """The same motion several times: repeats tell noise from what the simulator lacks."""
-    return tuple(Section(name=f"{name} {i + 1}", condition=name, commands=commands) for i in range(count))
+    return tuple(
+        Section(name=f"{name} {i + 1}", condition=name, commands=commands) for i in range(count)
+    )
 
 
 def _times(duration_s: float) -> Floats:
@@ -178,4 +220,6 @@ def _envelope(t: Floats, duration_s: float) -> Floats:
 
 def _about_stand(robot: Robot, offset: Floats) -> Commands:
     q_des = robot.stand_pose + offset
-    return Commands(q_des=q_des, dq_des=np.gradient(q_des, PHYSICS_DT, axis=0), tau_ff=np.zeros_like(q_des))
+    return Commands(
+        q_des=q_des, dq_des=np.gradient(q_des, PHYSICS_DT, axis=0), tau_ff=np.zeros_like(q_des)
+    )

@@ -47,7 +47,11 @@ class Separations:
         if (a in self.visible) != (b in self.visible):
             return 0.0
         names = list(self.visible)
-        return self.cosine[names.index(max(a, b))][names.index(min(a, b))] if a in self.visible and a != b else 1.0
+        return (
+            self.cosine[names.index(max(a, b))][names.index(min(a, b))]
+            if a in self.visible and a != b
+            else 1.0
+        )
 
     def _sigma(self, name: str, sizes: dict[str, float]) -> float:
         size, sigma = self.visible[name]
@@ -55,7 +59,10 @@ class Separations:
 
 
 def next_experiment(
-    robot: Robot, sets: Sequence[tuple[str, ...]], rivals: Sequence[FoundEffect], rigs: Sequence[dict[str, Any]] = ()
+    robot: Robot,
+    sets: Sequence[tuple[str, ...]],
+    rivals: Sequence[FoundEffect],
+    rigs: Sequence[dict[str, Any]] = (),
 ) -> NextExperiment | None:
     """The experiment that tells the effects of the first set apart; None where there is no set, or none does.
 
@@ -71,7 +78,9 @@ def next_experiment(
     def worth(name: str) -> float:
         # what the simulator does not know grows with the signal: of two equal leads the one on less
         # signal is safer
-        return min(table[name].nats(*pair, sizes) * (1.0 - table[name].alike(*pair) ** 2) for pair in pairs)
+        return min(
+            table[name].nats(*pair, sizes) * (1.0 - table[name].alike(*pair) ** 2) for pair in pairs
+        )
 
     best = max(table, key=worth, default="")
     if not best or worth(best) <= 0.0:
@@ -80,13 +89,17 @@ def next_experiment(
     experiment = EXPERIMENTS[best]
     alike = max(table[best].alike(*pair) for pair in pairs)
     why = (
-        f"{experiment.how}: there {' and '.join(sets[0])} look alike by {alike:.2f} only and are expected "
-        f"{nats:.0f} nats apart; takes {experiment.duration_s(robot):.0f} s; {experiment.limits.in_words()}"
+        f"{experiment.how}: there {' and '.join(sets[0])} look alike by {alike:.2f} only and are "
+        f"expected "
+        f"{nats:.0f} nats apart; takes {experiment.duration_s(robot):.0f} s; "
+        f"{experiment.limits.in_words()}"
     )
     return NextExperiment(name=best, why=why, expected_separation=nats)
 
 
-def _table(robot: Robot, members: Sequence[str], rigs: Sequence[dict[str, Any]]) -> dict[str, Separations]:
+def _table(
+    robot: Robot, members: Sequence[str], rigs: Sequence[dict[str, Any]]
+) -> dict[str, Separations]:
     """Returns what each experiment shows that these rigs can do."""
     table = separations()
     if rigs and all(rig.get("base") == "fixed" for rig in rigs):
@@ -99,7 +112,10 @@ def _table(robot: Robot, members: Sequence[str], rigs: Sequence[dict[str, Any]])
     from saltus.real2sim.experiments.separations import measure
 
     seeing = [name for name, experiment in EXPERIMENTS.items() if experiment.camera]
-    return {name: Separations(**measure(EXPERIMENTS[name], robot, FootageCamera.of(camera))) for name in seeing}
+    return {
+        name: Separations(**measure(EXPERIMENTS[name], robot, FootageCamera.of(camera)))
+        for name in seeing
+    }
 
 
 @cache

@@ -51,7 +51,11 @@ class Instruments:
         self._rng = rng
 
     def joints(
-        self, time_s: Floats, states: Sequence[PlantState], sent: Sequence[JointCommand], believed: Sequence[Floats]
+        self,
+        time_s: Floats,
+        states: Sequence[PlantState],
+        sent: Sequence[JointCommand],
+        believed: Sequence[Floats],
     ) -> JointTable:
         """Returns what encoders measured, and what commands were sent and what drives believed.
 
@@ -93,7 +97,9 @@ class Instruments:
 
     def feet(self, time_s: Floats, states: Sequence[PlantState]) -> Table:
         """The table `feet` of a run log."""
-        return Table(time_s=time_s, values=self._noisy(_stacked(states, "foot_force"), self._noise.foot_n))
+        return Table(
+            time_s=time_s, values=self._noisy(_stacked(states, "foot_force"), self._noise.foot_n)
+        )
 
     def _noisy(self, values: Floats, sigma: float) -> Floats:
         return values + sigma * self._rng.standard_normal(values.shape)
@@ -107,7 +113,8 @@ def _stacked(samples: Sequence[PlantState | ImuReading | JointCommand], name: st
     return np.array([getattr(sample, name) for sample in samples], dtype=np.float64)
 
 
-SETTLE_S = 0.6  # a robot that was put on its feet has come to rest: three time constants of its slowest mode
+# A robot that was put on its feet has come to rest: three time constants of its slowest mode
+SETTLE_S = 0.6
 CARRIED_S = 1.0  # time on the log's clock that passes while somebody puts the robot elsewhere
 TIME_DIGITS = 6  # of a clock that counts microseconds
 BASE_EVERY = 2  # motion capture at 250 Hz, every second tick
@@ -152,13 +159,15 @@ def run(
     that is done.
 
     Raises:
-        UnsafeMotionError: the motion would leave the experiment's limits, or the robot has left them.
+        UnsafeMotionError: the motion would leave the experiment's limits, or the robot has left
+            them.
     """
     sections, terrain = experiment.sections(robot), experiment.terrain()
     for section in sections:
         experiment.limits.check_commands(robot, section.commands, experiment.gains(robot)[0])
     plant = Plant(
-        robot, terrain, payload_kg=experiment.payload_kg, chain=profile.actuator_chain, body=profile.body_chain,
+        robot, terrain, payload_kg=experiment.payload_kg, chain=profile.actuator_chain,
+        body=profile.body_chain,
         imu=profile.imu_chain, held=experiment.base == "fixed",
     )  # fmt: skip
     tape = _move(plant, experiment, robot, sections, terrain, progress)
@@ -181,7 +190,10 @@ def _move(
     terrain: Terrain,
     progress: Callable[[float], None] | None,
 ) -> _Tape:
-    """Plays all sections; those that put the robot elsewhere begin with a rest, unless it is let fall."""
+    """Plays all sections.
+
+    Those that put the robot elsewhere begin with a rest, unless it is let fall.
+    """
     tape = _Tape()
     now = 0.0
     rest = round(SETTLE_S / PHYSICS_DT)
@@ -199,30 +211,44 @@ def _move(
         for command in _commands(section, ticks, experiment.gains(robot)):
             state, imu = plant.state, plant.imu
             pose = state.quaternion_base_in_world
-            experiment.limits.check_state(robot, now, pose, state.joint_position, state.joint_velocity)
+            experiment.limits.check_state(
+                robot, now, pose, state.joint_position, state.joint_velocity
+            )
             believed = plant.step(command).joint_torque
-            tape.rows.append(_Row(time_s=now, state=state, imu=imu, command=command, believed=believed))
+            tape.rows.append(
+                _Row(time_s=now, state=state, imu=imu, command=command, believed=believed)
+            )
             now = round(now + PHYSICS_DT, TIME_DIGITS)
-        tape.segments.append({"name": section.name, "t0": begin, "t1": now, "condition": section.condition})
+        tape.segments.append(
+            {"name": section.name, "t0": begin, "t1": now, "condition": section.condition}
+        )
         if progress is not None:
             progress((index + 1) / len(sections))
     return tape
 
 
-def _commands(section: Section, ticks: Indices, gains: tuple[float, float]) -> Iterator[JointCommand]:
+def _commands(
+    section: Section, ticks: Indices, gains: tuple[float, float]
+) -> Iterator[JointCommand]:
     """The commands of a section at some ticks, with these gains at all joints."""
     kp, kd = (np.full(len(JOINTS), gain) for gain in gains)
     of = section.commands
     for tick in ticks:
-        yield JointCommand(position=of.q_des[tick], velocity=of.dq_des[tick], kp=kp, kd=kd, torque=of.tau_ff[tick])
+        yield JointCommand(
+            position=of.q_des[tick], velocity=of.dq_des[tick], kp=kp, kd=kd, torque=of.tau_ff[tick]
+        )
 
 
-def _log(tape: _Tape, experiment: Experiment, robot: Robot, terrain: Terrain, instruments: Instruments) -> RunLog:
+def _log(
+    tape: _Tape, experiment: Experiment, robot: Robot, terrain: Terrain, instruments: Instruments
+) -> RunLog:
     rows = tape.rows
     time_s = np.array([row.time_s for row in rows])
     states = [row.state for row in rows]
     meta = _meta(tape, experiment, robot, terrain)
-    joints = instruments.joints(time_s, states, [row.command for row in rows], [row.believed for row in rows])
+    joints = instruments.joints(
+        time_s, states, [row.command for row in rows], [row.believed for row in rows]
+    )
     if experiment.base == "fixed":
         return RunLog(meta=meta, joints=joints)
     return RunLog(

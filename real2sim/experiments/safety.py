@@ -36,8 +36,10 @@ class Limits:
     def in_words(self) -> str:
         """The limits in a line."""
         return (
-            f"keeps {self.margin_rad:g} rad from the ends of joints, asks for at most {self.speed_share:.0%} of their "
-            f"speed and {self.torque_share:.0%} of their torque, stops beyond {self.tilt_rad:g} rad of tilt"
+            f"keeps {self.margin_rad:g} rad from the ends of joints, asks for at most "
+            f"{self.speed_share:.0%} of their "
+            f"speed and {self.torque_share:.0%} of their torque, stops beyond {self.tilt_rad:g} "
+            f"rad of tilt"
         )
 
     def check_commands(self, robot: Robot, commands: Commands, kp: float) -> None:
@@ -50,17 +52,29 @@ class Limits:
         """
         low, high = robot.joint_lower + self.margin_rad, robot.joint_upper - self.margin_rad
         excess = np.maximum(low - commands.q_des, commands.q_des - high).max(axis=0)
-        self._refuse(excess, commands.q_des, "is asked for an angle [rad]", f"{self.margin_rad} rad inside its range")
+        self._refuse(
+            excess,
+            commands.q_des,
+            "is asked for an angle [rad]",
+            f"{self.margin_rad} rad inside its range",
+        )
         speed = np.abs(commands.dq_des) - self.speed_share * robot.speed_limit
         self._refuse(
-            speed.max(axis=0), commands.dq_des, "is asked for a speed [rad/s]", f"{self.speed_share:.0%} of its limit"
+            speed.max(axis=0),
+            commands.dq_des,
+            "is asked for a speed [rad/s]",
+            f"{self.speed_share:.0%} of its limit",
         )
         jump = np.abs(np.diff(commands.q_des, axis=0, prepend=commands.q_des[:1]))
         asked = np.abs(commands.tau_ff) + kp * jump
         torque = (asked - self.torque_share * robot.torque_limit).max(axis=0)
-        self._refuse(torque, asked, "is asked for a torque [Nm]", f"{self.torque_share:.0%} of its limit")
+        self._refuse(
+            torque, asked, "is asked for a torque [Nm]", f"{self.torque_share:.0%} of its limit"
+        )
 
-    def check_state(self, robot: Robot, time_s: float, quaternion: Floats, position: Floats, velocity: Floats) -> None:
+    def check_state(
+        self, robot: Robot, time_s: float, quaternion: Floats, position: Floats, velocity: Floats
+    ) -> None:
         """Stops a robot that leaves the limits.
 
         Args:
@@ -77,7 +91,8 @@ class Limits:
         joint = int(outside.argmax())
         if outside[joint] > 0.0:
             raise UnsafeMotionError(
-                f"stopped at {time_s:.2f} s: {JOINTS[joint]} is at {position[joint]:.2f} rad, its range is "
+                f"stopped at {time_s:.2f} s: {JOINTS[joint]} is at {position[joint]:.2f} rad, its "
+                f"range is "
                 f"{robot.joint_lower[joint]:.2f} to {robot.joint_upper[joint]:.2f}"
             )
         fast = np.abs(velocity) / robot.speed_limit
@@ -90,7 +105,8 @@ class Limits:
         roll, pitch, _ = roll_pitch_yaw(rotation_matrix(quaternion))
         if max(abs(float(roll)), abs(float(pitch))) > self.tilt_rad:
             raise UnsafeMotionError(
-                f"stopped at {time_s:.2f} s: the base tilts by {float(roll):.2f} rad (roll) and {float(pitch):.2f} rad "
+                f"stopped at {time_s:.2f} s: the base tilts by {float(roll):.2f} rad (roll) and "
+                f"{float(pitch):.2f} rad "
                 f"(pitch); at most {self.tilt_rad} rad is allowed"
             )
 

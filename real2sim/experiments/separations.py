@@ -30,7 +30,9 @@ NOTHING = 1e-9
 """Share of a signature's norm below which it is rounding."""
 
 
-def measure(experiment: Experiment, robot: Robot, camera: FootageCamera | None = None) -> dict[str, Any]:
+def measure(
+    experiment: Experiment, robot: Robot, camera: FootageCamera | None = None
+) -> dict[str, Any]:
     """The experiment's entry in the table: sizes and norms of effects by name, and cosines in their order.
 
     With a camera, only what this camera shows is measured.
@@ -48,11 +50,15 @@ def measure(experiment: Experiment, robot: Robot, camera: FootageCamera | None =
         signatures |= {name: seen for name, seen in here.items() if name not in signatures}
     names = sorted(signatures)
     visible = {
-        name: [_short(signatures[name][0]), _short(float(np.linalg.norm(signatures[name][1])))] for name in names
+        name: [_short(signatures[name][0]), _short(float(np.linalg.norm(signatures[name][1])))]
+        for name in names
     }
     # sensors see different things: two effects that no sensor sees both of cannot be taken for each
     # other
-    return {"visible": visible, "cosine": [[_short(cosine.get((a, b), 0.0)) for b in names] for a in names]}
+    return {
+        "visible": visible,
+        "cosine": [[_short(cosine.get((a, b), 0.0)) for b in names] for a in names],
+    }
 
 
 def _signatures(problem: Problem) -> dict[str, tuple[float, Floats]]:
@@ -73,10 +79,16 @@ def _signatures(problem: Problem) -> dict[str, tuple[float, Floats]]:
             row = null.copy()
             for i in own:
                 row[spans[i].start + k] += _amount(problem.candidates[i].unknowns[k])
-            (nuisances if problem.candidates[own[0]].is_nuisance else columns.setdefault(name, [])).append(len(rows))
+            (
+                nuisances
+                if problem.candidates[own[0]].is_nuisance
+                else columns.setdefault(name, [])
+            ).append(len(rows))
             rows.append(row)
     unknowns = np.repeat(np.array(rows)[:, None], len(problem.blocks), axis=1)
-    residuals = np.concatenate([problem.residuals(unknowns[i : i + 1]) for i in range(len(unknowns))])
+    residuals = np.concatenate(
+        [problem.residuals(unknowns[i : i + 1]) for i in range(len(unknowns))]
+    )
     change = (residuals[1:] - residuals[0]).reshape(len(rows) - 1, -1)
     basis = _basis(change[[i - 1 for i in nuisances]].T)
     by_name = {candidate.effect: candidate for candidate in problem.candidates}

@@ -31,7 +31,12 @@ from saltus.robots.robot import JOINTS, Robot
 
 WORTH_SAYING = ("q_des", "kp", "kd", "dq", "tau_est", "imu", "base", "depth")
 """Parts of a log whose absence makes effects untestable."""
-OPTIONAL = (*(signal for signal in JOINT_SIGNALS if signal not in REQUIRED_SIGNALS), "imu", "base", "depth")
+OPTIONAL = (
+    *(signal for signal in JOINT_SIGNALS if signal not in REQUIRED_SIGNALS),
+    "imu",
+    "base",
+    "depth",
+)
 """Signals and parts that a log may lack."""
 CURES = {
     "not_a_number": "; or leave the signal out of the log: leave_out, in the description",
@@ -50,7 +55,9 @@ class Imported:
     """Notes on what was read, and on what is not in the logs."""
 
 
-def import_recording(recording: Path, out: Path, description: Description, robot: Robot) -> Imported:
+def import_recording(
+    recording: Path, out: Path, description: Description, robot: Robot
+) -> Imported:
     """Writes a bag or a table as a run log, or as several into folders below `out`: for each leg, or of an archive.
 
     Args:
@@ -68,18 +75,25 @@ def import_recording(recording: Path, out: Path, description: Description, robot
     kind = kind_of(recording)
     if kind not in READERS:
         unit_m = description.units.depth_unit_m
-        log, notes = read_rosbag(recording, description.topics, description.leave_out, _image_size(description), unit_m)
+        log, notes = read_rosbag(
+            recording, description.topics, description.leave_out, _image_size(description), unit_m
+        )
         names = [description.joint_names.get(name, name) for name in log.meta["joints"]]
         parts = {"": replace(log, meta=log.meta | {"joints": names})}
     elif description.columns is None:
-        raise RecordingError(f"{recording}: name its columns in the [columns] of a file, with --description")
+        raise RecordingError(
+            f"{recording}: name its columns in the [columns] of a file, with --description"
+        )
     else:
-        parts, notes = read_table(recording, kind, description.columns, description.joint_names, description.leave_out)
+        parts, notes = read_table(
+            recording, kind, description.columns, description.joint_names, description.leave_out
+        )
     logs: dict[Path, RunLog] = {}
     for name, part in parts.items():
         if len(parts) > 1 and len(part.joints.time_s) < MIN_ROWS:
             notes.append(
-                f"{name}: {len(part.joints.time_s)} rows are too few to compare with anything, and are left out"
+                f"{name}: {len(part.joints.time_s)} rows are too few to compare with anything, and "
+                f"are left out"
             )
             continue
         logs[out / name], told = _completed(part, recording, description, robot)
@@ -88,13 +102,17 @@ def import_recording(recording: Path, out: Path, description: Description, robot
         raise RecordingError(f"{recording}: none of its {len(parts)} logs has {MIN_ROWS} rows")
     for folder, log in logs.items():
         write_run_log(log, folder, robot)
-    return Imported(logs=tuple(logs), notes=(*notes, *_lacking(next(iter(logs.values())), description)))
+    return Imported(
+        logs=tuple(logs), notes=(*notes, *_lacking(next(iter(logs.values())), description))
+    )
 
 
 def _image_size(description: Description) -> tuple[int, int] | None:
     """Width and height of the images that a description claims."""
     camera = description.claims.get("camera")
-    width, height = (camera.get("width"), camera.get("height")) if isinstance(camera, dict) else (None, None)
+    width, height = (
+        (camera.get("width"), camera.get("height")) if isinstance(camera, dict) else (None, None)
+    )
     return (width, height) if isinstance(width, int) and isinstance(height, int) else None
 
 
@@ -102,7 +120,8 @@ def _check_left_out(names: Iterable[str]) -> None:
     for name in names:
         if name not in OPTIONAL:
             raise RecordingError(
-                f"leave_out has '{name}', which no log may lack or none has: {nearest_hint(name, OPTIONAL)}"
+                f"leave_out has '{name}', which no log may lack or none has: "
+                f"{nearest_hint(name, OPTIONAL)}"
             )
 
 
@@ -110,13 +129,22 @@ def _check_units(description: Description) -> None:
     """Refuses a unit that is said twice, or where it says nothing."""
     columns, units = description.columns, description.units
     if units.time_unit is not None:
-        raise RecordingError("[units] time_unit: a bag's stamps have their own; say a table's as [columns] time_unit")
+        raise RecordingError(
+            "[units] time_unit: a bag's stamps have their own; say a table's as [columns] time_unit"
+        )
     if columns is not None and columns.angle == "deg" and (units.angle_unit or units.speed_unit):
-        raise RecordingError('[columns] angle = "deg" and [units] angle_unit or speed_unit say one thing twice')
+        raise RecordingError(
+            '[columns] angle = "deg" and [units] angle_unit or speed_unit say one thing twice'
+        )
 
 
-def _completed(log: RunLog, recording: Path, description: Description, robot: Robot) -> tuple[RunLog, list[str]]:
-    """The log with all claims, in the robot's order, and notes; one that contradicts itself is refused."""
+def _completed(
+    log: RunLog, recording: Path, description: Description, robot: Robot
+) -> tuple[RunLog, list[str]]:
+    """The log with all claims, in the robot's order, and notes.
+
+    One that contradicts itself is refused.
+    """
     claims = description.claims
     joints, log = _on_robot(log, robot)
     log, notes = without_absent(replace(log, meta=log.meta | {"joints": joints}), recording)
@@ -127,7 +155,9 @@ def _completed(log: RunLog, recording: Path, description: Description, robot: Ro
         "terrain": "flat",
         "notes": f"imported from {recording.name}",
         **log.meta,
-        "control_dt": round(log.meta["control_dt"], 9),  # [s], as differences of times leave digits behind the ns
+        "control_dt": round(
+            log.meta["control_dt"], 9
+        ),  # [s], as differences of times leave digits behind the ns
         **claims,
         "joints": joints,
     }
@@ -142,8 +172,12 @@ def _completed(log: RunLog, recording: Path, description: Description, robot: Ro
     except RecordingError as error:
         raise RecordingError(f"{recording}: {error} (say it in [claims])") from error
     stated = description.units if "units" not in claims else stated_units(meta)
-    log = in_si(replace(log, meta=meta), replace(stated, depth_unit_m=None))  # images are in millimetres already
-    faults = [f for f in (*clock_faults(log), *believed_units(log)) if f.is_fatal or f.name == "too_short"]
+    log = in_si(
+        replace(log, meta=meta), replace(stated, depth_unit_m=None)
+    )  # images are in millimetres already
+    faults = [
+        f for f in (*clock_faults(log), *believed_units(log)) if f.is_fatal or f.name == "too_short"
+    ]
     if faults:
         raise RecordingError(f"{recording}: {faults[0].text}{CURES.get(faults[0].name, '')}")
     return log, notes
@@ -159,18 +193,32 @@ def _on_robot(log: RunLog, robot: Robot) -> tuple[list[str], RunLog]:
     joints = [name for name in JOINTS if name in own]
     order = [own.index(name) for name in joints]
     sign = robot.joint_sign[[JOINTS.index(name) for name in joints]]
-    signals = {name: values for name in JOINT_SIGNALS if (values := getattr(log.joints, name)) is not None}
-    turned = {name: values[:, order] * (1.0 if name in GAINS else sign) for name, values in signals.items()}
+    signals = {
+        name: values for name in JOINT_SIGNALS if (values := getattr(log.joints, name)) is not None
+    }
+    turned = {
+        name: values[:, order] * (1.0 if name in GAINS else sign)
+        for name, values in signals.items()
+    }
     return joints, replace(log, joints=replace(log.joints, **turned))
 
 
 def _lacking(log: RunLog, description: Description) -> list[str]:
     """Data that `find` will miss."""
-    there = vars(log.joints) | log.meta | vars(log)  # claims before columns of gains, tables before claims
+    there = (
+        vars(log.joints) | log.meta | vars(log)
+    )  # claims before columns of gains, tables before claims
     absent = [part for part in WORTH_SAYING if there.get(part) is None]
-    notes = [f"not in the log: {', '.join(absent)}; what needs them will be untestable"] if absent else []
+    notes = (
+        [f"not in the log: {', '.join(absent)}; what needs them will be untestable"]
+        if absent
+        else []
+    )
     if "base" not in description.claims:
-        notes.append('the robot is taken to have moved freely: if it was held, say base = "fixed" in [claims]')
+        notes.append(
+            'the robot is taken to have moved freely: if it was held, say base = "fixed" in '
+            "[claims]"
+        )
     return [*notes, *(fault.text for fault in believed_units(log))]
 
 
@@ -196,11 +244,15 @@ def without_absent(log: RunLog, recording: Path) -> tuple[RunLog, list[str]]:
     if empty.any():
         name = names[int(np.argmax(empty))]
         raise RecordingError(
-            f"{recording}: the angles of '{name}' are no numbers throughout; leave the joint out: in [joint_names] its "
+            f"{recording}: the angles of '{name}' are no numbers throughout; leave the joint out: "
+            f"in [joint_names] its "
             'name in the recording = ""'
         )
     notes: list[str] = []
-    moves = float(np.nanmax(np.nanmax(joints.q, axis=0) - np.nanmin(joints.q, axis=0), initial=0.0)) > MOVES_RAD
+    moves = (
+        float(np.nanmax(np.nanmax(joints.q, axis=0) - np.nanmin(joints.q, axis=0), initial=0.0))
+        > MOVES_RAD
+    )
     for signal in JOINT_SIGNALS:
         why = _why(getattr(joints, signal), names, may_be_zero=signal not in ZERO or not moves)
         if why:
@@ -226,11 +278,16 @@ def _why(values: Floats | None, names: list[str], *, may_be_zero: bool) -> str:
     return "" if may_be_zero or np.any(values) else "is zero throughout while joints move"
 
 
-def _told(name: str, table: Table, columns: tuple[str, ...], note: Callable[[str], None]) -> Table | None:
+def _told(
+    name: str, table: Table, columns: tuple[str, ...], note: Callable[[str], None]
+) -> Table | None:
     """The rows of a table that tell something; None where none does."""
     empty = np.all(np.isnan(table.values), axis=0)
     if empty.any():
-        note(f"{name}: {columns[int(np.argmax(empty))]} is no number throughout: the table is taken to be absent")
+        note(
+            f"{name}: {columns[int(np.argmax(empty))]} is no number throughout: the table is taken "
+            f"to be absent"
+        )
         return None
     turned = table.values[:, [columns.index(part) for part in QUATERNION]]
     zero = ~np.any(turned, axis=1)
@@ -238,5 +295,8 @@ def _told(name: str, table: Table, columns: tuple[str, ...], note: Callable[[str
         note(f"{name}: its quaternions are zero throughout: the table is taken to be absent")
         return None
     if zero.any():
-        note(f"{name}: {int(zero.sum())} of {len(zero)} rows have a quaternion of zeros, and are left out")
+        note(
+            f"{name}: {int(zero.sum())} of {len(zero)} rows have a quaternion of zeros, and are "
+            f"left out"
+        )
     return Table(time_s=table.time_s[~zero], values=table.values[~zero])

@@ -66,9 +66,12 @@ def kind_of(path: Path) -> Kind:
     for beginning, what in OF_OTHERS.items():
         if head.startswith(beginning):
             raise RecordingError(
-                f"{path} is {what}; `import` reads {KINDS}: numpy.savez(file, t=..., q=...) writes one"
+                f"{path} is {what}; `import` reads {KINDS}: numpy.savez(file, t=..., q=...) writes "
+                f"one"
             )
-    kind: Kind = next((kind for beginning, kind in BEGINNINGS.items() if head.startswith(beginning)), "text")
+    kind: Kind = next(
+        (kind for beginning, kind in BEGINNINGS.items() if head.startswith(beginning)), "text"
+    )
     if kind == "npz":
         _check_npz(path)
     return kind
@@ -110,7 +113,9 @@ def state_times(q: Floats, dq: Floats, row_s: float, state_s: float) -> Floats:
     # at high speeds
     fast = weight > np.median(weight)
     off = passed - state_s * np.rint(passed / state_s)
-    level = float(np.median(off[fast] ** 2 * weight[fast]) / 0.455)  # median of a squared standard normal variable
+    level = float(
+        np.median(off[fast] ** 2 * weight[fast]) / 0.455
+    )  # median of a squared standard normal variable
     ticks = np.arange(-round(SLACK_S / state_s) - 1, round(SLACK_S / state_s) + 2)
     times = state_s * (np.floor(np.arange(len(q)) * row_s / state_s + 1e-9)[:, None] + ticks)
     prior = 0.5 * ((times - row_s * np.arange(len(q))[:, None]) / WALK_S) ** 2
@@ -134,7 +139,9 @@ def rate_scale(q: Floats, dq: Floats, row_s: float) -> Floats:
     total = np.concatenate([np.zeros((1, q.shape[1])), np.cumsum(0.5 * (dq[1:] + dq[:-1]), axis=0)])
     far = min(FAR, len(q) - 1)
     moved, integral = q[far:] - q[:-far], row_s * (total[far:] - total[:-far])
-    return np.asarray(np.sum(integral**2, axis=0) / np.maximum(np.sum(moved * integral, axis=0), 1e-12))
+    return np.asarray(
+        np.sum(integral**2, axis=0) / np.maximum(np.sum(moved * integral, axis=0), 1e-12)
+    )
 
 
 def evenly(times_s: Floats, q: Floats, dq: Floats, at_s: Floats) -> tuple[Floats, Floats]:
@@ -151,7 +158,8 @@ def evenly(times_s: Floats, q: Floats, dq: Floats, at_s: Floats) -> tuple[Floats
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLES = ("q", "dq", "q_des", "dq_des")
-SETTLED_S = 0.25  # after touching a stop: e^-3 of the touch is left at a stop of 340 Nm/rad (Go2) under a kd of 0.5
+# After touching a stop: e^-3 of the touch is left at a stop of 340 Nm/rad (Go2) under a kd of 0.5
+SETTLED_S = 0.25
 SHORTEST_S = 1.0  # of a stretch: the first 0.25 s of a replay only settle
 SEGMENT_S = 5.0  # of what a stretch is cut into: several periods of any motion
 READERS = {"text": read_text, "Parquet": read_parquet, "npz": read_archive}
@@ -161,7 +169,11 @@ LOG = "{log}"
 
 
 def read_table(
-    path: Path, kind: str, columns: TableColumns, joint_names: dict[str, str], left_out: Iterable[str] = ()
+    path: Path,
+    kind: str,
+    columns: TableColumns,
+    joint_names: dict[str, str],
+    left_out: Iterable[str] = (),
 ) -> tuple[dict[str, RunLog], list[str]]:
     """The logs of a table by their names, and notes.
 
@@ -184,9 +196,13 @@ def read_table(
     columns = replace(_with_joints(columns, joint_names), **without)
     if LOG not in columns.q:
         return _read_one(path, kind, columns, joint_names)
-    found = re.compile(re.escape(columns.q.partition(LOG)[0]) + "(.+)" + re.escape(columns.q.partition(LOG)[2]))
+    found = re.compile(
+        re.escape(columns.q.partition(LOG)[0]) + "(.+)" + re.escape(columns.q.partition(LOG)[2])
+    )
     if kind != "npz":
-        raise RecordingError(f'[columns] q = "{columns.q}": {LOG} tells apart the logs of an npz, and {path} is none')
+        raise RecordingError(
+            f'[columns] q = "{columns.q}": {LOG} tells apart the logs of an npz, and {path} is none'
+        )
     names = sorted(match[1] for name in names_in_archive(path) if (match := found.fullmatch(name)))
     if not names:
         raise RecordingError(f'{path}: no array is named like [columns] q = "{columns.q}"')
@@ -194,7 +210,9 @@ def read_table(
     notes: list[str] = []
     for name in names:
         own: dict[str, Any] = {
-            key: value.replace(LOG, name) for key, value in vars(columns).items() if isinstance(value, str)
+            key: value.replace(LOG, name)
+            for key, value in vars(columns).items()
+            if isinstance(value, str)
         }
         parts, told = _read_one(path, kind, replace(columns, **own), joint_names)
         logs |= {f"{name}/{part}".rstrip("/"): log for part, log in parts.items()}
@@ -211,7 +229,11 @@ def _read_one(
 
 
 def _logs(
-    path: Path, columns: TableColumns, joints: Sequence[str], time_s: Floats, signals: dict[str, Floats]
+    path: Path,
+    columns: TableColumns,
+    joints: Sequence[str],
+    time_s: Floats,
+    signals: dict[str, Floats],
 ) -> dict[str, RunLog]:
     if len(time_s) < 2:
         raise RecordingError(f"{path} has one row only")
@@ -220,12 +242,15 @@ def _logs(
     if not low <= abs(row_s) <= high:  # times that run backwards are refused as such
         key = "time_unit" if columns.time is not None else "rate_hz"
         raise RecordingError(
-            f"{path}: rows are {row_s:g} s apart, {low:g} to {high:g} s is allowed; check [columns] {key}"
+            f"{path}: rows are {row_s:g} s apart, {low:g} to {high:g} s is allowed; check "
+            f"[columns] {key}"
         )
     if columns.states_every_s is not None:
         rate = signals.get("dq")
         if rate is None or columns.rate_hz is None:
-            raise RecordingError("[columns] states_every_s is for rows without times: it needs rate_hz and dq")
+            raise RecordingError(
+                "[columns] states_every_s is for rows without times: it needs rate_hz and dq"
+            )
         times = state_times(signals["q"], rate, row_s, columns.states_every_s)
         scale = rate_scale(signals["q"], rate, row_s)
         signals["q"], rate = evenly(times, signals["q"], rate / scale, time_s)
@@ -241,7 +266,10 @@ def _logs(
         if stretches := _stretches(leaning, row_s):
             kept = np.concatenate([np.arange(first, end) for first, end in stretches])
             part = {signal: values[kept][:, own] for signal, values in signals.items()}
-            claims: dict[str, Any] = {"joints": [joints[i] for i in own], "segments": _segments(stretches, row_s)}
+            claims: dict[str, Any] = {
+                "joints": [joints[i] for i in own],
+                "segments": _segments(stretches, row_s),
+            }
             claims |= {gain: [values[i] for i in own] for gain, values in usual.items()}
             table = JointTable(time_s=time_s[kept], **part)
             logs[leg] = RunLog(meta=meta | claims, joints=table)
@@ -251,70 +279,114 @@ def _logs(
 
 
 def _with_joints(columns: TableColumns, joint_names: dict[str, str]) -> TableColumns:
-    """The columns with the table's names of all joints; refuses what [joint_names] has beside them."""
+    """The columns with the table's names of all joints.
+
+    Refuses what [joint_names] has beside them.
+    """
     own = {joint.removesuffix("_joint"): name for name, joint in joint_names.items()}
     joints = columns.joints or tuple(own.get(joint, joint) for joint in JOINTS)
     for name, joint in joint_names.items():
         if joint and name not in joints:
             hint = nearest_hint(name, joints) if columns.joints else nearest_hint(joint, JOINTS)
-            raise RecordingError(f"[joint_names] '{name}' = '{joint}' names no joint of the table: {hint}")
+            raise RecordingError(
+                f"[joint_names] '{name}' = '{joint}' names no joint of the table: {hint}"
+            )
     return replace(columns, joints=joints)
 
 
-def _read(path: Path, kind: str, columns: TableColumns) -> tuple[Floats, dict[str, Floats], list[str]]:
+def _read(
+    path: Path, kind: str, columns: TableColumns
+) -> tuple[Floats, dict[str, Floats], list[str]]:
     """Times from the first row on [s], signals in SI units, shape (rows, joints) each, and notes."""
     if (columns.time is None) == (columns.rate_hz is None):
-        raise RecordingError("[columns] needs either time, a column, or rate_hz, of rows that are evenly spaced")
-    named = {signal: _names(columns, signal, kind) for signal in JOINT_SIGNALS if getattr(columns, signal) is not None}
-    wanted = [*([columns.time] if columns.time is not None else []), *itertools.chain(*named.values())]
+        raise RecordingError(
+            "[columns] needs either time, a column, or rate_hz, of rows that are evenly spaced"
+        )
+    named = {
+        signal: _names(columns, signal, kind)
+        for signal in JOINT_SIGNALS
+        if getattr(columns, signal) is not None
+    }
+    wanted = [
+        *([columns.time] if columns.time is not None else []),
+        *itertools.chain(*named.values()),
+    ]
     read = READERS[kind](path, wanted)
-    signals = {signal: _together(path, read.values, names, columns) for signal, names in named.items()}
+    signals = {
+        signal: _together(path, read.values, names, columns) for signal, names in named.items()
+    }
     for signal in set(ANGLES) & set(signals) if columns.angle == "deg" else ():
         signals[signal] = math.radians(1.0) * signals[signal]
     rows = {name: len(values) for name, values in read.values.items()}
     if len(set(rows.values())) > 1:
         raise RecordingError(
-            f"{path}: columns of unequal length: " + ", ".join(f"{n} {rows[n]}" for n in list(rows)[:4])
+            f"{path}: columns of unequal length: "
+            + ", ".join(f"{n} {rows[n]}" for n in list(rows)[:4])
         )
     if columns.time is not None:
         time = read.values[columns.time].ravel()
-        return np.asarray(SECONDS[columns.time_unit] * (time - time[0]), dtype=np.float64), signals, list(read.notes)
+        return (
+            np.asarray(SECONDS[columns.time_unit] * (time - time[0]), dtype=np.float64),
+            signals,
+            list(read.notes),
+        )
     assert columns.rate_hz is not None  # noqa: S101 - as checked above
     if not columns.rate_hz > 0.0:
         raise RecordingError(f"[columns] rate_hz = {columns.rate_hz:g}: it must be more than 0")
-    return np.arange(len(signals["q"])) * np.float64(1.0 / columns.rate_hz), signals, list(read.notes)
+    return (
+        np.arange(len(signals["q"])) * np.float64(1.0 / columns.rate_hz),
+        signals,
+        list(read.notes),
+    )
 
 
 def _names(columns: TableColumns, signal: str, kind: str) -> list[str]:
     """Names of a signal's columns, one for each joint; or one for all of them."""
     pattern = getattr(columns, signal)
     try:
-        names = [pattern.format(joint=joint, number=number) for number, joint in enumerate(columns.joints)]
+        names = [
+            pattern.format(joint=joint, number=number)
+            for number, joint in enumerate(columns.joints)
+        ]
     except (KeyError, IndexError, ValueError) as error:
-        raise RecordingError(f'[columns] {signal} = "{pattern}": within {{}} go joint or number') from error
+        raise RecordingError(
+            f'[columns] {signal} = "{pattern}": within {{}} go joint or number'
+        ) from error
     if len(set(names)) == 1 < len(names) and kind != "npz" and signal not in GAINS:
         raise RecordingError(
-            f'[columns] {signal} = "{pattern}" names one column for all joints: put {{number}} or {{joint}} in'
+            f'[columns] {signal} = "{pattern}" names one column for all joints: put {{number}} or '
+            f"{{joint}} in"
         )
     return list(dict.fromkeys(names))
 
 
-def _together(path: Path, values: dict[str, Floats], names: Sequence[str], columns: TableColumns) -> Floats:
+def _together(
+    path: Path, values: dict[str, Floats], names: Sequence[str], columns: TableColumns
+) -> Floats:
     """A signal of all joints, shape (rows, joints), out of its columns."""
     count = len(columns.joints)
     whole = values[names[0]]
     if len(names) == 1 and whole.ndim == 2:
         if whole.shape[1] != count:
-            raise RecordingError(f"{path}: '{names[0]}' is of {whole.shape[1]} joints, [columns] joints names {count}")
+            raise RecordingError(
+                f"{path}: '{names[0]}' is of {whole.shape[1]} joints, [columns] joints names "
+                f"{count}"
+            )
         return whole
     if wrong := [name for name in names if values[name].ndim != 1]:
-        raise RecordingError(f"{path}: '{wrong[0]}' has many columns, of which [columns] may name the whole alone")
+        raise RecordingError(
+            f"{path}: '{wrong[0]}' has many columns, of which [columns] may name the whole alone"
+        )
     if len(names) not in (1, count):
-        raise RecordingError(f"{path}: {len(names)} columns for {count} joints: two joints have one name")
+        raise RecordingError(
+            f"{path}: {len(names)} columns for {count} joints: two joints have one name"
+        )
     return np.stack([values[name] for name in names] * (count // len(names)), axis=1)
 
 
-def _leaning(q: Floats, joints: Sequence[str], ranges: dict[str, tuple[float, float]]) -> NDArray[np.bool_]:
+def _leaning(
+    q: Floats, joints: Sequence[str], ranges: dict[str, tuple[float, float]]
+) -> NDArray[np.bool_]:
     """Rows in which a joint leans on a stop."""
     leaning = np.zeros(len(q), dtype=bool)
     for ending, (low, high) in ranges.items():

@@ -26,7 +26,12 @@ from saltus.real2sim.problem.problem import (
     candidate,
     sought,
 )
-from saltus.real2sim.problem.stream_noise import StreamNoise, quiet_sigma, read_noise, rotation_columns
+from saltus.real2sim.problem.stream_noise import (
+    StreamNoise,
+    quiet_sigma,
+    read_noise,
+    rotation_columns,
+)
 from saltus.recordings.run_log import RunLog
 from saltus.rotations import quaternion_from_roll_pitch_yaw, quaternion_inverse, quaternion_product
 
@@ -60,10 +65,11 @@ class ImuWindows:
         start_s: Shape (w,).
         segment: Index of the segment of each, shape (w,).
         gyro: Rates at every step [rad/s], shape (w, WINDOW_STEPS, 3).
-        jumped: Variance that the integral of rates has gained since the start by jumps between samples [rad^2], shape
-            (w, WINDOW_STEPS, 3).
+        jumped: Variance that the integral of rates has gained since the start by jumps between
+            samples [rad^2], shape (w, WINDOW_STEPS, 3).
         orientation: As the IMU reports it, shape (w, WINDOW_STEPS, 4).
-        base: Rows of the measured orientation, which is read at any time; times of shape (n,), quaternions (n, 4).
+        base: Rows of the measured orientation, which is read at any time; times of shape (n,),
+            quaternions (n, 4).
         noise: Of the IMU's orientation, its rates, and the base's orientation.
     """
 
@@ -138,9 +144,14 @@ def _mismatch(time_s: Floats, gyro: Floats, base: tuple[Floats, Floats]) -> tupl
 
 
 def _places(segments: Sequence[Segment], time_s: Floats) -> list[tuple[int, float]]:
-    """Segment and start [s] of each window; later by the longest delay than the segment, so that it has a past."""
+    """Segment and start [s] of each window.
+
+    Later by the longest delay than the segment, so that it has a past.
+    """
     length = WINDOW_STEPS * STEP_S
-    counts = [max(0, int((s.end_s - s.start_s - LONGEST_DELAY_S + 1e-6) / length)) for s in segments]
+    counts = [
+        max(0, int((s.end_s - s.start_s - LONGEST_DELAY_S + 1e-6) / length)) for s in segments
+    ]
     every = max(1, int(np.ceil(sum(counts) / WINDOWS)))
     gaps = time_s[1:][np.diff(time_s) > GAP_S]
     places = []
@@ -152,13 +163,17 @@ def _places(segments: Sequence[Segment], time_s: Floats) -> list[tuple[int, floa
     return places
 
 
-def _at_rest(places: Sequence[tuple[int, float]], time_s: Floats, gyro: Floats) -> list[tuple[int, float]]:
+def _at_rest(
+    places: Sequence[tuple[int, float]], time_s: Floats, gyro: Floats
+) -> list[tuple[int, float]]:
     """Those windows in which the base does not turn."""
     loud = []
     for _, start in places:
         rows = gyro[(time_s >= start) & (time_s < start + WINDOW_STEPS * STEP_S)]
         loud.append(float(np.max(np.std(rows, axis=0))) if len(rows) else np.inf)
-    return [place for place, level in zip(places, loud, strict=True) if level <= REST_RATIO * min(loud)]
+    return [
+        place for place, level in zip(places, loud, strict=True) if level <= REST_RATIO * min(loud)
+    ]
 
 
 SIGNALS = ("tilt_roll", "tilt_pitch", "turn_roll", "turn_pitch", "turn_yaw")
@@ -177,12 +192,19 @@ def imu_candidates() -> tuple[Candidate, ...]:
     tilt = [sought(name, 0.01) for name in ("roll", "pitch")]
     axes = [Unknown(name, -0.3, 0.3, 0.02) for name in ("roll", "pitch", "yaw")]
     return (
-        candidate("imu_bias", *(sought(f"gyro_{axis}", 0.01) for axis in "xyz"), *tilt, where="imu"),
+        candidate(
+            "imu_bias", *(sought(f"gyro_{axis}", 0.01) for axis in "xyz"), *tilt, where="imu"
+        ),
         candidate("imu_latency", sought("delay", 0.002), where="imu"),
         # a bias of the reported tilt may or may not turn the gyroscope's axes too
         candidate("gyro_axes", *axes, where="imu", is_nuisance=True),
         # a gyroscope's sample may stand for the step before it, or for the one after
-        candidate("gyro_sampling", Unknown("lead", -SAMPLING_S, SAMPLING_S, 0.001), where="imu", is_nuisance=True),
+        candidate(
+            "gyro_sampling",
+            Unknown("lead", -SAMPLING_S, SAMPLING_S, 0.001),
+            where="imu",
+            is_nuisance=True,
+        ),
     )
 
 
@@ -215,7 +237,9 @@ class ImuProblem(Problem):
         bias = np.stack([value[f"imu_bias.gyro_{axis}"] for axis in "xyz"], axis=-1)
         axes = np.stack([value[f"gyro_axes.{name}"] for name in ("roll", "pitch", "yaw")], axis=-1)
         delay = value["imu_latency.delay"]
-        tilt = self._tilt_error(self._base(delay), quaternion_from_roll_pitch_yaw(roll, pitch, zero))
+        tilt = self._tilt_error(
+            self._base(delay), quaternion_from_roll_pitch_yaw(roll, pitch, zero)
+        )
         turn = self._turn_error(self._base(delay - value["gyro_sampling.lead"]), bias, axes)
         whitened = self._whitened(tilt, turn)
         return np.clip(whitened.reshape(len(unknowns), 1, -1), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
@@ -264,14 +288,18 @@ class ImuProblem(Problem):
         both[..., :BLOCKS, :BLOCKS] = own + shared
         both[..., :BLOCKS, BLOCKS:] = both[..., BLOCKS:, :BLOCKS] = shared
         both[..., BLOCKS:, BLOCKS:] = turn[:, :2]
-        roll_and_pitch, yaw = (np.linalg.inv(np.linalg.cholesky(each)) for each in (both, turn[:, 2]))
+        roll_and_pitch, yaw = (
+            np.linalg.inv(np.linalg.cholesky(each)) for each in (both, turn[:, 2])
+        )
         return roll_and_pitch, yaw
 
     def _whitened(self, tilt: Floats, turn: Floats) -> Floats:
         """Shape (n, w, 5, BLOCKS)."""
         pairs = [np.concatenate([tilt[..., axis], turn[..., axis]], axis=-1) for axis in (0, 1)]
         roll, pitch = (
-            np.einsum("wij,nwj->nwi", self._tilt[:, axis], pair).reshape(*pair.shape[:-1], 2, BLOCKS)
+            np.einsum("wij,nwj->nwi", self._tilt[:, axis], pair).reshape(
+                *pair.shape[:-1], 2, BLOCKS
+            )
             for axis, pair in enumerate(pairs)
         )
         yaw = np.einsum("wij,nwj->nwi", self._turn, turn[..., 2])
@@ -289,7 +317,9 @@ class ImuProblem(Problem):
                 f"{sizes['imu_latency.delay']:.1f} sigma"
             )
         if max(sizes["imu_bias.gyro_x"], sizes["imu_bias.roll"]) < LEAST_SIGMA:
-            found["imu_bias"] = f"0.02 rad/s would move all residuals by {sizes['imu_bias.gyro_x']:.1f} sigma"
+            found["imu_bias"] = (
+                f"0.02 rad/s would move all residuals by {sizes['imu_bias.gyro_x']:.1f} sigma"
+            )
         return found
 
 
@@ -300,11 +330,15 @@ def _covariance(sigma: float, correlation: float) -> Floats:
 
 def _means(values: Floats) -> Floats:
     """Means over blocks, shape (..., steps, k) -> (..., BLOCKS, k)."""
-    return np.asarray(values.reshape(*values.shape[:-2], BLOCKS, BLOCK_STEPS, values.shape[-1]).mean(axis=-2))
+    return np.asarray(
+        values.reshape(*values.shape[:-2], BLOCKS, BLOCK_STEPS, values.shape[-1]).mean(axis=-2)
+    )
 
 
 def _turned(quaternion: Floats, vector: Floats) -> Floats:
     """Vectors turned by quaternions."""
     axis = quaternion[..., 1:]
     twice = 2.0 * np.cross(np.broadcast_to(axis, vector.shape), vector)
-    return np.asarray(vector + quaternion[..., :1] * twice + np.cross(np.broadcast_to(axis, vector.shape), twice))
+    return np.asarray(
+        vector + quaternion[..., :1] * twice + np.cross(np.broadcast_to(axis, vector.shape), twice)
+    )

@@ -22,12 +22,14 @@ from saltus.robots.shipped import shipped_robots
 from saltus.terrain.boxes import Boxes
 
 PAUSE_S = 1.0  # between runs that are read as one; no state of joints or cameras lasts longer
-BLOCK_S = 5.0  # length of segments in a log that names none and never rests: several periods of any motion
+# Length of segments in a log that names none and never rests: several periods of any motion
+BLOCK_S = 5.0
 QUIET_S = 0.5  # a rest of the commands this long separates two motions
 SAME_COMMAND = 1e-3  # rad RMS: the commands of repeats are equal up to rounding
 
 SHARED_CLAIMS = (
-    "robot", "base", "joints", "kp", "kd", "control_dt", "terrain", "ground", "payload_kg", "payload_position",
+    "robot", "base", "joints", "kp", "kd", "control_dt", "terrain", "ground", "payload_kg",
+    "payload_position",
     "motor_strength", "camera",
 )  # fmt: skip
 """Claims that must be equal for runs to be read as one, because the simulator is built from
@@ -38,7 +40,9 @@ CLOCKS = ("time_s", "arrival_s", "capture_s")
 
 
 def load_rigs(paths: Sequence[Path]) -> list[RunLog]:
-    """Reads runs. Those that claim the same rig are read as one log, in which they follow each other.
+    """Reads runs.
+
+    Those that claim the same rig are read as one log, in which they follow each other.
 
     Raises:
         RecordingError: no run given, one that is given twice, or one that cannot be read.
@@ -55,14 +59,24 @@ def load_rigs(paths: Sequence[Path]) -> list[RunLog]:
         claims = json.dumps([log.meta.get(key) for key in SHARED_CLAIMS], sort_keys=True)
         rigs.setdefault(claims, []).append((path, replace(log, meta=_located(log.meta, path))))
     return [
-        in_sequence([log for _, log in runs], [path.name for path, _ in runs]) if len(runs) > 1 else runs[0][1]
+        in_sequence([log for _, log in runs], [path.name for path, _ in runs])
+        if len(runs) > 1
+        else runs[0][1]
         for runs in rigs.values()
     ]
 
 
 def in_sequence(logs: Sequence[RunLog], names: Sequence[str]) -> RunLog:
-    """One log in which the given ones follow each other, with the claims of the first; segments carry `names`."""
-    return _join([_shift(log, name, start) for log, name, start in zip(logs, names, shifts_s(logs), strict=True)])
+    """One log in which the given ones follow each other, with the claims of the first.
+
+    Segments carry `names`.
+    """
+    return _join(
+        [
+            _shift(log, name, start)
+            for log, name, start in zip(logs, names, shifts_s(logs), strict=True)
+        ]
+    )
 
 
 def segments_of(log: RunLog) -> tuple[Segment, ...]:
@@ -95,7 +109,9 @@ def untold(log: RunLog) -> str:
 def gains(log: RunLog) -> tuple[Floats, Floats]:
     """Claimed stiffness [Nm/rad] and damping [Nm s/rad] of the drives, shape (joints,) each."""
     shape = (len(log.meta["joints"]),)
-    kp, kd = (np.broadcast_to(np.asarray(log.meta[key], dtype=np.float64), shape) for key in ("kp", "kd"))
+    kp, kd = (
+        np.broadcast_to(np.asarray(log.meta[key], dtype=np.float64), shape) for key in ("kp", "kd")
+    )
     return kp, kd
 
 
@@ -111,7 +127,9 @@ def gains_in_force(log: RunLog) -> tuple[Floats, Floats]:
 
 def has_changing_gains(log: RunLog) -> bool:
     """True where commands come with other gains than those that are claimed."""
-    return any(np.any(own != claimed) for own, claimed in zip(gains_in_force(log), gains(log), strict=True))
+    return any(
+        np.any(own != claimed) for own, claimed in zip(gains_in_force(log), gains(log), strict=True)
+    )
 
 
 def model_of(log: RunLog) -> Robot | Path:
@@ -126,7 +144,10 @@ def robot_of(log: RunLog) -> Robot:
 
 
 def robot_of_runs(runs: Sequence[Path]) -> Robot:
-    """The robot of run logs that are not read yet; the default one where they cannot be read, or bring no quadruped."""
+    """The robot of run logs that are not read yet.
+
+    The default one where they cannot be read, or bring no quadruped.
+    """
     for run in runs[:1]:
         with suppress(SaltusError):
             return load_robot(str(_located(read_claims(run), run)["robot"]))
@@ -147,7 +168,10 @@ def torque_limits(model: Robot | Path) -> Floats:
 def clocks(log: RunLog) -> dict[str, Floats]:
     """Times of the rows of each table that a log has; of images, when they arrived."""
     there = {name: table for name in TABLES if (table := getattr(log, name)) is not None}
-    return {name: getattr(table, "arrival_s" if name == "depth" else "time_s") for name, table in there.items()}
+    return {
+        name: getattr(table, "arrival_s" if name == "depth" else "time_s")
+        for name, table in there.items()
+    }
 
 
 def commanded(log: RunLog) -> Floats:
@@ -192,12 +216,18 @@ def _located(meta: dict[str, Any], directory: Path) -> dict[str, Any]:
     model = directory / robot
     if not model.is_file():
         known = ", ".join(shipped_robots())
-        raise RecordingError(f"{directory}: meta.json names robot {robot!r}: use {known}, or an MJCF beside meta.json")
+        raise RecordingError(
+            f"{directory}: meta.json names robot {robot!r}: use {known}, or an MJCF beside "
+            f"meta.json"
+        )
     return {**meta, "robot": str(model)}
 
 
 def _cut(joints: JointTable) -> tuple[Segment, ...]:
-    """Motions separated by rests of the commands; blocks if the commands never rest or never move."""
+    """Motions separated by rests of the commands.
+
+    Blocks if the commands never rest or never move.
+    """
     edges = _motions(joints)
     if len(edges) < 2:
         start, end = float(joints.time_s[0]), float(joints.time_s[-1])
@@ -205,7 +235,9 @@ def _cut(joints: JointTable) -> tuple[Segment, ...]:
         edges = list(itertools.pairwise(np.linspace(start, end, count + 1).tolist()))
     motion, between = _motion(joints), rows_between(joints.time_s)
     stretches = [motion[between(start, end)] for start, end in edges]
-    first_rows = np.array([rows[0] if len(rows) else np.full(rows.shape[1], np.nan) for rows in stretches])
+    first_rows = np.array(
+        [rows[0] if len(rows) else np.full(rows.shape[1], np.nan) for rows in stretches]
+    )
     cut: list[Segment] = []
     for i, (start, end) in enumerate(edges):
         # Repeats differ by no more than this in any one value, by which thousands of motions are
@@ -219,7 +251,10 @@ def _cut(joints: JointTable) -> tuple[Segment, ...]:
 
 
 def rows_between(time_s: Floats) -> Callable[[float, float], slice | NDArray[np.bool_]]:
-    """Finds rows from a time on and before another [s]; those of a clock that never steps back as slices, at once."""
+    """Finds rows from a time on and before another [s].
+
+    Those of a clock that never steps back as slices, at once.
+    """
     if np.all(np.diff(time_s) >= 0.0):
         return lambda start, end: slice(*np.searchsorted(time_s, (start, end)).tolist())
     return lambda start, end: (time_s >= start) & (time_s < end)
@@ -262,7 +297,12 @@ def shifts_s(logs: Sequence[RunLog]) -> list[float]:
 def _shift(log: RunLog, name: str, shift_s: float) -> RunLog:
     """The same run on a clock that is ahead by `shift_s`, with the run's name in the names of its segments."""
     named = [
-        {"name": f"{name}/{s.name}", "t0": s.start_s + shift_s, "t1": s.end_s + shift_s, "condition": s.condition}
+        {
+            "name": f"{name}/{s.name}",
+            "t0": s.start_s + shift_s,
+            "t1": s.end_s + shift_s,
+            "condition": s.condition,
+        }
         for s in segments_of(log)
     ]
     tables = {name: _later(getattr(log, name), shift_s) for name in TABLES}
@@ -272,7 +312,9 @@ def _shift(log: RunLog, name: str, shift_s: float) -> RunLog:
 def _later(table: Any, shift_s: float) -> Any:
     """The rows of a table, if it is there, on a clock that is ahead by so much."""
     times = {name: getattr(table, name, None) for name in CLOCKS}
-    return table and replace(table, **{name: own + shift_s for name, own in times.items() if own is not None})
+    return table and replace(
+        table, **{name: own + shift_s for name, own in times.items() if own is not None}
+    )
 
 
 def _join(logs: Sequence[RunLog]) -> RunLog:
@@ -283,13 +325,22 @@ def _join(logs: Sequence[RunLog]) -> RunLog:
 
 
 def _joined(tables: Sequence[Any]) -> Any:
-    """The rows of all tables that are there, with the columns that each of them has; images are counted on."""
+    """The rows of all tables that are there, with the columns that each of them has.
+
+    Images are counted on.
+    """
     there = [table for table in tables if table is not None]
     if not there:
         return None
     columns = {f.name: [getattr(table, f.name) for table in there] for f in fields(there[0])}
     ids = columns.get("frame_id", [])
     ends = np.cumsum([0, *(int(own[-1] - own[0]) + 1 for own in ids)])
-    columns |= {"frame_id": [own - own[0] + first for own, first in zip(ids, ends, strict=False)]} if ids else {}
+    columns |= (
+        {"frame_id": [own - own[0] + first for own, first in zip(ids, ends, strict=False)]}
+        if ids
+        else {}
+    )
     lacking = {name for name, parts in columns.items() if any(part is None for part in parts)}
-    return replace(there[0], **{n: None if n in lacking else np.concatenate(p) for n, p in columns.items()})
+    return replace(
+        there[0], **{n: None if n in lacking else np.concatenate(p) for n, p in columns.items()}
+    )

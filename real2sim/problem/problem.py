@@ -27,7 +27,10 @@ four."""
 
 @dataclass(frozen=True, kw_only=True)
 class Segment:
-    """A stretch of a log. Segments with one condition are repeats of a motion, or one motion at several amplitudes."""
+    """A stretch of a log.
+
+    Segments with one condition are repeats of a motion, or one motion at several amplitudes.
+    """
 
     name: str
     start_s: float
@@ -73,13 +76,17 @@ class Coordinates:
     def less(cls, name: str, claimed: float) -> "Coordinates":
         """One unknown: the parameter less the value that a log claims."""
         return cls(
-            parameters=lambda x: {name: claimed + float(x[0])}, unknowns=lambda values: (values[name] - claimed,)
+            parameters=lambda x: {name: claimed + float(x[0])},
+            unknowns=lambda values: (values[name] - claimed,),
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """An effect at one place, with its unknowns. It is absent where all unknowns that are not shapes are 0."""
+    """An effect at one place, with its unknowns.
+
+    It is absent where all unknowns that are not shapes are 0.
+    """
 
     effect: str
     """Name in the schema of run logs, e.g. "coulomb_friction"; nuisances have their own names."""
@@ -101,7 +108,8 @@ class Candidate:
     """Share of its gap that a correct model closes; below 1 where chance decides, as when a drive
     hunts."""
     leaves_chance: bool = False
-    """True where what it leaves may be large, but is another at every repeat of a motion: packets that jitter."""
+    """True where what it leaves may be large, but is another at every repeat of a motion: packets
+    that jitter."""
     least_closed: float = 0.0
     """Smallest part of `closable_share` that it closes where it alone is hidden; what it closes
     less of, and leaves more than correct simulations differ by, is none of it."""
@@ -129,8 +137,15 @@ class Candidate:
         if self.base:
             unknowns = unknowns + np.asarray(self.base[block])
         if self.coordinates is None:
-            named = [(u, round(v) if u.is_choice else v) for u, v in zip(self.unknowns, unknowns, strict=True)]
-            found = {u.name: self._null(u) + value for u, value in named if u.stated is None and u.is_told}
+            named = [
+                (u, round(v) if u.is_choice else v)
+                for u, v in zip(self.unknowns, unknowns, strict=True)
+            ]
+            found = {
+                u.name: self._null(u) + value
+                for u, value in named
+                if u.stated is None and u.is_told
+            }
         else:
             found = self.coordinates.parameters(unknowns)
         return {
@@ -151,7 +166,10 @@ class Candidate:
         return np.clip(found, [u.low for u in self.unknowns], [u.high for u in self.unknowns])
 
     def _null(self, unknown: Unknown) -> float:
-        """Returns what it counts from; a shape counts from 0, as an effect may be absent by an infinite one."""
+        """Returns what it counts from.
+
+        A shape counts from 0, as an effect may be absent by an infinite one.
+        """
         return 0.0 if unknown.is_shape else float(self._declared(unknown.name).get("null", 0.0))
 
     def _declared(self, parameter: str) -> Mapping[str, Any]:
@@ -167,7 +185,9 @@ def sought(parameter: str, scale: float, **more: Any) -> Callable[[str], Unknown
     """
 
     def of(effect: str) -> Unknown:
-        declared = next(field.metadata for field in fields(EFFECTS[effect]) if field.name == parameter)
+        declared = next(
+            field.metadata for field in fields(EFFECTS[effect]) if field.name == parameter
+        )
         null = 0.0 if more.get("is_shape") else float(declared.get("null", 0.0))
         low, high = EFFECTS[effect].sought(parameter)
         return Unknown(parameter, low - null, high - null, scale, **more)
@@ -175,12 +195,16 @@ def sought(parameter: str, scale: float, **more: Any) -> Callable[[str], Unknown
     return of
 
 
-def candidate(effect: str, *unknowns: Unknown | Callable[[str], Unknown], where: str, **more: Any) -> Candidate:
+def candidate(
+    effect: str, *unknowns: Unknown | Callable[[str], Unknown], where: str, **more: Any
+) -> Candidate:
     """A candidate in one line; `more` are other fields of it."""
     return Candidate(effect=effect, where=where, unknowns=unknowns_of(effect, unknowns), **more)
 
 
-def unknowns_of(effect: str, unknowns: Sequence[Unknown | Callable[[str], Unknown]]) -> tuple[Unknown, ...]:
+def unknowns_of(
+    effect: str, unknowns: Sequence[Unknown | Callable[[str], Unknown]]
+) -> tuple[Unknown, ...]:
     """Unknowns of an effect, with those that are `sought` between its values."""
     return tuple(each if isinstance(each, Unknown) else each(effect) for each in unknowns)
 
@@ -210,10 +234,12 @@ class Problem(ABC):
 
     Attributes:
         name: "joints", "camera", "body" or "imu".
-        blocks: Independent parts with the same candidates, e.g. the legs of a robot with a held base. No unknown of one
-            block changes a residual of another.
-        places: For each block, the name of a `where` in the verdict, e.g. {"calf": "FR_calf"}; others go by their own.
-        candidates: The same for every block. Their unknowns, in this order, make the vector of unknowns.
+        blocks: Independent parts with the same candidates, e.g. the legs of a robot with a held
+            base. No unknown of one block changes a residual of another.
+        places: For each block, the name of a `where` in the verdict, e.g. {"calf": "FR_calf"};
+            others go by their own.
+        candidates: The same for every block. Their unknowns, in this order, make the vector of
+            unknowns.
         segments: Segments of the log.
         segment: Index of the segment of each residual, shape (m,).
         signals: Names of the signals, e.g. ("q_hip", ..., "dq_calf").
@@ -264,7 +290,10 @@ class Problem(ABC):
         return ()
 
     def leaner(self) -> "dict[str, Problem]":
-        """By each effect of a profile that the simulator starts with, the problem without it; the unknowns stay."""
+        """By each effect of a profile that the simulator starts with, the problem without it.
+
+        The unknowns stay.
+        """
         return {}
 
     def holding(self, profile: Profile) -> "tuple[Problem, Profile]":
@@ -279,7 +308,9 @@ class Problem(ABC):
     def names(self) -> tuple[str, ...]:
         """Names of all unknowns, "effect.unknown"."""
         return tuple(
-            f"{candidate.effect}.{unknown.name}" for candidate in self.candidates for unknown in candidate.unknowns
+            f"{candidate.effect}.{unknown.name}"
+            for candidate in self.candidates
+            for unknown in candidate.unknowns
         )
 
     @property
@@ -295,9 +326,16 @@ class Problem(ABC):
         return sets
 
     def visibility(self, changes: Mapping[str, float]) -> dict[str, float]:
-        """Norm of the whitened change that each changed unknown makes; for problems of one block."""
+        """Norm of the whitened change that each changed unknown makes.
+
+        For problems of one block.
+        """
         residuals = self.residuals(self.one_by_one(changes)[:, None])[:, 0]
-        return dict(zip(changes, np.linalg.norm(residuals[1:] - residuals[0], axis=-1).tolist(), strict=True))
+        return dict(
+            zip(
+                changes, np.linalg.norm(residuals[1:] - residuals[0], axis=-1).tolist(), strict=True
+            )
+        )
 
 
 class WrappedProblem(Problem):
@@ -305,7 +343,12 @@ class WrappedProblem(Problem):
 
     def __init__(self, inner: Problem) -> None:
         self._inner = inner
-        self.name, self.blocks, self.places, self.candidates = inner.name, inner.blocks, inner.places, inner.candidates
+        self.name, self.blocks, self.places, self.candidates = (
+            inner.name,
+            inner.blocks,
+            inner.places,
+            inner.candidates,
+        )
         self.segments, self.segment = inner.segments, inner.segment
         self.signals, self.signal, self.time_s = inner.signals, inner.signal, inner.time_s
         self.samples_per_residual, self.simulator_disagreement = (

@@ -13,7 +13,9 @@ def unit(quaternion: Floats) -> Floats:
 def from_vector(vector: Floats) -> Floats:
     """Quaternion of a rotation vector [rad], shape (..., 3)."""
     angle = np.linalg.norm(vector, axis=-1, keepdims=True)
-    return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * vector], axis=-1)
+    return np.concatenate(
+        [np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * vector], axis=-1
+    )
 
 
 def to_vector(quaternion: Floats) -> Floats:
@@ -34,10 +36,14 @@ def turned(quaternion: Floats, vector: Floats) -> Floats:
 def continuous(quaternion: Floats) -> Floats:
     """The same rotations with signs that do not change from row to row, shape (n, 4)."""
     flips = np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0.0
-    return np.asarray(quaternion * np.cumprod(np.concatenate([[1.0], np.where(flips, -1.0, 1.0)]))[:, None])
+    return np.asarray(
+        quaternion * np.cumprod(np.concatenate([[1.0], np.where(flips, -1.0, 1.0)]))[:, None]
+    )
 
 
 def up_in_body(quaternion: Floats) -> Floats:
     """The world's vertical in the turned frame, shape (..., 3)."""
     w, x, y, z = (quaternion[..., i] for i in range(4))
-    return np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
+    return np.stack(
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1
+    )

@@ -79,7 +79,9 @@ def rotation_columns(quaternion: Floats) -> Floats:
 
 def _before_high_pass(power: float, product: float) -> tuple[float, float]:
     """Standard deviation and correlation of first-order noise from its power and lagged product after the high pass."""
-    passed = np.eye(HIGH_PASS_MEANS)[HIGH_PASS_MEANS // 2] - savgol_coeffs(HIGH_PASS_MEANS, HIGH_PASS_ORDER)
+    passed = np.eye(HIGH_PASS_MEANS)[HIGH_PASS_MEANS // 2] - savgol_coeffs(
+        HIGH_PASS_MEANS, HIGH_PASS_ORDER
+    )
     lags = np.arange(-HIGH_PASS_MEANS, HIGH_PASS_MEANS + 1)
     spread = np.correlate(passed, passed, mode="full")
     correlation = np.linspace(*CORRELATION_RANGE, 200)

@@ -24,12 +24,15 @@ BREAK = 5.0  # median time steps: a longer step breaks the line
 
 def gap_figure(gaps: Sequence[SignalGap]) -> go.Figure:
     """RMS of each signal before and after, and the floor, on a logarithmic axis."""
-    gaps = [gap for gap in gaps if gap.before > 0.0 or gap.after > 0.0]  # a logarithmic axis has no 0
+    gaps = [
+        gap for gap in gaps if gap.before > 0.0 or gap.after > 0.0
+    ]  # a logarithmic axis has no 0
     names = [gap.signal for gap in gaps]
     figure = go.Figure()
     for gap in gaps:
         figure.add_scatter(
-            x=np.sqrt([gap.before, gap.after]), y=[gap.signal] * 2, mode="lines", showlegend=False, hoverinfo="skip",
+            x=np.sqrt([gap.before, gap.after]), y=[gap.signal] * 2, mode="lines", showlegend=False,
+            hoverinfo="skip",
             line={"color": "#bbbbbb", "width": 3},
         )  # fmt: skip
     for name, colour, symbol, values in (
@@ -62,7 +65,8 @@ def matrix_figure(before: Sequence[Channel], after: Sequence[Channel]) -> go.Fig
     top = float(np.nanmax([np.nanmax(table) for table in tables]))
     for row, table in enumerate(tables, start=1):
         figure.add_heatmap(
-            z=np.log10(np.maximum(table, 0.1)), x=places, y=signals, text=np.round(table, 1), texttemplate="%{text}",
+            z=np.log10(np.maximum(table, 0.1)), x=places, y=signals, text=np.round(table, 1),
+            texttemplate="%{text}",
             colorscale="YlOrRd", zmin=np.log10(0.7), zmax=np.log10(max(top, 3.0)), showscale=False,
             hovertemplate="%{y} of %{x}: %{text} sigma<extra></extra>", row=row, col=1,
         )  # fmt: skip
@@ -82,19 +86,27 @@ def worst_channels(channels: Sequence[Channel], count: int = 3) -> list[int]:
 
 def residual_figure(before: Channel, after: Channel) -> go.Figure:
     """RMS of the residual of a signal over each explanatory variable, in bins of equal count."""
-    variables = [variable for variable in before.variables if variable.unit and np.ptp(variable.values) > 0.0]
+    variables = [
+        variable for variable in before.variables if variable.unit and np.ptp(variable.values) > 0.0
+    ]
     columns = len(variables) if len(variables) <= 5 else 4
     rows = -(-len(variables) // columns)
     figure = make_subplots(rows=rows, cols=columns, shared_yaxes="all", horizontal_spacing=0.03)
     for i, variable in enumerate(variables):
         row, column = 1 + i // columns, 1 + i % columns
-        for name, colour, width, channel in (("before", BEFORE, WIDE, before), ("after", AFTER, THIN, after)):
+        for name, colour, width, channel in (
+            ("before", BEFORE, WIDE, before),
+            ("after", AFTER, THIN, after),
+        ):
             x, y = rms_by(variable, channel.residual)
             figure.add_scatter(
                 x=x, y=y, name=name, legendgroup=name, showlegend=i == 0, mode="lines+markers",
-                line={"color": colour, "width": width}, marker={"size": 2 + width}, row=row, col=column,
+                line={"color": colour, "width": width}, marker={"size": 2 + width}, row=row,
+                col=column,
             )  # fmt: skip
-        figure.update_xaxes(title=f"{variable.name} [{variable.unit}]", title_standoff=4, row=row, col=column)
+        figure.update_xaxes(
+            title=f"{variable.name} [{variable.unit}]", title_standoff=4, row=row, col=column
+        )
     figure.add_hline(y=1.0, line={"color": GREY, "dash": "dot", "width": 1})
     figure.update_yaxes(rangemode="tozero")
     figure.update_yaxes(title=f"{before.signal}, {before.place} [sigma]", col=1)
@@ -114,7 +126,10 @@ def rms_by(variable: ExplanatoryVariable, residual: Floats) -> tuple[Floats, Flo
 
 
 def trace_figure(before: Channel, after: Channel) -> go.Figure:
-    """Residuals over the two seconds in which they are largest; if there are many pixels, their mean."""
+    """Residuals over the two seconds in which they are largest.
+
+    If there are many pixels, their mean.
+    """
     time_s = next(variable.values for variable in before.variables if variable.name == TIME)
     times, owner = np.unique(time_s, return_inverse=True)
     counts = np.bincount(owner)
@@ -124,9 +139,14 @@ def trace_figure(before: Channel, after: Channel) -> go.Figure:
     start = int(np.argmax(power[ends] - power[: len(times)]))
     shown = slice(start, int(ends[start]))
     steps = np.diff(times[shown], append=np.nan)
-    is_break = steps > BREAK * np.nanmedian(steps) if len(steps) > 1 else np.zeros(len(steps), dtype=bool)
+    is_break = (
+        steps > BREAK * np.nanmedian(steps) if len(steps) > 1 else np.zeros(len(steps), dtype=bool)
+    )
     figure = go.Figure()
-    for name, colour, width, values in (("before", BEFORE, WIDE, series[0]), ("after", AFTER, THIN, series[1])):
+    for name, colour, width, values in (
+        ("before", BEFORE, WIDE, series[0]),
+        ("after", AFTER, THIN, series[1]),
+    ):
         line = np.where(is_break, np.nan, values[shown])
         style = {"color": colour, "width": width}
         figure.add_scatter(x=np.round(times[shown], 4), y=np.round(line, 3), name=name, line=style)
@@ -135,7 +155,9 @@ def trace_figure(before: Channel, after: Channel) -> go.Figure:
     return _sized(figure, 240)
 
 
-def image_figure(before: Channel, after: Channel, row: ExplanatoryVariable, column: ExplanatoryVariable) -> go.Figure:
+def image_figure(
+    before: Channel, after: Channel, row: ExplanatoryVariable, column: ExplanatoryVariable
+) -> go.Figure:
     """Mean residual of each pixel of the grid, before and after."""
     rows, y = np.unique(row.values, return_inverse=True)
     columns, x = np.unique(column.values, return_inverse=True)
@@ -148,9 +170,11 @@ def image_figure(before: Channel, after: Channel, row: ExplanatoryVariable, colu
     figure = make_subplots(cols=2, subplot_titles=("before", "after"), horizontal_spacing=0.08)
     for index, image in enumerate(images, start=1):
         figure.add_heatmap(
-            z=np.round(image.reshape(shape), 2), x=columns, y=rows, zmin=-size, zmax=size, colorscale="RdBu",
+            z=np.round(image.reshape(shape), 2), x=columns, y=rows, zmin=-size, zmax=size,
+            colorscale="RdBu",
             colorbar={"title": "sigma", "thickness": 10}, showscale=index == 2,
-            hovertemplate="column %{x:.0f}, row %{y:.0f}: %{z:.2f} sigma<extra></extra>", row=1, col=index,
+            hovertemplate="column %{x:.0f}, row %{y:.0f}: %{z:.2f} sigma<extra></extra>", row=1,
+            col=index,
         )  # fmt: skip
     figure.update_xaxes(title="column [px]")
     figure.update_yaxes(title="row [px]", autorange="reversed")
@@ -174,23 +198,29 @@ def ranking_figure(ranking: Sequence[RankedModel], chosen: tuple[str, ...]) -> g
     low, high = np.array([model.gain_ci90 for model in models]).T
     figure = go.Figure()
     figure.add_scatter(
-        x=gains, y=[" + ".join(model.effects) for model in models], mode="markers+text", showlegend=False,
+        x=gains, y=[" + ".join(model.effects) for model in models], mode="markers+text",
+        showlegend=False,
         marker={"color": [GREEN if model.effects == chosen else BLUE for model in models], "size": 10},
         error_x={
             "type": "data", "symmetric": False, "array": np.maximum(0.0, high - gains),
             "arrayminus": gains - np.clip(low, LEAST_NATS, gains), "color": GREY, "thickness": 1.5,
         },
-        text=[f" {max(0.0, model.closed):.0%} closed" for model in models], textposition="top right",
+        text=[f" {max(0.0, model.closed):.0%} closed" for model in models],
+        textposition="top right",
         cliponaxis=False, customdata=np.stack([gains, low, high], axis=1),
         hovertemplate="%{y}: %{customdata[0]:.0f} nats (%{customdata[1]:.0f} to %{customdata[2]:.0f})<extra></extra>",
     )  # fmt: skip
     left = float(np.log10(np.maximum(LEAST_NATS, low).min())) - 0.1
     right = float(np.log10(np.maximum(high, gains).max())) + 0.1
     figure.update_xaxes(
-        title="held-out gain [nats], with 90 % intervals", type="log", range=[left, max(right, left + 1.0)]
+        title="held-out gain [nats], with 90 % intervals",
+        type="log",
+        range=[left, max(right, left + 1.0)],
     )
     figure.update_yaxes(autorange="reversed", type="category", automargin=True)
-    return _sized(figure, 90 + 34 * len(models)).update_layout(margin_r=100)  # labels of the rightmost marks
+    return _sized(figure, 90 + 34 * len(models)).update_layout(
+        margin_r=100
+    )  # labels of the rightmost marks
 
 
 def confusion_figure(confusion: Confusion) -> go.Figure:
@@ -199,9 +229,12 @@ def confusion_figure(confusion: Confusion) -> go.Figure:
     lower = np.where(np.tri(count, k=-1, dtype=bool), confusion.cosine, np.nan)[1:, :-1]
     figure = go.Figure()
     figure.add_heatmap(
-        z=lower, x=confusion.effects[:-1], y=confusion.effects[1:], zmin=0.0, zmax=1.0, colorscale="Blues",
-        text=[["" if np.isnan(c) else f"{c:.2f}".lstrip("0") for c in row] for row in lower], texttemplate="%{text}",
-        hovertemplate="%{y} and %{x}: %{z:.3f}<extra></extra>", colorbar={"title": "|cos|", "thickness": 10},
+        z=lower, x=confusion.effects[:-1], y=confusion.effects[1:], zmin=0.0, zmax=1.0,
+        colorscale="Blues",
+        text=[["" if np.isnan(c) else f"{c:.2f}".lstrip("0") for c in row] for row in lower],
+        texttemplate="%{text}",
+        hovertemplate="%{y} and %{x}: %{z:.3f}<extra></extra>",
+        colorbar={"title": "|cos|", "thickness": 10},
         hoverongaps=False,
     )  # fmt: skip
     figure.update_xaxes(tickangle=-45, automargin=True)

@@ -1,9 +1,9 @@
 """Where the gap between simulation and measurement lies: by signal, joint and regime, in words.
 
 This is independent of every fit. Residuals are related to their explanatory variables (torque,
-speed, acceleration, reversals, posture, time, contact), and the one that explains most of their power
-is named, e.g. "calf joints: q is off by 4.1 sigma where |tau| is above 15 Nm, by 1.1 elsewhere". A
-statement must hold in most parts of the log, not in one of them.
+speed, acceleration, reversals, posture, time, contact), and the one that explains most of their
+power is named, e.g. "calf joints: q is off by 4.1 sigma where |tau| is above 15 Nm, by 1.1
+elsewhere". A statement must hold in most parts of the log, not in one of them.
 """
 
 from collections.abc import Sequence
@@ -80,7 +80,10 @@ def localise(channels: Sequence[Channel]) -> tuple[Statement, ...]:
         groups.setdefault((clue.channel.signal, clue.variable.name, clue.kind), []).append(clue)
     places = {signal: [c.place for c in channels if c.signal == signal] for signal, _, _ in groups}
     # by power, so that a joint that is off by 5 sigma comes before one that is off by 1
-    powers = {key: sum(c.share * float(np.sum(c.channel.residual**2)) for c in group) for key, group in groups.items()}
+    powers = {
+        key: sum(c.share * float(np.sum(c.channel.residual**2)) for c in group)
+        for key, group in groups.items()
+    }
     ranked = sorted(groups, key=lambda key: -powers[key])
     return tuple(_statement(groups[key], places[key[0]]) for key in ranked)
 
@@ -88,10 +91,22 @@ def localise(channels: Sequence[Channel]) -> tuple[Statement, ...]:
 def _clues(channel: Channel) -> list[_Clue]:
     found = []
     for clues in (
-        [_proportional(channel, variable) for variable in channel.variables if not variable.is_regime],
-        [_beyond(channel, variable) for variable in channel.variables if variable.unit or variable.is_regime],
+        [
+            _proportional(channel, variable)
+            for variable in channel.variables
+            if not variable.is_regime
+        ],
+        [
+            _beyond(channel, variable)
+            for variable in channel.variables
+            if variable.unit or variable.is_regime
+        ],
     ):
-        kept = [clue for clue in clues if clue is not None and clue.share > MIN_SHARE and clue.t_statistic > MIN_T]
+        kept = [
+            clue
+            for clue in clues
+            if clue is not None and clue.share > MIN_SHARE and clue.t_statistic > MIN_T
+        ]
         if kept:
             found.append(max(kept, key=lambda clue: clue.share))
     return found
@@ -107,7 +122,8 @@ def _proportional(channel: Channel, variable: ExplanatoryVariable) -> _Clue | No
     without = _but_one(product) / np.maximum(_but_one(power), 1e-30)
     t_statistic = abs(slope) / max(_error(without), 1e-30)
     return _Clue(
-        channel=channel, variable=variable, kind="proportional", share=share, t_statistic=t_statistic, slope=slope,
+        channel=channel, variable=variable, kind="proportional", share=share,
+        t_statistic=t_statistic, slope=slope,
         threshold=0.0, elsewhere=0.0,
     )  # fmt: skip
 
@@ -132,10 +148,14 @@ def _beyond(channel: Channel, variable: ExplanatoryVariable) -> _Clue | None:
     if inside < MIN_CONTRAST * max(outside, 1e-12):
         return None
     share = (inside**2 - outside**2) * float(above.sum()) / max(float(power.sum()), 1e-30)
-    means = [_but_one(_sums(power * a)) / np.maximum(_but_one(_sums(a.astype(float))), 1) for a in (above, ~above)]
+    means = [
+        _but_one(_sums(power * a)) / np.maximum(_but_one(_sums(a.astype(float))), 1)
+        for a in (above, ~above)
+    ]
     t_statistic = (inside**2 - outside**2) / max(_error(means[0] - means[1]), 1e-30)
     return _Clue(
-        channel=channel, variable=variable, kind="beyond", share=share, t_statistic=t_statistic, slope=inside,
+        channel=channel, variable=variable, kind="beyond", share=share, t_statistic=t_statistic,
+        slope=inside,
         threshold=best[1], elsewhere=outside,
     )  # fmt: skip
 
@@ -171,10 +191,21 @@ def _statement(clues: Sequence[_Clue], places: Sequence[str]) -> Statement:
         threshold = float(np.median([clue.threshold for clue in clues]))
         elsewhere = float(np.median([clue.elsewhere for clue in clues]))
         size = f"|{variable.name}|" if np.any(variable.values < 0.0) else variable.name
-        regime = variable.name if variable.is_regime else f"where {size} is above {threshold:.3g}{unit}"
-        text = f"{where}: {signal} is off by {slope:.1f} sigma {regime}, by {elsewhere:.1f} elsewhere"
+        regime = (
+            variable.name if variable.is_regime else f"where {size} is above {threshold:.3g}{unit}"
+        )
+        text = (
+            f"{where}: {signal} is off by {slope:.1f} sigma {regime}, by {elsewhere:.1f} elsewhere"
+        )
     least = min(clue.t_statistic for clue in clues)
-    return Statement(signal=signal, places=named, variable=variable.name, share=share, t_statistic=least, text=text)
+    return Statement(
+        signal=signal,
+        places=named,
+        variable=variable.name,
+        share=share,
+        t_statistic=least,
+        text=text,
+    )
 
 
 def in_words(named: Sequence[str], places: Sequence[str]) -> str:
@@ -219,20 +250,30 @@ def channels_of(
             seen = (replace(variable, values=variable.values[rows]) for variable in own)
             every = (*explanatory_variables_of(log, place, problem.time_s[rows]), *seen)
             variables = tuple(variable for variable in every if np.isfinite(variable.values).all())
-            channels.append(Channel(signal=signal, place=place, residual=residuals[block, rows], variables=variables))
+            channels.append(
+                Channel(
+                    signal=signal, place=place, residual=residuals[block, rows], variables=variables
+                )
+            )
     return tuple(channels)
 
 
-def explanatory_variables_of(log: RunLog, place: str, time_s: Floats) -> tuple[ExplanatoryVariable, ...]:
+def explanatory_variables_of(
+    log: RunLog, place: str, time_s: Floats
+) -> tuple[ExplanatoryVariable, ...]:
     """Explanatory variables of a residual at a joint or another place, at given times."""
     variables = [ExplanatoryVariable(name="a constant", unit="", values=np.ones(len(time_s)))]
     if place in log.meta["joints"]:
         variables += _joint_variables(log, log.meta["joints"].index(place), time_s)
-    variables.append(ExplanatoryVariable(name=TIME, unit="s", values=time_s - float(log.joints.time_s[0])))
+    variables.append(
+        ExplanatoryVariable(name=TIME, unit="s", values=time_s - float(log.joints.time_s[0]))
+    )
     if log.base is not None:
         for name, unit, column in (("height", "m", 2), ("vertical speed", "m/s", 9)):
             values = _at(time_s, log.base.time_s, log.base.values[:, column])
-            variables.append(ExplanatoryVariable(name=f"the base's {name}", unit=unit, values=values))
+            variables.append(
+                ExplanatoryVariable(name=f"the base's {name}", unit=unit, values=values)
+            )
     return tuple(variables)
 
 
@@ -255,12 +296,22 @@ def _joint_variables(log: RunLog, joint: int, time_s: Floats) -> list[Explanator
         ("the direction of motion", "", direction),
         ("angle", "rad", q - np.nanmean(q)),
     )
-    variables = [ExplanatoryVariable(name=n, unit=u, values=_at(time_s, joints.time_s, v)) for n, u, v in signals]
+    variables = [
+        ExplanatoryVariable(name=n, unit=u, values=_at(time_s, joints.time_s, v))
+        for n, u, v in signals
+    ]
     turning = np.interp(time_s, joints.time_s, (since < REVERSAL_S).astype(np.float64))
-    return [*variables, ExplanatoryVariable(name="just after reversals", unit="", values=turning, is_regime=True)]
+    return [
+        *variables,
+        ExplanatoryVariable(name="just after reversals", unit="", values=turning, is_regime=True),
+    ]
 
 
 def _at(time_s: Floats, times: Floats, values: Floats) -> Floats:
     """Interpolated values, across missing samples; NaN if all are missing."""
     known = np.isfinite(values)
-    return np.interp(time_s, times[known], values[known]) if known.any() else np.full(len(time_s), np.nan)
+    return (
+        np.interp(time_s, times[known], values[known])
+        if known.any()
+        else np.full(len(time_s), np.nan)
+    )

@@ -71,7 +71,9 @@ class ShownResiduals:
 def report_page(judgement: Judgement, *, seed: int = 0) -> str:
     """The text of `report.html`; the simulator had the effects of its profile from the start."""
     verdict = judgement.verdict
-    findings = [comparison.findings for each in judgement.examinations for comparison in each.comparisons]
+    findings = [
+        comparison.findings for each in judgement.examinations for comparison in each.comparisons
+    ]
     return render(
         __file__,
         judgement=judgement,
@@ -98,7 +100,11 @@ def report_page(judgement: Judgement, *, seed: int = 0) -> str:
 def _meaning(verdict: Verdict) -> str:
     if verdict.gap is None and verdict.missing:
         return UNTESTED
-    return IN_PART if verdict.verdict == "unexplained" and verdict.effects else MEANING[verdict.verdict]
+    return (
+        IN_PART
+        if verdict.verdict == "unexplained" and verdict.effects
+        else MEANING[verdict.verdict]
+    )
 
 
 def _effects(verdict: Verdict, findings: Sequence[Findings]) -> list[tuple[str, ...]]:
@@ -108,7 +114,8 @@ def _effects(verdict: Verdict, findings: Sequence[Findings]) -> list[tuple[str, 
         (effect.name, ", ".join(places(effect)), name, f"{found.value:.4g}",
          "{:.4g} to {:.4g}".format(*found.ci90), found.unit, remark)
         for effects, remark in (
-            (verdict.effects, "named"), (rivals, "in a set"), (verdict.nearest, "nearest, not named")
+            (verdict.effects, "named"), (rivals, "in a set"),
+            (verdict.nearest, "nearest, not named")
         )
         for effect in effects
         for name, found in effect.params.items()
@@ -122,7 +129,9 @@ def _residuals(comparison: SensorResult, residuals: Residuals) -> ShownResiduals
     known = (residuals.before != 0.0) | (residuals.after != 0.0)  # missing samples are 0
     before, after = (channels_of(problem, log, left, known & residuals.is_test) for left in both)
     worst = [(before[i], after[i]) for i in figures.worst_channels(before)]
-    variables = [{variable.name: variable for variable in channel.variables} for channel, _ in worst]
+    variables = [
+        {variable.name: variable for variable in channel.variables} for channel, _ in worst
+    ]
     return ShownResiduals(
         statements=localise(channels_of(problem, log, residuals.before, known))[:SAID_BEFORE],
         left=None
@@ -141,7 +150,11 @@ def _residuals(comparison: SensorResult, residuals: Residuals) -> ShownResiduals
 
 def _known(profile: Profile, name: str, unit: str) -> str:
     """Returns what a profile gives the first parameter of an effect with this unit, or where it changes nothing."""
-    of_unit = [each for each in fields(EFFECTS[name]) if each.metadata.get("unit") == unit] if name in EFFECTS else []
+    of_unit = (
+        [each for each in fields(EFFECTS[name]) if each.metadata.get("unit") == unit]
+        if name in EFFECTS
+        else []
+    )
     if not of_unit:
         return ""
     effect = profile.effects.get(name)
@@ -167,7 +180,12 @@ def _provenance(judgement: Judgement, findings: Sequence[Findings], seed: int) -
         judgement.profile.to_toml().strip() or "none",
     ]
     claims = [
-        "\n".join(["# claimed by the log", *(f"{name} = {json.dumps(value)}" for name, value in claimed.items())])
+        "\n".join(
+            [
+                "# claimed by the log",
+                *(f"{name} = {json.dumps(value)}" for name, value in claimed.items()),
+            ]
+        )
         for claimed in (_claims(each.log.meta) for each in judgement.examinations)
     ]
     return ["\n".join(lines), *claims]

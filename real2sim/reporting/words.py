@@ -38,10 +38,18 @@ def sentence(verdict: Verdict, profile: Profile = IDEAL) -> str:
         if name in profile.effects
     )
     named = _effects(verdict, {effect.name for effect in verdict.effects} - profile.effects.keys())
-    sets = "; ".join(f"either {' or '.join(names)}, which these data cannot tell apart" for names in verdict.sets)
+    sets = "; ".join(
+        f"either {' or '.join(names)}, which these data cannot tell apart" for names in verdict.sets
+    )
     lacking = "; ".join(part for part in (named, sets) if part)
-    found = "; ".join(part for part in (lacking and f"the simulator lacks {lacking}", changed) if part)
-    start = "Something else is missing, too: " if verdict.verdict == "unexplained" and verdict.effects else ""
+    found = "; ".join(
+        part for part in (lacking and f"the simulator lacks {lacking}", changed) if part
+    )
+    start = (
+        "Something else is missing, too: "
+        if verdict.verdict == "unexplained" and verdict.effects
+        else ""
+    )
     whole = f"{start}{found}{_closed(verdict)}." if found else _unexplained(verdict)
     return f"{whole} {_misfits(verdict.misfits)}" if verdict.misfits else whole
 
@@ -57,7 +65,9 @@ def value_lines(verdict: Verdict) -> list[str]:
             own = [effect for effect in effects if effect.name == name]
             lines += [_line(effect, remark) for effect in own[:MOST_PLACES]]
             if len(own) > MOST_PLACES:
-                lines.append(f"{name} at {len(own) - MOST_PLACES} more places: see the report{remark}")
+                lines.append(
+                    f"{name} at {len(own) - MOST_PLACES} more places: see the report{remark}"
+                )
     return lines
 
 
@@ -111,7 +121,9 @@ def _spoken(effects: Sequence[FoundEffect]) -> str:
 
 def _effect(name: str, effects: list[FoundEffect]) -> str:
     """An effect once, however many places have values of their own."""
-    values = ", ".join(_value(param, [effect.params[param] for effect in effects]) for param in effects[0].params)
+    values = ", ".join(
+        _value(param, [effect.params[param] for effect in effects]) for param in effects[0].params
+    )
     where = [place for effect in effects for place in places(effect)]
     return f"{name} ({values}; {', '.join(where) if len(where) <= MOST_PLACES else f'{len(where)} joints'})"
 
@@ -132,7 +144,9 @@ EXACT_S = 0.001
 
 
 def drawn_lines(judgement: Judgement) -> list[str]:
-    """Returns what the seeds of simulated runs drew, and which effects are not of them; else nothing.
+    """Returns what the seeds of simulated runs drew, and which effects are not of them.
+
+    Else nothing.
 
     A line for the draws, one for the effects that are draws, one for those that are not.
     """
@@ -141,7 +155,8 @@ def drawn_lines(judgement: Judgement) -> list[str]:
     if not trials:
         return []
     lines = [
-        f"drawn by the seed of the run ({seed}), and claimed by its log: payload {trial.payload_kg:.3g} kg, "
+        f"drawn by the seed of the run ({seed}), and claimed by its log: payload "
+        f"{trial.payload_kg:.3g} kg, "
         f"motor strength {trial.motor_strength:.3g}, friction of the ground {trial.friction:.3g}"
         for seed, trial in trials.items()
     ]
@@ -150,7 +165,9 @@ def drawn_lines(judgement: Judgement) -> list[str]:
     own = [effect for effect in told if is_drawn(effect, logs)]
     for effect in own:
         value = effect.params["latency"].value
-        lines.append(f"drawn as well, and not claimed: {effect.name} ({value:.3g} s) is that of the seed")
+        lines.append(
+            f"drawn as well, and not claimed: {effect.name} ({value:.3g} s) is that of the seed"
+        )
     if unknown := dict.fromkeys(effect.name for effect in told if effect not in own):
         lines.append(f"not drawn by the seed, so of the robot itself: {', '.join(unknown)}")
     return lines
@@ -168,7 +185,11 @@ def is_drawn(effect: FoundEffect, logs: Sequence[RunLog]) -> bool:
 def _trial(log: RunLog) -> Trial | None:
     """The trial of a simulated run; the log of a real robot claims no motor strength."""
     config = log.meta.get("config")
-    if not isinstance(config, dict) or not isinstance(config.get("seed"), int) or "motor_strength" not in log.meta:
+    if (
+        not isinstance(config, dict)
+        or not isinstance(config.get("seed"), int)
+        or "motor_strength" not in log.meta
+    ):
         return None
     return Trial.draw(config["seed"])
 
@@ -176,7 +197,9 @@ def _trial(log: RunLog) -> Trial | None:
 def _latency_s(log: RunLog, trial: Trial) -> float:
     """The camera's latency of a trial's robot; that of the nominal one without its profile."""
     with suppress(SaltusError):
-        profile = trial.applied_to(load_profile(str(log.meta["config"].get("profile")), robot_of(log)))
+        profile = trial.applied_to(
+            load_profile(str(log.meta["config"].get("profile")), robot_of(log))
+        )
         return float(next((e.latency for e in profile.camera if isinstance(e, CameraLatency)), 0.0))
     return trial.camera_delay_s
 
@@ -213,11 +236,16 @@ def next_steps(judgement: Judgement, directory: Path = Path()) -> list[Step]:
     whys = dict.fromkeys(proposed, "and give find both logs")
     for missing in verdict.missing:
         whys.setdefault(missing.experiment, f"long enough for the {missing.sensor}")
-    if verdict.verdict in ("set", "unexplained") and all(log.meta.get("base") != "fixed" for log in logs):
+    if verdict.verdict in ("set", "unexplained") and all(
+        log.meta.get("base") != "fixed" for log in logs
+    ):
         whys.setdefault(HELD, "hang it up: a robot in the air shows its drives without the ground")
     elif verdict.verdict == "unexplained" and not any(_is_of(log, HELD) for log in logs):
         whys.setdefault(HELD, "all that a held robot's drives can show, each motion twice")
-    return steps + [Step(_experiment_command(name, robot_name_in(logs[0].meta)), why) for name, why in whys.items()]
+    return steps + [
+        Step(_experiment_command(name, robot_name_in(logs[0].meta)), why)
+        for name, why in whys.items()
+    ]
 
 
 def _base(judgement: Judgement) -> str:
@@ -232,7 +260,9 @@ def _base(judgement: Judgement) -> str:
 def _is_of(log: RunLog, experiment: str) -> bool:
     """Says if a log claims to be of an experiment, as `saltus real2sim experiments` writes it."""
     excitation = log.meta.get("excitation")
-    return isinstance(excitation, dict) and str(excitation.get("text", "")).startswith(f"{experiment}:")
+    return isinstance(excitation, dict) and str(excitation.get("text", "")).startswith(
+        f"{experiment}:"
+    )
 
 
 def _experiment_command(experiment: str, robot: str) -> str:
@@ -251,10 +281,16 @@ def lines(judgement: Judgement, directory: Path) -> list[str]:
     said += drawn_lines(judgement)
     said += [f"note: {remark}" for remark in verdict.log_faults if verdict.verdict != "bad_log"]
     told = {each.sensor for each in verdict.missing} if verdict.gap is None else set()
-    if lacking := {sensor: why for sensor, why in judgement.not_compared.items() if sensor not in told}:
-        said.append("not compared: " + "; ".join(f"{sensor} ({why})" for sensor, why in lacking.items()))
+    if lacking := {
+        sensor: why for sensor, why in judgement.not_compared.items() if sensor not in told
+    }:
+        said.append(
+            "not compared: " + "; ".join(f"{sensor} ({why})" for sensor, why in lacking.items())
+        )
     if unseen := [name for name in profile.effects if name in verdict.untestable]:
         said.append(f"not tested, of the profile: {', '.join(unseen)}")
     if verdict.next_experiment is not None:
-        said.append(f"next experiment: {verdict.next_experiment.name}, {verdict.next_experiment.why}")
+        said.append(
+            f"next experiment: {verdict.next_experiment.name}, {verdict.next_experiment.why}"
+        )
     return said + [f"next: {step}" for step in next_steps(judgement, directory)]

@@ -19,7 +19,10 @@ from saltus.real2sim.problem.camera.rays import expected_depth
 from saltus.real2sim.problem.log import commanded, gains, has_changing_gains, untold
 from saltus.recordings.run_log import RunLog, Table
 
-SEARCH_S = (-0.05, 0.2)  # offsets that are tried: some lead, and the largest latency of a camera on a robot
+SEARCH_S = (
+    -0.05,
+    0.2,
+)  # offsets that are tried: some lead, and the largest latency of a camera on a robot
 GRID_S = 0.005
 ITERATIONS = 8
 SMOOTH_S = 0.02  # to either side; a body turns and heaves at a few hertz
@@ -28,7 +31,9 @@ MIN_BLOCKS = 3
 MIN_POWER = 1e-3  # of the best block; blocks at rest say nothing
 MIN_CORRELATION = 0.5  # below it the two streams do not show the same motion
 DEPTH_GRID = 8  # rows and columns of an image that are compared
-LEAST_DRIFT = 1e-5  # smallest drift that is stated: 1 ms in two minutes, less than quartz clocks differ
+LEAST_DRIFT = (
+    1e-5  # smallest drift that is stated: 1 ms in two minutes, less than quartz clocks differ
+)
 POSES_S = 0.01  # between the poses of predicted images; a body moves more slowly
 MIN_VALID = 0.8  # of the images in which a pixel is valid
 NEAR_RANGE = 0.9  # of the camera's range
@@ -61,7 +66,11 @@ class ClockOffset:
             if (low > 0 or high < 0) and abs(self.drift) > LEAST_DRIFT
             else ""
         )
-        return late + drifts + (" (clock and latency cannot be told apart)" if self.is_relative else "")
+        return (
+            late
+            + drifts
+            + (" (clock and latency cannot be told apart)" if self.is_relative else "")
+        )
 
 
 def align(log: RunLog) -> tuple[ClockOffset, ...]:
@@ -92,7 +101,9 @@ class MotionSamples:
         return np.column_stack([np.interp(time_s, self.time_s, column) for column in self.values.T])
 
 
-def fit_offset(stream: MotionSamples, reference: MotionSamples, *, is_relative: bool) -> ClockOffset | None:
+def fit_offset(
+    stream: MotionSamples, reference: MotionSamples, *, is_relative: bool
+) -> ClockOffset | None:
     """Offset of a stream from a reference with the same motion; None if the motions differ.
 
     Each channel may have its own scale and mean. The interval comes from the disagreement of blocks
@@ -100,13 +111,19 @@ def fit_offset(stream: MotionSamples, reference: MotionSamples, *, is_relative: 
     """
     stream, reference = _smooth(stream), _smooth(reference)
     low, high = SEARCH_S
-    inside = (stream.time_s > reference.time_s[0] + high) & (stream.time_s < reference.time_s[-1] + low)
+    inside = (stream.time_s > reference.time_s[0] + high) & (
+        stream.time_s < reference.time_s[-1] + low
+    )
     time_s, values = stream.time_s[inside], stream.values[inside]
-    blocks = np.floor((time_s - time_s[0]) / BLOCK_S).astype(int) if len(time_s) else np.zeros(0, int)
+    blocks = (
+        np.floor((time_s - time_s[0]) / BLOCK_S).astype(int) if len(time_s) else np.zeros(0, int)
+    )
     if len(np.unique(blocks)) < MIN_BLOCKS:
         return None
     values = values - values.mean(axis=0)
-    offset = max(np.arange(low, high, GRID_S), key=lambda d: _explained(reference.at(time_s - d), values))
+    offset = max(
+        np.arange(low, high, GRID_S), key=lambda d: _explained(reference.at(time_s - d), values)
+    )
     for _ in range(ITERATIONS):
         error, slope = _linearise(reference, time_s, values, offset)
         step = float(np.sum(error * slope) / max(np.sum(slope**2), 1e-30))
@@ -123,7 +140,10 @@ def fit_offset(stream: MotionSamples, reference: MotionSamples, *, is_relative: 
         stream=stream.name,
         reference=reference.name,
         offset_s=float(offset) + mean,
-        ci90_s=(float(offset) + mean - half_width - reference.held_s, float(offset) + mean + half_width),
+        ci90_s=(
+            float(offset) + mean - half_width - reference.held_s,
+            float(offset) + mean + half_width,
+        ),
         drift=drift,
         drift_ci90=(drift - drift_half_width, drift + drift_half_width),
         is_relative=is_relative,
@@ -136,7 +156,9 @@ def _smooth(motion: MotionSamples) -> MotionSamples:
     A line between noisy samples is less noisy than the samples, which would draw an offset to
     halfway between them.
     """
-    half = round(SMOOTH_S / float(np.median(np.diff(motion.time_s)))) if len(motion.time_s) > 1 else 0
+    half = (
+        round(SMOOTH_S / float(np.median(np.diff(motion.time_s)))) if len(motion.time_s) > 1 else 0
+    )
     return replace(motion, values=uniform_filter1d(motion.values, 2 * half + 1, axis=0))
 
 
@@ -147,7 +169,9 @@ def _explained(reference: Floats, values: Floats) -> float:
     return 1 - float(np.sum((values - scale * reference) ** 2) / max(np.sum(values**2), 1e-30))
 
 
-def _linearise(reference: MotionSamples, time_s: Floats, values: Floats, offset: float) -> tuple[Floats, Floats]:
+def _linearise(
+    reference: MotionSamples, time_s: Floats, values: Floats, offset: float
+) -> tuple[Floats, Floats]:
     """Residual at an offset and its derivative by the offset; shapes (n, channels)."""
     width = 2e-3  # s, of the finite difference: a row of a fast log
     early, now, late = (reference.at(time_s - offset + shift) for shift in (width, 0.0, -width))
@@ -171,14 +195,22 @@ def _trend(
     count = int(blocks[-1]) + 1
     power = np.bincount(blocks, power, count).astype(np.float64)
     product = np.bincount(blocks, product, count).astype(np.float64)
-    middle = np.bincount(blocks, time_s, count) / np.maximum(np.bincount(blocks, minlength=count), 1)
+    middle = np.bincount(blocks, time_s, count) / np.maximum(
+        np.bincount(blocks, minlength=count), 1
+    )
     significant = power > MIN_POWER * power.max()
     if significant.sum() < MIN_BLOCKS:
         return None
-    deviation, weight = product[significant] / power[significant], power[significant] / power[significant].sum()
+    deviation, weight = (
+        product[significant] / power[significant],
+        power[significant] / power[significant].sum(),
+    )
     since = middle[significant] - np.sum(weight * middle[significant])
     spread = float(np.sum(weight * since**2))
-    mean, slope = float(np.sum(weight * deviation)), float(np.sum(weight * since * deviation)) / spread
+    mean, slope = (
+        float(np.sum(weight * deviation)),
+        float(np.sum(weight * since * deviation)) / spread,
+    )
     left = weight * (deviation - mean - slope * since)
     freedom = len(left) - 2
     # from the scatter itself (sandwich estimate): blocks with much power may also have large errors
@@ -200,7 +232,9 @@ def _torque_on_command(log: RunLog) -> ClockOffset | None:
         return None
     row_s = float(np.median(np.diff(joints.time_s)))
     received = joints.tau_est + kp * joints.q + kd * joints.dq
-    reference = MotionSamples(name="command", time_s=joints.time_s, values=command[:, moved], held_s=row_s)
+    reference = MotionSamples(
+        name="command", time_s=joints.time_s, values=command[:, moved], held_s=row_s
+    )
     stream = MotionSamples(name="tau_est", time_s=joints.time_s, values=received[:, moved])
     return fit_offset(stream, reference, is_relative=False)
 
@@ -215,7 +249,9 @@ def _gyro_on_base(log: RunLog) -> ClockOffset | None:
     between = 0.5 * (log.base.time_s[1:] + log.base.time_s[:-1])
     reference = MotionSamples(name="base", time_s=between, values=turn)
     return fit_offset(
-        MotionSamples(name="gyro", time_s=log.imu.time_s, values=log.imu.values[:, 4:7]), reference, is_relative=True
+        MotionSamples(name="gyro", time_s=log.imu.time_s, values=log.imu.values[:, 4:7]),
+        reference,
+        is_relative=True,
     )
 
 
@@ -230,11 +266,15 @@ def _depth_on_base(log: RunLog, *, is_capture: bool) -> ClockOffset | None:
     rows = np.linspace(0, log.depth.depth_mm.shape[1] - 1, DEPTH_GRID).astype(int)
     columns = np.linspace(0, log.depth.depth_mm.shape[2] - 1, DEPTH_GRID).astype(int)
     predicted = _predicted(log, log.base, rows, columns)
-    measured: Floats = 1e-3 * log.depth.depth_mm[:, rows][:, :, columns].reshape(len(times), -1).astype(np.float64)
+    measured: Floats = 1e-3 * log.depth.depth_mm[:, rows][:, :, columns].reshape(
+        len(times), -1
+    ).astype(np.float64)
     # a pixel that is often invalid, out of range or crossed by an edge shows no time
     reach = NEAR_RANGE * float(camera.get("range_max", 3.0))
     steady = (np.mean(measured > 0, axis=0) > MIN_VALID) & np.all(predicted.values < reach, axis=0)
-    predicted_steps = np.diff(np.where(np.isfinite(predicted.values), predicted.values, 1e3), axis=0)
+    predicted_steps = np.diff(
+        np.where(np.isfinite(predicted.values), predicted.values, 1e3), axis=0
+    )
     steady &= np.abs(predicted_steps).max(axis=0) < JUMP_M
     if not steady.any():
         return None
@@ -243,7 +283,9 @@ def _depth_on_base(log: RunLog, *, is_capture: bool) -> ClockOffset | None:
         measured[:, pixel] = np.interp(times, times[valid], measured[valid, pixel])
     name = "images by capture stamps" if is_capture else "images by arrival"
     stream = MotionSamples(name=name, time_s=times, values=measured[:, steady])
-    reference = MotionSamples(name="base", time_s=predicted.time_s, values=predicted.values[:, steady])
+    reference = MotionSamples(
+        name="base", time_s=predicted.time_s, values=predicted.values[:, steady]
+    )
     return fit_offset(stream, reference, is_relative=True)
 
 
@@ -251,4 +293,6 @@ def _predicted(log: RunLog, base: Table, rows: Indices, columns: Indices) -> Mot
     """Predicted depth of chosen pixels at poses every `POSES_S`."""
     step = max(1, round(POSES_S / float(np.median(np.diff(base.time_s)))))
     depth = expected_depth(base.values[::step, :7], log, rows, columns)
-    return MotionSamples(name="base", time_s=base.time_s[::step], values=depth.reshape(len(depth), -1))
+    return MotionSamples(
+        name="base", time_s=base.time_s[::step], values=depth.reshape(len(depth), -1)
+    )

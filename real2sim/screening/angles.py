@@ -8,7 +8,16 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.log import model_of
-from saltus.real2sim.screening.scales import RIGHT, Fault, by_cause, gears_of, is_off, means, unit_fault, unit_of
+from saltus.real2sim.screening.scales import (
+    RIGHT,
+    Fault,
+    by_cause,
+    gears_of,
+    is_off,
+    means,
+    unit_fault,
+    unit_of,
+)
 from saltus.recordings.run_log import JointTable, RunLog
 from saltus.recordings.units import ANGLES
 from saltus.robots.robot import JOINTS, Robot
@@ -34,7 +43,14 @@ BARELY = 0.02
 """The same of a dq that shows the very motion of q, as no noise does."""
 TYPICAL = 0.5
 """Angles of legs are from 0.1 to 2.5 rad: the geometric mean."""
-KNOWN = (1.0 / ANGLES["deg"], 1.0 / ANGLES["mrad"], 1.0 / ANGLES["rev"], ANGLES["deg"], ANGLES["mrad"], -1.0)
+KNOWN = (
+    1.0 / ANGLES["deg"],
+    1.0 / ANGLES["mrad"],
+    1.0 / ANGLES["rev"],
+    ANGLES["deg"],
+    ANGLES["mrad"],
+    -1.0,
+)
 """Factors that angles of all joints have: units, units that were turned into rad twice, a sign."""
 
 
@@ -46,7 +62,11 @@ def angle_faults(log: RunLog, q: Floats, q_des: Floats) -> Iterator[Fault]:
         q: Slow motion of the joints, shape (rows, joints).
         q_des: That of their commands.
     """
-    factors = {joint: each for joint in range(q.shape[1]) if is_off(each := _factor(q[:, joint], q_des[:, joint]))}
+    factors = {
+        joint: each
+        for joint in range(q.shape[1])
+        if is_off(each := _factor(q[:, joint], q_des[:, joint]))
+    }
     # hips that hardly move may sag by as much as they are told; what is off by a unit is so for
     # more than one joint
     moved = [j for j in factors if np.ptp(q_des[:, j]) > MOVES]
@@ -62,7 +82,13 @@ def angle_faults(log: RunLog, q: Floats, q_des: Floats) -> Iterator[Fault]:
         reach = _reach(getattr(log.joints, signal), is_deg)
         than = f"{other} in slow motion{f' ({reach})' if reach else ''}"
         yield unit_fault(
-            "degrees" if is_deg else "angle_unit", signal, f"{signal} of {where}", times, than, gears, AGREE
+            "degrees" if is_deg else "angle_unit",
+            signal,
+            f"{signal} of {where}",
+            times,
+            than,
+            gears,
+            AGREE,
         )
 
 
@@ -76,7 +102,9 @@ def _factor(q: Floats, q_des: Floats) -> float:
     elif max(np.ptp(q), np.ptp(q_des)) > MOVES:
         return 1.0  # it follows another joint, or nothing
     middles = abs(q.mean()), abs(q_des.mean())
-    by_posture = float(q.mean() / q_des.mean()) if max(middles) > POSTURE and min(middles) > 0.0 else np.nan
+    by_posture = (
+        float(q.mean() / q_des.mean()) if max(middles) > POSTURE and min(middles) > 0.0 else np.nan
+    )
     known = [factor for factor in (by_motion, by_posture) if np.isfinite(factor)]
     if not known or (len(known) == 2 and abs(known[0] / known[1] - 1.0) > AGREE):
         return 1.0
@@ -86,13 +114,20 @@ def _factor(q: Floats, q_des: Floats) -> float:
 
 def _wrong_one(log: RunLog, joints: list[int], factor: float) -> str:
     """The one of q and q_des in another unit: by rates, or else the one less like angles of legs."""
-    slopes = rate_slopes(log.joints.time_s, log.joints.q, log.joints.dq) if log.joints.dq is not None else None
+    slopes = (
+        rate_slopes(log.joints.time_s, log.joints.q, log.joints.dq)
+        if log.joints.dq is not None
+        else None
+    )
     if slopes is not None and (told := slopes[joints][np.isfinite(slopes[joints])]).size:
         slope = float(np.median(told))
         for signal, own in (("q", slope * factor), ("q_des", slope)):
             if abs(own - 1.0) < AGREE:
                 return signal
-    sizes = {signal: float(np.sqrt(np.mean(getattr(log.joints, signal)[:, joints] ** 2))) for signal in ("q", "q_des")}
+    sizes = {
+        signal: float(np.sqrt(np.mean(getattr(log.joints, signal)[:, joints] ** 2)))
+        for signal in ("q", "q_des")
+    }
     if factor < 0.0:
         return "q"
     return max(sizes, key=lambda signal: abs(np.log(max(sizes[signal], 1e-9) / TYPICAL)))
@@ -115,8 +150,12 @@ def posture_faults(log: RunLog) -> Iterator[Fault]:
         both = " and q_des" if signal == "q" and _are_alike(log.joints) else ""
         for where, factor in by_cause(names, told):
             is_deg = unit_of(signal, factor, gears) == "deg"
-            than = f"what they can be ({_reach(values, is_deg) or 'beyond the limits of the joints'})"
-            fault = unit_fault("angle_unit", signal, f"{signal}{both} of {where}", factor, than, gears)
+            than = (
+                f"what they can be ({_reach(values, is_deg) or 'beyond the limits of the joints'})"
+            )
+            fault = unit_fault(
+                "angle_unit", signal, f"{signal}{both} of {where}", factor, than, gears
+            )
             yield replace(fault, name="degrees") if is_deg else fault
         return  # in rad, speeds would be others
 
@@ -132,7 +171,9 @@ def _are_alike(joints: JointTable) -> bool:
     """True where q and q_des are in one unit."""
     if joints.q_des is None:
         return False
-    ratio = float(np.sum(joints.q * joints.q_des) / max(np.sum(joints.q_des**2), np.finfo(np.float64).tiny))
+    ratio = float(
+        np.sum(joints.q * joints.q_des) / max(np.sum(joints.q_des**2), np.finfo(np.float64).tiny)
+    )
     return RIGHT[0] < ratio < RIGHT[1]
 
 
@@ -154,10 +195,14 @@ def _by_limits(log: RunLog, values: Floats, gears: tuple[float, ...]) -> Floats 
     is_measured = bool((np.ptp(values, axis=0) > 0.0).any())
     if not is_measured or np.sum((middle < low) | (middle > high)) < 2:
         return None
-    known = [np.full(len(names), factor) for factor in (*KNOWN, *gears, *(1.0 / gear for gear in gears))]
+    known = [
+        np.full(len(names), factor) for factor in (*KNOWN, *gears, *(1.0 / gear for gear in gears))
+    ]
     known += [robot.reduction[index], 1.0 / robot.reduction[index]]
     fit = [factors for factors in known if _within(middle / factors, low, high)]
-    return min(fit, key=lambda factors: float(np.sum((middle / factors - stand) ** 2)), default=None)
+    return min(
+        fit, key=lambda factors: float(np.sum((middle / factors - stand) ** 2)), default=None
+    )
 
 
 def _within(values: Floats, low: Floats, high: Floats) -> bool:
@@ -195,4 +240,6 @@ def command_rate_faults(log: RunLog) -> Iterator[Fault]:
     factors = {joint: float(slope) for joint, slope in enumerate(slopes) if np.isfinite(slope)}
     off = {joint: factor for joint, factor in factors.items() if is_off(factor)}
     for where, factor in by_cause(log.meta["joints"], off) if len(off) > 0.5 * len(factors) else ():
-        yield unit_fault("wrong_rate", "dq_des", f"dq_des of {where}", factor, "the rate of q_des", gears_of(log))
+        yield unit_fault(
+            "wrong_rate", "dq_des", f"dq_des of {where}", factor, "the rate of q_des", gears_of(log)
+        )

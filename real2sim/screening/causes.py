@@ -94,7 +94,12 @@ class Causes:
 
 
 def causes(
-    torque: Floats, error: Floats, rate: Floats, feedforward: Floats | None, *, is_rate_measured: bool = True
+    torque: Floats,
+    error: Floats,
+    rate: Floats,
+    feedforward: Floats | None,
+    *,
+    is_rate_measured: bool = True,
 ) -> Causes:
     """Compares the causes on rows of one drive, as they are or in slow motion: where one tells more.
 
@@ -107,10 +112,22 @@ def causes(
             kd alone by.
     """
     extra = np.zeros_like(torque) if feedforward is None else feedforward
-    parts = {"tau_est": error + rate + extra, "gains": error + rate, "kp": error, "kd": rate, "tau_ff": extra}
-    is_there = {"gains": feedforward is not None, "kd": is_rate_measured, "tau_ff": feedforward is not None}
+    parts = {
+        "tau_est": error + rate + extra,
+        "gains": error + rate,
+        "kp": error,
+        "kd": rate,
+        "tau_ff": extra,
+    }
+    is_there = {
+        "gains": feedforward is not None,
+        "kd": is_rate_measured,
+        "tau_ff": feedforward is not None,
+    }
     parts = {name: part for name, part in parts.items() if is_there.get(name, True)}
-    factors = {name: _factor(torque - (parts["tau_est"] - part), part) for name, part in parts.items()}
+    factors = {
+        name: _factor(torque - (parts["tau_est"] - part), part) for name, part in parts.items()
+    }
     slow = {name: uniform_filter1d(part, SLOW_ROWS) for name, part in parts.items()}
     moments = {name: _moments(part) for name, part in parts.items()}
     seen = [
@@ -118,10 +135,16 @@ def causes(
         for of, left in (
             _explained(torque, parts, factors),
             # dampers do next to nothing in slow motion
-            _explained(uniform_filter1d(torque, SLOW_ROWS), slow, {k: v for k, v in factors.items() if k != "kd"}),
+            _explained(
+                uniform_filter1d(torque, SLOW_ROWS),
+                slow,
+                {k: v for k, v in factors.items() if k != "kd"},
+            ),
         )
     ]
-    return min([each for each in seen if each.are_told] or seen[:1], key=lambda each: each.least_left)
+    return min(
+        [each for each in seen if each.are_told] or seen[:1], key=lambda each: each.least_left
+    )
 
 
 def _moments(values: Floats) -> Moments:
@@ -135,7 +158,9 @@ def _factor(rest: Floats, part: Floats) -> float:
     noise (an instrumental variable; Angrist and Pischke, Mostly Harmless Econometrics, 4.1).
     """
     part, rest = part - part.mean(), rest - rest.mean()
-    around = AROUND_ROWS * uniform_filter1d(part, AROUND_ROWS) - OWN_ROWS * uniform_filter1d(part, OWN_ROWS)
+    around = AROUND_ROWS * uniform_filter1d(part, AROUND_ROWS) - OWN_ROWS * uniform_filter1d(
+        part, OWN_ROWS
+    )
     around -= around.mean()
     power, along = float(part @ part), float(around @ part)
     if along > SEEN * np.sqrt(power * float(around @ around)) > 0.0:
@@ -152,12 +177,16 @@ def _explained(
     for name, factor in factors.items():
         rest = torque - (law - parts[name])
         left = float(np.var(rest - factor * parts[name]))
-        if left < (1.0 - EXPLAINED) * float(np.var(rest)):  # noise beside a strong tau_ff tells no gains
+        if left < (1.0 - EXPLAINED) * float(
+            np.var(rest)
+        ):  # noise beside a strong tau_ff tells no gains
             found[name] = Cause(factor=factor, left=left / variance)
     return found, float(np.var(torque - law)) / variance
 
 
-def cause_faults(names: Sequence[str], drives: Sequence[Causes], gears: Sequence[float]) -> Iterator[Fault]:
+def cause_faults(
+    names: Sequence[str], drives: Sequence[Causes], gears: Sequence[float]
+) -> Iterator[Fault]:
     """Faults of factors, by the cause that explains most of the drives for which they are told."""
     told = [joint for joint, drive in enumerate(drives) if drive.are_told]
     if (held := _held(drives, told)) is not None:
@@ -166,7 +195,10 @@ def cause_faults(names: Sequence[str], drives: Sequence[Causes], gears: Sequence
     if not told:
         return
     cause = _likeliest(
-        {name: [drives[j].of[name].left if name in drives[j].of else 1.0 for j in told] for name in CAUSES}
+        {
+            name: [drives[j].of[name].left if name in drives[j].of else 1.0 for j in told]
+            for name in CAUSES
+        }
     )
     of = {joint: drives[joint].of[cause] for joint in told if cause in drives[joint].of}
     if len(told) < MOST * len(drives) and np.median([each.left for each in of.values()]) > OF_FEW:
@@ -191,7 +223,9 @@ def _likeliest(left: Mapping[str, Sequence[float]]) -> str:
     """The first cause that leaves hardly more than any."""
     tiny = np.finfo(np.float64).tiny
     scores = {name: float(np.mean(np.log(np.maximum(own, tiny)))) for name, own in left.items()}
-    return next(name for name in CAUSES if name in scores and scores[name] < min(scores.values()) + AS_GOOD)
+    return next(
+        name for name in CAUSES if name in scores and scores[name] < min(scores.values()) + AS_GOOD
+    )
 
 
 def _of_means(drives: Sequence[Causes]) -> dict[str, Cause]:
@@ -241,5 +275,7 @@ def _gains_instead(factor: float) -> str:
     if abs(factor / PER_DEGREE - 1.0) < 0.1:
         return "kp and kd in Nm/deg, or angles that were turned into rad twice?"
     return (
-        "angles in deg, or kp and kd that were turned into Nm/rad twice?" if abs(factor * PER_DEGREE - 1) < 0.1 else ""
+        "angles in deg, or kp and kd that were turned into Nm/rad twice?"
+        if abs(factor * PER_DEGREE - 1) < 0.1
+        else ""
     )

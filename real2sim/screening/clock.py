@@ -12,14 +12,17 @@ from saltus.recordings.run_log import JOINT_SIGNALS, RunLog, period_of
 from saltus.recordings.units import TIMES
 
 LONG = 1.6  # times the period: one lost row makes 2
-ROWS = 50  # on each side of a step: the line through them is as certain as a tenth of the largest jitter
+# On each side of a step: the line through them is as certain as a tenth of the largest jitter
+ROWS = 50
 CATCHING_UP = 10  # rows after a step that a loop needs until it is in time again
 FEW = 12  # fewer rows on a side say nothing of a line
 ROUNDED_S = 1e-3  # what loggers round their times to, where the period is not much longer
 JITTER_SHARE = 0.1  # of a period: less than the smallest that hides a lost row
-NEARLY = 1.06  # times a millisecond: such a period makes so few long steps that lost rows are most of them
+# Times a millisecond: such a period makes so few long steps that lost rows are most of them
+NEARLY = 1.06
 SLACK = 1e-3  # of such a time, by the rounding of doubles
-EVEN = 0.3  # standard deviation over mean of the distances between long steps: lost rows come at random, near 1
+# Standard deviation over mean of the distances between long steps: lost rows come at random, near 1
+EVEN = 0.3
 
 
 def lost_rows(time_s: Floats) -> tuple[int, float]:
@@ -34,7 +37,9 @@ def lost_rows(time_s: Floats) -> tuple[int, float]:
     long = np.flatnonzero(steps > LONG * period)
     if period <= 0.0 or not len(long) or _are_roundings(time_s, long, period):
         return 0, 0.0
-    if _is_rounded(time_s, period) and period > NEARLY * ROUNDED_S:  # its roundings alone make steps as long
+    if (
+        _is_rounded(time_s, period) and period > NEARLY * ROUNDED_S
+    ):  # its roundings alone make steps as long
         long = long[steps[long] > period + (1.0 + JITTER_SHARE) * ROUNDED_S]
     if _is_even(time_s, steps):
         usual = float(np.median(steps))
@@ -42,13 +47,20 @@ def lost_rows(time_s: Floats) -> tuple[int, float]:
         return int(np.sum(np.rint(gaps / usual) - 1)), float(gaps.max(initial=0.0))
     spread = float(np.subtract(*np.quantile(steps, (0.95, 0.05))))
     lost, longest, line = 0, 0.0, time_s - period * np.arange(len(time_s))
-    for place in long[np.argsort(-steps[long], kind="stable")]:  # the longest first: its neighbours see it, too
-        before, after = line[max(0, place + 1 - ROWS) : place + 1], line[place + 1 : place + 1 + ROWS]
+    for place in long[
+        np.argsort(-steps[long], kind="stable")
+    ]:  # the longest first: its neighbours see it, too
+        before, after = (
+            line[max(0, place + 1 - ROWS) : place + 1],
+            line[place + 1 : place + 1 + ROWS],
+        )
         if min(len(before), len(after)) >= FEW:
             shift = _shift(before, after)
         else:  # too near an end: believed where the clock is otherwise even
             shift = steps[place] - period if steps[place] > period + 2.0 * spread else 0.0
-        count = min(round(shift / period), round(float(steps[place]) / period) - 1)  # a gap holds no more
+        count = min(
+            round(shift / period), round(float(steps[place]) / period) - 1
+        )  # a gap holds no more
         if count > 0:
             lost, longest = lost + count, max(longest, float(steps[place]))
             line[place + 1 :] -= count * period
@@ -59,13 +71,17 @@ def _is_even(time_s: Floats, steps: Floats) -> bool:
     """True for a clock so even that each long step speaks for itself."""
     usual = float(np.median(steps))
     short = steps[steps <= LONG * usual]
-    return bool(np.all(np.abs(short - usual) < JITTER_SHARE * usual)) and not _is_rounded(time_s, usual)
+    return bool(np.all(np.abs(short - usual) < JITTER_SHARE * usual)) and not _is_rounded(
+        time_s, usual
+    )
 
 
 def _is_rounded(time_s: Floats, period: float) -> bool:
     """True for times in whole milliseconds, of rows whose period is not much longer."""
     whole = (time_s - time_s[0]) / ROUNDED_S
-    return period + ROUNDED_S > LONG * period and bool(np.all(np.abs(whole - np.rint(whole)) < SLACK))
+    return period + ROUNDED_S > LONG * period and bool(
+        np.all(np.abs(whole - np.rint(whole)) < SLACK)
+    )
 
 
 def _shift(before: Floats, after: Floats) -> float:
@@ -73,8 +89,12 @@ def _shift(before: Floats, after: Floats) -> float:
     skipped = min(CATCHING_UP, len(after) // 2)
     sides = (before, after[skipped:])
     centred = [np.arange(len(side)) - 0.5 * (len(side) - 1) for side in sides]
-    slope = sum(c @ side for c, side in zip(centred, sides, strict=True)) / sum(c @ c for c in centred)
-    apart = 0.5 * (len(before) + len(after) - skipped) + skipped  # rows between the middles of both sides
+    slope = sum(c @ side for c, side in zip(centred, sides, strict=True)) / sum(
+        c @ c for c in centred
+    )
+    apart = (
+        0.5 * (len(before) + len(after) - skipped) + skipped
+    )  # rows between the middles of both sides
     return float(np.mean(sides[1]) - np.mean(sides[0]) - slope * apart)
 
 
@@ -83,24 +103,31 @@ def _are_roundings(time_s: Floats, long: NDArray[np.int64], period: float) -> bo
     if len(long) < 3 or not _is_rounded(time_s, period):
         return False
     apart, steps = np.diff(long), np.diff(time_s)
-    return bool(np.all(steps[long] < period + (1.0 + JITTER_SHARE) * ROUNDED_S)) and apart.std() < EVEN * apart.mean()
+    return (
+        bool(np.all(steps[long] < period + (1.0 + JITTER_SHARE) * ROUNDED_S))
+        and apart.std() < EVEN * apart.mean()
+    )
 
 
 LARGEST_VALUE = 1e6  # in SI units: larger than any reading of a joint, IMU, base or foot
 LARGEST_TIME_S = 1e11  # s: clocks count from their start or from 1970
 MIN_ROWS = 20  # fewer rows have no useful median
 MAX_LOST = 0.01  # share of lost rows: one in a hundred is a hole in every short window
-CHANCE = 3.0  # standard deviations of a count: the start of a log may have more than its share of lost rows
+# Standard deviations of a count: the start of a log may have more than its share of lost rows
+CHANCE = 3.0
 MAX_GAP_S = 0.1  # longest gap: longer than any delay that is searched for
 MAX_REPEATED = 0.01
 CONTROL_DT_OFF = 1.3  # ratio of row spacing to the claim
 JUMP = 6.0  # times the 99 % quantile, in two joints at once; logs without lost rows stay below 2
 MAX_JUMPS = 1  # one jump may be a knock; lost rows come again
-ROWS_A_COMMAND = 8.0  # times by which rows may come faster or slower than commands: 50 Hz for 400 Hz
+ROWS_A_COMMAND = (
+    8.0  # times by which rows may come faster or slower than commands: 50 Hz for 400 Hz
+)
 SAME_RUN = 2.0  # times by which a table of a run may last longer or shorter than that of the joints
 SINCE_1970_S = 1.7e9  # today's seconds since 1970
 NEAR = 2  # rows before and after, whose speeds bound the motion from row to row
-MOVING = 0.2  # rad/s: faster joints change their reading in every row, also with a coarse encoder (1.5 mrad)
+# rad/s: faster joints change their reading in every row, also with a coarse encoder (1.5 mrad)
+MOVING = 0.2
 
 
 def clock_faults(log: RunLog) -> list[Fault]:
@@ -129,7 +156,8 @@ def _units(log: RunLog) -> Iterator[Fault]:
     claimed = float(log.meta["control_dt"])
     if factor := _known_factor(row / claimed, ROWS_A_COMMAND):
         text = (
-            f"joints: t is {factor:g} times what it can be: rows are {row:.4g} apart, control_dt claims {claimed:g} s"
+            f"joints: t is {factor:g} times what it can be: rows are {row:.4g} apart, "
+            f"control_dt claims {claimed:g} s"
         )
         yield Fault(name="time_unit", text=f"{text}; {_in_unit(factor)}")
         return
@@ -145,7 +173,9 @@ def _units(log: RunLog) -> Iterator[Fault]:
 def _known_factor(ratio: float, near: float) -> float | None:
     """The factor of a unit of time that is as near to a ratio as that."""
     known = [1.0 / seconds for name, seconds in TIMES.items() if name != "s"]
-    return next((f for each in known for f in (each, 1.0 / each) if 1.0 / near < ratio / f < near), None)
+    return next(
+        (f for each in known for f in (each, 1.0 / each) if 1.0 / near < ratio / f < near), None
+    )
 
 
 def _in_unit(factor: float, is_alone: bool = False) -> str:
@@ -153,19 +183,29 @@ def _in_unit(factor: float, is_alone: bool = False) -> str:
     unit = next((name for name, seconds in TIMES.items() if abs(factor * seconds - 1.0) < 1e-6), "")
     if not unit:
         return "turned into seconds twice?"
-    return f"in {unit}? " + ("Write seconds" if is_alone else f'Then say time_unit = "{unit}" in units of meta.json')
+    return f"in {unit}? " + (
+        "Write seconds" if is_alone else f'Then say time_unit = "{unit}" in units of meta.json'
+    )
 
 
 def _numbers(log: RunLog) -> Iterator[Fault]:
     for name, time_s in _stamps(log).items():
         beyond = len(time_s) > 0 and bool(np.min(time_s) > LARGEST_TIME_S)
-        if factor := _known_factor(float(np.min(time_s)) / SINCE_1970_S, SAME_RUN) if beyond else None:
+        if (
+            factor := _known_factor(float(np.min(time_s)) / SINCE_1970_S, SAME_RUN)
+            if beyond
+            else None
+        ):
             text = f"{name}: 't' is {factor:g} times the seconds since 1970: {_in_unit(factor)}"
             yield Fault(name="time_unit", text=text)
         else:
             yield from _impossible(f"{name}: 't' has", time_s, LARGEST_TIME_S)
     signals = {s: values for s in JOINT_SIGNALS if (values := getattr(log.joints, s)) is not None}
-    tables = {n: t.values for n, t in (("imu", log.imu), ("base", log.base), ("feet", log.feet)) if t is not None}
+    tables = {
+        n: t.values
+        for n, t in (("imu", log.imu), ("base", log.base), ("feet", log.feet))
+        if t is not None
+    }
     for name, values in {**signals, **tables}.items():
         yield from _impossible(f"{name}:", values, LARGEST_VALUE)
     if len(log.joints.time_s) < MIN_ROWS:
@@ -177,10 +217,16 @@ def _impossible(where: str, values: Floats, largest: float) -> Iterator[Fault]:
     """Faults of values that are not numbers or too large."""
     wrong = ~np.isfinite(values)
     if wrong.any():
-        yield Fault(name="not_a_number", text=f"{where} {_share(wrong)} values that are no numbers; fill them")
+        yield Fault(
+            name="not_a_number",
+            text=f"{where} {_share(wrong)} values that are no numbers; fill them",
+        )
     beyond = np.abs(np.where(wrong, 0.0, values)) > largest
     if beyond.any():
-        yield Fault(name="too_large", text=f"{where} {_share(beyond)} values beyond {largest:g}: a broken reading?")
+        yield Fault(
+            name="too_large",
+            text=f"{where} {_share(beyond)} values beyond {largest:g}: a broken reading?",
+        )
 
 
 def _share(wrong: NDArray[np.bool_]) -> str:
@@ -196,7 +242,9 @@ def _order(name: str, time_s: Floats) -> Iterator[Fault]:
     same = int(np.sum(steps == 0))
     if same:
         text = f"{name}: {same / len(steps):.1%} of the rows bear the time of the row before them"
-        yield Fault(name="repeated_rows", text=text, is_fatal=_is_more(same, MAX_REPEATED, len(steps)))
+        yield Fault(
+            name="repeated_rows", text=text, is_fatal=_is_more(same, MAX_REPEATED, len(steps))
+        )
 
 
 def _is_more(count: int, share: float, total: int) -> bool:
@@ -208,7 +256,9 @@ def _steps(log: RunLog) -> Iterator[Fault]:
     """Compares the time between rows with the claimed time between commands."""
     claimed, found = float(log.meta["control_dt"]), period_of(log.joints.time_s)
     if found > CONTROL_DT_OFF * claimed:
-        text = f"joints: rows are {1e3 * found:.4g} ms apart, control_dt claims {1e3 * claimed:.4g} ms"
+        text = (
+            f"joints: rows are {1e3 * found:.4g} ms apart, control_dt claims {1e3 * claimed:.4g} ms"
+        )
         yield Fault(name="control_dt", text=text)
         return
     if log.joints.q_des is None:
@@ -227,7 +277,9 @@ def _lost(log: RunLog) -> Iterator[Fault]:
     time_s = log.joints.time_s
     lost, longest, between = 0, 0.0, rows_between(time_s)
     for segment in segments_of(log):
-        count, gap = lost_rows(time_s[between(segment.start_s, np.nextafter(segment.end_s, np.inf))])
+        count, gap = lost_rows(
+            time_s[between(segment.start_s, np.nextafter(segment.end_s, np.inf))]
+        )
         lost, longest = lost + count, max(longest, gap)
     if lost:
         text = f"joints: {lost} rows ({lost / len(time_s):.1%}) are missing, the longest gap is {1e3 * longest:.0f} ms"
@@ -284,4 +336,6 @@ def _repeated(log: RunLog) -> Iterator[Fault]:
     count = int(seen.sum())
     if count:
         text = f"joints: {count / len(seen):.1%} of the rows repeat the state of the row before while the robot moves"
-        yield Fault(name="repeated_rows", text=text, is_fatal=_is_more(count, MAX_REPEATED, len(seen)))
+        yield Fault(
+            name="repeated_rows", text=text, is_fatal=_is_more(count, MAX_REPEATED, len(seen))
+        )

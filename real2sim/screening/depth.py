@@ -1,4 +1,7 @@
-"""Faults of depth images: units, clocks, images upside down. They are compared with the claimed terrain."""
+"""Faults of depth images: units, clocks, images upside down.
+
+They are compared with the claimed terrain.
+"""
 
 from collections.abc import Iterator
 
@@ -11,16 +14,22 @@ from saltus.recordings.run_log import DepthTable, RunLog, Table
 
 FRAMES = 12  # images that are compared, spread over the log
 PIXELS = 400  # smallest number of valid pixels in them
-UNIT_OFF = 1.7  # times the expected depth; a scale off by 5 %, a bias of 5 cm or a clipped range stay below 1.2
+# Times the expected depth; a scale off by 5 %, a bias of 5 cm or a clipped range stay below 1.2
+UNIT_OFF = 1.7
 STEPS_M = (1e-6, 1e-5, 1e-4, 1.25e-4, 2e-4, 2.5e-4, 5e-4, 1e-2, 0.0254, 1.0)
 """Steps of depth images that are in use [m] beside 0.001: micrometres, 0.01, 0.1 (D405), 0.125, 0.2
 (TUM's files), 0.25 (L515) and 0.5 mm, cm, inches, metres."""
-NEAR_STEP = 0.2  # share by which the measured step may differ: errors of depth and of the claimed mount
+NEAR_STEP = (
+    0.2  # share by which the measured step may differ: errors of depth and of the claimed mount
+)
 COARSE_M = 0.5  # steps that are as far as what legs stand on
 FULL = 65534  # largest distance of 16 bits: larger ones are cut to it
 FULL_SHARE = 0.5  # of valid pixels: nothing that a robot's camera sees is so far
 SEEN_SHARE = 0.02  # smallest share of valid pixels
-UPSIDE_DOWN = (-0.3, 0.6)  # correlation with the expected image: below this upright, above this upside down
+UPSIDE_DOWN = (
+    -0.3,
+    0.6,
+)  # correlation with the expected image: below this upright, above this upside down
 MAX_AGE_S = 2.0  # older images have time stamps of another clock
 MOVES_M = 0.02
 
@@ -31,7 +40,11 @@ def depth_faults(log: RunLog) -> list[Fault]:
         return []
     if not isinstance(camera := log.meta.get("camera"), dict):
         return [
-            Fault(name="no_camera", text="depth: meta.json claims no camera: images cannot be compared", is_fatal=False)
+            Fault(
+                name="no_camera",
+                text="depth: meta.json claims no camera: images cannot be compared",
+                is_fatal=False,
+            )
         ]
     height, width = log.depth.depth_mm.shape[1:]
     if (camera.get("height"), camera.get("width")) != (height, width):
@@ -39,7 +52,9 @@ def depth_faults(log: RunLog) -> list[Fault]:
         return [Fault(name="image_size", text=text)]
     reach = float(camera.get("range_max", np.inf))
     geometry = [*_geometry(log, log.depth, reach)]
-    units = [fault for fault in geometry if fault.name == "depth_unit"] or [*_beyond(log.depth, reach)]
+    units = [fault for fault in geometry if fault.name == "depth_unit"] or [
+        *_beyond(log.depth, reach)
+    ]
     return units or [*_clocks(log.depth), *_contents(log.depth, log.base), *geometry]
 
 
@@ -66,13 +81,16 @@ def _step(ratio: float, seen: NDArray[np.uint16], is_known: bool = True) -> str:
 
 def _clocks(depth: DepthTable) -> Iterator[Fault]:
     if np.any(np.diff(depth.frame_id) < 0):
-        yield Fault(name="frames_backwards", text="depth: frame_id runs backwards: images are out of order")
+        yield Fault(
+            name="frames_backwards", text="depth: frame_id runs backwards: images are out of order"
+        )
     if depth.capture_s is None:
         return
     age = float(np.median(depth.arrival_s - depth.capture_s))
     if not 0 <= age < MAX_AGE_S:
         yield Fault(
-            name="two_clocks", text=f"depth: images are {age:.4g} s old at arrival: two clocks that do not agree"
+            name="two_clocks",
+            text=f"depth: images are {age:.4g} s old at arrival: two clocks that do not agree",
         )
 
 
@@ -84,7 +102,10 @@ def _contents(depth: DepthTable, base: Table | None) -> Iterator[Fault]:
         return
     moved = float(np.ptp(base.values[:, :3], axis=0).max())
     if moved > MOVES_M and not np.any(depth.depth_mm[1:] != depth.depth_mm[0]):
-        yield Fault(name="dead_channel", text=f"depth: all images are the same although the base moves {moved:.2f} m")
+        yield Fault(
+            name="dead_channel",
+            text=f"depth: all images are the same although the base moves {moved:.2f} m",
+        )
 
 
 def _geometry(log: RunLog, depth: DepthTable, reach: float) -> Iterator[Fault]:
@@ -113,5 +134,6 @@ def _geometry(log: RunLog, depth: DepthTable, reach: float) -> Iterator[Fault]:
     turned = np.corrcoef(measured[:, ::-1][both], expected[both])[0, 1]
     if upright < UPSIDE_DOWN[0] and turned > UPSIDE_DOWN[1]:
         yield Fault(
-            name="upside_down", text=f"depth: images fit pose and terrain upside down ({turned:.2f}), not upright"
+            name="upside_down",
+            text=f"depth: images fit pose and terrain upside down ({turned:.2f}), not upright",
         )

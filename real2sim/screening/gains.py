@@ -112,20 +112,31 @@ def angle_scale_faults(log: RunLog) -> Iterator[Fault]:
         return
     drives = [drive.causes for drive in _regressions(log, joints.tau_est)]
     factors = [drive.of["kp"].factor for drive in drives if "kp" in drive.of]
-    if len(factors) > 0.5 * len(drives) and abs(float(np.median(factors)) / slope - 1.0) < RATE_TOLERANCE:
+    if (
+        len(factors) > 0.5 * len(drives)
+        and abs(float(np.median(factors)) / slope - 1.0) < RATE_TOLERANCE
+    ):
         than = "what dq and kp say"
-        yield unit_fault("angle_unit", "q", "q and q_des of all joints", 1.0 / slope, than, gears_of(log))
+        yield unit_fault(
+            "angle_unit", "q", "q and q_des of all joints", 1.0 / slope, than, gears_of(log)
+        )
 
 
 def _regressions(log: RunLog, torque: Floats) -> list["_Regression"]:
-    """Regressions of the drives, one for each joint; arrays of shape (joints, rows), as regressions read them."""
+    """Regressions of the drives, one for each joint.
+
+    Arrays of shape (joints, rows), as regressions read them.
+    """
     joints, told = log.joints, gains_in_force(log)
     rows = np.linspace(0, len(torque) - 1, min(ROWS, len(torque))).astype(int)
     row_s = joints.time_s[rows]
-    q, dq, torques = (np.ascontiguousarray(each[rows].T) for each in (joints.q, rates(joints), torque))
+    q, dq, torques = (
+        np.ascontiguousarray(each[rows].T) for each in (joints.q, rates(joints), torque)
+    )
     gains = [np.max(each, axis=0) for each in told]
     shares = [  # of the largest gain
-        each / np.where(top > 0.0, top, np.inf) + (top == 0.0) for each, top in zip(told, gains, strict=True)
+        each / np.where(top > 0.0, top, np.inf) + (top == 0.0)
+        for each, top in zip(told, gains, strict=True)
     ]
     kp, kd = (each[:, None] for each in gains)
     stiffness, damping = (_Commands(joints, share) for share in shares)
@@ -134,9 +145,17 @@ def _regressions(log: RunLog, torque: Floats) -> list["_Regression"]:
     feedforward = None
     if joints.tau_ff is not None and np.ptp(joints.tau_ff) > 0:
         feedforward = _Commands(joints, joints.tau_ff)
-    columns = np.ones((len(q), 4 + (0 if feedforward is None else len(FEEDFORWARD_DELAYS_S)), len(rows)))
+    columns = np.ones(
+        (len(q), 4 + (0 if feedforward is None else len(FEEDFORWARD_DELAYS_S)), len(rows))
+    )
     drives = [
-        _Regression(torque=own, kp=float(k), kd=float(d), is_stiff=share[rows] > 0.0, has_rate=joints.dq is not None)
+        _Regression(
+            torque=own,
+            kp=float(k),
+            kd=float(d),
+            is_stiff=share[rows] > 0.0,
+            has_rate=joints.dq is not None,
+        )
         for own, k, d, share in zip(torques, *gains, shares[0].T, strict=True)
     ]
     for delay in DELAYS_S:
@@ -157,7 +176,9 @@ def _regressions(log: RunLog, torque: Floats) -> list["_Regression"]:
 
 def _in_force(joints: JointTable, when_s: Floats) -> tuple[Indices, Indices]:
     """Rows of the commands in force at two instants in the step of a drive that begins at given times."""
-    first, second = (np.searchsorted(joints.time_s, when_s + part, side="right") - 1 for part in STEP_PARTS_S)
+    first, second = (
+        np.searchsorted(joints.time_s, when_s + part, side="right") - 1 for part in STEP_PARTS_S
+    )
     last = len(joints.time_s) - 1
     return np.clip(first, 0, last), np.clip(second, 0, last)
 
@@ -180,10 +201,15 @@ class _Commands:
         return first
 
     def of_age(self, when_s: Floats, age_s: float) -> Floats:
-        """The same over steps that begin at given times; two sums of delays that make one age are looked up once."""
+        """The same over steps that begin at given times.
+
+        Two sums of delays that make one age are looked up once.
+        """
         rows, key = _in_force(self._joints, when_s), round(age_s, 6)
         known = self._known.get(key)
-        if known is None or not all(np.array_equal(*both) for both in zip(known[0], rows, strict=True)):
+        if known is None or not all(
+            np.array_equal(*both) for both in zip(known[0], rows, strict=True)
+        ):
             known = self._known[key] = rows, self.mean(rows)
         return known[1]
 
@@ -241,21 +267,30 @@ def _faults(name: str, drive: _Regression) -> Iterator[Fault]:
     left = torque_nm * (1.0 - drive.explained) ** 0.5
     stiff = drive.is_stiff
     followed = 1 - float(np.var(drive.rest[stiff])) / max(float(np.var(drive.torque[stiff])), 1e-12)
-    is_judged = torque_nm > LEAST_TORQUE_NM and left > LARGEST_RESIDUAL_NM + drive.kp * HALF_BACKLASH_RAD
+    is_judged = (
+        torque_nm > LEAST_TORQUE_NM and left > LARGEST_RESIDUAL_NM + drive.kp * HALF_BACKLASH_RAD
+    )
     if is_judged and followed < LEAST_EXPLAINED:
         text = f"q, q_des and gains explain {followed:.0%} of tau_est of {name}: the columns are not of one joint"
         yield Fault(name="torque_unexplained", text=text)
         return
     is_other_encoder = left > max(LARGEST_RESIDUAL_NM, LARGEST_RESIDUAL_SHARE * torque_nm)
-    is_faint = np.std(drive.matrix[0]) < LEAST_ERROR_RAD or torque_nm < LEAST_TORQUE_TO_RESIDUAL * left
+    is_faint = (
+        np.std(drive.matrix[0]) < LEAST_ERROR_RAD or torque_nm < LEAST_TORQUE_TO_RESIDUAL * left
+    )
     if is_other_encoder or is_faint:
         return
-    shown, margin = float(drive.solution[0]), STANDARD_ERRORS * float(np.sqrt(np.var(drive.rest) * drive.inverse[0, 0]))
+    shown, margin = (
+        float(drive.solution[0]),
+        STANDARD_ERRORS * float(np.sqrt(np.var(drive.rest) * drive.inverse[0, 0])),
+    )
     if shown < -margin:
         text = f"tau_est of {name} pushes away from q_des (kp {shown:.3g}, claimed {drive.kp:.3g}): a sign is flipped"
         yield Fault(name="flipped_sign", text=text)
         return
-    has_feedforward = len(drive.matrix) > 4 and np.std(drive.matrix[4]) > LEAST_FEEDFORWARD * torque_nm
+    has_feedforward = (
+        len(drive.matrix) > 4 and np.std(drive.matrix[4]) > LEAST_FEEDFORWARD * torque_nm
+    )
     is_read = drive.explained > EXPLAINED or drive.solution[4:].sum() >= FOLLOWED_FEEDFORWARD
     if is_read or not has_feedforward:
         yield from _wrong_gains(name, drive, shown, margin)
@@ -265,8 +300,14 @@ def _wrong_gains(name: str, drive: _Regression, shown: float, margin: float) -> 
     """A kp beyond its tolerance, which is wider by a margin of chance, or a kd where kp is right."""
     kp, kd, shown_kd = drive.kp, drive.kd, float(drive.solution[1])
     if abs(shown - kp) > KP_TOLERANCE * kp + margin:
-        yield Fault(name="wrong_gains", text=f"tau_est of {name} shows kp {shown:.3g}, meta.json claims {kp:.3g}")
+        yield Fault(
+            name="wrong_gains",
+            text=f"tau_est of {name} shows kp {shown:.3g}, meta.json claims {kp:.3g}",
+        )
         return
     is_told = abs(shown - kp) < KP_TOLERANCE * kp and np.std(drive.matrix[1]) > LEAST_RATE_RAD_S
     if is_told and abs(shown_kd - kd) > KD_TOLERANCE * max(kd, LEAST_KD) + margin * kd / kp:
-        yield Fault(name="wrong_gains", text=f"tau_est of {name} shows kd {shown_kd:.3g}, meta.json claims {kd:.3g}")
+        yield Fault(
+            name="wrong_gains",
+            text=f"tau_est of {name} shows kd {shown_kd:.3g}, meta.json claims {kd:.3g}",
+        )

@@ -24,10 +24,16 @@ MIN_WEIGHT = 0.5  # Nm: the hip of a robot of 12 kg holds 0.7
 AGREES = 0.5  # share of the weight by which the torque may differ from its opposite
 OFF_COMMAND = 5.0  # Nm on average: friction, stops and cables hold less
 MOVES = 0.2  # rad: friction can hold a joint near its command, but not for a whole motion
-LOADED = (0.4, 2.5)  # share of the weight that is missing: drives of 0.7 of their strength, a load of half the robot
+LOADED = (
+    0.4,
+    2.5,
+)  # share of the weight that is missing: drives of 0.7 of their strength, a load of half the robot
 HOLDS = 0.5  # share of the weight that tau_ff must hold, or explain, so that it is compared
 SLOW_S = 0.6  # accelerations average out
-GAIN_RANGE = (0.6, 1.7)  # ratio of torque to weight; drives that are off by 20 % and friction stay within 0.75-1.35
+GAIN_RANGE = (
+    0.6,
+    1.7,
+)  # ratio of torque to weight; drives that are off by 20 % and friction stay within 0.75-1.35
 
 
 def gravity_faults(log: RunLog) -> Iterator[Fault]:
@@ -42,7 +48,10 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
     opposite = heavy & (np.abs(held + weight) < AGREES * np.abs(weight))
     for joint in np.flatnonzero(opposite):
         text = f"{names[joint]} is held by {held[joint]:+.2f} Nm, its weight needs {weight[joint]:+.2f}: "
-        yield Fault(name="against_gravity", text=text + "a flipped sign, or the columns of the leg on the other side")
+        yield Fault(
+            name="against_gravity",
+            text=text + "a flipped sign, or the columns of the leg on the other side",
+        )
     off = np.abs(held - weight) > OFF_COMMAND
     for joint in np.flatnonzero(off & ~opposite):
         text = f"{names[joint]} stands off its command as if held by {held[joint]:+.1f} Nm, its weight needs "
@@ -54,7 +63,8 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
     ratio = float(np.median(held[moving] / weight[moving]))
     if not GAIN_RANGE[0] < ratio < GAIN_RANGE[1]:
         text = (
-            f"by the claimed kp, joints are held with {ratio:.2f} times their weight: kp is not what meta.json claims"
+            f"by the claimed kp, joints are held with {ratio:.2f} times their weight: "
+            "kp is not what meta.json claims"
         )
         yield Fault(name="wrong_gains", text=text)
 
@@ -62,7 +72,12 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
 def feedforward_faults(log: RunLog) -> Iterator[Fault]:
     """Faults of tau_ff that no tau_est is compared with: by the weight that it and the gains hold."""
     joints = log.joints
-    if joints.tau_ff is None or joints.tau_est is not None or untold(log) or not joints.tau_ff.any():
+    if (
+        joints.tau_ff is None
+        or joints.tau_est is not None
+        or untold(log)
+        or not joints.tau_ff.any()
+    ):
         return
     kp, kd = gains_in_force(log)
     told = 0.0 if joints.dq_des is None else joints.dq_des
@@ -74,7 +89,9 @@ def feedforward_faults(log: RunLog) -> Iterator[Fault]:
     rest, part = compared
     power = max(float(np.sum(part**2)), float(np.finfo(np.float64).tiny))
     share = float(np.sum(rest * part)) / power
-    left = float(np.sum((rest - share * part) ** 2)) / max(float(np.sum(rest**2)), float(np.finfo(np.float64).tiny))
+    left = float(np.sum((rest - share * part) ** 2)) / max(
+        float(np.sum(rest**2)), float(np.finfo(np.float64).tiny)
+    )
     if left > 1.0 - HOLDS or LOADED[0] < share < LOADED[1]:
         return
     text = f"tau_ff of all joints is about {1.0 / share:.2g} times its part in holding the weight, by the gains and "
@@ -86,7 +103,9 @@ def _weight_of_joints(log: RunLog, by_gains: Floats, extra: Floats) -> tuple[Flo
     """Weight of a held robot's joints less what gains hold in slow motion, and tau_ff [Nm], (rows, joints)."""
     width = max(1, round(SLOW_S / float(np.median(np.diff(log.joints.time_s)))))
     rows = np.unique(np.linspace(0, len(log.joints.q) - 1, STATES).astype(int))
-    q, gained, part = (uniform_filter1d(each, width, axis=0)[rows] for each in (log.joints.q, by_gains, extra))
+    q, gained, part = (
+        uniform_filter1d(each, width, axis=0)[rows] for each in (log.joints.q, by_gains, extra)
+    )
     return HeldRobot(model_of(log), list(log.meta["joints"])).weight(q) - gained, part
 
 
@@ -112,4 +131,8 @@ def _mean_torque(log: RunLog) -> Floats:
     """Mean torque of the drives by the claimed gains [Nm], shape (joints,)."""
     kp, _ = gains_in_force(log)
     torque: Floats = np.mean(kp * (log.joints.commanded_q - log.joints.q), axis=0)
-    return torque if log.joints.tau_ff is None else np.asarray(torque + np.mean(log.joints.tau_ff, axis=0))
+    return (
+        torque
+        if log.joints.tau_ff is None
+        else np.asarray(torque + np.mean(log.joints.tau_ff, axis=0))
+    )

@@ -31,7 +31,10 @@ SWAP_GAIN = 3.0  # times closer to the command of another joint than to its own
 SWAP_OFF = 0.15  # rad RMS: gravity and bias alone make smaller differences from the command
 LEGS = 3  # smallest number of legs among which one can be the exception
 STANCE_OFF, STANCE_LIKE = 0.6, 0.25  # rad: different kinds of joints stand at least 0.9 apart
-RATIO_RANGE = (0.75, 1.33)  # slow response over slow command; gravity and gains off by 20 % stay within 0.85-1.15
+RATIO_RANGE = (
+    0.75,
+    1.33,
+)  # slow response over slow command; gravity and gains off by 20 % stay within 0.85-1.15
 RATIO_MOVES = 0.4  # rad: friction of 0.8 Nm takes 0.04 rad at kp 20
 TURNS = 100  # parts of a log whose turns are compared, however long its rows are said to be
 ALIKE = 0.7  # correlation of turns and velocities from which they are of one motion; noise has none
@@ -74,7 +77,8 @@ class _SlowMotion:
             told = np.where(gains_in_force(log)[0] > 0.0, told, log.joints.q)
         # twice: a triangular window has small side lobes
         self.q, self.q_des = (
-            uniform_filter1d(uniform_filter1d(values, width, axis=0), width, axis=0) for values in (log.joints.q, told)
+            uniform_filter1d(uniform_filter1d(values, width, axis=0), width, axis=0)
+            for values in (log.joints.q, told)
         )
         self.moves = np.ptp(self.q_des, axis=0) > MOVES
 
@@ -90,7 +94,9 @@ def _dead(log: RunLog) -> Iterator[Fault]:
         ("tau_est", moved, "q does; leave the columns out"),
     ):
         values = getattr(joints, signal)
-        dead = told & (np.ptp(values, axis=0) == 0) if values is not None else np.zeros(0, dtype=bool)
+        dead = (
+            told & (np.ptp(values, axis=0) == 0) if values is not None else np.zeros(0, dtype=bool)
+        )
         if dead.any():
             text = f"{signal} of {_list(names, dead)} never changes although {but}"
             yield Fault(name="dead_channel", text=text)
@@ -111,7 +117,10 @@ def _frozen(joints: JointTable, names: list[str]) -> Iterator[Fault]:
         command = joints.commanded_q[stopped, joint]
         groups = np.split(command, np.flatnonzero(np.diff(stopped) > 1) + 1)
         if max(float(np.ptp(group)) for group in groups) > 3 * MOVES:
-            yield Fault(name="dead_channel", text=f"q of {name} stops for over 0.5 s while its command moves on")
+            yield Fault(
+                name="dead_channel",
+                text=f"q of {name} stops for over 0.5 s while its command moves on",
+            )
 
 
 def unit_faults(log: RunLog) -> Iterator[Fault]:
@@ -142,7 +151,9 @@ def _time_unit(joints: JointTable) -> Iterator[Fault]:
     speed = float(np.sqrt(np.mean((turned / lasts) ** 2)))
     row_s = float(np.median(np.diff(joints.time_s)))
     if speed > FASTEST:
-        yield Fault(name="time_unit", text=f"joints turn at {speed:.3g} rad/s on average: is t in seconds?")
+        yield Fault(
+            name="time_unit", text=f"joints turn at {speed:.3g} rad/s on average: is t in seconds?"
+        )
     elif row_s > SLOWEST_ROW_S:
         text = f"rows of joints are {row_s:.3g} s apart: too slow to steer a leg; is t in seconds?"
         yield Fault(name="time_unit", text=text, is_fatal=False)
@@ -162,7 +173,8 @@ def _limits(log: RunLog) -> Iterator[Fault]:
     if wrong.any():
         seen = ", ".join(f"{names[j]} at {middle[j]:.2f} rad" for j in np.flatnonzero(wrong)[:3])
         yield Fault(
-            name="out_of_range", text=f"joints stand where they cannot be ({seen}): wrong names, signs or zeros"
+            name="out_of_range",
+            text=f"joints stand where they cannot be ({seen}): wrong names, signs or zeros",
         )
 
 
@@ -176,10 +188,14 @@ def _swapped(slow: _SlowMotion) -> Iterator[Fault]:
     wrong = moved & (own > SWAP_OFF) & (own > SWAP_GAIN * found)
     if wrong.any():
         pairs = ", ".join(
-            f"q of {slow.joints[j]} follows q_des of {slow.joints[best[j]]}" for j in np.flatnonzero(wrong)
+            f"q of {slow.joints[j]} follows q_des of {slow.joints[best[j]]}"
+            for j in np.flatnonzero(wrong)
         )
         own_off, other_off = own[wrong].mean(), found[wrong].mean()
-        yield Fault(name="swapped_joints", text=f"{pairs} ({other_off:.2f} rad apart, {own_off:.2f} from its own)")
+        yield Fault(
+            name="swapped_joints",
+            text=f"{pairs} ({other_off:.2f} rad apart, {own_off:.2f} from its own)",
+        )
 
 
 def _misnamed(slow: _SlowMotion) -> Iterator[Fault]:
@@ -214,10 +230,15 @@ def _ratio(slow: _SlowMotion) -> Iterator[Fault]:
     """A joint that follows with a constant factor: a gear or linkage ratio is counted twice or not at all."""
     correlation, slope = _follow(slow)
     low, high = RATIO_RANGE
-    wrong = (np.ptp(slow.q_des, axis=0) > RATIO_MOVES) & (correlation > 0.99) & ((slope < low) | (slope > high))
+    wrong = (
+        (np.ptp(slow.q_des, axis=0) > RATIO_MOVES)
+        & (correlation > 0.99)
+        & ((slope < low) | (slope > high))
+    )
     if slow.is_fixed and wrong.any():
         text = (
-            f"q of {_list(slow.joints, wrong)} follows slow commands by {slope[wrong].mean():.2f}: a wrong gear ratio?"
+            f"q of {_list(slow.joints, wrong)} follows slow commands by {slope[wrong].mean():.2f}: "
+            "a wrong gear ratio?"
         )
         yield Fault(name="wrong_ratio", text=text)
 
@@ -227,7 +248,9 @@ def _follow(slow: _SlowMotion) -> tuple[Floats, Floats]:
     q, q_des = slow.q - slow.q.mean(axis=0), slow.q_des - slow.q_des.mean(axis=0)
     power, product = np.sum(q_des**2, axis=0), np.sum(q * q_des, axis=0)
     tiny = np.finfo(np.float64).tiny
-    return product / np.sqrt(np.maximum(power * np.sum(q**2, axis=0), tiny)), product / np.maximum(power, tiny)
+    return product / np.sqrt(np.maximum(power * np.sum(q**2, axis=0), tiny)), product / np.maximum(
+        power, tiny
+    )
 
 
 def _rates(log: RunLog) -> Iterator[Fault]:
@@ -238,9 +261,15 @@ def _rates(log: RunLog) -> Iterator[Fault]:
     slopes = rate_slopes(log.joints.time_s, log.joints.q, log.joints.dq)
     if slopes is None:
         return
-    wrong = {joint: float(slope) for joint, slope in enumerate(slopes) if np.isfinite(slope) and is_off(slope)}
+    wrong = {
+        joint: float(slope)
+        for joint, slope in enumerate(slopes)
+        if np.isfinite(slope) and is_off(slope)
+    }
     for where, factor in by_cause(names, wrong):
-        fault = unit_fault("wrong_rate", "dq", f"dq of {where}", factor, "the rate of q", gears_of(log))
+        fault = unit_fault(
+            "wrong_rate", "dq", f"dq of {where}", factor, "the rate of q", gears_of(log)
+        )
         yield replace(fault, name="wrong_rate")
     fast = np.nan_to_num(slopes) > TOO_FAST
     fast[list(wrong)] = False

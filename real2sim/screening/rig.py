@@ -9,7 +9,15 @@ from scipy.spatial.transform import Rotation
 from saltus.arrays import Floats, Indices
 from saltus.constants import GRAVITY
 from saltus.real2sim.problem.log import boxes_of, model_of, robot_of
-from saltus.real2sim.screening.scales import Fault, by_cause, is_off, likely, means, unit_fault, unit_of
+from saltus.real2sim.screening.scales import (
+    Fault,
+    by_cause,
+    is_off,
+    likely,
+    means,
+    unit_fault,
+    unit_of,
+)
 from saltus.recordings.run_log import RunLog, Table
 from saltus.recordings.units import LENGTHS
 from saltus.robots.legs import LegKinematics
@@ -17,18 +25,23 @@ from saltus.robots.robot import JOINTS, Robot
 from saltus.rotations import rotation_matrix
 
 UNIT_NORM = 0.01  # error of a quaternion's norm: four decimals in a text file make 1e-4
-FREE_FALL = 0.3  # share of gravity in the mean acceleration: the ground gives a hopping robot all of it, in impacts
+# Share of gravity in the mean acceleration: the ground gives a hopping robot all of it, in impacts
+FREE_FALL = 0.3
 HEAVY = 1.7  # times gravity: noise and impacts that a sensor cuts off leave the mean within a tenth
-TILT = 0.5  # cosine between mean acceleration and up below which axes are wrong: 60 deg, biases are 2 deg
+# Cosine between mean acceleration and up below which axes are wrong: 60 deg, biases are 2 deg
+TILT = 0.5
 MEAN_S = 0.2  # time over which a rate must equal the change of a pose: longer than any delay
 CARRIED = 1.5  # times the usual time span: rows are missing in between
-TURNS = 0.1  # rad/s RMS from which axes can be told from biases (0.05 at most; this much is forgiven)
+TURNS = (
+    0.1  # rad/s RMS from which axes can be told from biases (0.05 at most; this much is forgiven)
+)
 MOVES = 0.05  # m/s RMS from which velocities are compared
 SHOWN = 0.9  # correlation from which a rate shows the motion of its pose, whatever its unit is
 BARELY = 0.2  # of `TURNS` and `MOVES`: from there on a rate that shows its pose is compared
 STANDS = 0.3  # m: height of the trunk of a robot of this class
 ROWS = 200  # poses whose height is compared, spread over the log
-ALIKE = 0.7  # correlation below which turns and gyroscope are not of one motion: an axis of three may be flipped
+# Correlation below which turns and gyroscope are not of one motion: an axis of three may be flipped
+ALIKE = 0.7
 LEVEL = 0.01  # m RMS by which feet on level ground are apart in height, with joints 0.03 rad off
 CLEARLY = 3.0  # times less in the right order
 RANGE = (0.5, 2.0)  # ratio of a rate to the change of its pose
@@ -63,7 +76,8 @@ def _norm(name: str, quaternions: Floats) -> Iterator[Fault]:
     wrong = np.abs(norms - 1) > UNIT_NORM
     if wrong.any():
         text = (
-            f"{name}: {wrong.mean():.1%} of the quaternions are no rotations, their norms reach {norms[wrong][0]:.3g}"
+            f"{name}: {wrong.mean():.1%} of the quaternions are no rotations, "
+            f"their norms reach {norms[wrong][0]:.3g}"
         )
         yield Fault(name="quaternion_norm", text=text)
 
@@ -76,14 +90,18 @@ def _order_by_gyro(log: RunLog) -> Iterator[Fault]:
     for name, table, first in (("imu", log.imu, 0), ("base", log.base, 3)):
         if table is None:
             continue
-        gyro = np.column_stack([np.interp(table.time_s, imu.time_s, imu.values[:, axis]) for axis in (4, 5, 6)])
+        gyro = np.column_stack(
+            [np.interp(table.time_s, imu.time_s, imu.values[:, axis]) for axis in (4, 5, 6)]
+        )
         alike = []
         for last in (0, 1):
             quaternions = np.roll(table.values[:, first : first + 4], last, axis=1)
             turn, mean = _turns(table.time_s, quaternions, gyro)
             size = np.sqrt(float(np.sum(turn**2) * np.sum(mean**2)))
             alike.append(float(np.sum(turn * mean)) / size if size > 0.0 else 0.0)
-        if alike[0] < ALIKE < alike[1] and _is_upright(np.roll(table.values[:, first : first + 4], 1, axis=1)):
+        if alike[0] < ALIKE < alike[1] and _is_upright(
+            np.roll(table.values[:, first : first + 4], 1, axis=1)
+        ):
             yield _wrong_order(name, "only so does it turn as the gyroscope does")
 
 
@@ -94,7 +112,9 @@ def _order_by_feet(log: RunLog) -> Iterator[Fault]:
     feet, rows = standing
     spread = []
     for last in (0, 1):
-        turned = feet @ rotation_matrix(np.roll(log.base.values[rows, 3:7], last, axis=1)).swapaxes(-1, -2)
+        turned = feet @ rotation_matrix(np.roll(log.base.values[rows, 3:7], last, axis=1)).swapaxes(
+            -1, -2
+        )
         spread.append(float(np.sqrt(np.mean(np.var(turned[..., 2], axis=1)))))
     upright = _is_upright(np.roll(log.base.values[:, 3:7], 1, axis=1))
     if upright and spread[1] < LEVEL and spread[0] > CLEARLY * spread[1]:
@@ -182,8 +202,12 @@ def _stands(log: RunLog, base: Table) -> Iterator[Fault]:
     turned = feet @ rotation_matrix(base.values[rows, 3:7]).swapaxes(-1, -2)
     legs = robot.foot_radius - turned[..., 2].min(axis=1)
     factor = float(np.median(base.values[rows, 2] / legs))
-    if is_off(factor) and (unit_of("position", factor) or (factor > 0.0 and unit_of("position", 1.0 / factor))):
-        yield unit_fault("base_unit", "position", "base: position", factor, "the height on its legs")
+    if is_off(factor) and (
+        unit_of("position", factor) or (factor > 0.0 and unit_of("position", 1.0 / factor))
+    ):
+        yield unit_fault(
+            "base_unit", "position", "base: position", factor, "the height on its legs"
+        )
 
 
 def _feet(log: RunLog, base: Table) -> tuple[Floats, Indices] | None:
@@ -195,36 +219,53 @@ def _feet(log: RunLog, base: Table) -> tuple[Floats, Indices] | None:
     if not np.ptp(log.joints.q, axis=0).any():
         return None  # nobody measured the joints
     rows = np.unique(np.linspace(0, len(base.time_s) - 1, ROWS).astype(int))
-    near = np.clip(np.searchsorted(log.joints.time_s, base.time_s[rows]), 0, len(log.joints.time_s) - 1)
+    near = np.clip(
+        np.searchsorted(log.joints.time_s, base.time_s[rows]), 0, len(log.joints.time_s) - 1
+    )
     return np.asarray(LegKinematics(robot).position(log.joints.q[near])), rows
 
 
-def _compare(table: str, rate: str, pose: str, change: Floats, mean: Floats, seen: float) -> Iterator[Fault]:
-    """Compares each axis of a rate with the change of its pose; a bias of the rate below `seen` is no fault."""
+def _compare(
+    table: str, rate: str, pose: str, change: Floats, mean: Floats, seen: float
+) -> Iterator[Fault]:
+    """Compares each axis of a rate with the change of its pose.
+
+    A bias of the rate below `seen` is no fault.
+    """
     if not len(change):
         return
     power = np.sum(change**2, axis=0)
     bias = np.clip(np.mean(mean - change, axis=0), -seen, seen)
     slope = np.sum(change * (mean - bias), axis=0) / np.maximum(power, 1e-12)
     size = np.sqrt(power / len(change))
-    shown = np.array([_correlation(own, told) > SHOWN for own, told in zip(change.T, mean.T, strict=True)])
+    shown = np.array(
+        [_correlation(own, told) > SHOWN for own, told in zip(change.T, mean.T, strict=True)]
+    )
     # what is off by a unit has no bias to speak of beside its motion
     centred, around = change - change.mean(axis=0), mean - mean.mean(axis=0)
     own = np.sum(centred * around, axis=0) / np.maximum(np.sum(centred**2, axis=0), 1e-12)
-    wrong = ((size > seen) | (shown & (size > BARELY * seen))) & ((slope < RANGE[0]) | (slope > RANGE[1]))
+    wrong = ((size > seen) | (shown & (size > BARELY * seen))) & (
+        (slope < RANGE[0]) | (slope > RANGE[1])
+    )
     factors = np.where(shown, own, slope)
-    for axes, factor in by_cause("xyz", {axis: float(factors[axis]) for axis in range(3) if wrong[axis]}):
+    for axes, factor in by_cause(
+        "xyz", {axis: float(factors[axis]) for axis in range(3) if wrong[axis]}
+    ):
         where = f"{table}: {rate} {axes.replace('all joints', 'x, y, z')}"
         fault = unit_fault("wrong_rate", rate, where, factor, f"the change of {pose}")
         other = unit_of(pose, 1.0 / factor) if pose == "position" and factor > 0.0 else ""
-        text = f"{fault.text}; or position in {other} ({1.0 / factor:.4g})?" if other else fault.text
+        text = (
+            f"{fault.text}; or position in {other} ({1.0 / factor:.4g})?" if other else fault.text
+        )
         yield replace(fault, name="wrong_rate", text=text)
 
 
 def _correlation(one: Floats, other: Floats) -> float:
     """Factor between two motions without their means, as a size."""
     a, b = one - one.mean(), other - other.mean()
-    return float(abs(np.sum(a * b)) / np.sqrt(max(np.sum(a**2) * np.sum(b**2), np.finfo(np.float64).tiny)))
+    return float(
+        abs(np.sum(a * b)) / np.sqrt(max(np.sum(a**2) * np.sum(b**2), np.finfo(np.float64).tiny))
+    )
 
 
 def _span(time_s: Floats) -> int:

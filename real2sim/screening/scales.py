@@ -29,8 +29,13 @@ class Fault:
 
 
 def means(values: Floats, rows: int) -> Floats:
-    """Means over `rows` steps, the ends with half weight; shapes (n, columns) -> (n - rows, columns)."""
-    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(0.5 * (values[1:] + values[:-1]), axis=0)])
+    """Means over `rows` steps, the ends with half weight.
+
+    Shapes (n, columns) -> (n - rows, columns).
+    """
+    total = np.concatenate(
+        [np.zeros((1, values.shape[1])), np.cumsum(0.5 * (values[1:] + values[:-1]), axis=0)]
+    )
     return np.asarray((total[rows:] - total[:-rows]) / rows)
 
 
@@ -62,7 +67,9 @@ def unit_of(signal: str, factor: float, gears: Sequence[float] = (), near: float
     """Name of the unit of a signal by its factor, "" if none is near, or a gear is nearer."""
     known = {name: 1.0 / value for name, value in SIGNALS[signal].units.items() if value != 1.0}
     name = min(known, key=lambda name: _apart(factor, known[name]))
-    at_gear = min((_apart(factor, turn) for gear in gears for turn in (gear, 1.0 / gear)), default=np.inf)
+    at_gear = min(
+        (_apart(factor, turn) for gear in gears for turn in (gear, 1.0 / gear)), default=np.inf
+    )
     return name if _apart(factor, known[name]) < min(near, at_gear) else ""
 
 
@@ -74,7 +81,11 @@ def likely(signal: str, factor: float, gears: Sequence[float] = GEARS, near: flo
         return "a sign is flipped (-1)"
     if factor < 0.0:
         return f"a sign is flipped, and {likely(signal, -factor, gears, near)}"
-    turns = [turn for gear in gears for turn in (gear, 1.0 / gear)] if SIGNALS[signal].table == "joints" else []
+    turns = (
+        [turn for gear in gears for turn in (gear, 1.0 / gear)]
+        if SIGNALS[signal].table == "joints"
+        else []
+    )
     turn = min(turns, key=lambda each: _apart(factor, each), default=np.inf)
     at_gear = _apart(factor, turn)
     if unit := unit_of(signal, factor, gears if turns else (), near):
@@ -112,14 +123,19 @@ def by_cause(names: Sequence[str], factors: Mapping[int, float]) -> list[tuple[s
         else:
             groups.append([joint])
     groups.sort(key=len, reverse=True)
-    return [(_listed(names, sorted(group)), float(np.median([factors[j] for j in group]))) for group in groups]
+    return [
+        (_listed(names, sorted(group)), float(np.median([factors[j] for j in group])))
+        for group in groups
+    ]
 
 
 def _listed(names: Sequence[str], chosen: Sequence[int]) -> str:
     if len(chosen) == len(names) and len(names) > 1:
         return "all joints"
     parts = {names[j].removesuffix("_joint").rpartition("_")[2] for j in chosen}
-    whole = [j for j, name in enumerate(names) if name.removesuffix("_joint").rpartition("_")[2] in parts]
+    whole = [
+        j for j, name in enumerate(names) if name.removesuffix("_joint").rpartition("_")[2] in parts
+    ]
     if len(chosen) > 3 and list(chosen) == whole:
         return " and ".join(f"all {part} joints" for part in sorted(parts))
     shown = ", ".join(names[j] for j in chosen[:4])
@@ -127,7 +143,13 @@ def _listed(names: Sequence[str], chosen: Sequence[int]) -> str:
 
 
 def unit_fault(
-    name: str, signal: str, where: str, factor: float, than: str, gears: Sequence[float] = GEARS, near: float = NEAR
+    name: str,
+    signal: str,
+    where: str,
+    factor: float,
+    than: str,
+    gears: Sequence[float] = GEARS,
+    near: float = NEAR,
 ) -> Fault:
     """A fault of a signal that is `factor` times `than`, measured to within a share."""
     is_flipped = abs(factor + 1.0) < near

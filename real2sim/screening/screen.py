@@ -58,11 +58,18 @@ def _of_contents(log: RunLog) -> list[Fault]:
     if all(fault.name in AT_ONCE for fault in found if fault.is_fatal):
         return found
     is_everywhere = any(fault.is_fatal for fault in _by_motion(until(log, end_s - END_S)))
-    return found if is_everywhere else [fault if fault.name in AT_ONCE else _of_end(fault) for fault in found]
+    return (
+        found
+        if is_everywhere
+        else [fault if fault.name in AT_ONCE else _of_end(fault) for fault in found]
+    )
 
 
 def believed_units(log: RunLog) -> list[Fault]:
-    """Faults of units; of a log too short for its motion to be judged, those that single rows show."""
+    """Faults of units.
+
+    Of a log too short for its motion to be judged, those that single rows show.
+    """
     return [fault for fault in unit_faults(log) if not _is_short(log) or fault.name in AT_ONCE]
 
 
@@ -107,7 +114,10 @@ def cut_faults(log: RunLog) -> Iterator[Fault]:
 
 
 def until(log: RunLog, end_s: float) -> RunLog:
-    """The rows of all tables before a time on the log's clock; another table than that of the joints may be gone."""
+    """The rows of all tables before a time on the log's clock.
+
+    Another table than that of the joints may be gone.
+    """
     kept = {name: time_s < end_s for name, time_s in clocks(log).items()}
     tables: dict[str, Any] = {
         name: map_arrays(lambda values, own=own: values[own], getattr(log, name))

@@ -50,18 +50,26 @@ def findings(
     """
     scored = [comparison.score(each) for each in fits.values()]
     best = min(scored, key=lambda each: each.total).fit  # its residuals are closest to noise
-    wide = dispersion(best.quadratic(comparison.layout, comparison.split), np.ones(len(best.columns), dtype=bool))
+    wide = dispersion(
+        best.quadratic(comparison.layout, comparison.split), np.ones(len(best.columns), dtype=bool)
+    )
     chosen = decide.choose(comparison, scored, wide)
     null = next(each for each in scored if not each.fit.model)
     around = library(chosen.fit.model)
-    chosen = comparison.score(fits[chosen.fit.model])  # with the derivatives that `library` has renewed
+    chosen = comparison.score(
+        fits[chosen.fit.model]
+    )  # with the derivatives that `library` has renewed
     confusion = signature.confusion(comparison.layout, around, chosen.fit.model)
     alike = decide.ambiguities(comparison, chosen, scored, confusion, wide, problem.collinear)
     model = stated_model(problem, comparison, evaluate, null, chosen)
     final = model.residuals
     tested = Cells.of(problem, ~comparison.split.is_fit)
     ruling = _rule(problem, comparison, tested, null, chosen, alike, final)
-    if len(model.groups) == 1 and ruling in ("named", "set") and not _is_beyond_resolution(problem, model.groups):
+    if (
+        len(model.groups) == 1
+        and ruling in ("named", "set")
+        and not _is_beyond_resolution(problem, model.groups)
+    ):
         ruling = _unnamed(problem, comparison, null)
     untestable = problem.untestable | unseen_of(problem, comparison, null.fit)
     seen = problem.leaner().keys() - untestable.keys() if ruling != "no_gap" else set()
@@ -79,7 +87,9 @@ def findings(
             *(one for name, stated in effects.items() if alike[name] for one in stated),
             *(_instead(problem, comparison, fits, chosen.fit.model, alike) if is_stated else ()),
         ),
-        nearest=tuple(one for stated in fitted.values() for one in stated) if ruling == "unexplained" else (),
+        nearest=tuple(one for stated in fitted.values() for one in stated)
+        if ruling == "unexplained"
+        else (),
         ranking=_ranking(comparison, scored, null),
         confusion=confusion,
         gaps=_gaps(problem, tested, null.fit.residuals, final),
@@ -92,7 +102,9 @@ def findings(
         ),
         misfits=misfits,
         remainder=tested.largest_rms(tested.structure(final)),
-        minimum_detectable=_minimum_detectable(problem, comparison, library(()), fits[()], wide, untestable),
+        minimum_detectable=_minimum_detectable(
+            problem, comparison, library(()), fits[()], wide, untestable
+        ),
         untestable=untestable,
         baselines=_baselines(comparison, around, scored),
         evaluations=evaluate.evaluations,
@@ -100,13 +112,19 @@ def findings(
 
 
 def _state(problem: Problem, effect: str, groups: list[estimates.Group]) -> list[FoundEffect]:
-    total = len(problem.blocks) * sum(candidate.effect == effect for candidate in problem.candidates)
+    total = len(problem.blocks) * sum(
+        candidate.effect == effect for candidate in problem.candidates
+    )
     parts = [part for group in groups for part in estimates.stated_apart(problem, group)]
     return [estimates.found_effect(problem, effect, part, total) for part in parts]
 
 
 def _instead(
-    problem: Problem, comparison: ModelComparison, fits: dict[Model, Fit], chosen: Model, alike: dict[str, list[str]]
+    problem: Problem,
+    comparison: ModelComparison,
+    fits: dict[Model, Fit],
+    chosen: Model,
+    alike: dict[str, list[str]],
 ) -> list[FoundEffect]:
     """Values of the other effects of a set, each in place of the chosen one."""
     found = []
@@ -128,14 +146,19 @@ def _rule(
     alike: dict[str, list[str]],
     final: Floats,
 ) -> ProblemRuling:
-    """The ruling: named, a set, unexplained or no gap. Nothing is named without a test that shows the gap."""
+    """The ruling: named, a set, unexplained or no gap.
+
+    Nothing is named without a test that shows the gap.
+    """
     least = decide.REMAINDER_RMS * problem.samples_per_residual**0.5
     if not chosen.fit.model:
         return _unnamed(problem, comparison, null)
     is_tested = bool(null.fit.residuals[:, tested.rows].any())
     left = tested.largest_rms(tested.structure(final))
     leaves_gap, leaves_more = left >= least, left >= least * problem.simulator_disagreement
-    share = decide.explained_share(comparison, chosen.fit.model, leaves_gap=leaves_gap, leaves_more=leaves_more)
+    share = decide.explained_share(
+        comparison, chosen.fit.model, leaves_gap=leaves_gap, leaves_more=leaves_more
+    )
     is_closed = is_tested and _closed(comparison, tested, null.fit.residuals, final) >= share
     if is_tested and decide.leaves_chance(comparison, chosen.fit.model):
         shows = tested.shows(tested.structure(null.fit.residuals), comparison.size)
@@ -170,7 +193,11 @@ def _is_beyond_resolution(problem: Problem, groups: Groups) -> bool:
     """
     found = [group for several in groups.values() for group in several]
     resolutions = [problem.candidates[group.places[0].candidate].resolution for group in found]
-    beyond = [abs(float(g.value[0])) > decide.CERTAIN * r for g, r in zip(found, resolutions, strict=True) if r > 0.0]
+    beyond = [
+        abs(float(g.value[0])) > decide.CERTAIN * r
+        for g, r in zip(found, resolutions, strict=True)
+        if r > 0.0
+    ]
     return any(beyond) or not beyond
 
 
@@ -191,7 +218,9 @@ def _sets(alike: dict[str, list[str]]) -> tuple[tuple[str, ...], ...]:
     return tuple(dict.fromkeys(sets))
 
 
-def _ranking(comparison: ModelComparison, scored: Sequence[ScoredFit], null: ScoredFit) -> tuple[RankedModel, ...]:
+def _ranking(
+    comparison: ModelComparison, scored: Sequence[ScoredFit], null: ScoredFit
+) -> tuple[RankedModel, ...]:
     ranked = []
     for each in sorted(scored, key=lambda each: each.total)[:RANKED]:
         gains = held_out_gains(null.held_out, each.held_out, comparison.split)
@@ -208,7 +237,10 @@ def _ranking(comparison: ModelComparison, scored: Sequence[ScoredFit], null: Sco
 
 
 def _gaps(problem: Problem, tested: Cells, before: Floats, after: Floats) -> tuple[SignalGap, ...]:
-    """Gap of each signal; the floor is what noise alone leaves of whitened residuals, or the model if that is less."""
+    """Gap of each signal.
+
+    The floor is what noise alone leaves of whitened residuals, or the model if that is less.
+    """
     gaps = []
     powers = (tested.power(before), tested.power(after))
     for index, signal in enumerate(problem.signals):
@@ -216,7 +248,10 @@ def _gaps(problem: Problem, tested: Cells, before: Floats, after: Floats) -> tup
         counts = tested.counts[cells]
         if counts.sum() == 0:
             continue
-        means = [float((power[:, cells] * counts).sum() / (counts.sum() * len(power))) for power in powers]
+        means = [
+            float((power[:, cells] * counts).sum() / (counts.sum() * len(power)))
+            for power in powers
+        ]
         if not any(means):  # nothing is known there
             continue
         gaps.append(
@@ -257,10 +292,16 @@ def _minimum_detectable(
             if power <= 0.0:
                 continue
             rows = null.residuals.shape[1] / (segments * max(1, len(problem.signals)))
-            size = max(np.sqrt(2.0 * decide.GAIN_NATS * wide / power), comparison.size * np.sqrt(rows / power))
+            size = max(
+                np.sqrt(2.0 * decide.GAIN_NATS * wide / power),
+                comparison.size * np.sqrt(rows / power),
+            )
             if candidate.effect not in sizes or size < sizes[candidate.effect][0]:
                 sizes[candidate.effect] = (float(size), index)
-    return {effect: _physical_size(problem, comparison, around, *found) for effect, found in sizes.items()}
+    return {
+        effect: _physical_size(problem, comparison, around, *found)
+        for effect, found in sizes.items()
+    }
 
 
 def _physical_size(
@@ -281,13 +322,17 @@ def _power(hessian: Floats, column: int, nuisances: np.ndarray) -> float:
     return float(hessian[column, column] - cross @ inverse @ cross)
 
 
-def _baselines(comparison: ModelComparison, around: Quadratic, scored: Sequence[ScoredFit]) -> Baselines:
+def _baselines(
+    comparison: ModelComparison, around: Quadratic, scored: Sequence[ScoredFit]
+) -> Baselines:
     """Effects that simpler methods name: all above a threshold in one fit; the best single one."""
     layout = comparison.layout
     named = set()
     for block in range(len(around.cost)):
         value = around.point[block] + around.solve(block, np.ones(len(around.columns), dtype=bool))
-        error = np.sqrt(np.diag(np.linalg.pinv(around.information(block), rcond=1e-12, hermitian=True)))
+        error = np.sqrt(
+            np.diag(np.linalg.pinv(around.information(block), rcond=1e-12, hermitian=True))
+        )
         for index, candidate in enumerate(layout.candidates):
             columns = layout.of_candidate(index)
             columns = columns[~layout.is_shape[columns]]
@@ -295,5 +340,9 @@ def _baselines(comparison: ModelComparison, around: Quadratic, scored: Sequence[
                 named.add(candidate.effect)
     seen = comparison.split.is_fit
     singles = [each.fit for each in scored if len(each.fit.model) == 1]
-    lowest = min(singles, key=lambda each: float(np.sum(each.residuals[:, seen] ** 2)), default=None)
-    return Baselines(threshold=tuple(sorted(named)), lowest_training_error=lowest.model if lowest else ())
+    lowest = min(
+        singles, key=lambda each: float(np.sum(each.residuals[:, seen] ** 2)), default=None
+    )
+    return Baselines(
+        threshold=tuple(sorted(named)), lowest_training_error=lowest.model if lowest else ()
+    )

@@ -122,12 +122,17 @@ class ModelComparison:
 
 def explains(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
     """True where a model closes enough of the gap to stand in place of another."""
-    before, after = comparison.cells.structure(null.residuals), comparison.cells.structure(fit.residuals)
+    before, after = (
+        comparison.cells.structure(null.residuals),
+        comparison.cells.structure(fit.residuals),
+    )
     shows = comparison.cells.shows(before, comparison.size)
     return comparison.cells.share_gone(before, after, shows) >= CLOSED_SHARE[0]
 
 
-def choose(comparison: ModelComparison, scored: Sequence[ScoredFit], dispersion: float) -> ScoredFit:
+def choose(
+    comparison: ModelComparison, scored: Sequence[ScoredFit], dispersion: float
+) -> ScoredFit:
     """The smallest model that no larger one beats by more than chance and misfit.
 
     Starts with the model without effects. A larger model replaces the current one if it leads,
@@ -137,7 +142,9 @@ def choose(comparison: ModelComparison, scored: Sequence[ScoredFit], dispersion:
     null = next(each for each in scored if not each.fit.model)
     held = null
     for size in range(1, max(len(each.fit.model) for each in scored) + 1):
-        rivals = sorted((each for each in scored if len(each.fit.model) == size), key=lambda each: each.total)
+        rivals = sorted(
+            (each for each in scored if len(each.fit.model) == size), key=lambda each: each.total
+        )
         for rival in rivals[: SET_SIZE if size > 1 else 1]:
             if _replaces(comparison, scored, held, rival, dispersion):
                 held = rival
@@ -146,7 +153,11 @@ def choose(comparison: ModelComparison, scored: Sequence[ScoredFit], dispersion:
 
 
 def _replaces(
-    comparison: ModelComparison, scored: Sequence[ScoredFit], held: ScoredFit, rival: ScoredFit, dispersion: float
+    comparison: ModelComparison,
+    scored: Sequence[ScoredFit],
+    held: ScoredFit,
+    rival: ScoredFit,
+    dispersion: float,
 ) -> bool:
     if not comparison.lead(held, rival, dispersion):
         return False
@@ -156,14 +167,19 @@ def _replaces(
         more = comparison.closed(null, null, rival) - comparison.closed(null, null, held)
         further = comparison.closed(null, held, rival)
         is_clear = further >= CLEAR_SHARE
-        if further < REMAINDER_SHARE or (more < comparison.further_share and not _is_whole(comparison, rival, further)):
+        if further < REMAINDER_SHARE or (
+            more < comparison.further_share and not _is_whole(comparison, rival, further)
+        ):
             return False
         if more < _chance(comparison, held.fit.model) and not is_clear:
             return False
         if not all(_is_resolved(comparison, rival.fit, effect) for effect in rival.fit.model):
             return False
     fits = {each.fit.model: each.fit for each in scored}
-    sizes = sorted(largest_rms(comparison, fits, rival.fit, effect) / comparison.size for effect in rival.fit.model)
+    sizes = sorted(
+        largest_rms(comparison, fits, rival.fit, effect) / comparison.size
+        for effect in rival.fit.model
+    )
     if len(sizes) == 1:
         return sizes[0] >= 1.0
     return sizes[0] >= (BESIDE if is_clear else TOGETHER) and sizes[1] >= TOGETHER
@@ -187,7 +203,9 @@ def _is_resolved(comparison: ModelComparison, fit: Fit, effect: str) -> bool:
     layout = comparison.layout
     own = [i for i, c in enumerate(layout.candidates) if c.effect == effect]
     sizes = [float(np.abs(fit.unknowns[:, layout.of_candidate(i)[0]]).max()) for i in own]
-    return any(size > CERTAIN * layout.candidates[i].resolution for i, size in zip(own, sizes, strict=True))
+    return any(
+        size > CERTAIN * layout.candidates[i].resolution for i, size in zip(own, sizes, strict=True)
+    )
 
 
 def may_gain(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
@@ -195,11 +213,19 @@ def may_gain(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
 
     The fit then leaves enough of the gap, and not far too much.
     """
-    before, after = comparison.cells.structure(null.residuals), comparison.cells.structure(fit.residuals)
+    before, after = (
+        comparison.cells.structure(null.residuals),
+        comparison.cells.structure(fit.residuals),
+    )
     if comparison.cells.largest_rms(after) <= comparison.size:
         return False
-    left = 1.0 - comparison.cells.share_gone(before, after, comparison.cells.shows(before, comparison.size))
-    is_left = left >= comparison.further_share or comparison.cells.largest_rms(after) > TOGETHER * comparison.size
+    left = 1.0 - comparison.cells.share_gone(
+        before, after, comparison.cells.shows(before, comparison.size)
+    )
+    is_left = (
+        left >= comparison.further_share
+        or comparison.cells.largest_rms(after) > TOGETHER * comparison.size
+    )
     return is_left and (len(fit.model) < 2 or left <= 1.0 - PROMISING_SHARE)
 
 
@@ -208,8 +234,8 @@ def explained_share(
 ) -> float:
     """Share of the gap that a model must close to be an explanation; less where it leaves none.
 
-    Also less where it leaves no more than correct simulations of its own problem differ by, which may be less than a
-    gap: rays are exact.
+    Also less where it leaves no more than correct simulations of its own problem differ by, which
+    may be less than a gap: rays are exact.
     """
     candidates = [c for c in comparison.layout.candidates if c.effect in model]
     share = (CLOSED_SHARE if leaves_gap else CLOSED_WITHIN)[len(model) - 1]
@@ -223,7 +249,9 @@ def leaves_chance(comparison: ModelComparison, model: Model) -> bool:
     return any(c.leaves_chance for c in comparison.layout.candidates if c.effect in model)
 
 
-def largest_rms(comparison: ModelComparison, fits: dict[Model, Fit], fit: Fit, effect: str) -> float:
+def largest_rms(
+    comparison: ModelComparison, fits: dict[Model, Fit], fit: Fit, effect: str
+) -> float:
     """RMS of what an effect adds to a model, in the cell that shows it best [sigma].
 
     Relative to the fit of the model without the effect, if there is one: what the other effects
@@ -259,13 +287,19 @@ def ambiguities(
     for rival in sorted(scored, key=lambda each: each.total):
         gone = set(chosen.fit.model) - set(rival.fit.model)
         new = set(rival.fit.model) - set(chosen.fit.model)
-        if len(gone) != 1 or len(new) != 1 or comparison.closed(null, null, rival) < CLOSED_SHARE[0]:
+        if (
+            len(gone) != 1
+            or len(new) != 1
+            or comparison.closed(null, null, rival) < CLOSED_SHARE[0]
+        ):
             continue
         effect, other = gone.pop(), new.pop()
         is_tied = not comparison.lead(rival, chosen, dispersion)
         # Cosines come from derivatives, in the limit of small effects; at their real sizes a delay
         # and a filter may differ.
-        imitates = comparison.closed(null, null, rival) >= collinear**2 * comparison.closed(null, null, chosen)
+        imitates = comparison.closed(null, null, rival) >= collinear**2 * comparison.closed(
+            null, null, chosen
+        )
         if is_tied or (imitates and confusion.between(effect, other) >= collinear):
             found[effect].append(other)
     for effect in chosen.fit.model:

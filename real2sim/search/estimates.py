@@ -86,19 +86,28 @@ def places_of(problem: Problem, comparison: ModelComparison, fit: Fit, effect: s
 def group(problem: Problem, places: list[Place], least: float) -> list[Group]:
     """The simplest pattern of places and values that agrees with the estimates.
 
-    Patterns, simplest first: one value everywhere; at one kind of place; in one block; at one place. If none agrees,
-        all places at which the effect is present get one value if they agree on it, else one for each kind of place
-        (e.g. a saturation of small motors and of a large one) or, where one kind does not agree, one for each place.
-        `least` is the RMS from which an effect is present.
+    Patterns, simplest first: one value everywhere; at one kind of place; in one block; at one
+        place. If none agrees, all places at which the effect is present get one value if they agree
+        on it, else one for each kind of place (e.g. a saturation of small motors and of a large
+        one) or, where one kind does not agree, one for each place. `least` is the RMS from which an
+        effect is present.
     """
     everywhere = list(range(len(places)))
     present = present_at(problem, places, least)
-    has_shape = any(unknown.is_shape for unknown in problem.candidates[places[0].candidate].unknowns)
+    has_shape = any(
+        unknown.is_shape for unknown in problem.candidates[places[0].candidate].unknowns
+    )
     kinds = {problem.candidates[place.candidate].where for place in places}
     tiers: list[list[list[int]]] = [
         [everywhere],
-        [[i for i in everywhere if problem.candidates[places[i].candidate].where == kind] for kind in sorted(kinds)],
-        [[i for i in everywhere if places[i].block == block] for block in range(len(problem.blocks))],
+        [
+            [i for i in everywhere if problem.candidates[places[i].candidate].where == kind]
+            for kind in sorted(kinds)
+        ],
+        [
+            [i for i in everywhere if places[i].block == block]
+            for block in range(len(problem.blocks))
+        ],
         [[i] for i in everywhere],
     ]
     for tier in tiers:
@@ -129,7 +138,10 @@ def each_trace(places: list[Place], least: float) -> list[Group]:
 
 
 def present_at(problem: Problem, places: list[Place], least: float) -> list[int]:
-    """Indices of the places at which an effect is larger than chance and simulator disagreement; at least one."""
+    """Indices of the places at which an effect is larger than chance and simulator disagreement.
+
+    At least one.
+    """
     largest = int(np.argmax([place.rms for place in places]))
     least = max(least, PRESENT_SHARE * places[largest].rms)
     found = []
@@ -169,7 +181,9 @@ def _intervals(problem: Problem, one: Group) -> dict[str, Interval]:
     variance = {}
     for name, null in candidate.parameters(absent, block).items():
         distance = abs(values[name].value - null.value)
-        size = min(abs(values[name].value), distance if distance > 0.0 else np.inf)  # a shape has no null value
+        size = min(
+            abs(values[name].value), distance if distance > 0.0 else np.inf
+        )  # a shape has no null value
         variance[name] = (candidate.model_error * size) ** 2
     variance[next(iter(variance))] += candidate.resolution**2
     low = np.array([unknown.low for unknown in candidate.unknowns])
@@ -199,7 +213,9 @@ def _with_unseen(covariance: Floats, candidate: Candidate) -> Floats:
 
     It can be inverted, also where residuals tell only a sum of two unknowns.
     """
-    widths = np.array([(unknown.high - unknown.low) / 3.5 for unknown in candidate.unknowns])  # sigma of a uniform
+    widths = np.array(
+        [(unknown.high - unknown.low) / 3.5 for unknown in candidate.unknowns]
+    )  # sigma of a uniform
     own = np.diag(covariance)
     return covariance + np.diag(np.where(own <= 0.0, widths**2, ROUNDING * own))
 
@@ -208,14 +224,17 @@ def _weights(places: list[Place], share: float) -> list[Floats]:
     """Inverse covariances of estimates, with a model error that is a share of the most certain value."""
     surest = max(places, key=lambda place: place.rms)
     largest = np.abs(surest.value)
-    return [np.asarray(np.linalg.inv(place.covariance + np.diag((share * largest) ** 2 + 1e-18))) for place in places]
+    return [
+        np.asarray(np.linalg.inv(place.covariance + np.diag((share * largest) ** 2 + 1e-18)))
+        for place in places
+    ]
 
 
 def _agreement(problem: Problem, places: list[Place]) -> float:
     """Probability of a scatter as large as that of the estimates if all places have one value.
 
-    Kinds of places are also compared with each other: a difference of one kind would be lost in the scatter of all
-        places.
+    Kinds of places are also compared with each other: a difference of one kind would be lost in the
+        scatter of all places.
     """
     kinds = [_pool(own) for own in _by_kind(problem, places)]
     return min(
@@ -226,12 +245,17 @@ def _agreement(problem: Problem, places: list[Place]) -> float:
 
 def _by_kind(problem: Problem, places: list[Place]) -> list[list[Place]]:
     kinds = dict.fromkeys(problem.candidates[place.candidate].where for place in places)
-    return [[place for place in places if problem.candidates[place.candidate].where == kind] for kind in kinds]
+    return [
+        [place for place in places if problem.candidates[place.candidate].where == kind]
+        for kind in kinds
+    ]
 
 
 def _between(kind: Group, kinds: list[Group]) -> Floats:
     """Inverse covariance of the value of a kind, with drives that differ by a share of the largest value."""
-    share = SAME * np.max([np.abs(each.value) for each in kinds], axis=0) / np.sqrt(len(kind.places))
+    share = (
+        SAME * np.max([np.abs(each.value) for each in kinds], axis=0) / np.sqrt(len(kind.places))
+    )
     return np.asarray(np.linalg.inv(kind.covariance + np.diag(share**2 + 1e-18)))
 
 
@@ -256,6 +280,9 @@ def _pool(places: list[Place]) -> Group:
     covariance: Floats = np.asarray(np.linalg.inv(sum(weights)))
     value = covariance @ sum(w @ p.value for w, p in zip(weights, places, strict=True))
     if len(places) > 1:
-        square = sum(float((p.value - value) @ w @ (p.value - value)) for w, p in zip(weights, places, strict=True))
+        square = sum(
+            float((p.value - value) @ w @ (p.value - value))
+            for w, p in zip(weights, places, strict=True)
+        )
         covariance = covariance * max(1.0, square / ((len(places) - 1) * len(value)))
     return Group(places=tuple(places), value=value, covariance=covariance)

@@ -114,7 +114,9 @@ class Findings:
     """Fitted values of the best model of an unexplained gap, which is too far off to be named."""
     ranking: tuple[RankedModel, ...] = ()
     """Best first."""
-    confusion: Confusion = field(default_factory=lambda: Confusion(effects=(), cosine=np.zeros((0, 0))))
+    confusion: Confusion = field(
+        default_factory=lambda: Confusion(effects=(), cosine=np.zeros((0, 0)))
+    )
     gaps: tuple[SignalGap, ...] = ()
     residuals: Residuals | None = None
     """None where nothing was fitted."""
@@ -125,7 +127,9 @@ class Findings:
     misfits: tuple[str, ...] = ()
     """Effects of the profile without which the simulator is much nearer to the log."""
     untestable: dict[str, str] = field(default_factory=dict)
-    baselines: Baselines = field(default_factory=lambda: Baselines(threshold=(), lowest_training_error=()))
+    baselines: Baselines = field(
+        default_factory=lambda: Baselines(threshold=(), lowest_training_error=())
+    )
     evaluations: int = 0
     """Number of simulated sets of unknowns."""
 

@@ -27,7 +27,9 @@ ITERATIONS = 5
 class Evaluator:
     """Evaluates a problem, counts the simulations and reports progress."""
 
-    def __init__(self, problem: Problem, progress: Callable[[str, int], None] | None = None) -> None:
+    def __init__(
+        self, problem: Problem, progress: Callable[[str, int], None] | None = None
+    ) -> None:
         self._problem = problem
         self._progress = progress
         self.evaluations = 0
@@ -65,18 +67,28 @@ class Fit:
 
     def quadratic(self, layout: Layout, split: Split) -> Quadratic:
         """The quadratic around the fit."""
-        return Quadratic.of(layout, split, self.columns, self.unknowns, self.residuals, self.jacobian)
+        return Quadratic.of(
+            layout, split, self.columns, self.unknowns, self.residuals, self.jacobian
+        )
 
 
 def slopes(
-    evaluate: Evaluator, layout: Layout, unknowns: Floats, residuals: Floats, columns: Indices, stage: str
+    evaluate: Evaluator,
+    layout: Layout,
+    unknowns: Floats,
+    residuals: Floats,
+    columns: Indices,
+    stage: str,
 ) -> Floats:
     """Jacobian by finite differences away from the nearer bound, shape (blocks, columns, m)."""
     return all_slopes(evaluate, layout, [(unknowns, residuals, columns)], stage)[0]
 
 
 def all_slopes(
-    evaluate: Evaluator, layout: Layout, points: Sequence[tuple[Floats, Floats, Indices]], stage: str
+    evaluate: Evaluator,
+    layout: Layout,
+    points: Sequence[tuple[Floats, Floats, Indices]],
+    stage: str,
 ) -> list[Floats]:
     """`slopes` at several points, of which each has unknowns, residuals and columns, by one call of the problem."""
     moves = [_moves(layout, unknowns, columns) for unknowns, _, columns in points]
@@ -99,11 +111,20 @@ def _moves(layout: Layout, unknowns: Floats, columns: Indices) -> tuple[Floats, 
     return sets, step
 
 
-def begun(evaluate: Evaluator, layout: Layout, model: Model, columns: Indices, unknowns: Floats, stage: str) -> Fit:
+def begun(
+    evaluate: Evaluator,
+    layout: Layout,
+    model: Model,
+    columns: Indices,
+    unknowns: Floats,
+    stage: str,
+) -> Fit:
     """A model at given unknowns, shape (blocks, unknowns), with residuals and derivatives there."""
     residuals = evaluate(stage, unknowns[np.newaxis])[0]
     jacobian = slopes(evaluate, layout, unknowns, residuals, columns, stage)
-    return Fit(model=model, columns=columns, unknowns=unknowns, residuals=residuals, jacobian=jacobian)
+    return Fit(
+        model=model, columns=columns, unknowns=unknowns, residuals=residuals, jacobian=jacobian
+    )
 
 
 def fitted_null(problem: Problem, evaluate: Evaluator, layout: Layout) -> tuple[Fit, Split]:
@@ -121,7 +142,9 @@ def renewed(evaluate: Evaluator, layout: Layout, fits: Sequence[Fit], stage: str
         return []
     points = [(each.unknowns, each.residuals, each.columns) for each in fits]
     jacobians = all_slopes(evaluate, layout, points, stage)
-    return [replace(each, jacobian=jacobian) for each, jacobian in zip(fits, jacobians, strict=True)]
+    return [
+        replace(each, jacobian=jacobian) for each, jacobian in zip(fits, jacobians, strict=True)
+    ]
 
 
 def refine(
@@ -157,7 +180,9 @@ def best_of_each(tried: Sequence[Fit], split: Split) -> list[Fit]:
     found = []
     for model in dict.fromkeys(each.model for each in tried):
         own = [each for each in tried if each.model == model]
-        best = np.argmin([np.sum(each.residuals[:, split.is_fit] ** 2, axis=1) for each in own], axis=0)
+        best = np.argmin(
+            [np.sum(each.residuals[:, split.is_fit] ** 2, axis=1) for each in own], axis=0
+        )
         at = best, np.arange(len(best))
         found.append(
             replace(
@@ -187,7 +212,10 @@ class _Descent:
         trial = self.fit.unknowns.copy()
         for block in np.flatnonzero(~self._is_done):
             jacobian = self.fit.jacobian[block][:, self._seen]
-            hessian, gradient = jacobian @ jacobian.T, jacobian @ self.fit.residuals[block, self._seen]
+            hessian, gradient = (
+                jacobian @ jacobian.T,
+                jacobian @ self.fit.residuals[block, self._seen],
+            )
             here = self.fit.unknowns[block, self.fit.columns]
             damped = hessian + self._damping[block] * np.diag(np.diag(hessian))
             change = bounded_minimum(damped, gradient, self._low - here, self._high - here)

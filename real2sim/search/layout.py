@@ -38,12 +38,16 @@ class Layout:
         unknowns = [unknown for candidate in problem.candidates for unknown in candidate.unknowns]
         return cls(
             candidates=problem.candidates,
-            candidate=np.repeat(np.arange(len(problem.candidates)), [len(c.unknowns) for c in problem.candidates]),
+            candidate=np.repeat(
+                np.arange(len(problem.candidates)), [len(c.unknowns) for c in problem.candidates]
+            ),
             is_shape=np.array([unknown.is_shape for unknown in unknowns], dtype=bool),
             low=np.array([unknown.low for unknown in unknowns]),
             high=np.array([unknown.high for unknown in unknowns]),
             scale=np.array([unknown.scale for unknown in unknowns]),
-            first=np.array([_first_step(c, i) for c in problem.candidates for i in range(len(c.unknowns))]),
+            first=np.array(
+                [_first_step(c, i) for c in problem.candidates for i in range(len(c.unknowns))]
+            ),
         )
 
     @property
@@ -68,7 +72,9 @@ class Layout:
     def choices(self, effects: Iterable[str]) -> Indices:
         """Columns of the choices of effects."""
         unknowns = [unknown for candidate in self.candidates for unknown in candidate.unknowns]
-        return np.array([i for i in self.of_effects(effects) if unknowns[i].is_choice], dtype=np.int64)
+        return np.array(
+            [i for i in self.of_effects(effects) if unknowns[i].is_choice], dtype=np.int64
+        )
 
     def of_model(self, model: Model) -> Indices:
         """Columns that a model fits: those of its effects and of the nuisances, in ascending order."""
@@ -76,7 +82,10 @@ class Layout:
 
     def starts(self, index: int) -> list[Floats]:
         """Different shapes from which fits of a candidate start; 0 for unknowns that are not shapes."""
-        shapes = [np.where(self.is_shape[self.of_candidate(index)], s, 0.0) for s in self.candidates[index].starts]
+        shapes = [
+            np.where(self.is_shape[self.of_candidate(index)], s, 0.0)
+            for s in self.candidates[index].starts
+        ]
         return list({tuple(shape): shape for shape in shapes}.values())
 
 

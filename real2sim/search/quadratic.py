@@ -40,7 +40,13 @@ class Quadratic:
 
     @classmethod
     def of(
-        cls, layout: Layout, split: Split, columns: Indices, point: Floats, residuals: Floats, jacobian: Floats
+        cls,
+        layout: Layout,
+        split: Split,
+        columns: Indices,
+        point: Floats,
+        residuals: Floats,
+        jacobian: Floats,
     ) -> "Quadratic":
         """The quadratic approximation from residuals and their Jacobian.
 
@@ -82,8 +88,13 @@ class Quadratic:
 
         The fit does not see the fold `held_out`, nor the test.
         """
-        seen = (self.split.fold != TEST) & (self.split.fold != (TEST if held_out is None else held_out))
-        hessian, gradient = self.hessian[block, seen].sum(axis=0), self.gradient[block, seen].sum(axis=0)
+        seen = (self.split.fold != TEST) & (
+            self.split.fold != (TEST if held_out is None else held_out)
+        )
+        hessian, gradient = (
+            self.hessian[block, seen].sum(axis=0),
+            self.gradient[block, seen].sum(axis=0),
+        )
         if held_out is not None:
             hessian = hessian + LEAN * np.diag(np.diag(self.information(block)))
         change = np.where(free, 0.0, -self.point[block])
@@ -99,7 +110,9 @@ class Quadratic:
     def cost_after(self, block: int, change: Floats) -> Floats:
         """Cost in each chunk after a change of the unknowns, shape (chunks,)."""
         linear = 2.0 * self.gradient[block] @ change
-        return self.cost[block] + linear + np.einsum("i,cij,j->c", change, self.hessian[block], change)
+        return (
+            self.cost[block] + linear + np.einsum("i,cij,j->c", change, self.hessian[block], change)
+        )
 
     def held_out_cost(self, free: Mask) -> Floats:
         """Cost of every chunk in a fit without its fold, shape (blocks, chunks); no fit sees test chunks."""
@@ -116,7 +129,9 @@ class Quadratic:
         """Cost of all blocks outside the test after a fit of the free unknowns."""
         seen = self.split.fold != TEST
         blocks = range(len(self.cost))
-        return float(sum(self.cost_after(block, self.solve(block, free))[seen].sum() for block in blocks))
+        return float(
+            sum(self.cost_after(block, self.solve(block, free))[seen].sum() for block in blocks)
+        )
 
     def information(self, block: int) -> Floats:
         """Sum of the Hessians outside the test, shape (k, k)."""
@@ -200,7 +215,9 @@ def covariance(quadratic: Quadratic, block: int, free: Mask) -> Floats:
     scores = quadratic.gradient[block][seen][:, active]
     scores = scores - scores.mean(axis=0)
     inverse = np.linalg.pinv(part, hermitian=True)
-    sandwich = inverse @ (scores.T @ scores) @ inverse * len(scores) / max(1, len(scores) - len(active))
+    sandwich = (
+        inverse @ (scores.T @ scores) @ inverse * len(scores) / max(1, len(scores) - len(active))
+    )
     missing = np.maximum(0.0, np.diag(inverse) - np.diag(sandwich))
     full = np.zeros_like(hessian)
     full[np.ix_(active, active)] = sandwich + np.diag(missing)

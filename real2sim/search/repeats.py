@@ -10,16 +10,20 @@ LEAST_REPEATING = 0.5
 """Part of the gap that must repeat: else the motions do not, or there is nothing but chance."""
 
 
-def closed_of_repeating(problem: Problem, tested: Cells, before: Floats, after: Floats, shows: np.ndarray) -> float:
+def closed_of_repeating(
+    problem: Problem, tested: Cells, before: Floats, after: Floats, shows: np.ndarray
+) -> float:
     """Share that is gone of the structure that repeats, in the cells that show any; 0 where too little of it repeats.
 
-    What repeats is the mean product of residuals of shape (blocks, m) at one time of two segments of one condition.
-    `shows` has the shape (blocks, cells).
+    What repeats is the mean product of residuals of shape (blocks, m) at one time of two segments
+    of one condition. `shows` has the shape (blocks, cells).
     """
     repeated = np.array([len(_others(problem, int(segment))) > 0 for segment in tested.segment])
     shows = shows & repeated
     structure = float(tested.structure(before)[shows].sum())
-    first, last = (float(_repeating(problem, tested, each)[shows].sum()) for each in (before, after))
+    first, last = (
+        float(_repeating(problem, tested, each)[shows].sum()) for each in (before, after)
+    )
     if structure <= 0.0 or first < LEAST_REPEATING * structure:
         return 0.0
     return 1.0 - max(last, 0.0) / first
@@ -45,4 +49,6 @@ def _repeating(problem: Problem, tested: Cells, residuals: Floats) -> Floats:
 
 def _others(problem: Problem, segment: int) -> list[int]:
     condition = problem.segments[segment].condition
-    return [i for i, each in enumerate(problem.segments) if each.condition == condition and i != segment]
+    return [
+        i for i, each in enumerate(problem.segments) if each.condition == condition and i != segment
+    ]

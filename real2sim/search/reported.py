@@ -34,7 +34,11 @@ class StatedModel:
 
 
 def stated_model(
-    problem: Problem, comparison: ModelComparison, evaluate: Evaluator, null: ScoredFit, chosen: ScoredFit
+    problem: Problem,
+    comparison: ModelComparison,
+    evaluate: Evaluator,
+    null: ScoredFit,
+    chosen: ScoredFit,
 ) -> StatedModel:
     """The simplest statement of the chosen model that explains the log as well as the fit does.
 
@@ -45,23 +49,35 @@ def stated_model(
     model = chosen.fit.model
     if not model:
         return StatedModel(groups={}, unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals)
-    places = {effect: estimates.places_of(problem, comparison, chosen.fit, effect) for effect in model}
+    places = {
+        effect: estimates.places_of(problem, comparison, chosen.fit, effect) for effect in model
+    }
     ways: tuple[Groups, ...] = (
-        {effect: estimates.group(problem, found, comparison.size) for effect, found in places.items()},
-        {effect: estimates.each_alone(problem, found, comparison.size) for effect, found in places.items()},
+        {
+            effect: estimates.group(problem, found, comparison.size)
+            for effect, found in places.items()
+        },
+        {
+            effect: estimates.each_alone(problem, found, comparison.size)
+            for effect, found in places.items()
+        },
         {effect: estimates.each_trace(found, comparison.size) for effect, found in places.items()},
     )
     tried = [_TiedModel(problem, comparison, chosen.fit, way).fitted(evaluate) for way in ways]
     least = decide.explained_share(comparison, model)
     lowest = min(comparison.cost(one.residuals) for one in tried)
     for one in tried:
-        closed = comparison.closed(null, null, replace(chosen, structure=comparison.cells.structure(one.residuals)))
+        closed = comparison.closed(
+            null, null, replace(chosen, structure=comparison.cells.structure(one.residuals))
+        )
         if closed >= least and is_as_good(comparison, one.residuals, lowest):
             return one
     if problem.leaner():  # added to a profile, a patch gives what is stated, not what was fitted
         return min(tried, key=lambda one: comparison.cost(one.residuals))
     # no statement is as good as the fit: keep the fitted unknowns
-    return StatedModel(groups=tried[-1].groups, unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals)
+    return StatedModel(
+        groups=tried[-1].groups, unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals
+    )
 
 
 def is_as_good(comparison: ModelComparison, residuals: Floats, lowest: float) -> bool:
@@ -75,7 +91,9 @@ class _TiedModel:
     The nuisances and shapes of `start` are kept where no group sets them.
     """
 
-    def __init__(self, problem: Problem, comparison: ModelComparison, start: fit.Fit, groups: Groups) -> None:
+    def __init__(
+        self, problem: Problem, comparison: ModelComparison, start: fit.Fit, groups: Groups
+    ) -> None:
         self._comparison, self._start, self._groups = comparison, start, groups
         layout = comparison.layout
         self._rest = start.unknowns.copy()
@@ -90,7 +108,9 @@ class _TiedModel:
             unknowns = problem.candidates[group.places[0].candidate].unknowns
             for i, value in enumerate(group.value):
                 stated.append(np.nan if (told := unknowns[i].stated) is None else told)
-                self._seats.append([(p.block, int(c[i])) for p, c in zip(group.places, columns, strict=True)])
+                self._seats.append(
+                    [(p.block, int(c[i])) for p, c in zip(group.places, columns, strict=True)]
+                )
                 values.append(float(value))
         for column in layout.nuisances:
             for block in range(len(start.unknowns)):
@@ -98,7 +118,9 @@ class _TiedModel:
                 values.append(float(start.unknowns[block, column]))
                 stated.append(np.nan)
         own = [seats[0][1] for seats in self._seats]
-        self._low, self._high = (np.where(np.isnan(stated), b[own], stated) for b in (layout.low, layout.high))
+        self._low, self._high = (
+            np.where(np.isnan(stated), b[own], stated) for b in (layout.low, layout.high)
+        )
         self._values = np.clip(np.array(values), self._low, self._high)
 
     def fitted(self, evaluate: Evaluator) -> StatedModel:
@@ -120,10 +142,14 @@ class _TiedModel:
             values, unknowns, residuals = trials[best], moved[best], left[best]
         return StatedModel(groups=self._regrouped(values), unknowns=unknowns, residuals=residuals)
 
-    def _change(self, evaluate: Evaluator, values: Floats, unknowns: Floats, residuals: Floats) -> Floats:
+    def _change(
+        self, evaluate: Evaluator, values: Floats, unknowns: Floats, residuals: Floats
+    ) -> Floats:
         layout, seen = self._comparison.layout, self._comparison.split.is_fit
         columns = np.unique([column for seats in self._seats for _, column in seats])
-        jacobian = fit.slopes(evaluate, layout, unknowns, residuals, columns, "reported values")[:, :, seen]
+        jacobian = fit.slopes(evaluate, layout, unknowns, residuals, columns, "reported values")[
+            :, :, seen
+        ]
         count = len(self._seats)
         tied = np.zeros((len(residuals), len(columns), count))
         for i, seats in enumerate(self._seats):
@@ -164,13 +190,20 @@ NOT_REACHED = "with and without the profile's, the log is simulated alike: it do
 def unseen_of(problem: Problem, comparison: ModelComparison, null: Fit) -> dict[str, str]:
     """Effects of the profile that change nothing in the log by `SIZE_RMS`, and what is said of them."""
     unknowns = null.unknowns[np.newaxis]
-    traces = {name: each.residuals(unknowns)[0] - null.residuals for name, each in problem.leaner().items()}
+    traces = {
+        name: each.residuals(unknowns)[0] - null.residuals
+        for name, each in problem.leaner().items()
+    }
     largest = {name: np.sqrt(comparison.cells.power(trace).max()) for name, trace in traces.items()}
     return {name: NOT_REACHED for name, rms in largest.items() if rms < comparison.size}
 
 
 def misfits_of(
-    problem: Problem, comparison: ModelComparison, fits: Sequence[Fit], stated: StatedModel, seen: set[str]
+    problem: Problem,
+    comparison: ModelComparison,
+    fits: Sequence[Fit],
+    stated: StatedModel,
+    seen: set[str],
 ) -> tuple[str, ...]:
     """Effects of the profile that are to go, of those that are `seen`.
 
@@ -178,7 +211,11 @@ def misfits_of(
     most of it is gone. Else those that the model merely moves to where the log does not reach.
     """
     final = stated.residuals
-    moved = tuple(name for name in stated.groups if name in seen and _is_idle(problem, comparison, stated, name))
+    moved = tuple(
+        name
+        for name in stated.groups
+        if name in seen and _is_idle(problem, comparison, stated, name)
+    )
     if not seen or not comparison.is_gap(final):
         return moved
     singles = [each for each in fits if len(each.model) == 1 and each.model[0] not in seen]
@@ -210,7 +247,9 @@ def _without_misfits(
     gone: tuple[str, ...] = ()
     while comparison.is_gap(fit.residuals) and (rest := seen - set(gone)):
         leaner = {name: each for name, each in problem.leaner().items() if name in rest}
-        residuals = {name: each.residuals(fit.unknowns[np.newaxis])[0] for name, each in leaner.items()}
+        residuals = {
+            name: each.residuals(fit.unknowns[np.newaxis])[0] for name, each in leaner.items()
+        }
         name = min(residuals, key=lambda each: comparison.cost(residuals[each]))
         after = _refitted(leaner[name], comparison, replace(fit, residuals=residuals[name]))
         if _share_gone(comparison, fit.residuals, after.residuals) < REMAINDER_SHARE:
@@ -229,4 +268,6 @@ def _refitted(problem: Problem, comparison: ModelComparison, old: Fit) -> Fit:
 def _share_gone(comparison: ModelComparison, before: Floats, after: Floats) -> float:
     cells = comparison.cells
     structure = cells.structure(before)
-    return cells.share_gone(structure, cells.structure(after), cells.shows(structure, comparison.size))
+    return cells.share_gone(
+        structure, cells.structure(after), cells.shows(structure, comparison.size)
+    )

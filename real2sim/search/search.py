@@ -2,11 +2,13 @@
 
 It knows problems (`saltus.real2sim.problem.problem`), not robots. Steps:
 
-1. Fit the nuisances alone, the model without effects. Split the log (`saltus.real2sim.search.split`).
+1. Fit the nuisances alone, the model without effects. Split the log
+   (`saltus.real2sim.search.split`).
 2. Compute derivatives by every unknown there; fit each effect alone.
-3. Compute derivatives at the best single effect. There the quadratic approximation shows which effects are missing or
-   should be swapped: an effect that explains nothing alone may be half of the truth. Fit pairs; repeat at the best pair
-   for swaps and a third effect. Then remove effects from the largest model one by one.
+3. Compute derivatives at the best single effect. There the quadratic approximation shows which
+   effects are missing or should be swapped: an effect that explains nothing alone may be half of
+   the truth. Fit pairs; repeat at the best pair for swaps and a third effect. Then remove effects
+   from the largest model one by one.
 4. Compare all fitted models on held-out data and choose (`saltus.real2sim.search.decide`).
 5. State places, values and intervals (`saltus.real2sim.search.estimates`), effects that look alike
    (`saltus.real2sim.search.signature`), and the gap on test segments.
@@ -28,7 +30,10 @@ from saltus.real2sim.search.quadratic import Quadratic
 from saltus.real2sim.search.split import Cells, Split
 
 REFITTED = 4
-"""Number of single effects that are refitted with fresh derivatives; in practice the truth is among the best four."""
+"""Number of single effects that are refitted with fresh derivatives.
+
+In practice the truth is among the best four.
+"""
 PROPOSED = 6
 """Number of larger models that are fitted after each set of derivatives."""
 PATIENCE = 3
@@ -36,10 +41,13 @@ PATIENCE = 3
 LARGEST = 3
 """Largest number of effects in a model."""
 RIVALS = 3
-"""Number of models of each size between which is decided with fresh derivatives: the largest set that is stated."""
+"""Number of models of each size between which is decided with fresh derivatives: the largest set
+that is stated."""
 
 
-def search(problem: Problem, *, progress: Callable[[str, int], None] | None = None, seed: int = 0) -> Findings:
+def search(
+    problem: Problem, *, progress: Callable[[str, int], None] | None = None, seed: int = 0
+) -> Findings:
     """Finds the effects that explain the gap between a problem's log and the simulator.
 
     `progress` is called with the stage and the number of simulations since the last call.
@@ -52,13 +60,16 @@ def search(problem: Problem, *, progress: Callable[[str, int], None] | None = No
 class _Search:
     """Fits and derivatives so far."""
 
-    def __init__(self, problem: Problem, progress: Callable[[str, int], None] | None, seed: int) -> None:
+    def __init__(
+        self, problem: Problem, progress: Callable[[str, int], None] | None, seed: int
+    ) -> None:
         self._problem = problem
         self._layout = Layout.of(problem)
         self._evaluate = Evaluator(problem, progress)
         self._seed = seed
         self._rest: Floats
-        """All unknowns without any effect, with the shapes that look best, shape (blocks, unknowns)."""
+        """All unknowns without any effect, with the shapes that look best, shape (blocks,
+        unknowns)."""
         self._fits: dict[Model, Fit] = {}
         self._libraries: dict[Model, Floats] = {}
         self._choices: dict[str, dict[float, Floats]] = {}
@@ -81,10 +92,14 @@ class _Search:
         if self._is_worth_fitting():
             self._fit_singles()
             for size in range(2, LARGEST + 1):
-                if decide.may_gain(self._comparison, self._fits[()], self._fits[self._best(size - 1)]):
+                if decide.may_gain(
+                    self._comparison, self._fits[()], self._fits[self._best(size - 1)]
+                ):
                     self._fit_larger(self._best(size - 1), size)
             self._refit_rivals()
-        return conclude.findings(self._problem, self._comparison, self._evaluate, self._fits, self._library_quadratic)
+        return conclude.findings(
+            self._problem, self._comparison, self._evaluate, self._fits, self._library_quadratic
+        )
 
     def _fit_null(self) -> None:
         """Fits the model without effects, splits the log and chooses the shapes of absent effects."""
@@ -148,8 +163,12 @@ class _Search:
     def _fit_singles(self) -> None:
         """Fits each effect alone, and the best ones again with fresh derivatives and other shapes."""
         null = self._fits[()]
-        starts = [start for effect in self._layout.effects for start in self._starts((effect,), null)]
-        tried = fit.refine(self._evaluate, self._layout, self._split, starts, stage="single effects")
+        starts = [
+            start for effect in self._layout.effects for start in self._starts((effect,), null)
+        ]
+        tried = fit.refine(
+            self._evaluate, self._layout, self._split, starts, stage="single effects"
+        )
         fits = fit.best_of_each(tried, self._split)
         self._keep(fits)
         best = sorted(fits, key=self._cost)[:REFITTED]
@@ -158,15 +177,22 @@ class _Search:
         self._fit_likely()
 
     def _fit_likely(self) -> None:
-        """Fits the model that the problem itself sees, and its parts; from none of its effects slopes lead there."""
+        """Fits the model that the problem itself sees, and its parts.
+
+        From none of its effects slopes lead there.
+        """
         likely, layout, null = self._problem.likely, self._layout, self._fits[()]
         if likely is None:
             return
-        model = model_of([effect for effect in layout.effects if likely[layout.of_effects([effect])].any()])[:LARGEST]
+        model = model_of(
+            [effect for effect in layout.effects if likely[layout.of_effects([effect])].any()]
+        )[:LARGEST]
         columns, own = layout.of_model(model), layout.of_effects(model)
         unknowns = null.unknowns.copy()
         unknowns[:, own] = np.clip(likely[own], layout.low[own], layout.high[own])
-        self._fits[model] = fit.begun(self._evaluate, layout, model, columns, unknowns, "single effects")
+        self._fits[model] = fit.begun(
+            self._evaluate, layout, model, columns, unknowns, "single effects"
+        )
         self._refit([model], "single effects")
         while len(model) > 1:
             self._eliminate(model)
@@ -175,7 +201,9 @@ class _Search:
 
     def _refit(self, models: list[Model], stage: str) -> None:
         """Renews derivatives of fits and continues them."""
-        fresh = fit.renewed(self._evaluate, self._layout, [self._fits[model] for model in models], stage)
+        fresh = fit.renewed(
+            self._evaluate, self._layout, [self._fits[model] for model in models], stage
+        )
         self._keep(fit.refine(self._evaluate, self._layout, self._split, fresh, stage=stage))
 
     def _fit_larger(self, best_so_far: Model, size: int) -> None:
@@ -188,9 +216,15 @@ class _Search:
         for other in others:
             proposed += self._propose(other, size)[: PROPOSED // 2]
         models = dict.fromkeys(model for model in proposed if model not in self._fits)
-        starts = [start for model in models for part in self._parts(model) for start in self._starts(model, part)]
+        starts = [
+            start
+            for model in models
+            for part in self._parts(model)
+            for start in self._starts(model, part)
+        ]
         fits = fit.best_of_each(
-            fit.refine(self._evaluate, self._layout, self._split, starts, stage=f"{size} effects"), self._split
+            fit.refine(self._evaluate, self._layout, self._split, starts, stage=f"{size} effects"),
+            self._split,
         )
         self._keep(fits)
         self._refit([each.model for each in sorted(fits, key=self._cost)[:2]], f"{size} effects")
@@ -215,12 +249,16 @@ class _Search:
     def _refit_rivals(self) -> None:
         """Continues the best models that explain the gap, and renews their derivatives.
 
-        The cost on held-out data follows from derivatives; old ones made one of two models that look alike 90 nats
-        worse.
+        The cost on held-out data follows from derivatives; old ones made one of two models that
+        look alike 90 nats worse.
         """
         null, models = self._fits[()], list[Model]()
         for size in range(1, LARGEST + 1):
-            explain = [each for each in self._of_size(size) if decide.explains(self._comparison, null, each)]
+            explain = [
+                each
+                for each in self._of_size(size)
+                if decide.explains(self._comparison, null, each)
+            ]
             models += [each.model for each in explain[:RIVALS]]
         self._refit(models, "rivals")
         # what the descent corrected on its way is not what the derivatives are at its end
@@ -252,7 +290,9 @@ class _Search:
         if points:
             residuals = self._evaluate(stage, np.array(points))
             at = list(zip(points, residuals, moving, strict=True))
-            for (unknowns, r, columns), own in zip(at, fit.all_slopes(self._evaluate, layout, at, stage), strict=True):
+            for (unknowns, r, columns), own in zip(
+                at, fit.all_slopes(self._evaluate, layout, at, stage), strict=True
+            ):
                 jacobian = here.jacobian.copy()
                 jacobian[:, np.isin(here.columns, columns)] = own
                 starts.append(replace(here, unknowns=unknowns, residuals=r, jacobian=jacobian))
@@ -262,12 +302,17 @@ class _Search:
             self._refit([model], stage)
 
     def _shapes(self, effect: str) -> list[Floats]:
-        """Shapes from which fits of an effect start, equal at all places; shape (its shape unknowns,)."""
+        """Shapes from which fits of an effect start, equal at all places.
+
+        Shape (its shape unknowns,).
+        """
         layout = self._layout
         own = [i for i, candidate in enumerate(layout.candidates) if candidate.effect == effect]
         count = min(len(layout.starts(i)) for i in own)
         return [
-            np.concatenate([layout.starts(i)[k][layout.is_shape[layout.of_candidate(i)]] for i in own])
+            np.concatenate(
+                [layout.starts(i)[k][layout.is_shape[layout.of_candidate(i)]] for i in own]
+            )
             for k in range(count)
         ]
 
@@ -286,10 +331,16 @@ class _Search:
         for part, unknowns, r in zip(parts, points, residuals, strict=True):
             columns = self._layout.of_model(part)
             jacobian = full.jacobian[:, np.isin(full.columns, columns)]
-            starts.append(Fit(model=part, columns=columns, unknowns=unknowns, residuals=r, jacobian=jacobian))
+            starts.append(
+                Fit(model=part, columns=columns, unknowns=unknowns, residuals=r, jacobian=jacobian)
+            )
         tried = fit.refine(self._evaluate, self._layout, self._split, starts, stage="elimination")
         known = self._fits
-        better = [each for each in tried if each.model not in known or self._cost(each) < self._cost(known[each.model])]
+        better = [
+            each
+            for each in tried
+            if each.model not in known or self._cost(each) < self._cost(known[each.model])
+        ]
         self._keep(better)
         for each in better:
             self._libraries.pop(each.model, None)
@@ -305,9 +356,14 @@ class _Search:
             rest = [effect for effect in effects if effect not in best_so_far]
             models = [model_of([*best_so_far, new]) for new in rest]
             models += [
-                model_of([*kept, new]) for kept in combinations(best_so_far, len(best_so_far) - 1) for new in rest
+                model_of([*kept, new])
+                for kept in combinations(best_so_far, len(best_so_far) - 1)
+                for new in rest
             ]
-        costs = {model: quadratic.fit_cost(quadratic.where(self._layout.of_model(model))) for model in models}
+        costs = {
+            model: quadratic.fit_cost(quadratic.where(self._layout.of_model(model)))
+            for model in models
+        }
         return sorted(costs, key=costs.__getitem__)[:PROPOSED]
 
     def _starts(self, model: Model, nearest: Fit) -> list[Fit]:
@@ -331,7 +387,9 @@ class _Search:
         other = np.flatnonzero(np.any(start.unknowns[:, choices] != value, axis=1))
         unknowns, jacobian = start.unknowns.copy(), start.jacobian.copy()
         unknowns[:, choices] = value
-        jacobian[np.ix_(other, np.flatnonzero(np.isin(start.columns, own)))] = slopes[np.ix_(other, own)]
+        jacobian[np.ix_(other, np.flatnonzero(np.isin(start.columns, own)))] = slopes[
+            np.ix_(other, own)
+        ]
         return replace(start, unknowns=unknowns, jacobian=jacobian)
 
     def _start(self, model: Model, nearest: Fit) -> Fit:
@@ -345,16 +403,22 @@ class _Search:
         jacobian = library[:, columns].copy()
         jacobian[:, np.isin(columns, nearest.columns)] = nearest.jacobian
         return Fit(
-            model=model, columns=columns, unknowns=unknowns, residuals=nearest.residuals.copy(), jacobian=jacobian
+            model=model,
+            columns=columns,
+            unknowns=unknowns,
+            residuals=nearest.residuals.copy(),
+            jacobian=jacobian,
         )
 
     def _parts(self, model: Model) -> list[Fit]:
         """Fits of some of a model's effects to start from.
 
-        The best one. For pairs with shapes also each effect alone: a shape that made up for the missing effect may be a
-        poor minimum beside it.
+        The best one. For pairs with shapes also each effect alone: a shape that made up for the
+        missing effect may be a poor minimum beside it.
         """
-        parts = sorted((each for each in self._fits.values() if set(each.model) < set(model)), key=self._cost)
+        parts = sorted(
+            (each for each in self._fits.values() if set(each.model) < set(model)), key=self._cost
+        )
         found = parts[:1]
         if len(model) == 2 and np.any(self._layout.is_shape[self._layout.of_effects(model)]):
             found += [self._fits[effect,] for effect in model]
@@ -374,7 +438,9 @@ class _Search:
 
     def _of_size(self, size: int) -> list[Fit]:
         """Fits of this many effects, the best first."""
-        return sorted((each for each in self._fits.values() if len(each.model) == size), key=self._cost)
+        return sorted(
+            (each for each in self._fits.values() if len(each.model) == size), key=self._cost
+        )
 
     def _cost(self, each: Fit) -> float:
         return self._comparison.cost(each.residuals)
@@ -388,7 +454,9 @@ class _Search:
             unknowns[:, idle] = self._rest[:, idle]
             library = np.zeros((len(unknowns), len(layout.scale), here.residuals.shape[1]))
             moving = np.union1d(np.setdiff1d(idle, np.flatnonzero(layout.is_shape)), here.columns)
-            library[:, moving] = fit.slopes(self._evaluate, layout, unknowns, here.residuals, moving, "slopes")
+            library[:, moving] = fit.slopes(
+                self._evaluate, layout, unknowns, here.residuals, moving, "slopes"
+            )
             self._libraries[model] = library
             self._fits[model] = replace(here, jacobian=library[:, here.columns])
         return self._libraries[model]
@@ -397,4 +465,6 @@ class _Search:
         every = np.arange(len(self._layout.scale))
         here = self._fits[model]
         unknowns = np.where(np.isin(every, here.columns), here.unknowns, self._rest)
-        return Quadratic.of(self._layout, self._split, every, unknowns, here.residuals, self._library(model))
+        return Quadratic.of(
+            self._layout, self._split, every, unknowns, here.residuals, self._library(model)
+        )

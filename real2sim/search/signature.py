@@ -35,14 +35,22 @@ class _Signatures:
         self._layout, self._library, self._named = layout, library, named
         scale = layout.scale[library.columns]
         self._points = library.point / scale
-        self._hessians = [library.information(block) * np.outer(scale, scale) for block in range(len(library.cost))]
-        self._columns = [np.flatnonzero(layout.candidate[library.columns] == k) for k in range(len(layout.candidates))]
+        self._hessians = [
+            library.information(block) * np.outer(scale, scale)
+            for block in range(len(library.cost))
+        ]
+        self._columns = [
+            np.flatnonzero(layout.candidate[library.columns] == k)
+            for k in range(len(layout.candidates))
+        ]
         self._inverses: dict[tuple[int, bytes], Floats] = {}
 
     def alignment(self, a: str, b: str) -> float:
         """Squared cosine of the signature of `a` with the span of `b`, averaged over places."""
         others = self._layout.of_effects(set(self._named) - {a, b})
-        removed = np.flatnonzero(self._library.where(np.concatenate([self._layout.nuisances, others])))
+        removed = np.flatnonzero(
+            self._library.where(np.concatenate([self._layout.nuisances, others]))
+        )
         is_shape = self._layout.is_shape[self._library.columns]
         power = shared = 0.0
         for block, hessian in enumerate(self._hessians):
@@ -71,7 +79,12 @@ class _Signatures:
 
 
 def _project(
-    hessian: Floats, mine: Indices, theirs: Indices, removed: Indices, inverse: Floats, point: Floats
+    hessian: Floats,
+    mine: Indices,
+    theirs: Indices,
+    removed: Indices,
+    inverse: Floats,
+    point: Floats,
 ) -> tuple[float, float]:
     """Power of a signature and of its projection on a span, with the removed columns projected out.
 
@@ -85,7 +98,11 @@ def _project(
     k = len(mine)
     own, span, cross = gram[:k, :k], gram[k:, k:], gram[:k, k:]
     original = float(np.trace(hessian[np.ix_(mine, mine)]))
-    shadow = cross @ np.linalg.pinv(span, rcond=1e-10, hermitian=True) @ cross.T if len(theirs) else np.zeros((k, k))
+    shadow = (
+        cross @ np.linalg.pinv(span, rcond=1e-10, hermitian=True) @ cross.T
+        if len(theirs)
+        else np.zeros((k, k))
+    )
     value = point[mine]
     if np.any(value != 0.0):
         here, both = float(value @ own @ value), float(value @ shadow @ value)

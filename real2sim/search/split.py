@@ -2,12 +2,15 @@
 
 Rules:
 
-1. If a condition has several segments that look like repeats, because the model without effects leaves similar gaps in
-   them, one of them is the test: the last of the first condition, the one before of the next, and so on.
-2. If the segments of a condition differ, e.g. by amplitude, or if there is only one, each is cut into pieces, and every
-   third piece is a test. Fit and test then both see an effect that only the largest amplitude shows.
+1. If a condition has several segments that look like repeats, because the model without effects
+   leaves similar gaps in them, one of them is the test: the last of the first condition, the one
+   before of the next, and so on.
+2. If the segments of a condition differ, e.g. by amplitude, or if there is only one, each is cut
+   into pieces, and every third piece is a test. Fit and test then both see an effect that only the
+   largest amplitude shows.
 3. A piece in which nothing is known (all its residuals are 0) is no test, and is not counted.
-4. Everything else is for fitting. Models are compared by cross-validation; each fold holds out one segment or piece.
+4. Everything else is for fitting. Models are compared by cross-validation; each fold holds out one
+   segment or piece.
 """
 
 from dataclasses import dataclass
@@ -64,7 +67,9 @@ def split(problem: Problem, residuals: Floats) -> Split:
     power = np.mean(residuals**2, axis=0)
     pieces: list[tuple[Indices, int]] = []  # rows and segment
     test: list[bool] = []
-    for number, condition in enumerate(dict.fromkeys(segment.condition for segment in problem.segments)):
+    for number, condition in enumerate(
+        dict.fromkeys(segment.condition for segment in problem.segments)
+    ):
         members = [i for i, s in enumerate(problem.segments) if s.condition == condition]
         rows = {i: np.flatnonzero(problem.segment == i) for i in members}
         members = [i for i in members if len(rows[i])]
@@ -78,7 +83,9 @@ def split(problem: Problem, residuals: Floats) -> Split:
         for turn, i in enumerate(members):
             time_s, is_known = problem.time_s[rows[i]], power[rows[i]] > 0.0
             known_s = time_s[is_known] if is_known.any() else time_s
-            cut = _cut(time_s, float(np.clip(np.ptp(known_s) / 3.0, SHORTEST_PIECE_S, PIECE_S)), known_s)
+            cut = _cut(
+                time_s, float(np.clip(np.ptp(known_s) / 3.0, SHORTEST_PIECE_S, PIECE_S)), known_s
+            )
             pieces += [(rows[i][part], i) for part in cut]
             tells = [bool(is_known[part].any()) for part in cut]
             # not the same part of each: the end of a sweep is its purpose
@@ -153,7 +160,12 @@ class Cells:
         rows = rows[order]
         key = problem.segment[rows] * len(problem.signals) + problem.signal[rows]
         starts = np.flatnonzero(np.diff(key, prepend=-1))
-        return cls(rows=rows, starts=starts, segment=problem.segment[rows[starts]], signal=problem.signal[rows[starts]])
+        return cls(
+            rows=rows,
+            starts=starts,
+            segment=problem.segment[rows[starts]],
+            signal=problem.signal[rows[starts]],
+        )
 
     @property
     def counts(self) -> Indices:

@@ -14,11 +14,13 @@ from saltus.render.stereo.image import StereoImage
 class Background(SingleImageEffect[StereoImage], name="background"):
     """A wall at this distance, which faces the camera, where no ray hits anything nearer.
 
-    At 6 m one pixel in 14 is lost to `WeakSignal`, and the noise is 0.3 m: "far" for the model, whose range is 3 m.
-    What the right imager does not see is that of a scene without the wall: shadows before it are 1.2 px too wide.
+    At 6 m one pixel in 14 is lost to `WeakSignal`, and the noise is 0.3 m: "far" for the model,
+    whose range is 3 m. What the right imager does not see is that of a scene without the wall:
+    shadows before it are 1.2 px too wide.
     """
 
-    # 6 m: a large room; within the 10 m that a D435i measures (D435i datasheet), twice the range of the model
+    # 6 m: a large room; within the 10 m that a D435i measures (D435i datasheet), twice the range of
+    # the model
     distance: PerRobot = parameter(unit="m", null=np.inf, low=0.1, high=1e3)
 
     def changed(self, signal: StereoImage) -> StereoImage:

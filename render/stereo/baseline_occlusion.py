@@ -15,9 +15,10 @@ from saltus.render.stereo.random_effect import RandomStereoEffect
 class BaselineOcclusion(RandomStereoEffect, name="baseline_occlusion"):
     """Points that the right imager does not see are invalid: a shadow to the left of every near object.
 
-    The shadow comes from a second view (`saltus.render.renderer.StereoRenderer`), so geometry makes its width:
-    f B (1 / z_near - 1 / z_far) pixels. `rejected` is the share of such pixels that the camera's left-right check
-    finds; it finds all of them, which is what the check is for (D4 vision processor datasheet).
+    The shadow comes from a second view (`saltus.render.renderer.StereoRenderer`), so geometry makes
+    its width: f B (1 / z_near - 1 / z_far) pixels. `rejected` is the share of such pixels that the
+    camera's left-right check finds; it finds all of them, which is what the check is for (D4 vision
+    processor datasheet).
     """
 
     rejected: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)

@@ -31,13 +31,20 @@ StereoState = tuple[Any, ...]
 
 @dataclass(frozen=True, kw_only=True)
 class StereoConfig:
-    """The effects of a stereo camera in the order in which it makes them; the defaults are the D435i at 424x240."""
+    """The effects of a stereo camera in the order in which it makes them.
+
+    The defaults are the D435i at 424x240.
+    """
 
     background: Background = field(default_factory=lambda: Background(distance=6.0))
-    baseline_occlusion: BaselineOcclusion = field(default_factory=lambda: BaselineOcclusion(rejected=1.0))
+    baseline_occlusion: BaselineOcclusion = field(
+        default_factory=lambda: BaselineOcclusion(rejected=1.0)
+    )
     disparity_noise: DisparityNoise = field(default_factory=lambda: DisparityNoise(sigma=0.08))
     disparity_step: DisparityStep = field(default_factory=lambda: DisparityStep(step=1.0 / 32.0))
-    search_range: SearchRange = field(default_factory=lambda: SearchRange(maximum=126.0, margin=0.0))
+    search_range: SearchRange = field(
+        default_factory=lambda: SearchRange(maximum=126.0, margin=0.0)
+    )
     edge_holes: StereoEdgeHoles = field(default_factory=lambda: StereoEdgeHoles(fraction=0.1))
     weak_signal: WeakSignal = field(default_factory=lambda: WeakSignal(reach=10.0))
     flying_pixels: FlyingPixels = field(default_factory=lambda: FlyingPixels(fraction=0.2))
@@ -46,14 +53,17 @@ class StereoConfig:
     spatial_filter: SpatialFilter = field(
         default_factory=lambda: SpatialFilter(magnitude=5.0, alpha=0.75, delta=1.0, holes_fill=4.0)
     )
-    temporal_filter: TemporalFilter = field(default_factory=lambda: TemporalFilter(alpha=0.75, delta=1.0))
+    temporal_filter: TemporalFilter = field(
+        default_factory=lambda: TemporalFilter(alpha=0.75, delta=1.0)
+    )
 
     @classmethod
     def of(cls, camera: DepthCamera) -> "StereoConfig":
         """The errors of a camera; none of an ideal one.
 
         Raises:
-            ConfigError: it names an effect or a parameter that there is not, or a value out of bounds.
+            ConfigError: it names an effect or a parameter that there is not, or a value out of
+                bounds.
         """
         return IDEAL_STEREO if camera.ideal else changed(cls(), camera.stereo, "stereo.")
 
@@ -71,7 +81,9 @@ class StereoConfig:
 IDEAL_STEREO = StereoConfig().only(())
 """A camera that returns true depth."""
 POST_FILTERS = ("hole_filling", "spatial_filter", "temporal_filter")
-UNFILTERED = StereoConfig().only([e.name for e in StereoConfig().effects if e.name not in POST_FILTERS])
+UNFILTERED = StereoConfig().only(
+    [e.name for e in StereoConfig().effects if e.name not in POST_FILTERS]
+)
 """A D435i without post-filters."""
 
 
@@ -81,7 +93,9 @@ class StereoCamera:
     `optics` are those of the images that it is given; `windows` look around pixels.
     """
 
-    def __init__(self, config: StereoConfig, optics: Optics, windows: Morphology = ARRAY_WINDOWS) -> None:
+    def __init__(
+        self, config: StereoConfig, optics: Optics, windows: Morphology = ARRAY_WINDOWS
+    ) -> None:
         self.config = config
         self.optics = optics
         self._windows = windows
@@ -94,12 +108,14 @@ class StereoCamera:
         """State before the first image, for a batch of cameras."""
         return tuple(effect.init(batch, rng) for effect in (*self._matching, *self._depth))
 
-    def step(self, depth: Images, hidden: Masks, time_s: Scalars, state: StereoState) -> tuple[DepthImage, StereoState]:
+    def step(
+        self, depth: Images, hidden: Masks, time_s: Scalars, state: StereoState
+    ) -> tuple[DepthImage, StereoState]:
         """One exposure.
 
         Args:
-            depth: true depth from the left imager, along the optical axis [m], infinite where nothing is hit. Shape
-                (..., height, width).
+            depth: true depth from the left imager, along the optical axis [m], infinite where
+                nothing is hit. Shape (..., height, width).
             hidden: which of these points the right imager does not see, bool, same shape.
             time_s: capture time [s], float64, shape (...).
             state: what `init` or the last `step` returned.
@@ -108,7 +124,8 @@ class StereoCamera:
             Depth as reported [m], 0 where invalid, and the next state.
         """
         states = []
-        now = 0.0  # effects of the exposure go by its own time, which may differ from camera to camera
+        # Effects of the exposure go by its own time, which may differ from camera to camera
+        now = 0.0
         memories = iter(state)
         signal = stereo_image(depth, hidden, time_s, self.optics, self._windows)
         for effect in self._matching:

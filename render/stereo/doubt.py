@@ -1,9 +1,10 @@
 """Which points that the left imager sees terrain can hide from the right one: few, so few rays have to be cast.
 
-Of a terrain of columns across the course: in the vertical plane along the course, let L and R be the imagers and P a
-point that L sees. The line from R to P can only be blocked where an upper corner C of a column lies in the triangle
-LRP, so the direction from L to P lies between those of LC and RC. Between them lies a strip of the image along each
-corner. Boxes that are no columns leave every point in doubt.
+Of a terrain of columns across the course: in the vertical plane along the course, let L and R be
+    the imagers and P a
+point that L sees. The line from R to P can only be blocked where an upper corner C of a column lies
+in the triangle LRP, so the direction from L to P lies between those of LC and RC. Between them lies
+a strip of the image along each corner. Boxes that are no columns leave every point in doubt.
 """
 
 import numpy as np
@@ -26,7 +27,9 @@ def doubtful(
     baseline_m: float,
     depth: NDArray[np.float32],
 ) -> NDArray[np.int64]:
-    """Points which the right imager may not see because of terrain; it sees all others, or legs hide them.
+    """Points which the right imager may not see because of terrain.
+
+    It sees all others, or legs hide them.
 
     Args:
         terrain: what hides.
@@ -85,8 +88,11 @@ def _strips(
     edges, rises = [], []
     for imager in (origin, origin + baseline_m * rotation[..., 0]):
         ahead, up = corner_x - imager[:, :1], corner_z - imager[:, 2:]
-        # cross product of the way to the corner and the direction of a pixel: linear in the pixel's tangents
-        across, down, forward = (ahead * rotation[:, 2, i : i + 1] - up * rotation[:, 0, i : i + 1] for i in range(3))
+        # cross product of the way to the corner and the direction of a pixel: linear in the pixel's
+        # tangents
+        across, down, forward = (
+            ahead * rotation[:, 2, i : i + 1] - up * rotation[:, 0, i : i + 1] for i in range(3)
+        )
         safe = np.where(down == 0.0, 1.0, down)[..., None]
         edges.append(-(across[..., None] * x + forward[..., None]) / safe)
         rises.append(down)

@@ -14,7 +14,9 @@ SELDOM = 0.05  # a shadow is invalid in every frame; noise at its border lets so
 MIN_WIDTH = 3  # px: narrower ones may be holes at edges
 MIN_STEP_PX = 2.0  # of nominal disparity across a shadow
 MIN_ROWS = 10
-ROUNDING_PX = 0.29  # standard deviation of a width in whole pixels, the same in all rows of an upright edge
+ROUNDING_PX = (
+    0.29  # standard deviation of a width in whole pixels, the same in all rows of an upright edge
+)
 ROWS_ALIKE = 10  # neighbouring rows whose widths err alike: a matching window
 NO_MARGIN_PX = 1.5  # a margin that rounding can feign
 BESIDE = 2  # pixels from the border of a shadow at which depth is read: clear of flying pixels
@@ -27,7 +29,10 @@ class Shadows:
     width: Floats
     """[px], shape (n,)."""
     step: Floats
-    """Difference of inverse depth between its sides [1/m]; inverse depth itself for the left band. Shape (n,)."""
+    """Difference of inverse depth between its sides [1/m]; inverse depth itself for the left band.
+
+    Shape (n,).
+    """
     end: Floats
     """First column to the right of it, shape (n,)."""
 
@@ -38,16 +43,21 @@ class Shadows:
 def fit_baseline(scene: StaticScene) -> tuple[StereoEstimate, StereoEstimate]:
     """Baseline [m], and the margin [px] of `SearchRange`.
 
-    Shadows are f B (1 / z_near - 1 / z_far) wide. The band is f B / z wide less the margin, so it counts for the
-    baseline only where it agrees with the shadows without one, or where there are no shadows.
+    Shadows are f B (1 / z_near - 1 / z_far) wide. The band is f B / z wide less the margin, so it
+    counts for the baseline only where it agrees with the shadows without one, or where there are no
+    shadows.
     """
     bands, shadows = left_bands(scene), edge_shadows(scene)
     if len(shadows.width) < MIN_ROWS:
         if len(bands.width) < MIN_ROWS:
-            nothing = untestable("no invalid band at the left of the image and no shadow beside a near edge")
+            nothing = untestable(
+                "no invalid band at the left of the image and no shadow beside a near edge"
+            )
             return nothing, nothing
         note = "from the band at the left alone, taken to be f B / z wide"
-        return replace(_slope(bands, scene.fx), note=note), untestable("no shadow tells band from margin")
+        return replace(_slope(bands, scene.fx), note=note), untestable(
+            "no shadow tells band from margin"
+        )
     baseline = _slope(shadows, scene.fx)
     if len(bands.width) < MIN_ROWS:
         return baseline, untestable("no invalid band at the left of the image")
@@ -60,7 +70,9 @@ def fit_baseline(scene: StaticScene) -> tuple[StereoEstimate, StereoEstimate]:
 
 def _margin(bands: Shadows, fx: float, baseline: StereoEstimate) -> StereoEstimate:
     rest = fx * (baseline.value or 0.0) * bands.step - bands.width
-    return measured(float(np.median(rest)), max(ROUNDING_PX, 1.25 * float(np.std(rest)) / len(rest) ** 0.5))
+    return measured(
+        float(np.median(rest)), max(ROUNDING_PX, 1.25 * float(np.std(rest)) / len(rest) ** 0.5)
+    )
 
 
 def _joined(one: Shadows, other: Shadows) -> Shadows:
@@ -84,14 +96,20 @@ def _slope(shadows: Shadows, fx: float) -> StereoEstimate:
 
 
 def left_bands(scene: StaticScene) -> Shadows:
-    """The band at the left of the sensor: f B / z pixels wide. Rows in which it has no end are left out."""
+    """The band at the left of the sensor: f B / z pixels wide.
+
+    Rows in which it has no end are left out.
+    """
     dark = scene.presence <= 0.5
     width = np.argmax(~dark, axis=1)
     beside = np.minimum(width + BESIDE, scene.median.shape[1] - 1)
     step = np.take_along_axis(scene.median, beside[:, None], axis=1)[:, 0]
-    # the band of a near object next to it would reach farther: what limits the band is the depth just beside it
+    # the band of a near object next to it would reach farther: what limits the band is the depth
+    # just beside it
     kept = (width >= MIN_WIDTH) & (step > 0.0)
-    return Shadows(width=width.astype(float), step=step.astype(float), end=width.astype(float))[kept]
+    return Shadows(width=width.astype(float), step=step.astype(float), end=width.astype(float))[
+        kept
+    ]
 
 
 def edge_shadows(scene: StaticScene) -> Shadows:
@@ -103,9 +121,18 @@ def edge_shadows(scene: StaticScene) -> Shadows:
     inside = (starts >= BESIDE + 1) & (ends + BESIDE < scene.median.shape[1])
     rows, starts, ends = rows[inside], starts[inside], ends[inside]
     step = scene.median[rows, ends + BESIDE] - scene.median[rows, starts - 1 - BESIDE]
-    known = (scene.median[rows, ends + BESIDE] > 0.0) & (scene.median[rows, starts - 1 - BESIDE] > 0.0)
+    known = (scene.median[rows, ends + BESIDE] > 0.0) & (
+        scene.median[rows, starts - 1 - BESIDE] > 0.0
+    )
     width = ends - starts
     nominal = step * scene.fx * BASELINE_M
-    # a hole in a pattern-less surface has no reason to be as wide as the step is high: within a factor of 3
-    kept = known & (width >= MIN_WIDTH) & (nominal > MIN_STEP_PX) & (width < 3.0 * nominal) & (nominal < 3.0 * width)
+    # a hole in a pattern-less surface has no reason to be as wide as the step is high: within a
+    # factor of 3
+    kept = (
+        known
+        & (width >= MIN_WIDTH)
+        & (nominal > MIN_STEP_PX)
+        & (width < 3.0 * nominal)
+        & (nominal < 3.0 * width)
+    )
     return Shadows(width=width.astype(float), step=step.astype(float), end=ends.astype(float))[kept]

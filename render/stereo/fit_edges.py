@@ -45,33 +45,44 @@ def edge_curves(scene: StaticScene) -> EdgeCurves:
         else np.full(len(distance), np.nan)
     )
     return EdgeCurves(
-        column=1.0 - np.mean(scene.presence, axis=0), distance_px=distance, invalid=invalid, edges=len(rows)
+        column=1.0 - np.mean(scene.presence, axis=0),
+        distance_px=distance,
+        invalid=invalid,
+        edges=len(rows),
     )
 
 
 def hole_fraction(curves: EdgeCurves) -> StereoEstimate:
     """Share of pixels that is lost within the reach of `StereoEdgeHoles`, on the side that has no shadow."""
     if curves.edges < MIN_EDGES:
-        return untestable(f"{curves.edges} rows with a clean right edge of something near: {MIN_EDGES} are needed")
+        return untestable(
+            f"{curves.edges} rows with a clean right edge of something near: {MIN_EDGES} are needed"
+        )
     inside = (curves.distance_px > 0) & (curves.distance_px <= REACH_PX)
     background = float(np.mean(curves.invalid[curves.distance_px > 2 * REACH_PX]))
     value = float(np.mean(curves.invalid[inside])) - background
     # pixels that are touched in part stand for fewer: see EdgeHoles
     value *= REACH_PX / StereoEdgeHoles().reach
-    return measured(max(0.0, value), float(np.sqrt(max(value * (1.0 - value), 1e-4) / curves.edges)))
+    return measured(
+        max(0.0, value), float(np.sqrt(max(value * (1.0 - value), 1e-4) / curves.edges))
+    )
 
 
 def flying_fraction(scene: StaticScene, sigma_inverse: float) -> StereoEstimate:
     """Share of the pixels beside an edge that lie between both sides."""
     rows, columns = _right_edges(scene)
     if len(rows) < MIN_EDGES:
-        return untestable(f"{len(rows)} rows with a clean right edge of something near: {MIN_EDGES} are needed")
+        return untestable(
+            f"{len(rows)} rows with a clean right edge of something near: {MIN_EDGES} are needed"
+        )
     near, far = scene.median[rows, columns - 2], scene.median[rows, columns + 1]
     flying, seen = 0, 0
     for column in (columns - 1, columns):
         values = scene.inverse[:, rows, column]
         valid = values > 0.0
-        between = (values > far + FLYING_SIGMAS * sigma_inverse) & (values < near - FLYING_SIGMAS * sigma_inverse)
+        between = (values > far + FLYING_SIGMAS * sigma_inverse) & (
+            values < near - FLYING_SIGMAS * sigma_inverse
+        )
         flying += int(np.sum(valid & between))
         seen += int(np.sum(valid))
     lost_at_ends = np.mean(np.clip(2.0 * FLYING_SIGMAS * sigma_inverse / (near - far), 0.0, 0.9))

@@ -16,7 +16,8 @@ RANGES = 12  # bins of depth, equally wide in its logarithm
 LAGS_PX = 30
 LAGS_FRAMES = 8
 ONE_RANGE = 1.3  # farthest over nearest: below, the growth with range cannot be seen
-CORRELATED_PX = 100.0  # pixels that share one independent value of the noise, for standard errors: 10 x 10 (D435)
+# Pixels that share one independent value of the noise, for standard errors: 10 x 10 (D435)
+CORRELATED_PX = 100.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,7 +50,9 @@ def noise_curves(scene: StaticScene) -> NoiseCurves | str:
         return f"{scene.frames} frames of a scene at rest: {MIN_FRAMES} are needed for a variance over time"
     count = int(np.sum(scene.surface))
     if count < MIN_PIXELS:
-        return f"{count} pixels on surfaces away from edges are always valid: {MIN_PIXELS} are needed"
+        return (
+            f"{count} pixels on surfaces away from edges are always valid: {MIN_PIXELS} are needed"
+        )
     values = scene.inverse[:, scene.surface].astype(np.float64)
     residual = values - np.mean(values, axis=0)
     sequence = _autocovariance(residual)
@@ -70,7 +73,9 @@ def noise_curves(scene: StaticScene) -> NoiseCurves | str:
     )
 
 
-def sigma_inverse(curves: NoiseCurves, scene: StaticScene, step_inverse: StereoEstimate) -> StereoEstimate:
+def sigma_inverse(
+    curves: NoiseCurves, scene: StaticScene, step_inverse: StereoEstimate
+) -> StereoEstimate:
     """Sub-pixel noise as noise of the inverse depth [1/m], without the share of the disparity step."""
     variance = curves.variance_inverse - (step_inverse.value or 0.0) ** 2 / 12.0
     if variance <= 0.0:
@@ -79,18 +84,31 @@ def sigma_inverse(curves: NoiseCurves, scene: StaticScene, step_inverse: StereoE
     # independent values: patches of the image, and frames as far apart as the noise remembers
     memory = (1.0 + curves.sequential) / max(1e-3, 1.0 - curves.sequential)
     independent = max(1.0, float(np.sum(scene.surface)) / CORRELATED_PX * scene.frames / memory)
-    # rounding to so coarse a unit is not even: its share of the variance may be off by as much as itself
+    # rounding to so coarse a unit is not even: its share of the variance may be off by as much as
+    # itself
     uneven = 0.5 * curves.unit_variance / variance
     return measured(value, value * math.hypot(1.0 / math.sqrt(2.0 * independent), uneven))
 
 
-def persistence(curves: NoiseCurves, scene: StaticScene, step_inverse: StereoEstimate) -> StereoEstimate:
+def persistence(
+    curves: NoiseCurves, scene: StaticScene, step_inverse: StereoEstimate
+) -> StereoEstimate:
     """Time in which the noise falls to 1/e [s]."""
     variance = curves.variance_inverse - (step_inverse.value or 0.0) ** 2 / 12.0
-    kept = float(curves.correlation_in_time[1]) * (curves.variance_inverse + curves.unit_variance) / variance
+    kept = (
+        float(curves.correlation_in_time[1])
+        * (curves.variance_inverse + curves.unit_variance)
+        / variance
+    )
     if not 0.02 < kept < 0.98:
-        side = "shorter than the frames are apart" if kept <= 0.02 else "longer than the recording can show"
-        return untestable(f"neighbouring frames correlate by {kept:.2f}: the memory of the noise is {side}")
+        side = (
+            "shorter than the frames are apart"
+            if kept <= 0.02
+            else "longer than the recording can show"
+        )
+        return untestable(
+            f"neighbouring frames correlate by {kept:.2f}: the memory of the noise is {side}"
+        )
     value = -scene.period_s / math.log(kept)
     error = 1.0 / math.sqrt(scene.frames * max(1.0, float(np.sum(scene.surface)) / CORRELATED_PX))
     return measured(value, value * error / (kept * abs(math.log(kept))))
@@ -105,7 +123,8 @@ def correlation_px(curves: NoiseCurves, step_inverse: StereoEstimate) -> StereoE
     below = below[below > 0]
     if not below.size:
         return untestable(
-            f"the noise is correlated over more than {len(correlation) - 1} pixels, or surfaces are small"
+            f"the noise is correlated over more than {len(correlation) - 1} pixels, or surfaces "
+            f"are small"
         )
     k = int(below[0])
     before = 1.0 if k == 1 else float(correlation[k - 1])
@@ -119,7 +138,9 @@ def _autocovariance(residual: Floats) -> Floats:
     lags = range(min(LAGS_FRAMES, frames - 2) + 1)
     raw = np.array([np.mean(residual[k:] * residual[: frames - k]) for k in lags])
     found = raw.copy()
-    for _ in range(20):  # the mean varies by what the covariance says; converges by frames over memory each time
+    for _ in range(
+        20
+    ):  # the mean varies by what the covariance says; converges by frames over memory each time
         memory = min(0.95, max(0.0, found[1] / found[0]))
         mean_variance = found[0] / frames * (1.0 + memory) / (1.0 - memory)
         found = raw + mean_variance
@@ -141,7 +162,10 @@ def _image_covariance(scene: StaticScene, residual: Floats) -> Floats:
         ):
             pairs = int(np.sum(scene.surface[here] & scene.surface[there]))
             if pairs >= MIN_PIXELS:
-                found.append(float(np.vdot(image[(slice(None), *here)], image[(slice(None), *there)])) / pairs)
+                found.append(
+                    float(np.vdot(image[(slice(None), *here)], image[(slice(None), *there)]))
+                    / pairs
+                )
         if not found:
             break
         result.append(float(np.mean(found)) / scene.frames / variance)
@@ -163,7 +187,9 @@ def _against_range(values: Floats, correction: float) -> tuple[Floats, Floats]:
     for k in range(RANGES):
         inside: NDArray[np.bool_] = place == k
         if np.sum(inside) >= MIN_PIXELS:
-            used.append((float(np.median(depth[inside])), float(np.sqrt(np.mean(sigma[inside] ** 2)))))
+            used.append(
+                (float(np.median(depth[inside])), float(np.sqrt(np.mean(sigma[inside] ** 2))))
+            )
     pairs = np.array(used).reshape(-1, 2)
     return pairs[:, 0], pairs[:, 1]
 
@@ -172,5 +198,7 @@ def range_exponent(curves: NoiseCurves) -> StereoEstimate:
     """Exponent of the growth of the noise with range; 2 for stereo."""
     if len(curves.range_m) < 2 or curves.range_m[-1] < ONE_RANGE * curves.range_m[0]:
         return untestable("all surfaces are at one range")
-    slope, covariance = np.polyfit(np.log(curves.range_m), np.log(curves.sigma_m), 1, cov="unscaled")
+    slope, covariance = np.polyfit(
+        np.log(curves.range_m), np.log(curves.sigma_m), 1, cov="unscaled"
+    )
     return measured(float(slope[0]), 0.05 * math.sqrt(float(covariance[0, 0])))

@@ -8,13 +8,27 @@ from saltus.render.stereo.static_scene import StaticScene
 
 BINS = 1 << 18
 SAMPLES = 2_000_000  # inverse depths that are looked at
-QUANTILES = (0.0, 0.25, 0.5, 0.75, 0.85, 0.9, 0.95, 0.97, 0.98, 0.99)  # of depth: near surfaces are left out in turn
+QUANTILES = (
+    0.0,
+    0.25,
+    0.5,
+    0.75,
+    0.85,
+    0.9,
+    0.95,
+    0.97,
+    0.98,
+    0.99,
+)  # of depth: near surfaces are left out in turn
 ENVELOPE = 0.6  # beyond 0.6 / sigma a Gaussian's spectrum is below 1e-3
 UNIT_MARGIN = 0.85  # the depth unit makes a comb of its own, from 1 / (unit w^2) on
-PROMINENCE = 10.0  # peak over median of the spectrum, added up over all cuts that show the same line
+PROMINENCE = (
+    10.0  # peak over median of the spectrum, added up over all cuts that show the same line
+)
 SAME_LINE = 0.02
 MIN_CUTS = 2
-CLEAR = 5.0  # peak over median in at least one cut: without a comb the strongest of all lines stays below 4
+# Peak over median in at least one cut: without a comb the strongest of all lines stays below 4
+CLEAR = 5.0
 MIN_LINES = 4.0  # of the comb within the range of inverse depths
 
 
@@ -24,21 +38,31 @@ def fit_step(scene: StaticScene, sigma_inverse: float) -> StereoEstimate:
         return untestable("no surface away from edges is valid throughout")
     stride = max(1, scene.frames * int(np.sum(scene.surface)) // SAMPLES)
     values = scene.inverse[:, scene.surface][::stride].ravel().astype(np.float64)
-    lines = np.array([_strongest_line(values, quantile, sigma_inverse, scene.unit_m) for quantile in QUANTILES])
-    # the comb is there whichever surfaces are left out; products with the depth unit's own comb are not
+    lines = np.array(
+        [_strongest_line(values, quantile, sigma_inverse, scene.unit_m) for quantile in QUANTILES]
+    )
+    # the comb is there whichever surfaces are left out; products with the depth unit's own comb are
+    # not
     alike = np.abs(lines[:, None, 1] - lines[None, :, 1]) < SAME_LINE * lines[:, None, 1]
     support = alike @ lines[:, 0]
     chosen = alike[int(np.argmax(support))]
-    if np.max(support) < PROMINENCE or np.sum(chosen) < MIN_CUTS or np.max(lines[chosen, 0]) < CLEAR:
+    if (
+        np.max(support) < PROMINENCE
+        or np.sum(chosen) < MIN_CUTS
+        or np.max(lines[chosen, 0]) < CLEAR
+    ):
         return untestable(
-            "no comb in the inverse depths: surfaces are so near that the depth unit hides the step, or the noise is "
+            "no comb in the inverse depths: surfaces are so near that the depth unit hides the "
+            "step, or the noise is "
             "below the step"
         )
     _, frequency, resolution = max(lines[chosen], key=lambda line: float(line[0]))
     return measured(1.0 / float(frequency), float(resolution) / float(frequency) ** 2)
 
 
-def _strongest_line(values: Floats, quantile: float, sigma: float, unit_m: float) -> tuple[float, float, float]:
+def _strongest_line(
+    values: Floats, quantile: float, sigma: float, unit_m: float
+) -> tuple[float, float, float]:
     """Prominence, frequency [m], and its error, of the strongest line of the spectrum of all that is far enough."""
     far = values[values <= np.quantile(values, 1.0 - quantile)]
     low, high = float(far.min()), float(far.max())
@@ -50,7 +74,9 @@ def _strongest_line(values: Floats, quantile: float, sigma: float, unit_m: float
     window = np.hanning(BINS) if quantile > 0.0 else np.ones(BINS)
     spectrum = np.abs(np.fft.rfft(density * window, 2 * BINS))
     frequency = np.arange(len(spectrum)) / (2.0 * span)
-    searched = (frequency > max(ENVELOPE / sigma, MIN_LINES / span)) & (frequency < UNIT_MARGIN / (unit_m * high**2))
+    searched = (frequency > max(ENVELOPE / sigma, MIN_LINES / span)) & (
+        frequency < UNIT_MARGIN / (unit_m * high**2)
+    )
     if np.sum(searched) < 16:
         return 0.0, 0.0, 0.0
     index = np.flatnonzero(searched)

@@ -17,7 +17,9 @@ class FlyingPixels(RandomStereoEffect, name="flying_pixels"):
     # not published; one in five makes the thin veil at edges that recordings show
     fraction: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)
     # as for holes at edges
-    jump: float = field(default=1.0, metadata={"unit": "px", "low": 0.05, "high": 50.0, "per_joint": False})
+    jump: float = field(
+        default=1.0, metadata={"unit": "px", "low": 0.05, "high": 50.0, "per_joint": False}
+    )
 
     def drawn(self, signal: StereoImage, keys: Array) -> StereoImage:
         """Moves pixels into the gap."""

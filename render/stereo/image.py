@@ -17,7 +17,10 @@ class StereoImage:
     """Column in the left image less column in the right image [px of the sensor]; 0 where nothing is hit. Shape
     (..., height, width)."""
     truth: Floats
-    """Disparity of the scene itself [px], on which it depends what is lost; shape (..., height, width)."""
+    """Disparity of the scene itself [px], on which it depends what is lost.
+
+    Shape (..., height, width).
+    """
     valid: Masks
     """True where there is a match, bool, shape (..., height, width)."""
     hidden: Masks
@@ -30,12 +33,17 @@ class StereoImage:
 
 
 def stereo_image(
-    depth: Images, hidden: Masks, time_s: Scalars, optics: Optics, windows: Morphology = ARRAY_WINDOWS
+    depth: Images,
+    hidden: Masks,
+    time_s: Scalars,
+    optics: Optics,
+    windows: Morphology = ARRAY_WINDOWS,
 ) -> StereoImage:
     """A perfect match of a rendered scene.
 
     Args:
-        depth: along the optical axis [m], infinite where nothing is hit, shape (..., height, width).
+        depth: along the optical axis [m], infinite where nothing is hit, shape (..., height,
+            width).
         hidden: see `StereoImage`.
         time_s: see `StereoImage`.
         optics: of the camera.
@@ -55,7 +63,10 @@ def stereo_image(
 
 
 def depth_of(image: StereoImage) -> Images:
-    """Depth [m] along the optical axis: infinite where nothing is hit, 0 where invalid. Shape (..., height, width)."""
+    """Depth [m] along the optical axis: infinite where nothing is hit, 0 where invalid.
+
+    Shape (..., height, width).
+    """
     xp = namespace(image.disparity)
     with np.errstate(divide="ignore"):
         depth = image.optics.disparity_at_1m / image.disparity

@@ -4,7 +4,8 @@ from saltus.arrays import Array, Images, namespace
 from saltus.depth import VALID_SHARE
 
 ROWS, COLUMNS = 3, 1
-"""Rays for a pixel of the model in training: depth edges are horizontal in most of what a robot sees ahead."""
+"""Rays for a pixel of the model in training: depth edges are horizontal in most of what a robot
+sees ahead."""
 
 
 def pooled(depth: Images, rows: int, columns: int) -> Array:
@@ -23,7 +24,9 @@ def pooled(depth: Images, rows: int, columns: int) -> Array:
     total = _block_sums(depth, rows, columns)
     count = _block_sums(xp.astype(depth > 0.0, xp.uint8), rows, columns)
     seen = count >= VALID_SHARE * rows * columns
-    return xp.where(seen, total, xp.zeros_like(total)) / xp.astype(xp.where(seen, count, count + 1), depth.dtype)
+    return xp.where(seen, total, xp.zeros_like(total)) / xp.astype(
+        xp.where(seen, count, count + 1), depth.dtype
+    )
 
 
 def _block_sums(values: Array, rows: int, columns: int) -> Array:

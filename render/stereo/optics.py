@@ -12,16 +12,17 @@ from saltus.errors import ConfigError
 class Optics:
     """A rectified pair of imagers, and where the samples of an image lie on the left one.
 
-    Depth is seen from the left imager; the right one is `baseline_m` to its right. Disparities and all other lengths
-    in pixels are in pixels of the sensor, also where an image has fewer samples: `pitch_x` and `pitch_y` say how many
-    pixels lie between samples.
+    Depth is seen from the left imager; the right one is `baseline_m` to its right. Disparities and
+    all other lengths in pixels are in pixels of the sensor, also where an image has fewer samples:
+    `pitch_x` and `pitch_y` say how many pixels lie between samples.
     """
 
     focal_px: float
     """Focal length of the sensor [px]."""
     baseline_m: float = BASELINE_M
     first_column: float = 0.0
-    """Column of the sensor at which the image begins (its left edge, not the centre of its first sample) [px]."""
+    """Column of the sensor at which the image begins (its left edge, not the centre of its first
+    sample) [px]."""
     pitch_x: float = 1.0
     """Columns of the sensor between neighbouring samples."""
     pitch_y: float = 1.0
@@ -34,15 +35,23 @@ class Optics:
                 raise ConfigError(f"stereo optics: {name} = {value!r} must be a number above 0")
 
     @classmethod
-    def of(cls, camera: Intrinsics, sensor: Intrinsics = D435I, baseline_m: float = BASELINE_M) -> "Optics":
+    def of(
+        cls, camera: Intrinsics, sensor: Intrinsics = D435I, baseline_m: float = BASELINE_M
+    ) -> "Optics":
         """The optics behind an image of any resolution with the optical axis of its sensor, in its matching mode.
 
         Raises:
             ConfigError: a focal length or the baseline is not above 0.
         """
-        for name, focal in (("camera.fx", camera.fx), ("camera.fy", camera.fy), ("sensor.fx", sensor.fx)):
+        for name, focal in (
+            ("camera.fx", camera.fx),
+            ("camera.fy", camera.fy),
+            ("sensor.fx", sensor.fx),
+        ):
             if not 0.0 < focal < float("inf"):
-                raise ConfigError(f"stereo optics: focal length {name} = {focal!r} px must be above 0")
+                raise ConfigError(
+                    f"stereo optics: focal length {name} = {focal!r} px must be above 0"
+                )
         pitch = sensor.fx / camera.fx
         return cls(
             focal_px=sensor.fx,

@@ -14,9 +14,9 @@ from saltus.render.stereo.image import StereoImage
 class SearchRange(SingleImageEffect[StereoImage], name="search_range"):
     """Pixels whose match would lie beyond the range of the search, or beyond the right image, are invalid.
 
-    `maximum` makes the minimum depth f B / maximum. `margin` is by how much the right image goes on to the left of
-    where the left image begins; at 0 there is an invalid band of f B / z pixels at the left of the sensor, below 0 it
-    is wider, as where half a matching window does not fit.
+    `maximum` makes the minimum depth f B / maximum. `margin` is by how much the right image goes on
+    to the left of where the left image begins; at 0 there is an invalid band of f B / z pixels at
+    the left of the sensor, below 0 it is wider, as where half a matching window does not fit.
     """
 
     # 126 px (Intel: MinZ = f B / 126, 0.17 m at 848x480)

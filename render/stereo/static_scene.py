@@ -15,10 +15,13 @@ from saltus.render.stereo.discontinuity import discontinuity
 from saltus.render.stereo.optics import BASELINE_M
 from saltus.wire.messages import DepthFrame
 
-MOVED_PX = 1.0  # twelve times the noise of a D435i: a pixel that changes by more has seen something else
+MOVED_PX = (
+    1.0  # twelve times the noise of a D435i: a pixel that changes by more has seen something else
+)
 MOVED_SHARE = 0.1  # of the pixels, from one frame to the next: more than edges that flicker
 EDGE_PX = 1.0  # as for the holes at edges
-OFF_CENTRE = 0.1  # of the image: principal points lie within some 3 % of its middle; other modes' are farther off
+# Of the image: principal points lie within some 3 % of its middle; other modes' are farther off
+OFF_CENTRE = 0.1
 CLEAR_PX = 7  # beyond the reach of an edge's holes, and of the second difference that finds it
 
 
@@ -26,7 +29,8 @@ CLEAR_PX = 7  # beyond the reach of an edge's holes, and of the second differenc
 class StaticScene:
     """Statistics over the longest part of a recording in which nothing moves.
 
-    Inverse depth is proportional to disparity, whatever the baseline, so everything is measured in it.
+    Inverse depth is proportional to disparity, whatever the baseline, so everything is measured in
+    it.
     """
 
     inverse: NDArray[np.float32]
@@ -60,15 +64,22 @@ def static_scene(frames: Sequence[DepthFrame]) -> StaticScene:
     """Takes the longest part of a recording in which nothing moves.
 
     Raises:
-        RecordingError: no frames, frames of different cameras or with intrinsics that are not theirs, or nothing valid.
+        RecordingError: no frames, frames of different cameras or with intrinsics that are not
+            theirs, or nothing valid.
     """
     if not frames:
         raise RecordingError("the recording holds no depth frames")
     first = frames[0]
     _check_camera(first)
     for frame in frames:
-        if frame.depth.shape != first.depth.shape or (frame.fx, frame.depth_unit_m) != (first.fx, first.depth_unit_m):
-            raise RecordingError(f"{_mode(frame)} does not match {_mode(first)}: fit one camera in one mode at a time")
+        if frame.depth.shape != first.depth.shape or (frame.fx, frame.depth_unit_m) != (
+            first.fx,
+            first.depth_unit_m,
+        ):
+            raise RecordingError(
+                f"{_mode(frame)} does not match {_mode(first)}: fit one camera in one mode at a "
+                f"time"
+            )
     raw = np.stack([frame.depth for frame in frames])
     valid = (raw > 0) & (raw < NOTHING)
     if not np.any(valid):
@@ -78,7 +89,10 @@ def static_scene(frames: Sequence[DepthFrame]) -> StaticScene:
     begin, end = _longest_rest(inverse, first.fx * BASELINE_M)
     times_s = 1e-9 * np.array([frame.time_ns for frame in frames[begin:end]])
     return _summarised(
-        inverse[begin:end], float(np.median(np.diff(times_s))) if end - begin > 1 else 0.0, first.fx, first.depth_unit_m
+        inverse[begin:end],
+        float(np.median(np.diff(times_s))) if end - begin > 1 else 0.0,
+        first.fx,
+        first.depth_unit_m,
     )
 
 
@@ -86,12 +100,15 @@ def _check_camera(frame: DepthFrame) -> None:
     for name in ("fx", "fy", "depth_unit_m"):
         value = getattr(frame, name)
         if not (math.isfinite(value) and value > 0.0):
-            raise RecordingError(f"{_mode(frame)}: {name} = {value} must be a finite number above 0")
+            raise RecordingError(
+                f"{_mode(frame)}: {name} = {value} must be a finite number above 0"
+            )
     height, width = frame.depth.shape
     for name, centre, size in (("cx", frame.cx, width), ("cy", frame.cy, height)):
         if not abs(centre - 0.5 * size) <= OFF_CENTRE * size:
             raise RecordingError(
-                f"{_mode(frame)}: {name} = {centre:g} px is not near the middle of {size} px, so the intrinsics do not "
+                f"{_mode(frame)}: {name} = {centre:g} px is not near the middle of {size} px, so "
+                f"the intrinsics do not "
                 "match the images: were they taken from another resolution?"
             )
 
@@ -113,7 +130,9 @@ def _longest_rest(inverse: NDArray[np.float32], nominal: float) -> tuple[int, in
     return best
 
 
-def _summarised(inverse: NDArray[np.float32], period_s: float, fx: float, unit_m: float) -> StaticScene:
+def _summarised(
+    inverse: NDArray[np.float32], period_s: float, fx: float, unit_m: float
+) -> StaticScene:
     valid = inverse > 0.0
     count = np.sum(valid, axis=0)
     ordered = np.sort(inverse, axis=0)  # the invalid come first

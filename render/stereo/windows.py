@@ -8,7 +8,10 @@ from saltus.effects.fields import around
 
 
 class Morphology(Protocol):
-    """Morphology of images; what lies beyond a border counts as the border does. A frozen value without fields."""
+    """Morphology of images; what lies beyond a border counts as the border does.
+
+    A frozen value without fields.
+    """
 
     def any_around(self, mask: Masks, rows: int, columns: int) -> Masks:
         """True where anything is set within `rows` and `columns` of each sample, bool, shape (..., height, width)."""

@@ -19,7 +19,8 @@ from saltus.policy.training.command import TRAINING
 class Bench:
     """Measures this machine: lists the benchmarks, or runs one of them.
 
-    Each prints its figures; with --json one JSON object is the last line. They are part of a checkout, not of a wheel.
+    Each prints its figures; with --json one JSON object is the last line. They are part of a
+    checkout, not of a wheel.
 
     For example:
       saltus bench
@@ -43,13 +44,17 @@ class Bench:
                 print(f"{name:16} {said.splitlines()[0]}")
             return 0
         if self.name not in files:
-            raise SaltusError(f"there is no benchmark '{self.name}': {nearest_hint(self.name, files)}")
+            raise SaltusError(
+                f"there is no benchmark '{self.name}': {nearest_hint(self.name, files)}"
+            )
         file = files[self.name].relative_to(folder.parent)
         try:
             return self._measure(".".join(file.with_suffix("").parts))
         except ModuleNotFoundError as error:
             needed = f"the package '{error.name}', which is not installed"
-            raise SaltusError(f"benchmark '{self.name}' needs {needed}: {TRAINING}, or what {file} says") from error
+            raise SaltusError(
+                f"benchmark '{self.name}' needs {needed}: {TRAINING}, or what {file} says"
+            ) from error
 
     def _measure(self, module: str) -> int:
         found = importlib.import_module(module)

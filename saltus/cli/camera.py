@@ -17,7 +17,9 @@ from saltus.robots.loading import load_robot
 
 @dataclass(frozen=True, kw_only=True)
 class Camera(RobotOption, JsonOption):
-    """Draws what a camera sees from a robot that stands, and from beside it; prints where it sits and what it is.
+    """Draws what a camera sees from a robot that stands, and from beside it.
+
+    Prints where it sits and what it is.
 
     For example:
       saltus camera show
@@ -50,7 +52,9 @@ class Camera(RobotOption, JsonOption):
             "position_m": coverage.position.tolist(),
             "pitch_deg": math.degrees(coverage.pitch),
             "pixels": [image.width, image.height],
-            "field_of_view_deg": [2.0 * math.degrees(math.atan(0.5 * side / focal)) for side, focal in sides],
+            "field_of_view_deg": [
+                2.0 * math.degrees(math.atan(0.5 * side / focal)) for side, focal in sides
+            ],
             "rate_hz": camera.rate_hz,
             "latency_s": camera.latency_s,
             "range_m": camera.range_m,
@@ -65,7 +69,8 @@ class Camera(RobotOption, JsonOption):
         if coverage.visible.any():
             return 0
         print(
-            f"saltus: this camera sees none of the {grid.size} points of the heightmap, from {grid.x[0]:g} "
+            f"saltus: this camera sees none of the {grid.size} points of the heightmap, from "
+            f"{grid.x[0]:g} "
             f"to {grid.x[-1]:g} m ahead: does it look down, and wide enough? camera_pitch is "
             f"{coverage.pitch:.3g} rad, positive where it looks down; {page} shows its view",
             file=sys.stderr,

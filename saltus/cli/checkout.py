@@ -27,4 +27,6 @@ def checkout(file: str, command: str) -> Path:
                 sys.path.insert(0, str(root))
             return root
     folder = file.split("/")[0]
-    raise SaltusError(f"{folder}/ is not in the installed package: run `saltus {command}` in a checkout of saltus")
+    raise SaltusError(
+        f"{folder}/ is not in the installed package: run `saltus {command}` in a checkout of saltus"
+    )

@@ -24,4 +24,6 @@ def completion_script(command: Any, shell: str) -> str:
         tyro.cli(command, prog="saltus", args=["--tyro-print-completion", shell])
     # Of a description in several lines a shell would take the second for another flag
     lines = script.getvalue().splitlines()
-    return "\n".join(line.replace("\\n", " ") if line.startswith("COMPLETION_SPEC") else line for line in lines)
+    return "\n".join(
+        line.replace("\\n", " ") if line.startswith("COMPLETION_SPEC") else line for line in lines
+    )

@@ -30,7 +30,10 @@ class Demo(JsonOption, RunOptions):
     video: bool = True
     """Make an MP4 of the robot with the predicted heightmap on the terrain."""
     watch: Flag = False
-    """Show the run on a page in the browser, and then its recording until Ctrl-C; see saltus watch."""
+    """Show the run on a page in the browser, and then its recording until Ctrl-C.
+
+    See saltus watch.
+    """
 
     def run(self) -> int:
         """Runs it; 0 where the robot crossed the terrain, else 1."""
@@ -86,13 +89,20 @@ def run_stack(config: RunConfig, directory: Path) -> None:
     with (
         Stack(config, directory) as stack,
         tqdm(
-            total=stack.setup.terrain.finish_x, desc=stack.setup.terrain.kind, bar_format=BAR, disable=None, leave=False
+            total=stack.setup.terrain.finish_x,
+            desc=stack.setup.terrain.kind,
+            bar_format=BAR,
+            disable=None,
+            leave=False,
         ) as bar,
     ):
         truths = stack.latest("plant/truth")
         for _ in follow(stack):
             sample = truths.take()
             if sample is not None and isinstance(sample.message, GroundTruth):
-                x = min(max(float(sample.message.position_base_in_world[0]), shown), stack.setup.terrain.finish_x)
+                x = min(
+                    max(float(sample.message.position_base_in_world[0]), shown),
+                    stack.setup.terrain.finish_x,
+                )
                 bar.update(x - shown)
                 shown = x

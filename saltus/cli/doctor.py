@@ -42,7 +42,9 @@ class CheckResult:
 
 @dataclass(frozen=True, kw_only=True)
 class Doctor(JsonOption):
-    """Checks the installation: versions, models, renderers, transport; names the cure for what is missing.
+    """Checks the installation: versions, models, renderers, transport.
+
+    Names the cure for what is missing.
 
     Example: saltus doctor --json
     """
@@ -62,7 +64,12 @@ class Doctor(JsonOption):
 
 def _versions() -> list[CheckResult]:
     supported = (3, 11) <= sys.version_info[:2] <= (3, 12)
-    python = CheckResult(name="python", ok=supported, detail=platform.python_version(), cure="use Python 3.11 or 3.12")
+    python = CheckResult(
+        name="python",
+        ok=supported,
+        detail=platform.python_version(),
+        cure="use Python 3.11 or 3.12",
+    )
     findings = [CheckResult(name="saltus", ok=True, detail=commit()), python]
     for name, extra in _packages().items():
         found = package_version(name)
@@ -80,7 +87,10 @@ def _versions() -> list[CheckResult]:
 
 
 def _packages() -> dict[str, str]:
-    """Packages that saltus declares, each with the extra that brings it; none for those that all commands need."""
+    """Packages that saltus declares, each with the extra that brings it.
+
+    None for those that all commands need.
+    """
     packages: dict[str, str] = {}
     for requirement in requires("saltus") or ():
         name = re.match(r"[\w.-]+", requirement)
@@ -98,7 +108,11 @@ def _attempts() -> list[CheckResult]:
         ("Embree (open3d)", LIBRARIES, lambda: _render("embree")),
         ("pyrender on OSMesa", PYRENDER, lambda: _render("pyrender")),
         ("MuJoCo on OSMesa", MESA, _mujoco_frame),
-        ("Zenoh on this machine", "name a folder for sockets with a short path: TMPDIR=/tmp", _zenoh),
+        (
+            "Zenoh on this machine",
+            "name a folder for sockets with a short path: TMPDIR=/tmp",
+            _zenoh,
+        ),
         ("H.264 encoder", "pip install imageio-ffmpeg", _encoder),
         ("free disk", "free 2 GB, or name another folder with --out", _disk),
     )
@@ -106,8 +120,14 @@ def _attempts() -> list[CheckResult]:
     for name, cure, attempt in checks:
         try:
             findings.append(CheckResult(name=name, ok=True, detail=attempt()))
-        except Exception as error:  # whatever is wrong with an installation is a finding, not a crash
-            findings.append(CheckResult(name=name, ok=False, detail=f"{type(error).__name__}: {error}", cure=cure))
+        except (
+            Exception
+        ) as error:  # whatever is wrong with an installation is a finding, not a crash
+            findings.append(
+                CheckResult(
+                    name=name, ok=False, detail=f"{type(error).__name__}: {error}", cure=cure
+                )
+            )
     return findings
 
 

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 class Serve(ScanOptions):
     """Runs the heightmap service: against a running stack, or on a recording.
 
-    The line of the Go1 by default. With --grid scan 187 points, 1.6 x 1.0 m, of any robot and any depth cameras.
+    The line of the Go1 by default. With --grid scan 187 points, 1.6 x 1.0 m, of any robot and any
+    depth cameras.
 
     For example:
       saltus router --out runs/one
@@ -43,7 +44,11 @@ class Serve(ScanOptions):
     """
 
     endpoint: Annotated[
-        str | None, shown("STR", "the one that the folder names; with --recording and no folder a router of its own")
+        str | None,
+        shown(
+            "STR",
+            "the one that the folder names; with --recording and no folder a router of its own",
+        ),
     ] = None
     """Zenoh router, e.g. tcp/127.0.0.1:7447."""
     run_dir: Annotated[Path | None, shown("PATH", "none, which --recording alone allows")] = None
@@ -51,7 +56,8 @@ class Serve(ScanOptions):
     model: Annotated[Path | None, shown("PATH", "the shipped network")] = None
     """With a grid: ONNX file of its network."""
     recording: Annotated[Path | None, shown("PATH", "none: a running stack")] = None
-    """With a grid a run (.mcap), else a RealSense recording (.bag, .db3) in place of a camera, with --assume-level."""
+    """With a grid a run (.mcap), else a RealSense recording (.bag, .db3) in place of a camera, with
+    --assume-level."""
     assume_level: Flag = False
     """With --recording: take the robot to stand still and level."""
     robot: str = DEFAULT_ROBOT
@@ -68,7 +74,11 @@ class Serve(ScanOptions):
         """Runs until it is told to stop, or until the recording ends."""
         if self.recording is not None:
             choice = self.scan_choice(self.model)
-            return self._serve_recording(self.recording) if choice is None else self._serve_run(self.recording, choice)
+            return (
+                self._serve_recording(self.recording)
+                if choice is None
+                else self._serve_run(self.recording, choice)
+            )
         from saltus.runtime.run_folder import read_config
 
         if self.run_dir is None:
@@ -105,13 +115,18 @@ class Serve(ScanOptions):
         from saltus.wire.zenoh_bus import ZenohBus
 
         recording = read_recording(path)
-        with contextlib.ExitStack() as resources, ZenohBus(self._endpoint(resources), self.prefix) as bus:
+        with (
+            contextlib.ExitStack() as resources,
+            ZenohBus(self._endpoint(resources), self.prefix) as bus,
+        ):
             topics = ("controller/state", "camera/depth", "heightmap/heightmap")
             publishers = [bus.publisher(topic) for topic in topics]
             begun_s, first_ns = time.monotonic(), None
             for messages in replayed_run(recording, choice):
                 first_ns = messages[0].time_ns if first_ns is None else first_ns
-                time.sleep(max(0.0, begun_s + 1e-9 * (messages[0].time_ns - first_ns) - time.monotonic()))
+                time.sleep(
+                    max(0.0, begun_s + 1e-9 * (messages[0].time_ns - first_ns) - time.monotonic())
+                )
                 for publisher, message in zip(publishers, messages, strict=True):
                     if message is not None:
                         publisher.put(message)
@@ -122,14 +137,18 @@ class Serve(ScanOptions):
         from saltus.runtime.run_folder import endpoint_of
         from saltus.wire.router import open_router
 
-        endpoint = self.endpoint or (endpoint_of(self.run_dir) if self.run_dir is not None else None)
+        endpoint = self.endpoint or (
+            endpoint_of(self.run_dir) if self.run_dir is not None else None
+        )
         if endpoint is None:
             endpoint, router = open_router()
             resources.callback(router.close)
         print(f"serving at {endpoint}, keys under {self.prefix}", flush=True)
         return endpoint
 
-    def _publish(self, endpoint: str, network: "HeightmapNetwork", frames: Iterator[DepthFrame]) -> None:
+    def _publish(
+        self, endpoint: str, network: "HeightmapNetwork", frames: Iterator[DepthFrame]
+    ) -> None:
         from saltus.heightmap.service.replay import replay_level
         from saltus.heightmap.service.stamps import SteadyStamps
         from saltus.wire.zenoh_bus import ZenohBus
@@ -154,7 +173,8 @@ class Serve(ScanOptions):
 class Give:
     """Gives a model to a heightmap service that runs in real time, which checks it and warms it up first.
 
-    Ends when the check is over: with 0 where the model is accepted, with 1 where it is refused. The service's events
+    Ends when the check is over: with 0 where the model is accepted, with 1 where it is refused. The
+        service's events
     say when each robot has it.
 
     Example: saltus heightmap give runs/heightmap/heightmap.onnx --run-dir runs/one
@@ -180,7 +200,10 @@ class Give:
 class HeightmapCommand(CommandGroup):
     """The heightmap: serve, check, give, collect, dagger, dataset, train, export, eval, report.
 
-    A --model is an ONNX file, a --checkpoint the file of a training (.pt), from which `export` makes a model.
+    A --model is an ONNX file, a --checkpoint the file of a training (.pt), from which `export`
+    makes a model.
     """
 
-    command: Subcommands[Serve | Check | Give | Collect | Dagger | Dataset | Train | Export | Eval | Report]
+    command: Subcommands[
+        Serve | Check | Give | Collect | Dagger | Dataset | Train | Export | Eval | Report
+    ]

@@ -17,7 +17,13 @@ from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.flags import AT_LEAST_ONE, CommandGroup, Subcommands, shown
 from saltus.grid import DEFAULT_GRID
-from saltus.heightmap.settings import ClosedLoop, DaggerConfig, DeviceCollection, DeviceLoop, ProcessorCollection
+from saltus.heightmap.settings import (
+    ClosedLoop,
+    DaggerConfig,
+    DeviceCollection,
+    DeviceLoop,
+    ProcessorCollection,
+)
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.workers import check_processes
@@ -36,7 +42,8 @@ Ray = Annotated[str | None, shown("STR", "none: this computer's cores")]
 class OnProcessors(SettingsCommand):
     """Episodes of both planners in MuJoCo on this computer's processors, or on a Ray cluster.
 
-    The settings can also stand in a TOML file (--config), those of the loop as loop.hardest = 0.5. A flag wins over it.
+    The settings can also stand in a TOML file (--config), those of the loop as loop.hardest = 0.5.
+    A flag wins over it.
 
     For example:
       saltus heightmap collect cpu --batches 4 --out runs/dataset
@@ -46,12 +53,15 @@ class OnProcessors(SettingsCommand):
     out: Path = DATASET
     """Folder of the dataset; it is made, or a shard is added to it."""
     settings: Annotated[ProcessorCollection, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: ProcessorCollection(loop=ClosedLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID))
+        default_factory=lambda: ProcessorCollection(
+            loop=ClosedLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID)
+        )
     )
     processes: Processes = None
     """Number of processes that collect. The data do not depend on it."""
     ray: Ray = None
-    """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this machine's cores."""
+    """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this
+    machine's cores."""
 
     def run(self) -> int:
         """Writes the shard; of one that is interrupted the batches that are whole."""
@@ -71,7 +81,12 @@ class OnProcessors(SettingsCommand):
                 progress.tick(0 if self.ray is None else self.settings.loop.ticks)
 
             found = collect(
-                self.settings, self.out, done, processes=self.processes, cluster=self.ray, listener=progress.tick
+                self.settings,
+                self.out,
+                done,
+                processes=self.processes,
+                cluster=self.ray,
+                listener=progress.tick,
             )
         return _tell([self.out], found)
 
@@ -80,7 +95,8 @@ class OnProcessors(SettingsCommand):
 class OnDevice(JsonOption, SettingsCommand):
     """Episodes of thousands of robots at once on a GPU; falls and finishes make more of them.
 
-    The settings can also stand in a TOML file (--config), those of the loop as loop.ticks = 300. A flag wins over it.
+    The settings can also stand in a TOML file (--config), those of the loop as loop.ticks = 300. A
+    flag wins over it.
 
     For example:
       saltus heightmap collect gpu --episodes 16384 --predictor models/heightmap.onnx
@@ -88,9 +104,14 @@ class OnDevice(JsonOption, SettingsCommand):
     """
 
     out: Path = DATASET
-    """Folder of the dataset; it is made, or a shard is added to it. A second camera's images go to OUT-ideal."""
+    """Folder of the dataset; it is made, or a shard is added to it.
+
+    A second camera's images go to OUT-ideal.
+    """
     settings: Annotated[DeviceCollection, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: DeviceCollection(loop=DeviceLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID))
+        default_factory=lambda: DeviceCollection(
+            loop=DeviceLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID)
+        )
     )
     commit: Annotated[str | None, shown("STR", "as git says")] = None
     """Which code collects, where this machine has no repository."""
@@ -100,7 +121,11 @@ class OnDevice(JsonOption, SettingsCommand):
         with training_packages():
             from saltus.heightmap.device_collection import collect
 
-        loop, speeds, robot = self.settings.loop, list["DeviceSpeed"](), load_robot(self.settings.loop.robot)
+        loop, speeds, robot = (
+            self.settings.loop,
+            list["DeviceSpeed"](),
+            load_robot(self.settings.loop.robot),
+        )
         load_profile(self.settings.profile or SHIPPED, robot)
         names = [mounted_camera(camera, robot)[0].name for camera in loop.cameras]
         outputs = {
@@ -126,7 +151,9 @@ class Collect(CommandGroup):
     Ctrl-C keeps what was collected by then.
     """
 
-    command: Subcommands[Annotated[OnProcessors, subcommand("cpu")] | Annotated[OnDevice, subcommand("gpu")]]
+    command: Subcommands[
+        Annotated[OnProcessors, subcommand("cpu")] | Annotated[OnDevice, subcommand("gpu")]
+    ]
 
 
 class _CollectionBar:
@@ -155,19 +182,27 @@ class _CollectionBar:
 def _tell(folders: "Iterable[Path]", found: "Collection") -> int:
     """Names the shards; raises `KeyboardInterrupt` for an interrupted collection."""
     for folder, record in zip(folders, found.records, strict=True):
-        print(f"{folder / record.file}: {record.episodes} episodes, {record.ticks} steps, sha256 {record.sha256[:16]}")
+        print(
+            f"{folder / record.file}: {record.episodes} episodes, {record.ticks} steps, sha256 "
+            f"{record.sha256[:16]}"
+        )
     if not found.whole:
-        print("interrupted: what was collected is kept; collect the rest with another --seed", file=sys.stderr)
+        print(
+            "interrupted: what was collected is kept; collect the rest with another --seed",
+            file=sys.stderr,
+        )
         raise KeyboardInterrupt
     return 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Dagger(SettingsCommand):
-    """Rounds of: the predictor drives robots, and is trained on all that was collected. Goes on where it was stopped.
+    """Rounds of: the predictor drives robots, and is trained on all that was collected.
 
-    The settings can also stand in a TOML file (--config), those of the loop as loop.hardest = 0.5. A flag wins over the
-    file, the file over the run that goes on, or over the defaults.
+    Goes on where it was stopped.
+
+    The settings can also stand in a TOML file (--config), those of the loop as loop.hardest = 0.5.
+    A flag wins over the file, the file over the run that goes on, or over the defaults.
 
     For example:
       saltus heightmap dagger --rounds 3 --out runs/dagger
@@ -176,17 +211,22 @@ class Dagger(SettingsCommand):
 
     out: Path = Path("runs/dagger")
     """Folder of the run: dataset, and a predictor for each round."""
-    start: Annotated[Path | None, shown("PATH", "none: round 0 sees true heights and trains from nothing")] = None
+    start: Annotated[
+        Path | None, shown("PATH", "none: round 0 sees true heights and trains from nothing")
+    ] = None
     """Checkpoint of the predictor to begin with."""
     base: Annotated[Path | None, shown("PATH", "none")] = None
     """Dataset to train on as well."""
     settings: Annotated[DaggerConfig, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: DaggerConfig(loop=ClosedLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID))
+        default_factory=lambda: DaggerConfig(
+            loop=ClosedLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID)
+        )
     )
     processes: Processes = None
     """Number of processes that collect. The data do not depend on it."""
     ray: Ray = None
-    """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this machine's cores."""
+    """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this
+    machine's cores."""
 
     def run(self) -> int:
         """Runs to the end, with a progress bar for each half of a round."""
@@ -195,7 +235,10 @@ class Dagger(SettingsCommand):
 
         check_processes(self.processes)
         mounted_camera(self.settings.loop.camera, load_robot(self.settings.loop.robot))
-        refuse_shift(load_profile(self.settings.profile, load_robot(self.settings.loop.robot)).heightmap, "a predictor")
+        refuse_shift(
+            load_profile(self.settings.profile, load_robot(self.settings.loop.robot)).heightmap,
+            "a predictor",
+        )
         begin = cache(self.print_differences)
         with Bar() as bar:
 
@@ -209,7 +252,8 @@ class Dagger(SettingsCommand):
                 bar.at(f"round {index} {half}", progress.update / self.settings.updates)
 
             model = dagger(
-                self.out, self.settings, Observer(collected=collected, trained=trained), start=self.start,
+                self.out, self.settings, Observer(collected=collected, trained=trained),
+                start=self.start,
                 base=self.base, processes=self.processes, cluster=self.ray,
             )  # fmt: skip
         print(model)
@@ -246,11 +290,22 @@ class Info(JsonOption):
         for shard in found.shards:
             record = shard.record
             kinds = ", ".join(f"{count} {kind}" for kind, count in shard.terrains.items())
-            print(f"{record.file}  {record.config.get('source', '?')}, seed {record.seed}, sha256 {record.sha256[:16]}")
-            print(f"    {record.episodes} episodes, {record.ticks} ticks, {record.frames} images; {kinds}")
+            print(
+                f"{record.file}  {record.config.get('source', '?')}, seed {record.seed}, sha256 "
+                f"{record.sha256[:16]}"
+            )
+            print(
+                f"    {record.episodes} episodes, {record.ticks} ticks, {record.frames} images; "
+                f"{kinds}"
+            )
             print(f"    camera {shard.camera}")
-        episodes, ticks = (sum(getattr(s.record, name) for s in found.shards) for name in ("episodes", "ticks"))
-        print(f"dataset {found.dataset}: {len(found.shards)} shards, {episodes} episodes, {ticks} ticks")
+        episodes, ticks = (
+            sum(getattr(s.record, name) for s in found.shards) for name in ("episodes", "ticks")
+        )
+        print(
+            f"dataset {found.dataset}: {len(found.shards)} shards, {episodes} episodes, {ticks} "
+            f"ticks"
+        )
         return 0
 
 
@@ -318,7 +373,10 @@ class Export:
         total = sum(record.ticks for record in read_records(self.data))
         with tqdm(total=total, unit="tick", desc="export", delay=QUIET_S) as bar:
             found = export(self.data, self.out, bar.update)
-        print(f"{self.out}: {found.episodes} episodes, {found.ticks} ticks on {', '.join(found.terrains)}")
+        print(
+            f"{self.out}: {found.episodes} episodes, {found.ticks} ticks on "
+            f"{', '.join(found.terrains)}"
+        )
         return 0
 
 

@@ -24,7 +24,8 @@ from saltus.used_networks import model_id, model_path
 class Report(JsonOption):
     """Measures the heightmaps of recorded runs and writes one HTML file.
 
-    Example: saltus heightmap report runs/one/recording.mcap --model geometric runs/heightmap/heightmap.onnx
+    Example: saltus heightmap report runs/one/recording.mcap --model geometric
+        runs/heightmap/heightmap.onnx
     """
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, AT_LEAST_ONE]
@@ -56,7 +57,8 @@ class Report(JsonOption):
             print(f"not compared: {reason}")
         for name, row in numbers["predictors"].items():
             print(
-                f"{name}: {centimetres(row['mae_m'])} cm, edges {centimetres(row['edge_error_m'])} cm, "
+                f"{name}: {centimetres(row['mae_m'])} cm, edges {centimetres(row['edge_error_m'])} "
+                f"cm, "
                 f"90 % intervals cover {100 * row['coverage90']:.0f} %"
             )
         print(f"report    {path}")
@@ -66,9 +68,12 @@ class Report(JsonOption):
 
 @dataclass(frozen=True, kw_only=True)
 class Check(EndpointOption, JsonOption):
-    """Says whether the heights of a robot can be trusted; it must stand on level ground with nothing ahead.
+    """Says whether the heights of a robot can be trusted.
 
-    Rates, delays, where the camera sits, and the heights themselves: ahead, the ground is as high as under the feet.
+    It must stand on level ground with nothing ahead.
+
+    Rates, delays, where the camera sits, and the heights themselves: ahead, the ground is as high
+        as under the feet.
     Ends with 0 where all is good, with 1 where something is not.
 
     For example:
@@ -76,7 +81,9 @@ class Check(EndpointOption, JsonOption):
       saltus heightmap check runs/standing/recording.mcap
     """
 
-    recording: Annotated[Path | None, tyro.conf.Positional, shown("PATH", "none: a running stack")] = None
+    recording: Annotated[
+        Path | None, tyro.conf.Positional, shown("PATH", "none: a running stack")
+    ] = None
     """A recorded run (.mcap) in which the robot stands for a second or more."""
     run_dir: Annotated[Path | None, shown("PATH", "none: a recording")] = None
     """Folder of a running stack, with its run.toml."""
@@ -91,7 +98,9 @@ class Check(EndpointOption, JsonOption):
         if self.recording is not None and self.run_dir is None:
             return self._judge(self.recording)
         if self.recording is not None or self.run_dir is None:
-            raise SaltusError("heightmap check needs a recording, or --run-dir for a running stack, and not both")
+            raise SaltusError(
+                "heightmap check needs a recording, or --run-dir for a running stack, and not both"
+            )
         with TemporaryDirectory() as folder:
             heard = Path(folder) / "recording.mcap"
 
@@ -112,12 +121,17 @@ class Check(EndpointOption, JsonOption):
         findings = check_standing(read_recording(path))
         for finding in findings:
             print(
-                f"{'good' if finding.good else 'BAD ':5} {finding.name:26} {finding.measured}; wanted: {finding.wanted}"
+                f"{'good' if finding.good else 'BAD ':5} {finding.name:26} {finding.measured}; "
+                f"wanted: {finding.wanted}"
             )
             if not finding.good:
                 print(f"      {finding.cure}")
         bad = [finding.name for finding in findings if not finding.good]
-        print(f"do not trust these heights: {', '.join(bad)}" if bad else "these heights can be trusted")
+        print(
+            f"do not trust these heights: {', '.join(bad)}"
+            if bad
+            else "these heights can be trusted"
+        )
         self.tell_json({"trusted": not bad, "findings": [vars(finding) for finding in findings]})
         return 1 if bad else 0
 
@@ -154,7 +168,10 @@ class Eval(RobotOption, ModelOptions, JsonOption):
     terrains: tuple[str, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
     """Families of the courses, yours too; no files."""
     camera: str = "d435i"
-    """ideal: true depth. d435i: a stereo camera, whose errors have another strength in each run. Or a TOML file."""
+    """ideal: true depth. d435i: a stereo camera, whose errors have another strength in each run.
+
+    Or a TOML file.
+    """
     baselines: tuple[str, ...] = ("geometric", "geometric-feet")
     """Predictors without training that are shown the same images: geometric, geometric-feet; none by --baselines
     alone."""
@@ -174,12 +191,16 @@ class Eval(RobotOption, ModelOptions, JsonOption):
         from saltus.workers import in_order
 
         config = HeldOutRuns(
-            robot=self.robot, grid=DEFAULT_GRID, runs=self.runs, seed=self.seed, terrains=self.terrains,
-            camera=self.camera, policy=self.policy_model, baselines=self.baselines, time_limit_s=self.time_limit_s,
+            robot=self.robot, grid=DEFAULT_GRID, runs=self.runs, seed=self.seed,
+            terrains=self.terrains,
+            camera=self.camera, policy=self.policy_model, baselines=self.baselines,
+            time_limit_s=self.time_limit_s,
         )  # fmt: skip
         models = {"heightmap": model_path("heightmap", self.heightmap_model)}
         models["policy"] = model_path("policy", self.policy_model)
-        HeightmapNetwork(mounted_camera(self.camera, load_robot(self.robot))[1], models["heightmap"])
+        HeightmapNetwork(
+            mounted_camera(self.camera, load_robot(self.robot))[1], models["heightmap"]
+        )
         work = partial(config.measure, models["heightmap"])
         measured: list[HeldOutRun] = []
         total = len(config.batches) * config.work
@@ -200,10 +221,15 @@ class Eval(RobotOption, ModelOptions, JsonOption):
 
 
 def _print_table(table: dict[str, Any], warning: str) -> None:
-    """A row for all runs, each level and terrain, and each baseline; errors in millimetres, ways in metres."""
+    """A row for all runs, each level and terrain, and each baseline.
+
+    Errors in millimetres, ways in metres.
+    """
     print(
-        f"{table['runs']} robots went {table['distance_m']:.1f} m (median) and met {table['edges_met']:.1f} of "
-        f"{table['edges']:.1f} edges; {100.0 * table['moved']:.0f} % met one, or went as far on flat ground"
+        f"{table['runs']} robots went {table['distance_m']:.1f} m (median) and met "
+        f"{table['edges_met']:.1f} of "
+        f"{table['edges']:.1f} edges; {100.0 * table['moved']:.0f} % met one, or went as far on "
+        f"flat ground"
     )
     if warning:
         print(f"WARNING: {warning}")
@@ -211,8 +237,12 @@ def _print_table(table: dict[str, Any], warning: str) -> None:
     network = "network, hardly moved" if warning else "network"
     rows = [(network, table), *((f"  {name}", row) for name, row in groups)]
     for baseline, row in table["baselines"].items():
-        rows += [(baseline, row), *((f"  {name}", part) for name, part in row["by_terrain"].items())]
+        rows += [
+            (baseline, row),
+            *((f"  {name}", part) for name, part in row["by_terrain"].items()),
+        ]
     shown = [
-        (name, {title: round(factor * row[key], 2) for title, key, factor in (*COLUMNS, *WAY)}) for name, row in rows
+        (name, {title: round(factor * row[key], 2) for title, key, factor in (*COLUMNS, *WAY)})
+        for name, row in rows
     ]
     print("error [mm]", *table_lines(shown), sep="\n")

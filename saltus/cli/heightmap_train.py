@@ -67,15 +67,18 @@ class SettingsCommand:
         what = "by default" if last is None else "of the run that goes on"
         pairs = differences(asdict(last or self.usual()), asdict(self.settings))
         found = [f"{d.name} = {d.now} ({d.before})" for d in pairs]
-        print(f"settings other than {what}: {', '.join(found)}" if found else f"settings as {what}", file=sys.stderr)
+        print(
+            f"settings other than {what}: {', '.join(found)}" if found else f"settings as {what}",
+            file=sys.stderr,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Train(SettingsCommand):
     """Trains the heightmap network on a dataset; the same command resumes it after an interruption.
 
-    The settings can also stand in a TOML file (--config), those of the network as model.hidden = 128. A flag wins over
-    the file, the file over the training that goes on, or over the defaults.
+    The settings can also stand in a TOML file (--config), those of the network as model.hidden =
+    128. A flag wins over the file, the file over the training that goes on, or over the defaults.
 
     For example:
       saltus heightmap train --data runs/dataset
@@ -85,10 +88,15 @@ class Train(SettingsCommand):
     data: Path = Path("runs/dataset")
     """Folder of the dataset."""
     out: Path = FOLDER
-    """Folder for heightmap.pt, written about once a minute and on Ctrl-C. One with another training is refused."""
+    """Folder for heightmap.pt, written about once a minute and on Ctrl-C.
+
+    One with another training is refused.
+    """
     start: Annotated[Path | None, shown("PATH", "none: from nothing")] = None
     """Begin with the network of another checkpoint, at half the rate."""
-    settings: Annotated[PredictorTraining, tyro.conf.arg(name="")] = field(default_factory=PredictorTraining)
+    settings: Annotated[PredictorTraining, tyro.conf.arg(name="")] = field(
+        default_factory=PredictorTraining
+    )
 
     def last(self) -> PredictorTraining | None:
         """Those of the training that goes on."""
@@ -125,7 +133,11 @@ class Train(SettingsCommand):
                 train(self.data, checkpoint, self.settings, show, start=self.start)
             except KeyboardInterrupt:
                 bar.close()
-                kept = "what was learned is" if _written_ns(checkpoint) != written else "nothing new is"
+                kept = (
+                    "what was learned is"
+                    if _written_ns(checkpoint) != written
+                    else "nothing new is"
+                )
                 print(f"interrupted: {kept} in {checkpoint}", file=sys.stderr)
                 raise
             announce()  # where all was done before
@@ -153,9 +165,13 @@ class Export:
     out: Path = FOLDER
     """Folder for heightmap.onnx, its checksum and its card."""
     unseen: Annotated[
-        Path | None, shown("PATH", "of the tenth of --data that training held out up to 300 episodes")
+        Path | None,
+        shown("PATH", "of the tenth of --data that training held out up to 300 episodes"),
     ] = None
-    """Dataset to measure on, of which nothing was trained on; of --data only manifest.json is needed then."""
+    """Dataset to measure on, of which nothing was trained on.
+
+    Of --data only manifest.json is needed then.
+    """
 
     def run(self) -> int:
         """Writes the files and prints what was measured."""
@@ -165,19 +181,26 @@ class Export:
         if self.out.suffix:
             raise SaltusError(f"--out {self.out}: name a folder; {MODEL} is written into it")
         model = self.out / MODEL
-        begun = partial(print, "exporting and measuring; a minute for 100 episodes", file=sys.stderr)
+        begun = partial(
+            print, "exporting and measuring; a minute for 100 episodes", file=sys.stderr
+        )
         result = release(self.checkpoint, self.data, model, self.unseen, begun)
         print(f"{model}  model {result.model_id}, warm after {result.warmup_frames} images")
         clean = result.clean
         print(
-            f"    measured on {clean.ticks} ticks (10 ms each) of held-out runs; robots came to an edge in "
+            f"    measured on {clean.ticks} ticks (10 ms each) of held-out runs; robots came to an "
+            f"edge in "
             f"{clean.uneven} of {clean.courses} off flat ground"
         )
         if clean.warning:
             print(f"    WARNING: {clean.warning}")
-        for images, found in (("images on time", result.clean), ("with jitter and losses", result.faulty)):
+        for images, found in (
+            ("images on time", result.clean),
+            ("with jitter and losses", result.faulty),
+        ):
             print(
-                f"    {images}: {1e3 * found.mae_m:.1f} mm off, {100 * found.coverage90:.0f} % within the 90 % interval"
+                f"    {images}: {1e3 * found.mae_m:.1f} mm off, {100 * found.coverage90:.0f} % "
+                f"within the 90 % interval"
             )
         print(card_path(model))
         return 0

@@ -35,7 +35,10 @@ class Init(_KeysOption):
         from saltus.wire.keys import create
 
         create(self.keys, self.address, self.days)
-        print(f"an authority in {self.keys}, and a router's certificate for {self.address}, {self.days} days")
+        print(
+            f"an authority in {self.keys}, and a router's certificate for {self.address}, "
+            f"{self.days} days"
+        )
         keys = f"--keys {self.keys}"
         print(f"next: saltus keys issue viewer {keys}; saltus up --listen {self.address} {keys}")
         return 0
@@ -45,13 +48,16 @@ class Init(_KeysOption):
 class Issue(_KeysOption):
     """Makes a certificate for a role: one file, with which any Zenoh program joins.
 
-    A role may publish and subscribe to its own keys only: render, heightmap, policy and controller what the process of
+    A role may publish and subscribe to its own keys only: render, heightmap, policy and controller
+        what the process of
     that name does; recorder, viewer and operator read everything.
 
     Example: saltus keys issue viewer
     """
 
-    role: tyro.conf.Positional[Literal["render", "heightmap", "policy", "controller", "recorder", "viewer", "operator"]]
+    role: tyro.conf.Positional[
+        Literal["render", "heightmap", "policy", "controller", "recorder", "viewer", "operator"]
+    ]
     """The part that its holder has in a run."""
     days: int = DAYS
     """For which it holds."""
@@ -61,13 +67,18 @@ class Issue(_KeysOption):
         from saltus.wire.keys import issue
 
         path = issue(self.keys, self.role, self.days)
-        print(f"{path}: give it to its holder alone, who has it as client.json5 in the folder of the run")
+        print(
+            f"{path}: give it to its holder alone, who has it as client.json5 in the folder of the "
+            f"run"
+        )
         return 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Revoke(_KeysOption):
-    """Takes a certificate off the list of those that may do anything; a router reads the list when it starts.
+    """Takes a certificate off the list of those that may do anything.
+
+    A router reads the list when it starts.
 
     Example: saltus keys revoke viewer-1f3a0b77
     """
@@ -99,10 +110,14 @@ class List(_KeysOption, JsonOption):
 
         known = load(self.keys)
         if self.json:
-            print_json({"address": known.address, "issued": [asdict(each) for each in known.issued]})
+            print_json(
+                {"address": known.address, "issued": [asdict(each) for each in known.issued]}
+            )
             return 0
         for each in known.issued:
-            print(f"{each.name:24}{each.role:12}{'revoked' if each.revoked else f'until {each.until}'}")
+            print(
+                f"{each.name:24}{each.role:12}{'revoked' if each.revoked else f'until {each.until}'}"
+            )
         return 0
 
 

@@ -41,7 +41,10 @@ COMMANDS = {
     "paper": "PaperCommand",
     "bench": "Bench",
 }
-"""The class of each command, in the module of `saltus.cli` that has its name; only the one that is run is imported."""
+"""The class of each command, in the module of `saltus.cli` that has its name.
+
+Only the one that is run is imported.
+"""
 
 INTERRUPTED = 130
 MUJOCO_GL = (
@@ -61,7 +64,8 @@ MUJOCO_GL = (
     "false",
     "0",
 )
-"""Values of this variable of the environment that MuJoCo knows (its mujoco/rendering/classic/gl_context.py)."""
+"""Values of this variable of the environment that MuJoCo knows (its
+mujoco/rendering/classic/gl_context.py)."""
 
 
 class Runnable(Protocol):
@@ -113,7 +117,10 @@ def _run(arguments: Sequence[str]) -> int:
         if package in ("", "saltus"):
             raise  # a fault of ours, not of the installation
         hint = "pip install saltus (saltus doctor says what else is missing)"
-        print(f"saltus: this needs the package '{package}', which is not installed: {hint}", file=sys.stderr)
+        print(
+            f"saltus: this needs the package '{package}', which is not installed: {hint}",
+            file=sys.stderr,
+        )
         return BAD_INPUT
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -138,7 +145,9 @@ def _ask_for_mujoco_gl() -> None:
     told = os.environ.get("MUJOCO_GL", "")
     if told.lower().strip() not in MUJOCO_GL:
         allowed = ", ".join(filter(None, MUJOCO_GL))
-        raise SaltusError(f"MUJOCO_GL = {told}: MuJoCo takes {allowed}; unset it, Saltus does not need it")
+        raise SaltusError(
+            f"MUJOCO_GL = {told}: MuJoCo takes {allowed}; unset it, Saltus does not need it"
+        )
     os.environ["MUJOCO_GL"] = "off"
 
 
@@ -159,7 +168,10 @@ def command_of(arguments: Sequence[str]) -> Runnable:
             return cast(Runnable, parse(kind, words, prog=f"saltus {name}", description=None))
     union = _union(_described if name in ("-h", "--help") else _imported)
     return cast(
-        Runnable, parse(union, arguments, prog="saltus", description="A legged robot that sees where it steps.")
+        Runnable,
+        parse(
+            union, arguments, prog="saltus", description="A legged robot that sees where it steps."
+        ),
     )
 
 
@@ -177,7 +189,11 @@ def _imported(name: str) -> type:
 def _described(name: str) -> type:
     """A stand-in for it that says the same in its first sentence, without what running it would import."""
     source = ast.parse(Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8"))
-    (found,) = (node for node in source.body if isinstance(node, ast.ClassDef) and node.name == COMMANDS[name])
+    (found,) = (
+        node
+        for node in source.body
+        if isinstance(node, ast.ClassDef) and node.name == COMMANDS[name]
+    )
     return dataclass(type(name, (), {"__doc__": (ast.get_docstring(found) or "").split("\n\n")[0]}))
 
 

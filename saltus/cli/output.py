@@ -31,7 +31,10 @@ def run_directory(command: str, out: Path | None) -> Path:
 
 
 def follow(stack: "Stack") -> Iterator[None]:
-    """Yields five times a second until the run is over; says on stderr, once, that the computer does not keep up."""
+    """Yields five times a second until the run is over.
+
+    Says on stderr, once, that the computer does not keep up.
+    """
     from tqdm import tqdm
 
     told = False
@@ -97,7 +100,9 @@ def print_figures(figures: Mapping[str, Any], indent: str = "") -> None:
         rows = _rows(value)
         if rows:
             print(f"{indent}{name}:", *table_lines(rows), sep=f"\n{indent}  ")
-        elif isinstance(value, dict) and any(isinstance(part, dict) or _rows(part) for part in value.values()):
+        elif isinstance(value, dict) and any(
+            isinstance(part, dict) or _rows(part) for part in value.values()
+        ):
             print(f"{indent}{name}:")
             print_figures(value, indent + "  ")
         else:
@@ -121,7 +126,11 @@ def _rows(value: Any) -> list[tuple[str, dict[str, Any]]]:
         rows: list[tuple[str, Any]] = [("", row) for row in value]
     else:
         rows = list(value.items()) if isinstance(value, dict) else []
-    return rows if all(isinstance(row, dict) and all(map(_is_cell, row.values())) for _, row in rows) else []
+    return (
+        rows
+        if all(isinstance(row, dict) and all(map(_is_cell, row.values())) for _, row in rows)
+        else []
+    )
 
 
 def _is_cell(value: Any) -> bool:
@@ -132,7 +141,10 @@ def _is_cell(value: Any) -> bool:
 def table_lines(rows: Sequence[tuple[str, Mapping[str, Any]]]) -> Iterator[str]:
     """Lines of a table for people: rows with their labels, and their cells by column."""
     columns = list(dict.fromkeys(name for _, row in rows for name in row))
-    cells = [["", *columns], *([label, *(_cell(row.get(name)) for name in columns)] for label, row in rows)]
+    cells = [
+        ["", *columns],
+        *([label, *(_cell(row.get(name)) for name in columns)] for label, row in rows),
+    ]
     label, *widths = (max(map(len, column)) for column in zip(*cells, strict=True))
     for line in cells:
         yield "  ".join([line[0].ljust(label), *map(str.rjust, line[1:], widths)]).rstrip()

@@ -18,7 +18,9 @@ class PaperCommand:
     They are part of a checkout, not of a wheel. There `saltus paper --help` says more.
     """
 
-    arguments: Annotated[tyro.conf.Positional[tuple[str, ...]], shown("...", "none, list them")] = ()
+    arguments: Annotated[
+        tyro.conf.Positional[tuple[str, ...]], shown("...", "none, list them")
+    ] = ()
     """Name of the command of the paper, and its flags."""
 
     def run(self) -> int:
@@ -33,4 +35,9 @@ class PaperCommand:
             SaltusError: this is no checkout, or it takes other arguments.
         """
         checkout("paper/command.py", "paper")
-        return parse(import_module("paper.command").Paper, self.arguments, prog="saltus paper", description=None)
+        return parse(
+            import_module("paper.command").Paper,
+            self.arguments,
+            prog="saltus paper",
+            description=None,
+        )

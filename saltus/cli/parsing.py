@@ -1,4 +1,7 @@
-"""From the words of a command line to the dataclass that it stands for; what is wrong with them is one line."""
+"""From the words of a command line to the dataclass that it stands for.
+
+What is wrong with them is one line.
+"""
 
 import contextlib
 import io
@@ -20,8 +23,8 @@ LARGEST_SEED = 2**63 - 1
 def parse(kind: Any, arguments: Sequence[str] | None, *, prog: str, description: str | None) -> Any:
     """A dataclass, or one of a union of them, from a command line, by default that of this process.
 
-    Where a command has a method `defaults`, its flags name which defaults hold, e.g. those of the training that it goes
-    on from: the command line is then read once more with these.
+    Where a command has a method `defaults`, its flags name which defaults hold, e.g. those of the
+    training that it goes on from: the command line is then read once more with these.
 
     Raises:
         SaltusError: the command line cannot be used; what tyro would print as a box is its message.
@@ -37,19 +40,26 @@ def parse(kind: Any, arguments: Sequence[str] | None, *, prog: str, description:
 def _defaults_of(command: Any) -> Any:
     """The command with its method `defaults` applied, e.g. to the training that it resumes; None for others."""
     if hasattr(command, "defaults"):
-        # The command line is read once more: a flag that it turns on would be turned off where it is the default.
-        return replace(command.defaults(), **{f.name: False for f in fields(command) if f.default is False})
+        # The command line is read once more: a flag that it turns on would be turned off where it
+        # is the default.
+        return replace(
+            command.defaults(), **{f.name: False for f in fields(command) if f.default is False}
+        )
     inner = getattr(command, "command", None)
     found = None if inner is None else _defaults_of(inner)
     return None if found is None else replace(command, command=found)
 
 
-def _read(kind: Any, arguments: Sequence[str] | None, prog: str, description: str | None, default: Any) -> Any:
+def _read(
+    kind: Any, arguments: Sequence[str] | None, prog: str, description: str | None, default: Any
+) -> Any:
     """Reads by tyro; its box of an error becomes one line."""
     box = io.StringIO()
     try:
         with contextlib.redirect_stderr(box):
-            return tyro.cli(kind, prog=prog, description=description, args=arguments, default=default)
+            return tyro.cli(
+                kind, prog=prog, description=description, args=arguments, default=default
+            )
     except SystemExit as error:
         if error.code == BAD_INPUT:
             raise SaltusError(_one_line(box.getvalue())) from None
@@ -72,7 +82,9 @@ def _one_line(box: str) -> str:
     said = " ".join(parts[0])
     if said.startswith("Unrecognized"):
         return _unknown(said, parts)
-    allowed = [f" ({part[1]})" for part in parts if part[0] == "Argument helptext:"]  # e.g. (--seed INT)
+    allowed = [
+        f" ({part[1]})" for part in parts if part[0] == "Argument helptext:"
+    ]  # e.g. (--seed INT)
     return said + "".join(allowed)
 
 
@@ -91,7 +103,11 @@ def _unknown(said: str, parts: list[list[str]]) -> str:
                 listed.setdefault(flag, [])
             elif line.startswith("in ") and flag:
                 listed[flag].append(line.removeprefix("in ").removesuffix(" --help"))
-    own = [flag for flag, commands in listed.items() if any(f"(applied to {name})" in said for name in commands)]
+    own = [
+        flag
+        for flag, commands in listed.items()
+        if any(f"(applied to {name})" in said for name in commands)
+    ]
     if word == "--robot" and "--robots" not in own:
         return f"'{word}' is no flag here: this is for the Go1, or the robot of a recording or run ({ROBOTS_PAGE})"
     if listed.get(word) and not own:

@@ -53,14 +53,18 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
     """true: the terrain, shifted by up to 8 cm ahead and 5 cm up as the trial says. true-exact: the terrain as it is.
     predicted: what the heightmap service makes of late depth images (--heightmap-model)."""
     camera: str = "d435i"
-    """With --heightmap predicted. d435i: with the errors of a stereo camera. ideal: true depth. Or a TOML file."""
+    """With --heightmap predicted. d435i: with the errors of a stereo camera. ideal: true depth.
+
+    Or a TOML file.
+    """
     friction: Annotated[float | None, shown("FLOAT", "drawn by each trial from 0.5 to 1")] = None
     """Friction of the ground in all trials."""
     push_ns: float = 0.0
     """Impulse of one push from the side in each trial, for 0.1 s at a place of the course that its
     seed draws [Ns]."""
     plan_delay_s: float = 0.0
-    """From a state to its plan being obeyed, in steps of 2 ms: what the computer of a real robot takes."""
+    """From a state to its plan being obeyed, in steps of 2 ms: what the computer of a real robot
+    takes."""
     processes: Annotated[int | None, shown("INT", "one for each core")] = None
     """How many run at once."""
     report: bool = True
@@ -112,7 +116,10 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
         return 0 if result.successes == self.trials else 1
 
     def _heights(self) -> "HeightsFactory":
-        """The source of heights; the one that predicts lies above the planner, so it is handed down from here."""
+        """The source of heights.
+
+        The one that predicts lies above the planner, so it is handed down from here.
+        """
         if self.heightmap == "predicted":
             from saltus.heightmap.data.predicted import PredictedHeightsFactory
             from saltus.heightmap.service.network import HeightmapNetwork
@@ -122,7 +129,8 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
             return PredictedHeightsFactory(model=self.heightmap_model)
         if self.heightmap_model is not None:
             raise ConfigError(
-                f"heightmap_model = {self.heightmap_model}: --heightmap {self.heightmap} has no use for it; "
+                f"heightmap_model = {self.heightmap_model}: --heightmap {self.heightmap} has no "
+                f"use for it; "
                 "add --heightmap predicted"
             )
         from saltus.policy.evaluation.evaluate import HEIGHTS
@@ -179,11 +187,19 @@ def _print_table(result: "EvaluationResult", start: str) -> None:
     for seed, trial in zip(result.seeds, result.trials, strict=True):
         outcome = trial.outcome
         timed = {"time [s]": outcome.time_s, "speed [m/s]": outcome.mean_speed_mps}
-        cells = {"result": trial.failure or "success", "from the start [m]": outcome.distance_m, **timed}
+        cells = {
+            "result": trial.failure or "success",
+            "from the start [m]": outcome.distance_m,
+            **timed,
+        }
         rows.append((f"seed {seed}", cells))
     print(*table_lines(rows), sep="\n")
     failures = ", ".join(f"{count} {cause}" for cause, count in sorted(result.failures.items()))
-    speed = f": {result.median_time_s:.2f} s at {result.mean_speed_mps:.2f} m/s {start}" if result.successes else ""
+    speed = (
+        f": {result.median_time_s:.2f} s at {result.mean_speed_mps:.2f} m/s {start}"
+        if result.successes
+        else ""
+    )
     low, high = result.success_interval
     share = f"{result.successes} of {len(result.trials)} succeeded ({100 * low:.0f} to {100 * high:.0f} %)"
     print(f"{share}{speed}{'; failed: ' + failures if failures else ''}")
@@ -191,7 +207,11 @@ def _print_table(result: "EvaluationResult", start: str) -> None:
 
 def _models(command: Eval) -> dict[str, str]:
     """Names of the networks that take part, by their kind."""
-    paths = {"policy": model_path("policy", command.policy_model)} if command.planner == "learned" else {}
+    paths = (
+        {"policy": model_path("policy", command.policy_model)}
+        if command.planner == "learned"
+        else {}
+    )
     if command.heightmap == "predicted":
         paths["heightmap"] = model_path("heightmap", command.heightmap_model)
     return {kind: model_id(path.read_bytes()) for kind, path in paths.items()}

@@ -32,7 +32,10 @@ def parse(arguments: Sequence[str] | None = None) -> command.Train:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Trains as the command line says; errors are one line. Returns the exit code."""
-    for number in (signal.SIGTERM, signal.SIGHUP):  # of torchrun, schedulers and terminals: saves as Ctrl-C does
+    for number in (
+        signal.SIGTERM,
+        signal.SIGHUP,
+    ):  # of torchrun, schedulers and terminals: saves as Ctrl-C does
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)
     try:

@@ -25,8 +25,10 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 class Cycle(JsonOption, SettingsCommand):
     """Logs a robot, finds what the simulator lacks, trains with it, and measures the robot before and after.
 
-    Goes on where it was stopped: a stage that is done is not repeated. Without a GPU the predictor alone is trained.
-    The settings can also stand in a TOML file (--config). A flag wins over it, the file over the cycle that goes on.
+    Goes on where it was stopped: a stage that is done is not repeated. Without a GPU the predictor
+        alone is trained.
+    The settings can also stand in a TOML file (--config). A flag wins over it, the file over the
+    cycle that goes on.
 
     For example:
       saltus real2sim cycle --hidden examples/late_camera.toml --experiments heave_and_pitch --out runs/late
@@ -38,7 +40,9 @@ class Cycle(JsonOption, SettingsCommand):
     out: Path = Path("runs/cycle")
     """Folder of the cycle, with report.html."""
     settings: Annotated[CycleSettings, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: CycleSettings(loop=ClosedLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID))
+        default_factory=lambda: CycleSettings(
+            loop=ClosedLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID)
+        )
     )
     export_training: Annotated[Path | None, shown("PATH", "none, train here")] = None
     """Folder to write for a machine with a GPU: profile, checkpoints, settings and commands, which make the data there;
@@ -64,7 +68,9 @@ class Cycle(JsonOption, SettingsCommand):
         mounted_camera(self.settings.loop.camera, load_robot(self.settings.loop.robot))
         folder, settings = open_folder(self.out, self.settings)
         with Bar() as bar:
-            Stages(folder=folder, settings=settings, observer=bar).run(self.export_training, self.take_training)
+            Stages(folder=folder, settings=settings, observer=bar).run(
+                self.export_training, self.take_training
+            )
         print(folder.report)
         self.tell_json(results(folder))
         return 0
@@ -80,7 +86,9 @@ LARGEST_LATENCY_S = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Find(JsonOption):
-    """Finds which effects the simulator lacks to explain run logs; writes verdict.json, patch.toml and report.html.
+    """Finds which effects the simulator lacks to explain run logs.
+
+    Writes verdict.json, patch.toml and report.html.
 
     For example:
       saltus real2sim find logs/monday logs/tuesday
@@ -95,7 +103,8 @@ class Find(JsonOption):
     out: Annotated[Path | None, NEW_FOLDER] = None
     """Folder for the results."""
     profile: str = "ideal"
-    """Effects that the simulator has already: shipped (the robot's), ideal, one of your own, or a TOML file."""
+    """Effects that the simulator has already: shipped (the robot's), ideal, one of your own, or a
+    TOML file."""
     seed: int = 0
     """Seed of the bootstrap, which gives the intervals of the compared models."""
     report: bool = True
@@ -109,7 +118,12 @@ class Find(JsonOption):
         directory = self.out or new_folder("real2sim")
         with Bar() as bar:
             judgement = find_effects(
-                self.runs, directory, profile=self.profile, seed=self.seed, report=self.report, progress=bar.at
+                self.runs,
+                directory,
+                profile=self.profile,
+                seed=self.seed,
+                report=self.report,
+                progress=bar.at,
             )
         for line in lines(judgement, directory):
             print(line)
@@ -152,7 +166,9 @@ class Import:
         if is_run(self.recording):
             print(as_run_log(self.recording, directory))
             return 0
-        description = load(Description, self.description) if self.description is not None else Description()
+        description = (
+            load(Description, self.description) if self.description is not None else Description()
+        )
         given = {part: topic for part, topic in vars(self.topics).items() if topic is not None}
         description = replace(description, topics=replace(description.topics, **given))
         imported = import_recording(self.recording, directory, description, load_robot(self.robot))
@@ -177,7 +193,10 @@ class Apply(RobotOption, JsonOption):
     patch: tyro.conf.Positional[Path]
     """File patch.toml, as `saltus real2sim find` writes it."""
     profile: Annotated[str, tyro.conf.arg(metavar="NAME")]
-    """Name of the profile, written to profiles/NAME.toml. If there is one of this name, the patch is put into it."""
+    """Name of the profile, written to profiles/NAME.toml.
+
+    If there is one of this name, the patch is put into it.
+    """
     base: str = "ideal"
     """Profile to begin with if there is none of this name yet: shipped (the robot's), ideal, one of your own, or a TOML
     file. Shipped keeps the effects that your logs cannot show."""
@@ -192,14 +211,28 @@ class Apply(RobotOption, JsonOption):
         before = load_profile(self.profile if exists else self.base, robot)
         after = patch.applied_to(before, robot)
         path = save_profile(self.profile, after)
-        names = dict.fromkeys(effect.name for effect in patch.effects)  # one may be found at several joints
+        names = dict.fromkeys(
+            effect.name for effect in patch.effects
+        )  # one may be found at several joints
         updated = [name for name in names if name in before.effects]
         added = [name for name in names if name not in updated]
         lacks = [name for name in load_profile(SHIPPED, robot).effects if name not in after.effects]
         if self.json:
-            print_json({"profile": self.profile, "file": str(path), "added": added, "updated": updated, "lacks": lacks})
+            print_json(
+                {
+                    "profile": self.profile,
+                    "file": str(path),
+                    "added": added,
+                    "updated": updated,
+                    "lacks": lacks,
+                }
+            )
             return 0
-        done = [f"{', '.join(some)} {word}" for some, word in ((added, "added"), (updated, "updated")) if some]
+        done = [
+            f"{', '.join(some)} {word}"
+            for some, word in ((added, "added"), (updated, "updated"))
+            if some
+        ]
         became = "; ".join(done) or "nothing added: the patch names no effect"
         print(f"{path}: {self.profile if exists else self.base} with {became}")
         if lacks:
@@ -220,11 +253,15 @@ class Experiments(RobotOption, JsonOption):
     """
 
     run_: Annotated[
-        str | None, tyro.conf.arg(name="run", metavar="NAME", help_behavior_hint="(default: none, print the list)")
+        str | None,
+        tyro.conf.arg(
+            name="run", metavar="NAME", help_behavior_hint="(default: none, print the list)"
+        ),
     ] = None
     """Name of an experiment to run."""
     profile: str = "shipped"
-    """Effects of the robot's hardware: shipped (the robot's), ideal, one of your own, or a TOML file."""
+    """Effects of the robot's hardware: shipped (the robot's), ideal, one of your own, or a TOML
+    file."""
     camera_latency: float = 0.05
     """Latency that the log claims of the camera [s], 0 to 1; for experiments with a camera."""
     seed: int = 0
@@ -242,11 +279,16 @@ class Experiments(RobotOption, JsonOption):
 
     def _table(self, robot: "Robot", experiments: "tuple[Experiment, ...]") -> int:
         if self.json:
-            print_json({"experiments": [_described(experiment, robot) for experiment in experiments]})
+            print_json(
+                {"experiments": [_described(experiment, robot) for experiment in experiments]}
+            )
             return 0
         for experiment in experiments:
             base = "held in the air" if experiment.base == "fixed" else "on the ground"
-            print(f"{experiment.name:20} {experiment.duration_s(robot):4.0f} s, {base}: {experiment.how}")
+            print(
+                f"{experiment.name:20} {experiment.duration_s(robot):4.0f} s, {base}: "
+                f"{experiment.how}"
+            )
             print(f"{'':20} shows {', '.join(experiment.shows)}")
             print(f"{'':20} {experiment.limits.in_words()}")
         return 0
@@ -258,13 +300,21 @@ class Experiments(RobotOption, JsonOption):
         from saltus.recordings.run_log import refuse_run_log, write_run_log
 
         if not 0.0 <= self.camera_latency <= LARGEST_LATENCY_S:
-            raise ConfigError(f"--camera-latency {self.camera_latency}: allowed is 0 to {LARGEST_LATENCY_S:g} s")
+            raise ConfigError(
+                f"--camera-latency {self.camera_latency}: allowed is 0 to {LARGEST_LATENCY_S:g} s"
+            )
         robot = load_robot(self.robot)
         profile = load_profile(self.profile, robot)
         directory = self.out or new_folder(experiment.name)
         refuse_run_log(directory)
         ask_for_room(directory)
-        log = run(experiment, robot, profile, seed=self.seed, camera=FootageCamera.on(robot, self.camera_latency))
+        log = run(
+            experiment,
+            robot,
+            profile,
+            seed=self.seed,
+            camera=FootageCamera.on(robot, self.camera_latency),
+        )
         write_run_log(log, directory, robot)
         seconds = float(log.joints.time_s[-1] - log.joints.time_s[0])
         if self.json:

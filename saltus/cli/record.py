@@ -39,7 +39,9 @@ class Run(EndpointOption):
         return path
 
 
-def record(run_dir: Path, endpoint: str | None, begin: Callable[[], Path], seconds: float = math.inf) -> None:
+def record(
+    run_dir: Path, endpoint: str | None, begin: Callable[[], Path], seconds: float = math.inf
+) -> None:
     """Records a stack until its router is gone, or for so long [s]; `begin`, called when there is one, says where to.
 
     Raises:
@@ -51,7 +53,10 @@ def record(run_dir: Path, endpoint: str | None, begin: Callable[[], Path], secon
     from saltus.wire.zenoh_bus import ZenohBus
 
     run = read_run(run_dir)
-    with ZenohBus(endpoint or endpoint_of(run_dir), run.config.prefix) as bus, contextlib.ExitStack() as resources:
+    with (
+        ZenohBus(endpoint or endpoint_of(run_dir), run.config.prefix) as bus,
+        contextlib.ExitStack() as resources,
+    ):
         with WHOLE:  # who is interrupted has a recording that ends, or none
             recorder = resources.enter_context(Recorder(begin(), run.config, run.setup))
         stream, end_s = bus.stream(), time.monotonic() + seconds

@@ -24,7 +24,10 @@ class Preview(RobotOption):
 
     course: CourseOptions = field(default_factory=SizedCourse)
     camera: str = "d435i"
-    """d435i: with the errors of a stereo camera. ideal: true depth. Or a TOML file, see saltus camera show."""
+    """d435i: with the errors of a stereo camera. ideal: true depth.
+
+    Or a TOML file, see saltus camera show.
+    """
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-render-preview")] = None
     """Folder for preview.html."""
 
@@ -35,7 +38,11 @@ class Preview(RobotOption):
 
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
         terrain = make_terrain(self.course)
-        print(write_preview(robot, terrain, camera, run_directory("render-preview", self.out) / "preview.html"))
+        print(
+            write_preview(
+                robot, terrain, camera, run_directory("render-preview", self.out) / "preview.html"
+            )
+        )
         return 0
 
 
@@ -81,7 +88,8 @@ class Calibrate(JsonOption):
     recording: Annotated[Path, tyro.conf.Positional]
     """A recorded run (.mcap) in which the robot stands for a second."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-render-calibrate")] = None
-    """Folder for camera.toml, which --camera takes, and for calibration.html, the ground as claimed and as found."""
+    """Folder for camera.toml, which --camera takes, and for calibration.html, the ground as claimed
+    and as found."""
 
     def run(self) -> int:
         """Writes both files and prints what was found."""
@@ -93,10 +101,18 @@ class Calibrate(JsonOption):
         (folder / "camera.toml").write_text(found.camera.to_toml(), encoding="utf-8")
         write_calibration_plot(found, folder / "calibration.html")
         for row in rows_of(found):
-            print(f"{row.name:8} {row.found:9.3f} {row.unit:4} +- {row.half_width_90:.3f}, claimed {row.claimed:.3f}")
-        print(f"{100 * found.on_ground:.0f} % of the points of {found.frames} images lie on the ground")
+            print(
+                f"{row.name:8} {row.found:9.3f} {row.unit:4} +- {row.half_width_90:.3f}, claimed "
+                f"{row.claimed:.3f}"
+            )
+        print(
+            f"{100 * found.on_ground:.0f} % of the points of {found.frames} images lie on the "
+            f"ground"
+        )
         print(f"{folder}: camera.toml, calibration.html")
-        self.tell_json({row.name: vars(row) for row in rows_of(found)} | {"on_ground": found.on_ground})
+        self.tell_json(
+            {row.name: vars(row) for row in rows_of(found)} | {"on_ground": found.on_ground}
+        )
         return 0
 
 

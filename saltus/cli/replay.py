@@ -17,7 +17,14 @@ from saltus.cli.scan_options import ScanOptions
 from saltus.errors import RecordingError
 from saltus.flags import Flag, shown
 from saltus.heightmap.level_robot import LevelRobot
-from saltus.wire.messages import DepthFrame, GroundTruth, Heightmap, HeightmapStatus, RobotState, points_of
+from saltus.wire.messages import (
+    DepthFrame,
+    GroundTruth,
+    Heightmap,
+    HeightmapStatus,
+    RobotState,
+    points_of,
+)
 
 if TYPE_CHECKING:
     from saltus.heightmap.service.scan_fleet import ScanChoice
@@ -41,7 +48,10 @@ class Replay(ScanOptions, RobotOption, JsonOption):
     model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
     """ONNX file."""
     assume_level: Flag = False
-    """Take the robot to stand still and level. A recording that is shorter than the model's warm-up is repeated."""
+    """Take the robot to stand still and level.
+
+    A recording that is shorter than the model's warm-up is repeated.
+    """
     picture: Annotated[Path | None, shown("PATH", "none")] = None
     """With a grid: PNG of the last heights, half-widths and ages, seen from above."""
     level: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(default_factory=LevelRobot)
@@ -73,7 +83,11 @@ class Replay(ScanOptions, RobotOption, JsonOption):
         from saltus.heightmap.evaluation.scan_replay import replayed_run, scan_errors, true_heights
         from saltus.recordings.recording import read_recording
 
-        recording, statuses, last = read_recording(self.recording), Counter[str](), list[Heightmap]()
+        recording, statuses, last = (
+            read_recording(self.recording),
+            Counter[str](),
+            list[Heightmap](),
+        )
 
         def answers() -> Iterator[Heightmap]:
             for _, _, answer in replayed_run(recording, choice):
@@ -86,7 +100,12 @@ class Replay(ScanOptions, RobotOption, JsonOption):
             truth = next((t for t in recording.of(GroundTruth) if t.step == last[0].step), None)
             ground = None if truth is None else true_heights(recording, choice.grid, truth)
             write_picture(self.picture, last[0], ground)
-        return {"recording": str(self.recording), "lost": recording.lost, "status": dict(statuses), **figures}
+        return {
+            "recording": str(self.recording),
+            "lost": recording.lost,
+            "status": dict(statuses),
+            **figures,
+        }
 
     def _bag(self, model: Path) -> tuple[dict[str, Any], list[Heightmap]]:
         from saltus.recordings.realsense import read_realsense
@@ -96,7 +115,10 @@ class Replay(ScanOptions, RobotOption, JsonOption):
         if first is None:
             raise RecordingError(f"{self.recording} holds no depth image")
         if not self.assume_level:
-            raise RecordingError(f"{self.recording} has no robot state: add --assume-level (see saltus replay --help)")
+            raise RecordingError(
+                f"{self.recording} has no robot state: add --assume-level (see saltus replay "
+                f"--help)"
+            )
         invalid: list[float] = []
         read = partial(read_realsense, self.recording)
         profile, heightmaps = self._standing(load_robot(self.robot), model, read, invalid)
@@ -120,12 +142,17 @@ class Replay(ScanOptions, RobotOption, JsonOption):
 
         recording = read_recording(self.recording)
         lost = lost_note(recording.lost)
-        times = [(arrival_ns, envelope.capture_ns) for arrival_ns, envelope, _ in recording.payloads("camera/depth")]
+        times = [
+            (arrival_ns, envelope.capture_ns)
+            for arrival_ns, envelope, _ in recording.payloads("camera/depth")
+        ]
         if not times:
             raise RecordingError(f"{self.recording} has no depth image{lost}")
         start = {"recording": str(self.recording), "lost": recording.lost, "frames": len(times)}
         if self.assume_level:
-            profile, heightmaps = self._standing(recording.robot, model, partial(_frames, recording), [])
+            profile, heightmaps = self._standing(
+                recording.robot, model, partial(_frames, recording), []
+            )
             return {**start, **profile}, heightmaps
         states = recording.of(RobotState)
         if not states:
@@ -133,12 +160,24 @@ class Replay(ScanOptions, RobotOption, JsonOption):
         latency_s = 1e-9 * min(arrival_ns - capture_ns for arrival_ns, capture_ns in times)
         service = HeightmapService(HeightmapNetwork(recording.robot, model), depth_topic(latency_s))
         arrivals = (arrival_ns for arrival_ns, _ in times)
-        return {**start, **_differences(recording, replay_predictor(service, _frames(recording), states, arrivals))}, []
+        return {
+            **start,
+            **_differences(
+                recording, replay_predictor(service, _frames(recording), states, arrivals)
+            ),
+        }, []
 
     def _standing(
-        self, robot: "Robot", model: Path, read: Callable[[], Iterator[DepthFrame]], invalid: list[float]
+        self,
+        robot: "Robot",
+        model: Path,
+        read: Callable[[], Iterator[DepthFrame]],
+        invalid: list[float],
     ) -> tuple[dict[str, Any], list[Heightmap]]:
-        """How a standing robot sees the images, and the last heightmap; appends each image's share without depth."""
+        """How a standing robot sees the images, and the last heightmap.
+
+        Appends each image's share without depth.
+        """
         from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.heightmap.service.replay import replay_standing
         from saltus.heightmap.service.stamps import SteadyStamps
@@ -153,19 +192,26 @@ class Replay(ScanOptions, RobotOption, JsonOption):
         assert last is not None  # noqa: S101 - there is an image, or it has been said
         if stamps.count:
             print(f"saltus: {self.recording}: {stamps.note()}", file=sys.stderr)
-        arrays = {name: np.asarray(getattr(last, name)).tolist() for name in ("x", "height", "half_width_90")}
+        arrays = {
+            name: np.asarray(getattr(last, name)).tolist()
+            for name in ("x", "height", "half_width_90")
+        }
         jumps = {"jumps": stamps.count, "largest_jump_s": stamps.largest_s}
         return {"heightmaps": statuses.total(), "status": dict(statuses), **jumps, **arrays}, [last]
 
 
 def _frames(recording: "Recording") -> Iterator[DepthFrame]:
     """Its images, one after the other."""
-    return (frame for _, _, frame in recording.messages("camera/depth") if isinstance(frame, DepthFrame))
+    return (
+        frame for _, _, frame in recording.messages("camera/depth") if isinstance(frame, DepthFrame)
+    )
 
 
 def _print_profile(heightmap: Heightmap) -> None:
     print("ahead [m]   height [m]   90 % of errors are below [m]")
-    for (x, _), height, half in zip(points_of(heightmap), heightmap.height, heightmap.half_width_90, strict=True):
+    for (x, _), height, half in zip(
+        points_of(heightmap), heightmap.height, heightmap.half_width_90, strict=True
+    ):
         print(f"{x:9.3f}   {height:10.3f}   {half:10.3f}")
 
 

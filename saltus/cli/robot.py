@@ -34,7 +34,9 @@ class Show(JsonOption):
 
     robot: Annotated[str, tyro.conf.Positional]
     """Name of a shipped robot, an MJCF, or a folder with a robot.toml."""
-    toml: Annotated[Path | None, tyro.conf.Positional, shown("TOML", "that of the robot's folder, or none")] = None
+    toml: Annotated[
+        Path | None, tyro.conf.Positional, shown("TOML", "that of the robot's folder, or none")
+    ] = None
     """A file with what the MJCF cannot say: limits, stand pose, gains, camera mount, ... (that of a
     shipped robot has all)."""
 
@@ -75,7 +77,8 @@ class RobotCommand(CommandGroup):
 def _lines(derivation: "Derivation") -> list[str]:
     robot = derivation.robot
     lines = [
-        f"{robot.name}: {robot.mass:.2f} kg, legs of {robot.thigh_length:.3f} + {robot.calf_length:.3f} m, "
+        f"{robot.name}: {robot.mass:.2f} kg, legs of {robot.thigh_length:.3f} + "
+        f"{robot.calf_length:.3f} m, "
         f"fingerprint {robot.fingerprint}"
     ]
     for kind, words in WORDS.items():
@@ -90,7 +93,10 @@ def _lines(derivation: "Derivation") -> list[str]:
 def _table(derivation: "Derivation") -> dict[str, Any]:
     robot = derivation.robot
     values = {f.name: getattr(robot, f.name) for f in fields(robot)}
-    plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+    plain = {
+        name: value.tolist() if isinstance(value, np.ndarray) else value
+        for name, value in values.items()
+    }
     return {
         "robot": {**plain, "gains": asdict(robot.gains)},
         "fingerprint": robot.fingerprint,

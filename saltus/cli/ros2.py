@@ -23,8 +23,9 @@ DOMAIN_MAX = 232  # of DDS
 class Ros2(EndpointOption):
     """Joins a ROS 2 graph over rmw_zenoh or DDS: sends heights, depth, joints, odometry, frames of a run, until Ctrl-C.
 
-    With --take a robot that speaks ROS 2 is given heights: its depth images, joints, IMU and odometry go to the
-    heightmap service. Plans are never taken. The ROS side has no secret: see docs/ros2.md.
+    With --take a robot that speaks ROS 2 is given heights: its depth images, joints, IMU and
+    odometry go to the heightmap service. Plans are never taken. The ROS side has no secret: see
+    docs/ros2.md.
 
     For example:
       saltus ros2 --run-dir runs/one
@@ -37,7 +38,8 @@ class Ros2(EndpointOption):
     ros_router: str = "tcp/127.0.0.1:7447"
     """The router of the ROS graph, which rmw_zenohd is."""
     dds: Flag = False
-    """Over plain DDS in place of Zenoh, for Cyclone DDS and Fast DDS; CYCLONEDDS_URI says how it uses the network."""
+    """Over plain DDS in place of Zenoh, for Cyclone DDS and Fast DDS; CYCLONEDDS_URI says how it
+    uses the network."""
     domain: int = 0
     """ROS_DOMAIN_ID."""
     namespace: str = "saltus"
@@ -49,21 +51,34 @@ class Ros2(EndpointOption):
     take: Flag = False
     """Take in a robot's depth images, joints, IMU and odometry."""
     depth: str = "/camera/depth/image_rect_raw"
-    """Taken with --take: sensor_msgs/Image, 16UC1 in millimetres or 32FC1 in metres; or a topic .../compressedDepth."""
-    depth_unit_m: Annotated[float | None, shown("FLOAT", "that of the run's camera, else as above")] = None
-    """Metres that one step of these images is, where it is another: 0.0001 of a D405, 0.00025 of an L515."""
+    """Taken with --take: sensor_msgs/Image, 16UC1 in millimetres or 32FC1 in metres.
+
+    Or a topic .../compressedDepth.
+    """
+    depth_unit_m: Annotated[
+        float | None, shown("FLOAT", "that of the run's camera, else as above")
+    ] = None
+    """Metres that one step of these images is, where it is another: 0.0001 of a D405, 0.00025 of an
+    L515."""
     camera_info: str = "/camera/depth/camera_info"
     """Taken with --take: sensor_msgs/CameraInfo of these images."""
     joints: str = "/joint_states"
-    """Taken with --take: sensor_msgs/JointState; none, for heights of any grid, of a robot with other legs."""
+    """Taken with --take: sensor_msgs/JointState.
+
+    None, for heights of any grid, of a robot with other legs.
+    """
     imu: str = "/imu/data"
     """Taken with --take: sensor_msgs/Imu in the frame of the trunk."""
     odometry: str = "/odom"
     """Taken with --take: nav_msgs/Odometry, whose velocity is in the frame of the trunk."""
-    joint_names: Annotated[tuple[str, ...], shown("NAME", "FR_hip FR_thigh FR_calf FL_hip ... RL_calf")] = ()
-    """Their names of the twelve joints, in the order FR, FL, RR, RL; "_joint" at the end may be left out."""
+    joint_names: Annotated[
+        tuple[str, ...], shown("NAME", "FR_hip FR_thigh FR_calf FL_hip ... RL_calf")
+    ] = ()
+    """Their names of the twelve joints, in the order FR, FL, RR, RL; "_joint" at the end may be
+    left out."""
     arrival_times: Flag = False
-    """Take messages to be true when they arrive, for robots whose stamps are not this computer's time."""
+    """Take messages to be true when they arrive, for robots whose stamps are not this computer's
+    time."""
 
     def run(self) -> int:
         """Runs until a router is gone or Ctrl-C."""
@@ -77,14 +92,17 @@ class Ros2(EndpointOption):
 
         if not re.fullmatch(NAMESPACE, self.namespace):
             raise SaltusError(
-                f"namespace = {self.namespace}: names of ROS begin with a letter, and hold a-z, 0-9, _ and /"
+                f"namespace = {self.namespace}: names of ROS begin with a letter, and hold a-z, "
+                f"0-9, _ and /"
             )
         if not 0 <= self.domain <= DOMAIN_MAX:
             raise SaltusError(f"domain = {self.domain}: it must be from 0 to {DOMAIN_MAX}")
         found = read_run(self.run_dir)
         config, robot = found.config, found.setup.robot
         if self.take and config.epoch_ns:
-            raise SaltusError(f"{self.run_dir} has a robot of its own: --take needs a folder of saltus router")
+            raise SaltusError(
+                f"{self.run_dir} has a robot of its own: --take needs a folder of saltus router"
+            )
         wall = WallClock(config)
         unit_m = found.setup.camera.depth_unit_m if self.depth_unit_m is None else self.depth_unit_m
         intake = RosIntake(
@@ -98,29 +116,44 @@ class Ros2(EndpointOption):
         )
         exporter = Exporter(robot, wall, base=self.base_frame, whole=not self.take)
         with (
-            ZenohBus(self.endpoint or endpoint_of(self.run_dir), self.prefix or config.prefix) as bus,
+            ZenohBus(
+                self.endpoint or endpoint_of(self.run_dir), self.prefix or config.prefix
+            ) as bus,
             self._node() as node,
         ):
             sender, receiver = Sender(bus, node, exporter, self.namespace), None
-            can = "reads what is sent here, and can feed the heights" if self.take else "reads what is sent here"
-            place = f"domain {self.domain} of DDS" if self.dds else f"the router at {self.ros_router}"
+            can = (
+                "reads what is sent here, and can feed the heights"
+                if self.take
+                else "reads what is sent here"
+            )
+            place = (
+                f"domain {self.domain} of DDS" if self.dds else f"the router at {self.ros_router}"
+            )
             print(f"the ROS side is open: who reaches {place} {can}", flush=True)
             if self.take:
                 topics = {
-                    "depth": self.depth, "camera_info": self.camera_info, "joints": self.joints, "imu": self.imu,
+                    "depth": self.depth, "camera_info": self.camera_info, "joints": self.joints,
+                    "imu": self.imu,
                     "odometry": self.odometry,
                 }  # fmt: skip
                 if self.joints == NO_JOINTS:
                     del topics["joints"]
                 receiver = Receiver(bus, node, intake, topics, RunClock.of(config), _tell)
             run(bus, node, sender, receiver)
-            print("the run has ended" if node.connected() else f"the router at {self.ros_router} is gone")
+            print(
+                "the run has ended"
+                if node.connected()
+                else f"the router at {self.ros_router} is gone"
+            )
             return 0 if node.connected() else 1
 
     def _node(self) -> "Ros2Node | DdsNode":
         if self.dds:
             if importlib.util.find_spec("cyclonedds") is None:
-                raise SaltusError("--dds needs the package 'cyclonedds', which is not installed: " + DDS)
+                raise SaltusError(
+                    "--dds needs the package 'cyclonedds', which is not installed: " + DDS
+                )
             from saltus.ros2.dds import DdsNode
 
             return DdsNode(self.domain)

@@ -22,8 +22,9 @@ LOOK_S = 0.2
 class Router(RobotOption, NetworkOptions):
     """Starts a Zenoh router, to which services, recorders and your own programs connect, until Ctrl-C.
 
-    The folder gets client.json5, a configuration with which any Zenoh program joins, and what the processes of Saltus
-    read. Other users of this computer cannot join. Times in messages are those of its monotonic clock.
+    The folder gets client.json5, a configuration with which any Zenoh program joins, and what the
+    processes of Saltus read. Other users of this computer cannot join. Times in messages are those
+    of its monotonic clock.
 
     For example:
       saltus router --out runs/mine
@@ -32,11 +33,17 @@ class Router(RobotOption, NetworkOptions):
     """
 
     camera: str = RunConfig.camera
-    """Where your camera sits, if not where the robot has its own: a TOML file. Images say their own intrinsics."""
+    """Where your camera sits, if not where the robot has its own: a TOML file.
+
+    Images say their own intrinsics.
+    """
     heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
     """ONNX file of the heightmap service: your own, where your camera sits elsewhere."""
     grid: str = DEFAULT_GRID
-    """Points of the heights: line, of the network of one robot; scan, of any robot; or a TOML file."""
+    """Points of the heights: line, of the network of one robot; scan, of any robot.
+
+    Or a TOML file.
+    """
     prefix: str = RunConfig.prefix
     """Prefix of the keys."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-router")] = None
@@ -59,10 +66,17 @@ class Router(RobotOption, NetworkOptions):
         except ModelError as error:
             if model is not None:
                 raise
-            cure = "heights of 187 points are served of any robot: saltus heightmap serve --grid scan"
-            print(f"saltus: the line cannot be served here: {error}; {cure}", file=sys.stderr, flush=True)
+            cure = (
+                "heights of 187 points are served of any robot: saltus heightmap serve --grid scan"
+            )
+            print(
+                f"saltus: the line cannot be served here: {error}; {cure}",
+                file=sys.stderr,
+                flush=True,
+            )
         config = RunConfig(
-            robot=self.robot, grid=self.grid, prefix=self.prefix, terrain=TerrainConfig(terrain="flat"),
+            robot=self.robot, grid=self.grid, prefix=self.prefix,
+            terrain=TerrainConfig(terrain="flat"),
             camera=self.camera, pace="realtime",
             heightmap_model=model,
         )  # fmt: skip
@@ -75,6 +89,8 @@ class Router(RobotOption, NetworkOptions):
             joined = f"join it with {directory / CLIENT_FILE}, which only you can do"
             print(f"router at {endpoint}, keys under {self.prefix}; {joined}", flush=True)
             if self.listen is not None:
-                print(f"and at tls/{self.listen} for who has a certificate of {self.keys}", flush=True)
+                print(
+                    f"and at tls/{self.listen} for who has a certificate of {self.keys}", flush=True
+                )
             while True:
                 time.sleep(LOOK_S)

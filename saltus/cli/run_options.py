@@ -32,7 +32,9 @@ def _shown(size: str, otherwise: str = "") -> Any:
 class SizedCourse(TerrainConfig):
     """The terrain. A size that is given wins over the difficulty."""
 
-    difficulty: Annotated[float | None, _shown("difficulty", "none; 0.5 of a family of your own")] = None
+    difficulty: Annotated[
+        float | None, _shown("difficulty", "none; 0.5 of a family of your own")
+    ] = None
     steps: Annotated[int | None, _shown("steps")] = None
     rise_m: Annotated[float | None, _shown("rise_m")] = None
     run_m: Annotated[float | None, _shown("run_m")] = None
@@ -71,9 +73,11 @@ class HardwareOptions:
     """Flags of a robot's hardware."""
 
     profile: str = "shipped"
-    """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML file."""
+    """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML
+    file."""
     known: Annotated[str | None, shown("STR", "nothing")] = None
-    """Profile of what is known of the drives: the leg controller makes up for its torque gain and viscous friction."""
+    """Profile of what is known of the drives: the leg controller makes up for its torque gain and
+    viscous friction."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,11 +90,20 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
     pace: Pace
     """lockstep: bit-repeatable, as fast as it goes. realtime: by the clock, times speed."""
     speed: float = 1.0
-    """With realtime: seconds of the run for each second of this computer; less than 1 where it cannot keep up."""
+    """With realtime: seconds of the run for each second of this computer.
+
+    Less than 1 where it cannot keep up.
+    """
     camera: str = "d435i"
-    """d435i: with the errors of a stereo camera. ideal: true depth. Or a TOML file, see saltus camera show."""
+    """d435i: with the errors of a stereo camera. ideal: true depth.
+
+    Or a TOML file, see saltus camera show.
+    """
     renderer: Renderer = "auto"
-    """Back end that renders the images; auto: embree, or the fastest for a camera without errors."""
+    """Back end that renders the images.
+
+    Auto: embree, or the fastest for a camera without errors.
+    """
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: a network."""
     out: Annotated[Path | None, shown("PATH", "a new one under runs/")] = None
@@ -114,16 +127,26 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
         make_terrain(self.course)
         refuse_shift(load_profile(self.profile, robot).heightmap, "a robot that sees with a camera")
         compensation_for(self.known, robot)
-        policy, heightmap = (None if path is None else str(path) for path in (self.policy_model, self.heightmap_model))
+        policy, heightmap = (
+            None if path is None else str(path)
+            for path in (self.policy_model, self.heightmap_model)
+        )
         is_other = self.robot != DEFAULT_ROBOT  # for which the shipped models were not made
-        if heightmap is not None or is_other or any(value is not None for value in camera.mount.values()):
+        if (
+            heightmap is not None
+            or is_other
+            or any(value is not None for value in camera.mount.values())
+        ):
             HeightmapNetwork(robot, model_path("heightmap", heightmap))
         if policy is not None or is_other:
             make_planner(self.planner, robot, load_grid(DEFAULT_GRID), policy)
         config = RunConfig(
-            robot=self.robot, grid=DEFAULT_GRID, terrain=self.course, seed=self.seed, pace=self.pace,
-            camera=self.camera, renderer=self.renderer, profile=self.profile, known=self.known, planner=self.planner,
-            policy_model=policy, heightmap_model=heightmap, speed=self.speed, time_limit_s=time_limit_s,
+            robot=self.robot, grid=DEFAULT_GRID, terrain=self.course, seed=self.seed,
+            pace=self.pace,
+            camera=self.camera, renderer=self.renderer, profile=self.profile, known=self.known,
+            planner=self.planner,
+            policy_model=policy, heightmap_model=heightmap, speed=self.speed,
+            time_limit_s=time_limit_s,
         )  # fmt: skip
         config.check()
         return config
@@ -151,7 +174,8 @@ def mounted_camera(name_or_path: str, robot: "Robot") -> tuple["DepthCamera", "R
     """A camera, all of it checked, and the robot that has its camera there.
 
     Raises:
-        SaltusError: there is no such camera, it has errors that there are not, or sits inside of the trunk.
+        SaltusError: there is no such camera, it has errors that there are not, or sits inside of
+            the trunk.
     """
     from saltus.depth_camera import load_camera
     from saltus.render.camera import RobotCamera

@@ -19,21 +19,30 @@ class ScanOptions:
     """Points of the heights, form of the observation, cameras and body."""
 
     grid: Annotated[str | None, shown("STR", "that of the run: line, of the Go1's network")] = None
-    """Points whose heights are told: scan, or a TOML file (`x` and `y`, lists of metres that ascend)."""
+    """Points whose heights are told: scan, or a TOML file (`x` and `y`, lists of metres that
+    ascend)."""
     dialect: Annotated[str | None, shown("STR", "none: heights alone")] = None
-    """Beside the heights, the observation of a policy that was trained with isaaclab, legged_gym or mjlab."""
+    """Beside the heights, the observation of a policy that was trained with isaaclab, legged_gym or
+    mjlab."""
     cameras: Annotated[tuple[Path, ...], shown("PATH [PATH ...]", "the one of the run")] = ()
     """With a grid: TOML files that say where each camera sits. The first sends under camera/depth, others under
     camera/depth/NAME."""
     body: str = ROBOT
     """With a grid: what is taken out of the images. robot: legs and trunk of the run's robot; none; or a box of length,
-    width and height around the base, as 0.6x0.4x0.5. With the last two states tell `standing_feet`, if any."""
+    width and height around the base, as 0.6x0.4x0.5. With the last two states tell `standing_feet`,
+    if any."""
 
     @property
     def scan_flags(self) -> list[str]:
         """Those that were given, for the process."""
-        given = {"--grid": self.grid, "--dialect": self.dialect, "--body": self.body if self.body != ROBOT else None}
-        flags = [part for flag, value in given.items() if value is not None for part in (flag, value)]
+        given = {
+            "--grid": self.grid,
+            "--dialect": self.dialect,
+            "--body": self.body if self.body != ROBOT else None,
+        }
+        flags = [
+            part for flag, value in given.items() if value is not None for part in (flag, value)
+        ]
         return [*flags, *(["--cameras", *map(str, self.cameras)] if self.cameras else [])]
 
     def scan_choice(self, model: Path | None) -> "ScanChoice | None":
@@ -54,5 +63,9 @@ class ScanOptions:
             dialect_of(self.dialect)
         cameras = tuple(load_camera(str(path)) for path in self.cameras)
         return ScanChoice(
-            grid=load_grid(self.grid), dialect=self.dialect or "", cameras=cameras, body=self.body, model=model
+            grid=load_grid(self.grid),
+            dialect=self.dialect or "",
+            cameras=cameras,
+            body=self.body,
+            model=model,
         )

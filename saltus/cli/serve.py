@@ -27,7 +27,18 @@ def serve(module: str, run_dir: Path, endpoint: str | None, *more: str, peer: bo
     read_config(run_dir)
     endpoint = endpoint or endpoint_of(run_dir)
     links = [PEER_FLAG] if peer else []
-    command = [sys.executable, "-P", "-m", module, "--run-dir", str(run_dir), "--endpoint", endpoint, *links, *more]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        module,
+        "--run-dir",
+        str(run_dir),
+        "--endpoint",
+        endpoint,
+        *links,
+        *more,
+    ]
     with subprocess.Popen(command, env={**os.environ, "PYTHONUTF8": "1"}) as process:
         try:
             return process.wait()

@@ -14,7 +14,8 @@ ENDING = (signal.SIGTERM, signal.SIGHUP)
 
 
 AGAIN_S, AT_MOST_S = 0.02, 10.0
-"""How soon is looked again whether modules are still being imported, and how long that is waited for."""
+"""How soon is looked again whether modules are still being imported, and how long that is waited
+for."""
 _IMPORT = "<frozen importlib._bootstrap>"
 
 
@@ -28,15 +29,18 @@ class Ended(KeyboardInterrupt):
 
 @contextlib.contextmanager
 def ending_by_signals() -> Iterator[None]:
-    """Raises `Ended` for the first of these signals inside the block; more of them do not disturb the cleaning up.
+    """Raises `Ended` for the first of these signals inside the block.
+
+    More of them do not disturb the cleaning up.
 
     A block that catches it and goes on to its end raises it there.
 
-    These and Ctrl-C wait for what `saltus.interrupts` says is to be done to its end, and for modules that are being
-    imported: an interruption within the start of a compiled module comes out as an error of the import.
+    These and Ctrl-C wait for what `saltus.interrupts` says is to be done to its end, and for
+    modules that are being imported: an interruption within the start of a compiled module comes out
+    as an error of the import.
 
-    A signal that whoever started this process has told it to ignore, as `nohup` does, stays ignored. Outside of the
-    main thread, where Python allows no handlers, nothing changes.
+    A signal that whoever started this process has told it to ignore, as `nohup` does, stays
+    ignored. Outside of the main thread, where Python allows no handlers, nothing changes.
     """
     ended: Ended | None = None
     waits = _Waits()
@@ -61,7 +65,9 @@ def ending_by_signals() -> Iterator[None]:
     try:
         yield
         waits.end()
-        if ended is not None:  # what the block ended by itself, as a collection that keeps its batches
+        if (
+            ended is not None
+        ):  # what the block ended by itself, as a collection that keeps its batches
             raise ended
     finally:
         if signal.SIGALRM in before:

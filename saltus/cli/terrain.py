@@ -23,7 +23,8 @@ class TerrainCommand(JsonOption):
     action: tyro.conf.Positional[Literal["show"]]
     """The command to run."""
     terrain: tyro.conf.Positional[str]
-    """A family, a course that Saltus ships (house, quarry, yard), or a TOML file with boxes or segments."""
+    """A family, a course that Saltus ships (house, quarry, yard), or a TOML file with boxes or
+    segments."""
     difficulty: Annotated[float | None, shown("FLOAT", "its default sizes, or drawn ones")] = None
     """From 0 to 1."""
     layout_seed: int = 0
@@ -36,10 +37,14 @@ class TerrainCommand(JsonOption):
         from saltus.render.terrain_plot import draw_terrain
         from saltus.terrain.curriculum import make_terrain
 
-        config = TerrainConfig(terrain=self.terrain, difficulty=self.difficulty, layout_seed=self.layout_seed)
+        config = TerrainConfig(
+            terrain=self.terrain, difficulty=self.difficulty, layout_seed=self.layout_seed
+        )
         terrain = make_terrain(config)
         folder = run_directory("terrain", self.out)
-        (folder / "terrain.toml").write_text(replace(terrain, params={}).to_toml(), encoding="utf-8")
+        (folder / "terrain.toml").write_text(
+            replace(terrain, params={}).to_toml(), encoding="utf-8"
+        )
         draw_terrain(terrain, folder / "terrain.png")
         boxes = terrain.arrays
         table = {

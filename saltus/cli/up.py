@@ -25,7 +25,8 @@ class Up(RunOptions, NetworkOptions):
     pace: Pace = "realtime"
     standbys: Flag = False
     """Camera, heightmap service and planner each have a second process that works along unheard, and goes on where the
-    first was killed; without, the camera has one that waits. On two cores they take the others' time."""
+    first was killed; without, the camera has one that waits. On two cores they take the others'
+    time."""
 
     def run(self) -> int:
         """Runs until the end and says how it went; 0 then, 130 after Ctrl-C (the recording is closed either way)."""
@@ -34,19 +35,28 @@ class Up(RunOptions, NetworkOptions):
         from saltus.runtime.stack import Stack
 
         if self.standbys and self.pace != "realtime":
-            raise ConfigError("--standbys are for --pace realtime: a lockstep run waits for whom it lacks")
+            raise ConfigError(
+                "--standbys are for --pace realtime: a lockstep run waits for whom it lacks"
+            )
         config = self.config(LONGEST_RUN_S)
         network = self.network(config.prefix)
         directory = run_directory("up", self.out)
-        stack = Stack(config, directory, WITH_STANDBYS if self.standbys else PROGRAMS, network=network)
+        stack = Stack(
+            config, directory, WITH_STANDBYS if self.standbys else PROGRAMS, network=network
+        )
         try:
             with stack:
-                print(f"running, keys under {config.prefix}; join it with {directory / CLIENT_FILE}; Ctrl-C ends it")
+                print(
+                    f"running, keys under {config.prefix}; join it with {directory / CLIENT_FILE}; "
+                    f"Ctrl-C ends it"
+                )
                 for _ in follow(stack):
                     pass
         finally:
             if stack.recording.is_file():
-                with contextlib.suppress(RecordingError):  # the disk was full at the start, as is being said
+                with contextlib.suppress(
+                    RecordingError
+                ):  # the disk was full at the start, as is being said
                     _tell(stack.recording, stack.restarts)
         return 0
 

@@ -25,7 +25,8 @@ PICTURE_AT = (0.42, 0.56, 0.70)
 def write_video(recording: Recording, path: Path) -> None:
     """Writes an MP4 of the robot with the predicted heightmap on the terrain, with progress on a terminal.
 
-    Beside the robot stand time and speed, the newest depth image, and the heights with their intervals and the truth.
+    Beside the robot stand time and speed, the newest depth image, and the heights with their
+    intervals and the truth.
 
     A picture goes with it, with the suffix .png: three moments of the run side by side.
     """
@@ -36,21 +37,44 @@ def write_video(recording: Recording, path: Path) -> None:
     base_pose = np.concatenate([data.position, data.quaternion], axis=1)
     joint_position = np.array([truth.joint_position for truth in data.truths])
     frames = render_run(
-        recording.robot, recording.terrain, data.time_s, base_pose, joint_position, LINE, _heights(data), size=ROBOT
+        recording.robot,
+        recording.terrain,
+        data.time_s,
+        base_pose,
+        joint_position,
+        LINE,
+        _heights(data),
+        size=ROBOT,
     )
     total = int(data.time_s[-1] * FPS) if len(data.time_s) else 0
     moments: list[np.ndarray] = []
     kept = _keep(frames, [int(share * total) for share in PICTURE_AT], moments)
     shown = (
-        np.hstack([frame, beside(run.world, run.at_ns(data.start_ns + round(1e9 * (data.time_s[0] + number / FPS))))])
+        np.hstack(
+            [
+                frame,
+                beside(
+                    run.world,
+                    run.at_ns(data.start_ns + round(1e9 * (data.time_s[0] + number / FPS))),
+                ),
+            ]
+        )
         for number, frame in enumerate(kept)
     )
-    encode(path, tqdm(shown, total=total, desc="video", unit="frame", disable=None, leave=False), size=SIZE)
+    encode(
+        path,
+        tqdm(shown, total=total, desc="video", unit="frame", disable=None, leave=False),
+        size=SIZE,
+    )
     if moments:
-        cv2.imwrite(str(path.with_suffix(".png")), cv2.cvtColor(np.hstack(moments), cv2.COLOR_RGB2BGR))
+        cv2.imwrite(
+            str(path.with_suffix(".png")), cv2.cvtColor(np.hstack(moments), cv2.COLOR_RGB2BGR)
+        )
 
 
-def _keep(frames: Iterator[np.ndarray], numbers: list[int], kept: list[np.ndarray]) -> Iterator[np.ndarray]:
+def _keep(
+    frames: Iterator[np.ndarray], numbers: list[int], kept: list[np.ndarray]
+) -> Iterator[np.ndarray]:
     """Passes frames on and appends those with the given numbers to `kept`."""
     for number, frame in enumerate(frames):
         if number in numbers:
@@ -63,6 +87,11 @@ def _heights(data: RunData) -> np.ndarray:
     rows = []
     for truth in data.truths:
         heightmap = data.heightmaps.get(truth.step)
-        usable = heightmap is not None and heightmap.status in (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
-        rows.append(heightmap.height if heightmap is not None and usable else np.full(LINE.size, np.nan))
+        usable = heightmap is not None and heightmap.status in (
+            HeightmapStatus.OK,
+            HeightmapStatus.DEGRADED,
+        )
+        rows.append(
+            heightmap.height if heightmap is not None and usable else np.full(LINE.size, np.nan)
+        )
     return np.array(rows)

@@ -31,7 +31,9 @@ class Watch:
       saltus watch runs/fleet --robots robot/0 robot/1
     """
 
-    runs: Annotated[tyro.conf.Positional[tuple[Path, ...]], shown("PATH", "none, start one on the page")] = ()
+    runs: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]], shown("PATH", "none, start one on the page")
+    ] = ()
     """Recordings, and folders of runs, which may go on, have ended or be yet to begin; several stand
     beside each other."""
     robots: Annotated[tuple[str, ...], shown("PREFIX", "the one that each folder names")] = ()
@@ -45,7 +47,9 @@ class Watch:
             raise SaltusError(f"port = {self.port}: it must be from 0 (any that is free) to 65535")
         ask_for_viser()
         if self.robots and len(self.runs) != 1:
-            raise SaltusError(f"--robots names robots of one folder, and {len(self.runs)} are given")
+            raise SaltusError(
+                f"--robots names robots of one folder, and {len(self.runs)} are given"
+            )
         from saltus.watch.page import Page
         from saltus.watch.server import Server
         from saltus.watch.source import Source
@@ -53,7 +57,9 @@ class Watch:
 
         sources = [Source(path, robot) for path in self.runs for robot in self.robots or ("",)]
         with ThreadPoolExecutor(1) as starters:
-            starters.submit(int).result()  # so its thread is there, with the priority that runs are to have
+            starters.submit(
+                int
+            ).result()  # so its thread is there, with the priority that runs are to have
             stand_back()
             server = Server(PORT if self.port is None else self.port)
             watcher = Watcher(Page(server), sources, starters)
@@ -91,7 +97,9 @@ def tell_of_no_run(paths: Sequence[Path]) -> None:
 def ask_for_viser() -> None:
     """Raises `SaltusError` where the package is not installed that makes the page."""
     if importlib.util.find_spec("viser") is None:
-        raise SaltusError("a page to watch needs the package 'viser', which is not installed: " + VISER)
+        raise SaltusError(
+            "a page to watch needs the package 'viser', which is not installed: " + VISER
+        )
 
 
 @contextlib.contextmanager
@@ -99,7 +107,9 @@ def watching(run_dir: Path) -> Iterator["subprocess.Popen[bytes]"]:
     """Shows a run that is about to begin, in a process of its own: the supervisor has other things to do."""
     ask_for_viser()
     command = [sys.executable, "-P", "-m", "saltus.cli.main", "watch", str(run_dir)]
-    with subprocess.Popen(command, start_new_session=True) as page:  # Ctrl-C reaches this process alone
+    with subprocess.Popen(
+        command, start_new_session=True
+    ) as page:  # Ctrl-C reaches this process alone
         try:
             yield page
         finally:

@@ -1,1 +1,4 @@
-"""Ways in which hardware differs from the ideal, each a frozen value; see `saltus.effects.effect`."""
+"""Ways in which hardware differs from the ideal, each a frozen value.
+
+See `saltus.effects.effect`.
+"""

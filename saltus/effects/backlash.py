@@ -19,13 +19,16 @@ step, and the joint's velocity [rad/s] and acceleration [rad/s^2] as last seen."
 class Backlash(Effect[Drive], name="backlash", site="torque"):
     """The motor turns freely against the joint within a gap of `width`, and pushes it at either end.
 
-    Drive, encoder of the PD law and rotor are on the motor's side; what is logged is on the joint's, unless
-    `motor_side` says otherwise. In contact both move as one, until the rotor would have to pull. Inside the gap the
-    joint feels neither torque nor rotor; where the gap ends, the rotor's momentum goes to the joint, without rebound.
+    Drive, encoder of the PD law and rotor are on the motor's side; what is logged is on the
+    joint's, unless `motor_side` says otherwise. In contact both move as one, until the rotor would
+    have to pull. Inside the gap the joint feels neither torque nor rotor; where the gap ends, the
+    rotor's momentum goes to the joint, without rebound.
     """
 
     # 0.3 to 1 degree at the knee linkage of robots of this class
-    width: Values = parameter(unit="rad", null=0.0, low=0.0, high=0.3, sought=(0.0, 0.15), per_joint=True)
+    width: Values = parameter(
+        unit="rad", null=0.0, low=0.0, high=0.3, sought=(0.0, 0.15), per_joint=True
+    )
     # one encoder on the motor serves law and log in most drives, two encoders in others
     motor_side: Values = parameter(unit="", null=0.0, low=0.0, high=1.0, per_joint=True)
     """Where the logged encoder sits: 0 at the joint, 1 at the motor."""
@@ -37,7 +40,9 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
     @property
     def is_logged_at_motor(self) -> bool:
         """True where any joint's log is not that of the joint's own side."""
-        return isinstance(self.motor_side, Drawn) or bool(np.any(np.asarray(self.motor_side) != 0.0))
+        return isinstance(self.motor_side, Drawn) or bool(
+            np.any(np.asarray(self.motor_side) != 0.0)
+        )
 
     @cached_property
     def _rotor(self) -> Constant:
@@ -47,10 +52,19 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
         """The first torque has been there for long: the motor pushes the joint at one end of the gap."""
         xp, half = namespace(signal.torque), 0.5 * self.value("width", signal.torque)
         zero = xp.zeros_like(signal.torque)
-        return xp.where(signal.torque < 0.0, -half + zero, half + zero), zero, zero == zero, signal.velocity, zero
+        return (
+            xp.where(signal.torque < 0.0, -half + zero, half + zero),
+            zero,
+            zero == zero,
+            signal.velocity,
+            zero,
+        )
 
     def apply(self, signal: Drive, time_s: Array, state: Play | None) -> tuple[Drive, Play]:
-        """Transmits the torque where motor and joint touch; the state is the play over the coming period."""
+        """Transmits the torque where motor and joint touch.
+
+        The state is the play over the coming period.
+        """
         torque = signal.torque
         xp = namespace(torque)
         half = 0.5 * self.value("width", torque)
@@ -71,7 +85,13 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
         touches = arrives | ~is_free
         pushed = xp.where(touches, torque + xp.where(arrives, rotor * rate / self.dt_s, zero), zero)
         end = xp.minimum(xp.maximum(reached, -half + zero), half + zero)
-        return replace(signal, torque=pushed), (end, xp.where(touches, zero, ahead), touches, velocity, turning)
+        return replace(signal, torque=pushed), (
+            end,
+            xp.where(touches, zero, ahead),
+            touches,
+            velocity,
+            turning,
+        )
 
     def logged(self, position: Array, velocity: Array, state: Play) -> tuple[Array, Array]:
         """Angles and velocities on the side of the logged encoder, for those of the joints."""

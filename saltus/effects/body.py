@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike
 from saltus.arrays import Array
 
 NOMINAL_FRICTION = 0.8
-"""Coefficient between soles and ground that the model claims: rubber on concrete, middle of what trials draw."""
+"""Coefficient between soles and ground that the model claims: rubber on concrete, middle of what
+trials draw."""
 NOMINAL_CONTACT_TIME_CONSTANT_S = 0.005
 """Time constant of the contacts that the model claims: nearly as stiff as a time step of 2 ms
 allows (the engine wants two)."""
@@ -23,13 +24,16 @@ LEAST_TURNING_M = 1e-5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyModel:
-    """The parts of a robot's model that effects may change; one robot, or a batch. Sites "model" and "stand".
+    """The parts of a robot's model that effects may change; one robot, or a batch.
+
+    Sites "model" and "stand".
 
     Those of shape (...) but the payload may be one number for all robots of a batch.
     """
 
     payload_kg: Array
-    """Mass on top of the trunk [kg], shape (...); negative where the trunk is lighter than claimed."""
+    """Mass on top of the trunk [kg], shape (...); negative where the trunk is lighter than
+    claimed."""
     com_shift: Array
     """Added to the trunk's centre of mass [m], base frame, shape (..., 3)."""
     inertia_scale: Array

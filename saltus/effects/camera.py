@@ -7,7 +7,14 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from saltus.arrays import Array
-from saltus.effects.depth_errors import DepthBias, DepthNoise, DepthScale, EdgeHoles, HoleFill, RangeClip
+from saltus.effects.depth_errors import (
+    DepthBias,
+    DepthNoise,
+    DepthScale,
+    EdgeHoles,
+    HoleFill,
+    RangeClip,
+)
 from saltus.effects.effect import Effect, PerRobot, Signal
 from saltus.effects.image_delivery import CameraLatency, FrameDrop, SampleAndHold, TemporalSmear
 from saltus.effects.offsets_and_factors import CameraFov, CameraHeight, CameraPitch
@@ -34,7 +41,8 @@ class CameraChain(SignalChain):
     """Effects of the sensor, of losses on the way, of the driver, and of the time of arrival."""
 
     order: ClassVar[Order] = (
-        SampleAndHold, DepthScale, DepthBias, DepthNoise, EdgeHoles, RangeClip, HoleFill, FrameDrop, TemporalSmear,
+        SampleAndHold, DepthScale, DepthBias, DepthNoise, EdgeHoles, RangeClip, HoleFill, FrameDrop,
+        TemporalSmear,
         CameraLatency,
     )  # fmt: skip
     owner: ClassVar[str] = "a camera"
@@ -51,19 +59,28 @@ class CameraChain(SignalChain):
     @property
     def taken(self) -> "CameraChain":
         """All that happens to an image until the camera gives it out; then it travels."""
-        return CameraChain(tuple(effect for effect in self.effects if not isinstance(effect, CameraLatency)))
+        return CameraChain(
+            tuple(effect for effect in self.effects if not isinstance(effect, CameraLatency))
+        )
 
     @property
     def carried(self) -> "CameraChain":
         """The effects on an image that a camera has given out, on its way."""
-        return CameraChain(tuple(effect for effect in self.effects if isinstance(effect, CameraLatency)))
+        return CameraChain(
+            tuple(effect for effect in self.effects if isinstance(effect, CameraLatency))
+        )
 
     @property
     def latency(self) -> CameraLatency:
         """How long it travels then."""
-        return next((effect for effect in self.effects if isinstance(effect, CameraLatency)), CameraLatency())
+        return next(
+            (effect for effect in self.effects if isinstance(effect, CameraLatency)),
+            CameraLatency(),
+        )
 
-    def film(self, depth: Array, captured_s: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    def film(
+        self, depth: Array, captured_s: Array, rng: np.random.Generator
+    ) -> tuple[Array, Array]:
         """Passes all images of one camera through the chain.
 
         Args:
@@ -72,7 +89,8 @@ class CameraChain(SignalChain):
             rng: Of what effects draw.
 
         Returns:
-            The images as given out, and when they arrive [s], shape (n,): infinite for those that never do.
+            The images as given out, and when they arrive [s], shape (n,): infinite for those that
+            never do.
         """
         state, taken = self.init((), rng), self.taken
         given, arrival_s, memory = depth.copy(), captured_s.copy(), state[: len(taken.effects)]
@@ -92,15 +110,22 @@ class CameraChain(SignalChain):
         return captured_s
 
     def next_arrival_s(self, time_s: float, state: CameraState) -> float:
-        """When the next image arrives [s], for those who wait for it; infinite where none is under way."""
-        return math.inf if self.latency.is_null() else self.latency.next_arrival_s(time_s, state[-1])
+        """When the next image arrives [s], for those who wait for it.
+
+        Infinite where none is under way.
+        """
+        return (
+            math.inf if self.latency.is_null() else self.latency.next_arrival_s(time_s, state[-1])
+        )
 
 
 def _forgotten(memory: Any, robots: Array) -> Any:
     """A state in which `robots`, bool, shape (...), have had no image."""
     if isinstance(memory, tuple):
         return tuple(_forgotten(part, robots) for part in memory)
-    return chosen(~robots, memory, nothing_yet(memory)) if isinstance(memory, DepthImage) else memory
+    return (
+        chosen(~robots, memory, nothing_yet(memory)) if isinstance(memory, DepthImage) else memory
+    )
 
 
 def drawn_around(
@@ -114,7 +139,8 @@ def drawn_around(
 
     Args:
         effects: What is known of the cameras. Without a `CameraLatency` images still come at once.
-        latency_s: As drawn for a camera whose images are `CAMERA_LATENCY_S` late; another's moves by the difference.
+        latency_s: As drawn for a camera whose images are `CAMERA_LATENCY_S` late; another's moves
+            by the difference.
         jitter_s: In addition.
         loss: Share of images that are lost in addition.
     """

@@ -79,22 +79,37 @@ class ImuChain(SignalChain):
 class BodyChain(SignalChain):
     """The effects on the robot's model."""
 
-    order: ClassVar[Order] = (PayloadMass, ComOffset, BaseInertia, FootFriction, ContactCompliance, SoftFeet, BaseRoll)
+    order: ClassVar[Order] = (
+        PayloadMass,
+        ComOffset,
+        BaseInertia,
+        FootFriction,
+        ContactCompliance,
+        SoftFeet,
+        BaseRoll,
+    )
     owner: ClassVar[str] = "a body"
 
     @property
     def contact_dimensions(self) -> int:
         """Dimensions of a contact in the engine: 3, or with friction against turning and rolling 6."""
-        return 6 if any(isinstance(effect, SoftFeet) and effect.resists_turning for effect in self.effects) else 3
+        return (
+            6
+            if any(
+                isinstance(effect, SoftFeet) and effect.resists_turning for effect in self.effects
+            )
+            else 3
+        )
 
 
 @dataclass(frozen=True)
 class ActuatorChain(Chain):
     """The effects of an actuator.
 
-    command_delay, feedforward_delay; encoder_bias, encoder_quantisation, velocity_filter, velocity_scale; PD on the
-    drive's own encoder; actuator_lag, torque_speed_limit, torque_saturation, torque_gain, battery_sag, backlash,
-    joint_spring, end_stop; friction and armature.
+    command_delay, feedforward_delay; encoder_bias, encoder_quantisation, velocity_filter,
+    velocity_scale; PD on the drive's own encoder; actuator_lag, torque_speed_limit,
+    torque_saturation, torque_gain, battery_sag, backlash, joint_spring, end_stop; friction and
+    armature.
     """
 
     order: ClassVar[Order] = COMMAND_ORDER + SENSOR_ORDER + TORQUE_ORDER + JOINT_ORDER
@@ -108,15 +123,26 @@ class ActuatorChain(Chain):
     def senses_otherwise(self) -> bool:
         """True where the drives measure another motion than that of the joints."""
         return any(
-            effect.site == "joint_state" or (isinstance(effect, Backlash) and effect.is_logged_at_motor)
+            effect.site == "joint_state"
+            or (isinstance(effect, Backlash) and effect.is_logged_at_motor)
             for effect in self.effects
         )
 
     def measured(
-        self, position: Joints, velocity: Joints, time_s: Array, state: ActuatorState, fresh: Array | None = None
+        self,
+        position: Joints,
+        velocity: Joints,
+        time_s: Array,
+        state: ActuatorState,
+        fresh: Array | None = None,
     ) -> JointState:
-        """Returns what the drives will measure in the next `step`; arguments and `state` are those that it will get."""
-        motion = self._on_its_side(JointState(position=position, velocity=velocity), state, fresh, Backlash.logged)
+        """Returns what the drives will measure in the next `step`.
+
+        Arguments and `state` are those that it will get.
+        """
+        motion = self._on_its_side(
+            JointState(position=position, velocity=velocity), state, fresh, Backlash.logged
+        )
         return self._pass("joint_state", motion, time_s, list(state), fresh)
 
     def step(
@@ -136,13 +162,16 @@ class ActuatorChain(Chain):
             velocity: of the joints [rad/s], shape (..., 12).
             time_s: now, in the run's clock.
             state: what `init` or the last `step` returned.
-            fresh: robots that were just put back to the start, shape (...); None where there are none.
+            fresh: robots that were just put back to the start, shape (...); None where there are
+                none.
         """
         memories = list(state)
         # 1. the packet that the drive has by now
         command = self._pass("command", command, time_s, memories, fresh)
         # 2. its encoder
-        motion = self._on_its_side(JointState(position=position, velocity=velocity), state, fresh, Backlash.logged)
+        motion = self._on_its_side(
+            JointState(position=position, velocity=velocity), state, fresh, Backlash.logged
+        )
         motion = self._pass("joint_state", motion, time_s, memories, fresh)
         motion = self._on_its_side(motion, state, fresh, Backlash.seen)
         # 3. its law
@@ -152,16 +181,24 @@ class ActuatorChain(Chain):
         drive = self._pass("torque", drive, time_s, memories, fresh)
         # 5. what resists there
         resistance = self._resistance(velocity, time_s, memories)
-        return Torques(applied=drive.torque, believed=believed, resistance=resistance), tuple(memories)
+        return Torques(applied=drive.torque, believed=believed, resistance=resistance), tuple(
+            memories
+        )
 
-    def _pass(self, site: str, signal: Signal, time_s: Array, memories: list[Any], fresh: Array | None) -> Signal:
+    def _pass(
+        self, site: str, signal: Signal, time_s: Array, memories: list[Any], fresh: Array | None
+    ) -> Signal:
         for i, effect in enumerate(self.effects):
             if effect.site == site:
                 signal, memories[i] = applied(effect, signal, time_s, memories[i], fresh)
         return signal
 
     def _on_its_side(
-        self, motion: JointState, state: ActuatorState, fresh: Array | None, side: Callable[..., tuple[Array, Array]]
+        self,
+        motion: JointState,
+        state: ActuatorState,
+        fresh: Array | None,
+        side: Callable[..., tuple[Array, Array]],
     ) -> JointState:
         """The motion on another side of the play: that of the logged encoder, or that of the PD law's, the motor's."""
         for effect, memory in zip(self.effects, state, strict=True):
@@ -171,9 +208,15 @@ class ActuatorChain(Chain):
                 return there if fresh is None else chosen_of(fresh, motion, there)
         return motion
 
-    def _resistance(self, velocity: Joints, time_s: Array, memories: list[Any]) -> Resistance | None:
+    def _resistance(
+        self, velocity: Joints, time_s: Array, memories: list[Any]
+    ) -> Resistance | None:
         resisting = [effect for effect in self.effects if effect.site == "joint"]
-        play = [(e, memory) for e, memory in zip(self.effects, memories, strict=True) if isinstance(e, Backlash)]
+        play = [
+            (e, memory)
+            for e, memory in zip(self.effects, memories, strict=True)
+            if isinstance(e, Backlash)
+        ]
         if not resisting and not play:
             return None
         none = namespace(velocity).zeros_like(velocity)
@@ -181,10 +224,16 @@ class ActuatorChain(Chain):
         for effect in resisting:
             resistance, _ = effect.apply(resistance, time_s, None)
         for backlash, memory in play:
-            resistance = replace(resistance, armature=resistance.armature - backlash.missing(memory))
+            resistance = replace(
+                resistance, armature=resistance.armature - backlash.missing(memory)
+            )
         return resistance
 
 
 def proportional_derivative(command: JointCommand, position: Floats, velocity: Floats) -> Floats:
     """The law of the drive: kp (q_des - q) + kd (dq_des - dq) + tau_ff [Nm], shape (..., 12)."""
-    return command.kp * (command.position - position) + command.kd * (command.velocity - velocity) + command.torque
+    return (
+        command.kp * (command.position - position)
+        + command.kd * (command.velocity - velocity)
+        + command.torque
+    )

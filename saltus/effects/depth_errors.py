@@ -22,7 +22,10 @@ class DepthScale(Effect[DepthImage], name="depth_scale", site="depth"):
 
     def apply(self, signal: DepthImage, time_s: float, state: None) -> tuple[DepthImage, None]:
         """Scales what is valid; 0 stays 0."""
-        return replace(signal, depth=signal.depth * per_image(self.scale, signal.depth, namespace(signal.depth))), None
+        return replace(
+            signal,
+            depth=signal.depth * per_image(self.scale, signal.depth, namespace(signal.depth)),
+        ), None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +50,9 @@ class DepthNoise(Effect[DepthImage], name="depth_noise", site="depth"):
     # 0.08 px in practice, 0.03 px at best (Intel on the D4xx)
     subpixel_sigma: PerRobot = parameter(unit="px", null=0.0, low=0.0, high=5.0)
     # of the image whose pixels `subpixel_sigma` counts (original: D435i at 424x240)
-    focal_px: float = field(default=D435I.fx, metadata={"unit": "px", "low": 1.0, "high": 1e4, "per_joint": False})
+    focal_px: float = field(
+        default=D435I.fx, metadata={"unit": "px", "low": 1.0, "high": 1e4, "per_joint": False}
+    )
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Array:
         """A key for each robot."""
@@ -74,8 +79,8 @@ JUMP = 0.08  # of the depth behind; a smaller step hides less than a pixel from 
 class EdgeHoles(Effect[DepthImage], name="edge_holes", site="depth"):
     """The `width` pixels to the left of every near edge are invalid, to the nearest pixel of the image.
 
-    One number for all edges, as a run log can tell it; `saltus.render.stereo` has the physics, in which it grows with
-    the step of disparity.
+    One number for all edges, as a run log can tell it; `saltus.render.stereo` has the physics, in
+    which it grows with the step of disparity.
     """
 
     width: PerRobot = parameter(unit="px", null=0.0, low=0.0, high=100.0, sought=(0.0, 30.0))
@@ -110,7 +115,8 @@ class RangeClip(Effect[DepthImage], name="range_clip", site="depth"):
 class HoleFill(Effect[DepthImage], name="hole_fill", site="depth"):
     """An invalid pixel takes the nearest valid value to its left within `reach` pixels, to the nearest pixel.
 
-    One number, as a run log can tell it; `saltus.render.postfilter` has librealsense's filters themselves.
+    One number, as a run log can tell it; `saltus.render.postfilter` has librealsense's filters
+    themselves.
     """
 
     # librealsense's spatial filter offers 2 to 16 px, or no limit

@@ -5,8 +5,9 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Array, namespace
 
-# Constants of a 32-bit integer hash of low bias (hash-prospector, "lowbias32" family). Both are below 2^31, so that
-# their product with 32 bits fits an int64, the widest integer that numpy and torch share.
+# Constants of a 32-bit integer hash of low bias (hash-prospector, "lowbias32" family). Both are
+# below 2^31, so that their product with 32 bits fits an int64, the widest integer that numpy and
+# torch share.
 _SHIFTS = (16, 15, 15)
 _FACTORS = (0x21F0AAAD, 0x735A2D97)
 _MASK = 0xFFFFFFFF
@@ -22,7 +23,8 @@ def uniform(keys: Array, time_s: Array) -> Array:
 
     Args:
         keys: from `draw_keys`, shape (...).
-        time_s: the instant [s], float64, any finite value or infinite, shape (...); told apart to the microsecond.
+        time_s: the instant [s], float64, any finite value or infinite, shape (...); told apart to
+            the microsecond.
 
     Returns:
         float64 (as `time_s`), shape (...).

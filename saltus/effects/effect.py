@@ -13,17 +13,34 @@ from saltus.arrays import Array, Constant, Floats, Reals, namespace
 from saltus.errors import ConfigError
 from saltus.robots.robot import JOINTS, Robot
 
-Site = Literal["command", "torque", "joint", "joint_state", "imu", "depth", "heightmap", "model", "stand", "view"]
+Site = Literal[
+    "command",
+    "torque",
+    "joint",
+    "joint_state",
+    "imu",
+    "depth",
+    "heightmap",
+    "model",
+    "stand",
+    "view",
+]
 
 Signal = TypeVar("Signal")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
-    """A parameter that is drawn anew while its effect is in use, as at each episode of a training; has no TOML form."""
+    """A parameter that is drawn anew while its effect is in use, as at each episode of a training.
+
+    Has no TOML form.
+    """
 
     read: Callable[[Array], Array]
-    """The present values, as an array of the kind, type and device of the one given; shape (robots, 1 or 12)."""
+    """The present values, as an array of the kind, type and device of the one given.
+
+    Shape (robots, 1 or 12).
+    """
     greatest: float
     """No value is greater."""
 
@@ -36,7 +53,8 @@ Drawable: TypeAlias = Values | Drawn
 
 
 PerRobot: TypeAlias = float | Floats
-"""A parameter of a camera: one value, or, for a batch of robots that differ, an array of shape (robots,)."""
+"""A parameter of a camera: one value, or, for a batch of robots that differ, an array of shape
+(robots,)."""
 
 
 def parameter(
@@ -57,45 +75,69 @@ def parameter(
         null: Where it changes nothing; the default.
         low: Least value.
         high: Greatest value.
-        sought: Between which values fits seek it: what hardware of this class can have; the bounds by default.
+        sought: Between which values fits seek it: what hardware of this class can have; the bounds
+            by default.
         per_joint: Whether joints may have different ones.
-        adds_to: Field of the signal that it is added to, or that field and the place of one of its entries.
+        adds_to: Field of the signal that it is added to, or that field and the place of one of its
+            entries.
         scales: Field of the signal that is multiplied by the parameter over `null`.
     """
     name, axis = adds_to if isinstance(adds_to, tuple) else (adds_to, None)
     changes = {"changes": name or scales, "axis": axis, "scales": scales is not None}
-    metadata = {"unit": unit, "null": null, "low": low, "high": high, "per_joint": per_joint, **changes}
+    metadata = {
+        "unit": unit,
+        "null": null,
+        "low": low,
+        "high": high,
+        "per_joint": per_joint,
+        **changes,
+    }
     metadata["sought"] = (low, high) if sought is None else sought
     return field(default=null, metadata=metadata)
 
 
 def from_robot(source: str, *, unit: str, high: float) -> Any:
-    """Declares what an effect takes from a field of the robot where it is not given; not an effect in itself."""
-    return field(default=None, metadata={"unit": unit, "low": 0.0, "high": high, "per_joint": True, "robot": source})
+    """Declares what an effect takes from a field of the robot where it is not given.
+
+    Not an effect in itself.
+    """
+    return field(
+        default=None,
+        metadata={"unit": unit, "low": 0.0, "high": high, "per_joint": True, "robot": source},
+    )
 
 
 def period(default: float) -> Any:
-    """Declares the period [s] at which an effect gets its signal; not an effect in itself, so without null value."""
-    return field(default=default, metadata={"unit": "s", "low": 1e-5, "high": 1.0, "per_joint": False})
+    """Declares the period [s] at which an effect gets its signal.
+
+    Not an effect in itself, so without null value.
+    """
+    return field(
+        default=default, metadata={"unit": "s", "low": 1e-5, "high": 1.0, "per_joint": False}
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Effect(Generic[Signal]):
     """One way in which hardware differs from the ideal.
 
-    A subclass is a frozen dataclass whose fields are made with `parameter`. At its null values it returns its
-    input unchanged, to the bit. `apply` is written once for numpy and torch and for any leading batch dimensions.
-    Signals are values: whoever passes one does not change its arrays afterwards, as an effect with memory keeps them.
+    A subclass is a frozen dataclass whose fields are made with `parameter`. At its null values it
+    returns its input unchanged, to the bit. `apply` is written once for numpy and torch and for any
+    leading batch dimensions. Signals are values: whoever passes one does not change its arrays
+    afterwards, as an effect with memory keeps them.
 
     Raises:
-        ConfigError: a parameter is out of its bounds, not a number, or has neither one value nor one per joint.
+        ConfigError: a parameter is out of its bounds, not a number, or has neither one value nor
+            one per joint.
     """
 
     name: ClassVar[str]
     """Name in the schema of run logs, snake_case."""
     site: ClassVar[Site]
 
-    def __init_subclass__(cls, name: str | None = None, site: Site | None = None, **rest: Any) -> None:
+    def __init_subclass__(
+        cls, name: str | None = None, site: Site | None = None, **rest: Any
+    ) -> None:
         super().__init_subclass__(**rest)
         if name is not None:
             cls.name = name
@@ -105,7 +147,11 @@ class Effect(Generic[Signal]):
     def __post_init__(self) -> None:
         for f in fields(self):
             value = getattr(self, f.name)
-            if "low" in f.metadata and not isinstance(value, Drawn) and not ("robot" in f.metadata and value is None):
+            if (
+                "low" in f.metadata
+                and not isinstance(value, Drawn)
+                and not ("robot" in f.metadata and value is None)
+            ):
                 _check(f"{self.name}.{f.name}", value, f.metadata)
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
@@ -118,7 +164,8 @@ class Effect(Generic[Signal]):
     def apply(self, signal: Signal, time_s: Array, state: Any) -> tuple[Signal, Any]:
         """Returns the changed signal and the next state; changes neither argument.
 
-        Where a subclass does nothing else, parameters add to, or scale, the fields of the signal that they name.
+        Where a subclass does nothing else, parameters add to, or scale, the fields of the signal
+        that they name.
         """
         for own, name, axis, null in self._changes:
             array = getattr(signal, name)
@@ -138,7 +185,10 @@ class Effect(Generic[Signal]):
     def _changes(self) -> list[tuple[str, str, int | None, float | None]]:
         """Parameter, the field that it changes, the place therein, and for one that scales its null value."""
         declared = [(f.name, f.metadata) for f in fields(self) if f.metadata.get("changes")]
-        return [(name, m["changes"], m["axis"], m["null"] if m["scales"] else None) for name, m in declared]
+        return [
+            (name, m["changes"], m["axis"], m["null"] if m["scales"] else None)
+            for name, m in declared
+        ]
 
     def value(self, parameter: str, array: Array) -> Array:
         """A parameter in the form in which it combines with `array`: a float, or an array of its kind and device."""
@@ -157,9 +207,14 @@ class Effect(Generic[Signal]):
 
     def fitted(self, robot: Robot) -> Self:
         """The effect in the drives of a robot, with what `from_robot` declares taken from there unless it is given."""
-        lacking = [f for f in fields(self) if "robot" in f.metadata and getattr(self, f.name) is None]
+        lacking = [
+            f for f in fields(self) if "robot" in f.metadata and getattr(self, f.name) is None
+        ]
         # what the robot has without limit is as high as may be
-        values = [np.minimum(getattr(robot, f.metadata["robot"]), f.metadata["high"]).tolist() for f in lacking]
+        values = [
+            np.minimum(getattr(robot, f.metadata["robot"]), f.metadata["high"]).tolist()
+            for f in lacking
+        ]
         taken = {f.name: tuple(found) for f, found in zip(lacking, values, strict=True)}
         return dataclasses.replace(self, **taken) if taken else self
 
@@ -175,7 +230,9 @@ class Effect(Generic[Signal]):
         declared = {f.name: f.metadata for f in fields(self)}
         moved = {name: getattr(self, name) + change for name, change in by.items()}
         clipped = {n: np.clip(v, declared[n]["low"], declared[n]["high"]) for n, v in moved.items()}
-        return dataclasses.replace(self, **{n: v if np.ndim(v) else float(v) for n, v in clipped.items()})
+        return dataclasses.replace(
+            self, **{n: v if np.ndim(v) else float(v) for n, v in clipped.items()}
+        )
 
     @classmethod
     def sought(cls, parameter: str) -> tuple[float, float]:
@@ -190,7 +247,11 @@ class Effect(Generic[Signal]):
 
     @cached_property
     def _is_null(self) -> bool:
-        return all(_equal(getattr(self, f.name), f.metadata["null"]) for f in fields(self) if "null" in f.metadata)
+        return all(
+            _equal(getattr(self, f.name), f.metadata["null"])
+            for f in fields(self)
+            if "null" in f.metadata
+        )
 
 
 def like(values: PerRobot, array: Array, xp: Any) -> Array:
@@ -226,7 +287,10 @@ def map_arrays(function: Callable[..., Any], value: Any, *others: Any) -> Any:
     if not dataclasses.is_dataclass(value) or isinstance(value, type):
         return function(value, *others)
     names = [f.name for f in fields(value)]
-    changes = {n: map_arrays(function, getattr(value, n), *(getattr(other, n) for other in others)) for n in names}
+    changes = {
+        n: map_arrays(function, getattr(value, n), *(getattr(other, n) for other in others))
+        for n in names
+    }
     return dataclasses.replace(value, **changes)
 
 
@@ -240,17 +304,27 @@ def _check(label: str, value: Any, metadata: Any) -> None:
     try:
         numbers = np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:
-        raise ConfigError(f"{label} = {value!r} is not a number, or not an array of numbers") from error
+        raise ConfigError(
+            f"{label} = {value!r} is not a number, or not an array of numbers"
+        ) from error
     is_curve = isinstance(metadata.get("null"), tuple)
-    if isinstance(value, tuple) and not is_curve and not (metadata["per_joint"] and numbers.shape == (len(JOINTS),)):
-        allowed_count = f"one value, or {len(JOINTS)}, one per joint" if metadata["per_joint"] else "one value"
+    if (
+        isinstance(value, tuple)
+        and not is_curve
+        and not (metadata["per_joint"] and numbers.shape == (len(JOINTS),))
+    ):
+        allowed_count = (
+            f"one value, or {len(JOINTS)}, one per joint" if metadata["per_joint"] else "one value"
+        )
         raise ConfigError(f"{label} has {len(value)} values: give {allowed_count}")
     low, high = metadata["low"], metadata["high"]
     allowed = (numbers >= low) & (numbers <= high)
     if "null" in metadata and not is_curve:
         allowed |= numbers == metadata["null"]
     if not np.all(allowed):
-        raise ConfigError(f"{label} = {value!r} must lie within {low:g} to {high:g} {metadata['unit']}".rstrip())
+        raise ConfigError(
+            f"{label} = {value!r} must lie within {low:g} to {high:g} {metadata['unit']}".rstrip()
+        )
 
 
 def _equal(value: Any, null: Any) -> bool:

@@ -16,7 +16,9 @@ class EncoderQuantisation(Effect[JointState], name="encoder_quantisation", site=
     """The drive's angle is the nearest multiple of `step`; its velocity is not derived from it."""
 
     # 0.2 to 1.5 mrad on drives of this class
-    step: Values = parameter(unit="rad", null=0.0, low=0.0, high=0.2, sought=(2e-4, 0.1), per_joint=True)
+    step: Values = parameter(
+        unit="rad", null=0.0, low=0.0, high=0.2, sought=(2e-4, 0.1), per_joint=True
+    )
 
     @cached_property
     def _steps(self) -> tuple[Constant, Constant]:
@@ -28,7 +30,9 @@ class EncoderQuantisation(Effect[JointState], name="encoder_quantisation", site=
         exact = signal.position
         step, divisor = (constant.like(exact) for constant in self._steps)
         xp = namespace(exact)
-        return replace(signal, position=xp.where(step > 0.0, xp.round(exact / divisor) * divisor, exact)), None
+        return replace(
+            signal, position=xp.where(step > 0.0, xp.round(exact / divisor) * divisor, exact)
+        ), None
 
 
 SHORTEST = 1e-3
@@ -42,7 +46,9 @@ class VelocityFilter(Effect[JointState], name="velocity_filter", site="joint_sta
     """First-order low-pass of the velocity with `time_constant`, exact where the velocity is linear between samples."""
 
     # drives of this class average over a few milliseconds
-    time_constant: Values = parameter(unit="s", null=0.0, low=0.0, high=0.1, sought=(0.0, 0.05), per_joint=True)
+    time_constant: Values = parameter(
+        unit="s", null=0.0, low=0.0, high=0.1, sought=(0.0, 0.05), per_joint=True
+    )
     dt_s: float = period(PHYSICS_DT)
     """Period of the velocity."""
 
@@ -55,7 +61,9 @@ class VelocityFilter(Effect[JointState], name="velocity_filter", site="joint_sta
         """The first velocity has been there for long."""
         return signal.velocity, signal.velocity
 
-    def apply(self, signal: JointState, time_s: Array, state: Memory | None) -> tuple[JointState, Memory]:
+    def apply(
+        self, signal: JointState, time_s: Array, state: Memory | None
+    ) -> tuple[JointState, Memory]:
         """Filters the velocity."""
         newest = signal.velocity
         before, filtered = state or (newest, newest)
@@ -64,8 +72,13 @@ class VelocityFilter(Effect[JointState], name="velocity_filter", site="joint_sta
         return replace(signal, velocity=velocity), (newest, velocity)
 
 
-def low_pass_weights(time_constant: Values, dt_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights of newest input, the one before and last output, for an input linear in between; sum 1."""
+def low_pass_weights(
+    time_constant: Values, dt_s: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights of newest input, the one before and last output, for an input linear in between.
+
+    Sum 1.
+    """
     steps = np.asarray(time_constant, dtype=float) / dt_s
     kept = np.exp(-1.0 / np.maximum(steps, SHORTEST))
     new = 1.0 - steps * (1.0 - kept)

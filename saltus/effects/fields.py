@@ -1,6 +1,7 @@
 """Random images that depend on a key and an instant only, and windows over images.
 
-All of it is whole-array arithmetic on the array API: numpy and torch, batched or one by one, give the same numbers.
+All of it is whole-array arithmetic on the array API: numpy and torch, batched or one by one, give
+the same numbers.
 """
 
 import math
@@ -13,11 +14,13 @@ import numpy as np
 from saltus.arrays import Array, namespace
 from saltus.effects.draws import uniform
 
-# Two rounds of a 32-bit hash of low bias (as in saltus.effects.draws) on int32, whose products wrap. Shifts keep the
-# sign, which halves the number of different values, not the quality of their upper bits, and saves masking.
+# Two rounds of a 32-bit hash of low bias (as in saltus.effects.draws) on int32, whose products
+# wrap. Shifts keep the sign, which halves the number of different values, not the quality of their
+# upper bits, and saves masking.
 _FACTORS = (0x21F0AAAD, 0x735A2D97)
 _GOLDEN = 0x9E3779B1  # 2^32 over the golden ratio: spreads consecutive counters over all bits
-ENOUGH_TO_ADD = 9  # uniform numbers, for a sum that is normal to 0.3 % of its standard deviation up to three of them
+# Uniform numbers, for a sum that is normal to 0.3 % of its standard deviation up to three of them
+ENOUGH_TO_ADD = 9
 
 
 def white(keys: Array, time_s: Array, shape: tuple[int, int]) -> Array:
@@ -58,11 +61,13 @@ def _unit(value: Array, dtype: Any) -> Array:
     return result
 
 
-def gaussian(keys: Array, time_s: Array, shape: tuple[int, int], window: tuple[int, int], dtype: Any) -> Array:
+def gaussian(
+    keys: Array, time_s: Array, shape: tuple[int, int], window: tuple[int, int], dtype: Any
+) -> Array:
     """Normal numbers of mean 0 and variance 1 whose correlation falls linearly to 0 over `window`: a moving average.
 
-    A sum of nine uniform numbers or more is as good as normal, so that no normal numbers are drawn; a window that has
-    fewer than nine samples adds up three for each.
+    A sum of nine uniform numbers or more is as good as normal, so that no normal numbers are drawn;
+    a window that has fewer than nine samples adds up three for each.
 
     Args:
         keys: one per image, shape (...).
@@ -106,7 +111,9 @@ def windowed_sum(values: Array, size: int, axis: int) -> Array:
         block *= 2
 
 
-def windowed_extreme(values: Array, size: int, axis: int, pick: Callable[[Array, Array], Array]) -> Array:
+def windowed_extreme(
+    values: Array, size: int, axis: int, pick: Callable[[Array, Array], Array]
+) -> Array:
     """Maximum or minimum (`pick`) over every window of `size` along an axis, which becomes `size - 1` shorter."""
     run, block = values, 1
     while 2 * block <= size:
@@ -114,11 +121,18 @@ def windowed_extreme(values: Array, size: int, axis: int, pick: Callable[[Array,
         run = pick(_cut(run, 0, reach, axis), _cut(run, block, reach, axis))
         block *= 2
     length = values.shape[axis] - size + 1
-    return pick(_cut(run, 0, length, axis), _cut(run, size - block, length, axis)) if size > block else run
+    return (
+        pick(_cut(run, 0, length, axis), _cut(run, size - block, length, axis))
+        if size > block
+        else run
+    )
 
 
 def around(values: Array, rows: int, columns: int, pick: Callable[[Array, Array], Array]) -> Array:
-    """Extreme within `rows` and `columns` of each sample; what lies beyond the border counts as the border does."""
+    """Extreme within `rows` and `columns` of each sample.
+
+    What lies beyond the border counts as the border does.
+    """
     for reach, axis in ((rows, -2), (columns, -1)):
         if reach:
             values = windowed_extreme(padded(values, reach, axis), 2 * reach + 1, axis, pick)

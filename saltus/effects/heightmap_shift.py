@@ -17,8 +17,8 @@ from saltus.errors import ConfigError
 class HeightmapShift(Effect[HeightQuery], name="heightmap_shift", site="heightmap"):
     """Heights are read `x` too far ahead along the robot's yaw and come out `z` too high, for a whole episode.
 
-    To both, every robot adds its own draw, uniform within +-`x_range` and +-`z_range`, made in `init`. Training uses
-    +-8 cm and +-5 cm (paper).
+    To both, every robot adds its own draw, uniform within +-`x_range` and +-`z_range`, made in
+    `init`. Training uses +-8 cm and +-5 cm (paper).
     """
 
     x: float = parameter(unit="m", null=0.0, low=-0.5, high=0.5)
@@ -40,12 +40,15 @@ class HeightmapShift(Effect[HeightQuery], name="heightmap_shift", site="heightma
 
 def shift_of(effects: Sequence[Effect]) -> HeightmapShift:
     """The shift in the part "heightmap" of a profile; none where it has none."""
-    return next((effect for effect in effects if isinstance(effect, HeightmapShift)), HeightmapShift())
+    return next(
+        (effect for effect in effects if isinstance(effect, HeightmapShift)), HeightmapShift()
+    )
 
 
 def refuse_shift(effects: Sequence[Effect], who: str) -> None:
     """Raises `ConfigError` where true heights are to be shifted and `who`, e.g. "a camera", has no such heights."""
     if not shift_of(effects).is_null():
         raise ConfigError(
-            f"heightmap_shift: it shifts true heights, and {who} cannot hold it; leave it out of the profile"
+            f"heightmap_shift: it shifts true heights, and {who} cannot hold it; leave it out of "
+            f"the profile"
         )

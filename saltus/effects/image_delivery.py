@@ -22,7 +22,9 @@ class SampleAndHold(Effect[DepthImage], name="sample_and_hold", site="depth"):
 
     period: float = parameter(unit="s", null=0.0, low=0.0, high=1.0)
 
-    def apply(self, signal: DepthImage, time_s: float, state: DepthImage | None) -> tuple[DepthImage, DepthImage]:
+    def apply(
+        self, signal: DepthImage, time_s: float, state: DepthImage | None
+    ) -> tuple[DepthImage, DepthImage]:
         """Returns the new image, or the one that is held; so is the state."""
         held = nothing_yet(signal) if state is None else state
         image = chosen(signal.time_s >= held.time_s + self.period - ROUNDING_S, signal, held)
@@ -31,12 +33,17 @@ class SampleAndHold(Effect[DepthImage], name="sample_and_hold", site="depth"):
 
 @dataclass(frozen=True, kw_only=True)
 class FrameDrop(Effect[DepthImage], name="frame_drop", site="depth"):
-    """A share `fraction` of the images is lost, each by itself; the image before stays the newest."""
+    """A share `fraction` of the images is lost, each by itself.
+
+    The image before stays the newest.
+    """
 
     # 0.5 to 20 % on USB cameras under load
     fraction: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0, sought=(0.0, 0.87))
 
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Array, DepthImage | None]:
+    def init(
+        self, batch: tuple[int, ...], rng: np.random.Generator
+    ) -> tuple[Array, DepthImage | None]:
         """A key for each robot and no image."""
         return draw_keys(batch, rng), None
 
@@ -52,16 +59,18 @@ class FrameDrop(Effect[DepthImage], name="frame_drop", site="depth"):
     def arrival_s(self, captured_s: Array, keys: Array) -> Array:
         """When images that were captured at `captured_s` arrive [s], shape (...): at once, or never."""
         xp = namespace(captured_s)
-        return xp.where(uniform(keys, captured_s) < self.value("fraction", captured_s), math.inf, captured_s)
+        return xp.where(
+            uniform(keys, captured_s) < self.value("fraction", captured_s), math.inf, captured_s
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class TemporalSmear(Effect[DepthImage], name="temporal_smear", site="depth"):
     """Exponential smoothing: each pixel is `alpha` times the new depth and the rest the last one given out.
 
-    Pixels that are invalid, or see nothing, in either image take the new value. An image that comes again changes
-    nothing. librealsense's default is 0.4; `saltus.render.postfilter.TemporalFilter` is its filter with all its
-    conditions.
+    Pixels that are invalid, or see nothing, in either image take the new value. An image that comes
+    again changes nothing. librealsense's default is 0.4; `saltus.render.postfilter.TemporalFilter`
+    is its filter with all its conditions.
     """
 
     # weight of the new frame
@@ -94,8 +103,8 @@ Memory = tuple[Array, tuple[tuple[DepthImage, Array], ...]]
 class CameraLatency(Effect[DepthImage], name="camera_latency", site="depth"):
     """An image can be seen from `latency` after its capture on, give or take `jitter` (uniform, per image).
 
-    The output is the image with the newest capture among those that have arrived; before the first there is none.
-    50 ms with a D435i (paper: a sine of body height against the image).
+    The output is the image with the newest capture among those that have arrived; before the first
+    there is none. 50 ms with a D435i (paper: a sine of body height against the image).
     """
 
     latency: PerRobot = parameter(unit="s", null=0.0, low=0.0, high=0.5, sought=(0.0, 0.3))
@@ -120,7 +129,8 @@ class CameraLatency(Effect[DepthImage], name="camera_latency", site="depth"):
         """Returns the newest image that has arrived at `time_s`."""
         keys, past = state
         images = past
-        # the same image may be shown again while the next one is awaited: it takes no place in memory
+        # the same image may be shown again while the next one is awaited: it takes no place in
+        # memory
         if not past or bool(namespace(signal.time_s).any(signal.time_s != past[0][0].time_s)):
             length = math.ceil(float(np.max(np.add(self.latency, self.jitter))) / self.dt_s) + 1
             images = ((signal, self.arrival_s(signal.time_s, keys)), *past)[:length]
@@ -134,5 +144,9 @@ class CameraLatency(Effect[DepthImage], name="camera_latency", site="depth"):
         """When the next image arrives, of any robot's [s]; infinite where none is under way."""
         _, images = state
         arrivals = [np.asarray(arrival_s) for _, arrival_s in images]
-        coming = [float(np.min(a[a > time_s + ROUNDING_S])) for a in arrivals if np.any(a > time_s + ROUNDING_S)]
+        coming = [
+            float(np.min(a[a > time_s + ROUNDING_S]))
+            for a in arrivals
+            if np.any(a > time_s + ROUNDING_S)
+        ]
         return min(coming, default=math.inf)

@@ -1,6 +1,7 @@
 """Effects that count in pixels of an image: a log's camera may have other pixels than the robot's own.
 
-A profile speaks of the robot's camera, a D435i of 424 x 240 pixels (original); a log of its own images.
+A profile speaks of the robot's camera, a D435i of 424 x 240 pixels (original); a log of its own
+images.
 """
 
 from dataclasses import replace
@@ -30,7 +31,9 @@ def to_images(profile: Profile, focal_px: float) -> Profile:
 def _seen(effect: Effect, focal_px: float) -> Effect:
     if isinstance(effect, DepthNoise):
         scale = focal_px / effect.focal_px
-        return replace(effect, subpixel_sigma=_times(effect.subpixel_sigma, scale), focal_px=focal_px)
+        return replace(
+            effect, subpixel_sigma=_times(effect.subpixel_sigma, scale), focal_px=focal_px
+        )
     return _scaled(effect, focal_px / D435I.fx)
 
 

@@ -32,9 +32,15 @@ class ImuBias(Effect[ImuReading], name="imu_bias", site="imu"):
     """The gyroscope reads (`gyro_x`, `gyro_y`, `gyro_z`) too much; a level base is reported at `roll` and `pitch`."""
 
     # gyroscopes of this class: 0.01 to 0.05 rad/s; mounts: 0.5 to 2 degrees
-    gyro_x: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5, sought=(-0.3, 0.3), adds_to=(GYRO, 0))
-    gyro_y: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5, sought=(-0.3, 0.3), adds_to=(GYRO, 1))
-    gyro_z: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5, sought=(-0.3, 0.3), adds_to=(GYRO, 2))
+    gyro_x: PerRobot = parameter(
+        unit="rad/s", null=0.0, low=-0.5, high=0.5, sought=(-0.3, 0.3), adds_to=(GYRO, 0)
+    )
+    gyro_y: PerRobot = parameter(
+        unit="rad/s", null=0.0, low=-0.5, high=0.5, sought=(-0.3, 0.3), adds_to=(GYRO, 1)
+    )
+    gyro_z: PerRobot = parameter(
+        unit="rad/s", null=0.0, low=-0.5, high=0.5, sought=(-0.3, 0.3), adds_to=(GYRO, 2)
+    )
     roll: PerRobot = parameter(unit="rad", null=0.0, low=-0.35, high=0.35, sought=(-0.3, 0.3))
     pitch: PerRobot = parameter(unit="rad", null=0.0, low=-0.35, high=0.35, sought=(-0.3, 0.3))
 
@@ -79,11 +85,15 @@ class ImuLatency(Effect[ImuReading], name="imu_latency", site="imu"):
 
     def apply(self, signal: ImuReading, time_s: Array, state: Array) -> tuple[ImuReading, Array]:
         """Reports the sample of `delay` ago, in between two samples their mean."""
-        late, line = self._line.pushed(_sample(signal), self.first(signal) if state is None else state)
+        late, line = self._line.pushed(
+            _sample(signal), self.first(signal) if state is None else state
+        )
         late = late[..., 0, :]
         quaternion = late[..., :4]
         if self._is_late:
-            quaternion = quaternion / namespace(quaternion).linalg.vector_norm(quaternion, axis=-1, keepdims=True)
+            quaternion = quaternion / namespace(quaternion).linalg.vector_norm(
+                quaternion, axis=-1, keepdims=True
+            )
         reading = ImuReading(
             quaternion_base_in_world=quaternion,
             angular_velocity_base=late[..., 4:7],
@@ -93,5 +103,9 @@ class ImuLatency(Effect[ImuReading], name="imu_latency", site="imu"):
 
 
 def _sample(reading: ImuReading) -> Array:
-    parts = [reading.quaternion_base_in_world, reading.angular_velocity_base, reading.acceleration_base]
+    parts = [
+        reading.quaternion_base_in_world,
+        reading.angular_velocity_base,
+        reading.acceleration_base,
+    ]
     return namespace(parts[0]).concat(parts, axis=-1)[..., None, :]

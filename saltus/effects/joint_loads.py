@@ -20,8 +20,12 @@ class JointSpring(Effect[Drive], name="joint_spring", site="torque"):
     """
 
     # cables held 0.15 to 0.25 Nm at the joints of a Go2
-    torque: Values = parameter(unit="Nm", null=0.0, low=-150.0, high=150.0, sought=(-10.0, 10.0), per_joint=True)
-    stiffness: Values = parameter(unit="Nm/rad", null=0.0, low=0.0, high=50.0, sought=(0.0, 20.0), per_joint=True)
+    torque: Values = parameter(
+        unit="Nm", null=0.0, low=-150.0, high=150.0, sought=(-10.0, 10.0), per_joint=True
+    )
+    stiffness: Values = parameter(
+        unit="Nm/rad", null=0.0, low=0.0, high=50.0, sought=(0.0, 20.0), per_joint=True
+    )
     dt_s: float = period(PHYSICS_DT)
     """Period of the torque."""
 
@@ -45,7 +49,13 @@ class EndStop(Effect[Drive], name="end_stop", site="torque"):
     # that of a Go2's calves; without a stop it means nothing
     stiffness: Values = field(
         default=340.0,
-        metadata={"unit": "Nm/rad", "low": 1.0, "high": 3000.0, "sought": (0.0, 3000.0), "per_joint": True},
+        metadata={
+            "unit": "Nm/rad",
+            "low": 1.0,
+            "high": 3000.0,
+            "sought": (0.0, 3000.0),
+            "per_joint": True,
+        },
     )
     dt_s: float = period(PHYSICS_DT)
     """Period of the torque."""
@@ -53,19 +63,24 @@ class EndStop(Effect[Drive], name="end_stop", site="torque"):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not np.all(np.asarray(self.lower) < np.asarray(self.upper)):
-            raise ConfigError(f"{self.name}: lower = {self.lower!r} must be below upper = {self.upper!r} rad")
+            raise ConfigError(
+                f"{self.name}: lower = {self.lower!r} must be below upper = {self.upper!r} rad"
+            )
 
     def apply(self, signal: Drive, time_s: Array, state: None) -> tuple[Drive, None]:
         """Adds the push at the angle halfway through the coming period: an older one would feed the joint energy."""
         xp = namespace(signal.torque)
-        upper, lower, stiffness = (self.value(name, signal.torque) for name in ("upper", "lower", "stiffness"))
+        upper, lower, stiffness = (
+            self.value(name, signal.torque) for name in ("upper", "lower", "stiffness")
+        )
         halfway = signal.position + 0.5 * self.dt_s * signal.velocity
         beyond = xp.clip(halfway - upper, 0.0, math.inf) - xp.clip(lower - halfway, 0.0, math.inf)
         return replace(signal, torque=signal.torque - stiffness * beyond), None
 
 
 FADED = 30.0
-"""Exponent beyond which the Stribeck curve counts as zero: exp(-30) is 1e-13, and float32 underflows later."""
+"""Exponent beyond which the Stribeck curve counts as zero: exp(-30) is 1e-13, and float32
+underflows later."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,15 +88,26 @@ class Stiction(Effect[Resistance], name="stiction", site="joint"):
     """Friction above the Coulomb level: `breakaway` at standstill, times exp(-(v / stribeck_velocity)^2) in motion."""
 
     # breakaway torque is 1.1 to 2 times the Coulomb level on drives of this class
-    breakaway: Values = parameter(unit="Nm", null=0.0, low=0.0, high=20.0, sought=(0.0, 5.0), per_joint=True)
+    breakaway: Values = parameter(
+        unit="Nm", null=0.0, low=0.0, high=20.0, sought=(0.0, 5.0), per_joint=True
+    )
     # stick and slip are seen below 0.1 rad/s; without a breakaway torque it means nothing
     stribeck_velocity: Values = field(
-        default=0.1, metadata={"unit": "rad/s", "low": 1e-3, "high": 10.0, "sought": (0.01, 2.0), "per_joint": True}
+        default=0.1,
+        metadata={
+            "unit": "rad/s",
+            "low": 1e-3,
+            "high": 10.0,
+            "sought": (0.01, 2.0),
+            "per_joint": True,
+        },
     )
 
     def apply(self, signal: Resistance, time_s: Array, state: None) -> tuple[Resistance, None]:
         """Adds to the friction."""
         xp = namespace(signal.friction)
-        width, breakaway = (self.value(name, signal.friction) for name in ("stribeck_velocity", "breakaway"))
+        width, breakaway = (
+            self.value(name, signal.friction) for name in ("stribeck_velocity", "breakaway")
+        )
         share = xp.exp(-xp.clip((signal.velocity / width) ** 2, 0.0, FADED))
         return replace(signal, friction=signal.friction + breakaway * share), None

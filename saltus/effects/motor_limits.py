@@ -18,11 +18,14 @@ from saltus.robots.robot import JOINTS
 class ActuatorLag(Effect[Drive], name="actuator_lag", site="torque"):
     """First-order lag: torque follows its target with `time_constant`.
 
-    Targets are held over a period; what is delivered is the mean over it, so that the impulse is exact.
+    Targets are held over a period; what is delivered is the mean over it, so that the impulse is
+    exact.
     """
 
     # 2 to 8 ms on drives of this class
-    time_constant: Values = parameter(unit="s", null=0.0, low=0.0, high=0.1, sought=(0.0, 0.05), per_joint=True)
+    time_constant: Values = parameter(
+        unit="s", null=0.0, low=0.0, high=0.1, sought=(0.0, 0.05), per_joint=True
+    )
     dt_s: float = period(PHYSICS_DT)
     """Period of the torque."""
 
@@ -52,8 +55,8 @@ def lag_weights(time_constant: Values, dt_s: float) -> tuple[np.ndarray, np.ndar
     return periods * (1.0 - at_end), at_end
 
 
-# Torque [Nm] and speed [rad/s] that no joint reaches, for joints without limit: infinity times a share of zero is not
-# a number. float32 holds it.
+# Torque [Nm] and speed [rad/s] that no joint reaches, for joints without limit: infinity times a
+# share of zero is not a number. float32 holds it.
 UNLIMITED = 1e9
 
 
@@ -61,11 +64,13 @@ UNLIMITED = 1e9
 class TorqueSpeedLimit(Effect[Drive], name="torque_speed_limit", site="torque"):
     """Along the motion, torque is at most the torque limit, less beyond `corner`, none from `no_load` on.
 
-    Against the motion the full torque limit holds. The original's limit is the line with corner 0 and no-load speeds
-    30, 30, 20 rad/s.
+    Against the motion the full torque limit holds. The original's limit is the line with corner 0
+    and no-load speeds 30, 30, 20 rad/s.
     """
 
-    corner: Values = parameter(unit="rad/s", null=math.inf, low=0.0, high=200.0, sought=(0.0, 30.0), per_joint=True)
+    corner: Values = parameter(
+        unit="rad/s", null=math.inf, low=0.0, high=200.0, sought=(0.0, 30.0), per_joint=True
+    )
     no_load: Values = parameter(unit="rad/s", null=math.inf, low=0.3, high=200.0, per_joint=True)
     # torque up to the corner; by default the robot's torque limit
     stall: Values | None = from_robot("torque_limit", unit="Nm", high=1e5)
@@ -74,7 +79,10 @@ class TorqueSpeedLimit(Effect[Drive], name="torque_speed_limit", site="torque"):
         super().__post_init__()
         corner, no_load = np.asarray(self.corner), np.asarray(self.no_load)
         if not np.all((corner < no_load) | np.isinf(no_load)):
-            raise ConfigError(f"{self.name}: corner = {self.corner!r} must be below no_load = {self.no_load!r} rad/s")
+            raise ConfigError(
+                f"{self.name}: corner = {self.corner!r} must be below no_load = {self.no_load!r} "
+                f"rad/s"
+            )
 
     @cached_property
     def _bounds(self) -> tuple[Constant, Constant, Constant]:
@@ -83,7 +91,11 @@ class TorqueSpeedLimit(Effect[Drive], name="torque_speed_limit", site="torque"):
         limited = np.isfinite(self.no_load) & np.ones(len(JOINTS), dtype=bool)
         no_load = np.where(limited, self.no_load, UNLIMITED)
         span = no_load - np.where(limited, self.corner, 0.0)
-        return Constant(np.where(limited, stall, UNLIMITED)), Constant(no_load), Constant(1.0 / span)
+        return (
+            Constant(np.where(limited, stall, UNLIMITED)),
+            Constant(no_load),
+            Constant(1.0 / span),
+        )
 
     def apply(self, signal: Drive, time_s: Array, state: None) -> tuple[Drive, None]:
         """Clips the torque."""
@@ -105,9 +117,10 @@ LOSS_AT_KNEE = 0.05
 class TorqueSaturation(Effect[Drive], name="torque_saturation", site="torque"):
     """Delivered torque as an odd, piecewise linear function of commanded torque.
 
-    Given either as `curve`, measured at a calf and scaled to each joint by its reduction, or as `knee` and `plateau`
-    at the joint: slope 1 up to a corner, then one slope. Beyond its last point a curve goes on with its last slope. Its
-    rows hold a commanded torque and the one delivered, or the 12 delivered, one per joint, all in calf torque.
+    Given either as `curve`, measured at a calf and scaled to each joint by its reduction, or as
+    `knee` and `plateau` at the joint: slope 1 up to a corner, then one slope. Beyond its last point
+    a curve goes on with its last slope. Its rows hold a commanded torque and the one delivered, or
+    the 12 delivered, one per joint, all in calf torque.
     """
 
     # rows that rise, in calf torque; () is no loss
@@ -128,13 +141,17 @@ class TorqueSaturation(Effect[Drive], name="torque_saturation", site="torque"):
             raise ConfigError(f"{self.name}: knee and plateau come together")
         if self.curve and not _rises(self.curve):
             raise ConfigError(
-                f"{self.name}.curve = {self.curve!r} must be pairs, or rows of 13, that rise, from above 0"
+                f"{self.name}.curve = {self.curve!r} must be pairs, or rows of 13, that rise, from "
+                f"above 0"
             )
         if self.limit is None or self.reduction is None:
             return
         _, slopes = self._segments
         if not np.all((slopes >= 0.0) & (slopes <= 1.5)):
-            raise ConfigError(f"{self.name}: knee = {self.knee!r}, plateau = {self.plateau!r} make no saturating curve")
+            raise ConfigError(
+                f"{self.name}: knee = {self.knee!r}, plateau = {self.plateau!r} make no saturating "
+                f"curve"
+            )
 
     @cached_property
     def _segments(self) -> tuple[Floats, Floats]:
@@ -150,9 +167,14 @@ class TorqueSaturation(Effect[Drive], name="torque_saturation", site="torque"):
         knee = np.where(exists, self.knee, 0.5 * limit)
         plateau = np.where(exists, self.plateau, limit)
         below = np.where(exists, 1.0 - LOSS_AT_KNEE, 1.0)
-        # two unknowns, corner c and slope s, from c + s (knee - c) = below knee and c + s (limit - c) = plateau
-        slope = np.divide(plateau - below * knee, limit - knee, where=knee < limit, out=-np.ones_like(knee))
-        corner = np.where(exists, knee * (below - slope) / np.where(slope < 1.0, 1.0 - slope, 1.0), 0.0)
+        # two unknowns, corner c and slope s, from c + s (knee - c) = below knee and c + s (limit -
+        # c) = plateau
+        slope = np.divide(
+            plateau - below * knee, limit - knee, where=knee < limit, out=-np.ones_like(knee)
+        )
+        corner = np.where(
+            exists, knee * (below - slope) / np.where(slope < 1.0, 1.0 - slope, 1.0), 0.0
+        )
         slope = np.where(corner < 0.0, -1.0, slope)  # reported by the caller
         return np.stack([np.zeros_like(corner), corner]), np.stack([np.ones_like(slope), slope])
 
@@ -164,13 +186,16 @@ class TorqueSaturation(Effect[Drive], name="torque_saturation", site="torque"):
 
     @cached_property
     def _hinges(self) -> tuple[tuple[Constant, Constant], ...]:
-        return tuple((Constant(a), Constant(b)) for a, b in zip(*self.corners, strict=True) if np.any(b))
+        return tuple(
+            (Constant(a), Constant(b)) for a, b in zip(*self.corners, strict=True) if np.any(b)
+        )
 
     def delivered(self, torque: Floats) -> Floats:
         """Delivered torque for a commanded one, numpy or torch, shape (..., 12) [Nm]."""
         xp = namespace(torque)
         magnitude = xp.abs(torque)
-        # a piecewise linear function is what comes in less a kink at every change of slope: slope 1 loses nothing
+        # a piecewise linear function is what comes in less a kink at every change of slope: slope 1
+        # loses nothing
         lost = xp.zeros_like(torque)
         for start, fall in self._hinges:
             beyond = magnitude - start.like(torque)
@@ -193,12 +218,18 @@ class BatterySag(Effect[Drive], name="battery_sag", site="torque"):
     """Gain that falls linearly from 1 at time 0 to 1 - `loss_at_end` at `duration_s`, and stays there."""
 
     # 5 to 20 % over a run
-    loss_at_end: Values = parameter(unit="", null=0.0, low=-1.0, high=1.0, sought=(0.0, 0.7), per_joint=True)
-    duration_s: float = field(default=30.0, metadata={"unit": "s", "low": 0.1, "high": 1e5, "per_joint": False})
+    loss_at_end: Values = parameter(
+        unit="", null=0.0, low=-1.0, high=1.0, sought=(0.0, 0.7), per_joint=True
+    )
+    duration_s: float = field(
+        default=30.0, metadata={"unit": "s", "low": 0.1, "high": 1e5, "per_joint": False}
+    )
     """Length of the run; not an effect in itself, so without null value."""
 
     def apply(self, signal: Drive, time_s: Array, state: None) -> tuple[Drive, None]:
         """Scales the torque."""
         gone = namespace(time_s).clip(time_s / self.duration_s, 0.0, 1.0)
-        lost = (gone if isinstance(gone, float) else gone[..., None]) * self.value("loss_at_end", signal.torque)
+        lost = (gone if isinstance(gone, float) else gone[..., None]) * self.value(
+            "loss_at_end", signal.torque
+        )
         return replace(signal, torque=signal.torque * (1.0 - lost)), None

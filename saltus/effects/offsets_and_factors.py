@@ -20,7 +20,9 @@ class TorqueGain(Effect[Drive], name="torque_gain", site="torque"):
     """A motor is stronger or weaker than its data sheet says: torque constant, gear efficiency."""
 
     # +-10 % is the usual range of domain randomisation
-    gain: Drawable = parameter(unit="", null=1.0, low=0.0, high=2.0, sought=(0.3, 2.0), per_joint=True, scales="torque")
+    gain: Drawable = parameter(
+        unit="", null=1.0, low=0.0, high=2.0, sought=(0.3, 2.0), per_joint=True, scales="torque"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,43 +31,80 @@ class ViscousFriction(Effect[Resistance], name="viscous_friction", site="joint")
 
     # 0.1 to 0.4 Nm s/rad on drives of this class
     coefficient: Drawable = parameter(
-        unit="Nm s/rad", null=0.0, low=0.0, high=10.0, sought=(0.0, 5.0), per_joint=True, adds_to="damping"
+        unit="Nm s/rad",
+        null=0.0,
+        low=0.0,
+        high=10.0,
+        sought=(0.0, 5.0),
+        per_joint=True,
+        adds_to="damping",
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class CoulombFriction(Effect[Resistance], name="coulomb_friction", site="joint"):
-    """Dry friction: at most `torque` against the motion; at standstill, whatever holds the joint still."""
+    """Dry friction: at most `torque` against the motion.
+
+    At standstill, whatever holds the joint still.
+    """
 
     # 0.05 to 0.8 Nm at the joints of robots of this class
     torque: Drawable = parameter(
-        unit="Nm", null=0.0, low=0.0, high=20.0, sought=(0.0, 5.0), per_joint=True, adds_to="friction"
+        unit="Nm",
+        null=0.0,
+        low=0.0,
+        high=20.0,
+        sought=(0.0, 5.0),
+        per_joint=True,
+        adds_to="friction",
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Armature(Effect[Resistance], name="armature", site="joint"):
-    """The rotor, seen through its gear, has `added` more inertia than claimed; it turns with the joint alone."""
+    """The rotor, seen through its gear, has `added` more inertia than claimed.
 
-    # the rotors of a robot of 12 kg make 0.0020 at hip and thigh and 0.0045 at the calf (manufacturers' models)
+    It turns with the joint alone.
+    """
+
+    # the rotors of a robot of 12 kg make 0.0020 at hip and thigh and 0.0045 at the calf
+    # (manufacturers' models)
     added: Drawable = parameter(
-        unit="kg m2", null=0.0, low=-0.0015, high=0.5, sought=(-1e-3, 0.1), per_joint=True, adds_to="armature"
+        unit="kg m2",
+        null=0.0,
+        low=-0.0015,
+        high=0.5,
+        sought=(-1e-3, 0.1),
+        per_joint=True,
+        adds_to="armature",
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class EncoderBias(Effect[JointState], name="encoder_bias", site="joint_state"):
-    """The drive reads `bias` more than the joint's true angle; log and PD law both see the reading."""
+    """The drive reads `bias` more than the joint's true angle.
+
+    Log and PD law both see the reading.
+    """
 
     # +-0.1 rad is what published identification methods allow
     bias: Values = parameter(
-        unit="rad", null=0.0, low=-0.5, high=0.5, sought=(-0.3, 0.3), per_joint=True, adds_to="position"
+        unit="rad",
+        null=0.0,
+        low=-0.5,
+        high=0.5,
+        sought=(-0.3, 0.3),
+        per_joint=True,
+        adds_to="position",
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class VelocityScale(Effect[JointState], name="velocity_scale", site="joint_state"):
-    """The drive reads `scale` times the joint's true velocity; log and PD law both see the reading."""
+    """The drive reads `scale` times the joint's true velocity.
+
+    Log and PD law both see the reading.
+    """
 
     # 1.11 to 1.16 on a Go2
     scale: Values = parameter(
@@ -75,10 +114,15 @@ class VelocityScale(Effect[JointState], name="velocity_scale", site="joint_state
 
 @dataclass(frozen=True, kw_only=True)
 class PayloadMass(Effect[BodyModel], name="payload_mass", site="model"):
-    """A box of `mass` on top of the trunk, beyond what is claimed; negative where the trunk is lighter."""
+    """A box of `mass` on top of the trunk, beyond what is claimed.
+
+    Negative where the trunk is lighter.
+    """
 
     # camera and computer weigh 1 kg; robots of this class carry up to 5 kg
-    mass: PerRobot = parameter(unit="kg", null=0.0, low=-3.0, high=10.0, sought=(-2.5, 8.0), adds_to="payload_kg")
+    mass: PerRobot = parameter(
+        unit="kg", null=0.0, low=-3.0, high=10.0, sought=(-2.5, 8.0), adds_to="payload_kg"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +130,9 @@ class ComOffset(Effect[BodyModel], name="com_offset", site="model"):
     """The centre of mass of the trunk alone is off by (`x`, `y`, `z`) in the base frame."""
 
     # +-2 to 5 cm of domain randomisation; the trunk's half length is 0.19 m
-    x: PerRobot = parameter(unit="m", null=0.0, low=-0.19, high=0.19, sought=(-0.1, 0.1), adds_to=("com_shift", 0))
+    x: PerRobot = parameter(
+        unit="m", null=0.0, low=-0.19, high=0.19, sought=(-0.1, 0.1), adds_to=("com_shift", 0)
+    )
     y: PerRobot = parameter(unit="m", null=0.0, low=-0.1, high=0.1, adds_to=("com_shift", 1))
     z: PerRobot = parameter(unit="m", null=0.0, low=-0.1, high=0.1, adds_to=("com_shift", 2))
 
@@ -134,21 +180,28 @@ class ContactCompliance(Effect[BodyModel], name="contact_compliance", site="mode
 class SoftFeet(Effect[BodyModel], name="soft_feet", site="model"):
     """Feet of rubber: where they stand they resist being turned and rolled, and they stiffen as they are pressed.
 
-    `torsion` and `rolling` are torques over the force on the ground; `touch` is the impedance of a contact where it
-    begins, 1 is rigid, and `depth` where it is whole.
+    `torsion` and `rolling` are torques over the force on the ground; `touch` is the impedance of a
+    contact where it begins, 1 is rigid, and `depth` where it is whole.
     """
 
-    # 0.02 and 0.01 m are those of the feet of MuJoCo Menagerie's Go1; those of a rubber ball of 2 cm are below 0.02
+    # 0.02 and 0.01 m are those of the feet of MuJoCo Menagerie's Go1; those of a rubber ball of 2
+    # cm are below 0.02
     torsion: PerRobot = parameter(unit="m", null=0.0, low=0.0, high=0.2, adds_to="torsion")
     rolling: PerRobot = parameter(unit="m", null=0.0, low=0.0, high=0.1, adds_to="rolling")
     # the same feet have 0.015 and 0.022 m
-    touch: PerRobot = parameter(unit="", null=NOMINAL_TOUCH_IMPEDANCE, low=0.001, high=0.999, scales="touch_impedance")
-    depth: PerRobot = parameter(unit="m", null=NOMINAL_IMPEDANCE_DEPTH_M, low=1e-4, high=0.05, scales="impedance_depth")
+    touch: PerRobot = parameter(
+        unit="", null=NOMINAL_TOUCH_IMPEDANCE, low=0.001, high=0.999, scales="touch_impedance"
+    )
+    depth: PerRobot = parameter(
+        unit="m", null=NOMINAL_IMPEDANCE_DEPTH_M, low=1e-4, high=0.05, scales="impedance_depth"
+    )
 
     @property
     def resists_turning(self) -> bool:
         """True where contacts need more than normal and sliding forces."""
-        return bool(np.any(np.not_equal(self.torsion, 0.0)) or np.any(np.not_equal(self.rolling, 0.0)))
+        return bool(
+            np.any(np.not_equal(self.torsion, 0.0)) or np.any(np.not_equal(self.rolling, 0.0))
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,7 +224,9 @@ class CameraPitch(Effect[CameraView], name="camera_pitch", site="view"):
     """The camera is turned by `offset` about the trunk's left axis, nose down positive."""
 
     # 0.5 to 3 degrees on real robots
-    offset: PerRobot = parameter(unit="rad", null=0.0, low=-0.5, high=0.5, sought=(-0.2, 0.2), adds_to="pitch")
+    offset: PerRobot = parameter(
+        unit="rad", null=0.0, low=-0.5, high=0.5, sought=(-0.2, 0.2), adds_to="pitch"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,7 +234,9 @@ class CameraHeight(Effect[CameraView], name="camera_height", site="view"):
     """The optical centre is `offset` higher in the trunk's frame."""
 
     # 5 to 20 mm on real robots
-    offset: PerRobot = parameter(unit="m", null=0.0, low=-0.3, high=0.3, sought=(-0.1, 0.1), adds_to=("position", 2))
+    offset: PerRobot = parameter(
+        unit="m", null=0.0, low=-0.3, high=0.3, sought=(-0.1, 0.1), adds_to=("position", 2)
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,4 +244,6 @@ class CameraFov(Effect[CameraView], name="camera_fov", site="view"):
     """The tangent of each pixel's true angle to the optical axis is `scale` times the claimed one."""
 
     # 1 to 3 % on real robots; mistakes in cropping and resizing are the usual cause
-    scale: PerRobot = parameter(unit="", null=1.0, low=0.5, high=2.0, sought=(0.8, 1.25), scales="tangent_scale")
+    scale: PerRobot = parameter(
+        unit="", null=1.0, low=0.5, high=2.0, sought=(0.8, 1.25), scales="tangent_scale"
+    )

@@ -16,20 +16,25 @@ def ordered(effects: tuple[Effect, ...], order: Order, what: str) -> tuple[Effec
     """Sorts effects as their classes stand in `order` and leaves out those that are null.
 
     Raises:
-        ConfigError: an effect that is given twice or not in `order`; `what` says of what, e.g. "a camera".
+        ConfigError: an effect that is given twice or not in `order`; `what` says of what, e.g. "a
+            camera".
     """
     names, known = [effect.name for effect in effects], [kind.name for kind in order]
     for name in names:
         if name not in known:
             raise ConfigError(f"'{name}' is no effect of {what}: those are {', '.join(known)}")
         if names.count(name) > 1:
-            raise ConfigError(f"'{name}' is given {names.count(name)} times: {what} has each effect once")
+            raise ConfigError(
+                f"'{name}' is given {names.count(name)} times: {what} has each effect once"
+            )
     return tuple(sorted((e for e in effects if not e.is_null()), key=lambda e: known.index(e.name)))
 
 
 @dataclass(frozen=True)
 class Chain:
-    """Effects in one fixed order, whatever the order in which they are given; those that are null are left out.
+    """Effects in one fixed order, whatever the order in which they are given.
+
+    Those that are null are left out.
 
     Raises:
         ConfigError: an effect that is given twice, or that does not belong here.
@@ -54,7 +59,9 @@ class Chain:
         return tuple(effect.init(batch, rng) for effect in self.effects)
 
 
-def applied(effect: Effect, signal: Signal, time_s: Array, memory: Any, fresh: Array | None) -> tuple[Signal, Any]:
+def applied(
+    effect: Effect, signal: Signal, time_s: Array, memory: Any, fresh: Array | None
+) -> tuple[Signal, Any]:
     """`effect.apply` with a blank memory for robots that are `fresh`, bool, shape (...); None where none is."""
     if fresh is not None and memory is not None:
         memory = chosen_of(fresh, effect.first(signal), memory)

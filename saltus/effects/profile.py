@@ -29,9 +29,17 @@ from saltus.robots.robot import Robot
 from saltus.robots.shipped import shipped_profiles
 from saltus.wire.topics import Topic, depth_topic
 
-_ORDERS = (ActuatorChain.order, CameraChain.order, ViewChain.order, (HeightmapShift,), BodyChain.order, ImuChain.order)
+_ORDERS = (
+    ActuatorChain.order,
+    CameraChain.order,
+    ViewChain.order,
+    (HeightmapShift,),
+    BodyChain.order,
+    ImuChain.order,
+)
 EFFECTS: dict[str, type[Effect]] = {kind.name: kind for order in _ORDERS for kind in order}
-"""Every effect that Saltus knows, by the name under which logs, profiles and reports speak of it."""
+"""Every effect that Saltus knows, by the name under which logs, profiles and reports speak of
+it."""
 
 
 PARTS = {
@@ -68,9 +76,13 @@ class Profile(Value):
             names = [effect.name for effect in getattr(self, part)]
             for effect in getattr(self, part):
                 if PARTS.get(effect.site) != part:
-                    raise ConfigError(f"'{effect.name}' is no effect of the part '{part}' of a profile")
+                    raise ConfigError(
+                        f"'{effect.name}' is no effect of the part '{part}' of a profile"
+                    )
                 if names.count(effect.name) > 1:
-                    raise ConfigError(f"'{effect.name}' is given twice in the part '{part}' of a profile")
+                    raise ConfigError(
+                        f"'{effect.name}' is given twice in the part '{part}' of a profile"
+                    )
 
     @classmethod
     def from_toml(cls, text: str) -> Self:
@@ -79,12 +91,18 @@ class Profile(Value):
         parts: dict[str, tuple[Effect, ...]] = {}
         for part, effects in read_toml(text).items():
             if part not in known:
-                raise ConfigError(f"unknown part '{part}' of a profile: {nearest_hint(part, known)}")
-            parts[part] = tuple(_effect(part, name, values) for name, values in _table(part, effects).items())
+                raise ConfigError(
+                    f"unknown part '{part}' of a profile: {nearest_hint(part, known)}"
+                )
+            parts[part] = tuple(
+                _effect(part, name, values) for name, values in _table(part, effects).items()
+            )
         return cls(**parts)
 
     def to_toml(self) -> str:
-        """Writes it; parameters at their null values are left out. All robots must share its parameters.
+        """Writes it; parameters at their null values are left out.
+
+        All robots must share its parameters.
 
         Raises:
             ConfigError: a parameter that differs from robot to robot.
@@ -108,7 +126,12 @@ class Profile(Value):
     def without(self, *names: str) -> "Profile":
         """Without the effects of these names."""
         parts = (part.name for part in fields(self))
-        return replace(self, **{part: tuple(e for e in getattr(self, part) if e.name not in names) for part in parts})
+        return replace(
+            self,
+            **{
+                part: tuple(e for e in getattr(self, part) if e.name not in names) for part in parts
+            },
+        )
 
     @property
     def effects(self) -> dict[str, Effect]:
@@ -163,11 +186,15 @@ def save_profile(name: str, profile: Profile) -> Path:
     """Writes a profile where `load_profile` finds it by name; returns the file.
 
     Raises:
-        ConfigError: a name that is none or taken by a profile that Saltus ships, or a folder that cannot be written.
+        ConfigError: a name that is none or taken by a profile that Saltus ships, or a folder that
+            cannot be written.
     """
     taken = [SHIPPED, _IDEAL, *shipped_profiles()]
     if name in taken or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
-        raise ConfigError(f"'{name}' cannot name a profile: use letters, digits, _ and -; taken are {', '.join(taken)}")
+        raise ConfigError(
+            f"'{name}' cannot name a profile: use letters, digits, _ and -; taken are "
+            f"{', '.join(taken)}"
+        )
     path = profiles_folder() / f"{name}.toml"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -180,12 +207,12 @@ def save_profile(name: str, profile: Profile) -> Path:
 def load_profile(name_or_path: str, robot: Robot) -> Profile:
     """A profile by name, or from a TOML file.
 
-    A name is "shipped" (the one that the robot has as shipped), "ideal", a robot that Saltus ships with a profile, or a
-    file of `profiles_folder`.
+    A name is "shipped" (the one that the robot has as shipped), "ideal", a robot that Saltus ships
+    with a profile, or a file of `profiles_folder`.
 
     Raises:
-        ConfigError: neither a name nor a file; not TOML; an unknown effect or parameter (the nearest is named); a value
-            out of bounds.
+        ConfigError: neither a name nor a file; not TOML; an unknown effect or parameter (the
+            nearest is named); a value out of bounds.
     """
     name = robot.profile if name_or_path == SHIPPED else name_or_path
     if name == _IDEAL:
@@ -198,7 +225,8 @@ def load_profile(name_or_path: str, robot: Robot) -> Profile:
         if not path.is_file():
             known = [SHIPPED, _IDEAL, *shipped, *(file.stem for file in own.glob("*.toml"))]
             raise ConfigError(
-                f"no profile '{name}', and no file {path.absolute()}: {nearest_hint(name, known)}; or give a TOML file"
+                f"no profile '{name}', and no file {path.absolute()}: {nearest_hint(name, known)}; "
+                f"or give a TOML file"
             )
     return read_file(path, Profile.from_toml)
 
@@ -211,7 +239,9 @@ def _effect(part: str, name: str, values: Any) -> Effect:
     known = [f.name for f in fields(kind)]
     for key in _table(f"{part}.{name}", values):
         if key not in known:
-            raise ConfigError(f"unknown parameter '{part}.{name}.{key}': {nearest_hint(key, known)}")
+            raise ConfigError(
+                f"unknown parameter '{part}.{name}.{key}': {nearest_hint(key, known)}"
+            )
     return kind(**{key: _value(f"{part}.{name}.{key}", value) for key, value in values.items()})
 
 
@@ -234,6 +264,8 @@ def _parameters(effect: Effect) -> dict[str, Any]:
     values = {f.name: getattr(effect, f.name) for f in fields(effect)}
     for name, value in values.items():
         if isinstance(value, np.ndarray):
-            raise ConfigError(f"{effect.name}.{name} differs from robot to robot: a profile describes one robot")
+            raise ConfigError(
+                f"{effect.name}.{name} differs from robot to robot: a profile describes one robot"
+            )
     nulls = {f.name: f.metadata.get("null", f.default) for f in fields(effect)}
     return {name: value for name, value in values.items() if value != nulls[name]}

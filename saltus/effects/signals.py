@@ -1,4 +1,7 @@
-"""The signals that effects change, a frozen dataclass a site; that of "command" is `joint_command.JointCommand`."""
+"""The signals that effects change, a frozen dataclass a site.
+
+That of "command" is `joint_command.JointCommand`.
+"""
 
 import math
 from dataclasses import dataclass
@@ -28,7 +31,10 @@ class Drive(JointState):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Resistance:
-    """Forces that resist the motion of a joint beside its links; the physics integrates it implicitly. Site "joint"."""
+    """Forces that resist the motion of a joint beside its links.
+
+    The physics integrates it implicitly. Site "joint".
+    """
 
     velocity: Joints
     """Velocity of the joint [rad/s], shape (..., 12)."""
@@ -42,14 +48,18 @@ class Resistance:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DepthImage:
-    """The newest depth image that there is at some point between exposure and arrival. Site "depth"."""
+    """The newest depth image that there is at some point between exposure and arrival.
+
+    Site "depth".
+    """
 
     depth: Images
     """Along the optical axis, shape (..., height, width). Floats are metres: so the effects of a
     camera get it; nothing within range is infinite. Whole numbers are millimetres, as it is kept
     and sent (`saltus.depth.depth_in_millimetres`); there that is 65535. 0 is invalid."""
     time_s: Scalars
-    """Capture time in the run's clock [s], float64, shape (...); -inf where there is no image yet."""
+    """Capture time in the run's clock [s], float64, shape (...); -inf where there is no image
+    yet."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,7 +85,10 @@ class HeightQuery:
 
 
 def nothing_yet(like: DepthImage) -> DepthImage:
-    """The image before the first: invalid everywhere, of infinite age; shapes and types as `like`."""
+    """The image before the first: invalid everywhere, of infinite age.
+
+    Shapes and types as `like`.
+    """
     xp = namespace(like.depth)
     never = namespace(like.time_s).full_like(like.time_s, -math.inf)
     return DepthImage(depth=xp.zeros_like(like.depth), time_s=never)
@@ -87,4 +100,6 @@ def chosen(condition: Array, image: DepthImage, otherwise: DepthImage) -> DepthI
         return image if condition else otherwise
     xp = namespace(image.depth)
     time_s = xp.where(condition, image.time_s, otherwise.time_s)
-    return DepthImage(depth=xp.where(condition[..., None, None], image.depth, otherwise.depth), time_s=time_s)
+    return DepthImage(
+        depth=xp.where(condition[..., None, None], image.depth, otherwise.depth), time_s=time_s
+    )

@@ -75,10 +75,15 @@ class Body:
             imu=profile.imu_chain,
             threads=threads,
         )
-        self._law, self._estimator = LegController(robot, compensation=compensation), Estimator(robot)
+        self._law, self._estimator = (
+            LegController(robot, compensation=compensation),
+            Estimator(robot),
+        )
         batch, zero = (len(setups),), np.zeros(1)
         self._blank = self._estimator.init(batch, zero)
-        self.state = BodyState(law=self._law.init(batch, zero), estimate=self._blank, gait=standing(batch, zero))
+        self.state = BodyState(
+            law=self._law.init(batch, zero), estimate=self._blank, gait=standing(batch, zero)
+        )
         """Memory besides that of the physics."""
         self.restart(np.ones(batch, dtype=np.bool_))
 
@@ -91,7 +96,9 @@ class Body:
         """The robots as they know themselves, at a policy step of their run."""
         return states_of(self._plant.sensed, self.state.estimate, self.state.gait, step)
 
-    def step(self, plan: Plan, mode: ControllerMode, push_n: Floats | float = 0.0) -> NDArray[np.bool_]:
+    def step(
+        self, plan: Plan, mode: ControllerMode, push_n: Floats | float = 0.0
+    ) -> NDArray[np.bool_]:
         """Ten milliseconds: five times control and physics.
 
         Args:
@@ -109,13 +116,17 @@ class Body:
             reference = self._references[min(ago, len(self._references) - 1)]
             command, law, seen = self._law.step(reference, self.states(), self.state.law, mode)
             touched |= self._plant.step(command).trunk_contact
-            estimate = self._estimator.step(self._plant.sensed, seen.gait.trusted, self.state.estimate)
+            estimate = self._estimator.step(
+                self._plant.sensed, seen.gait.trusted, self.state.estimate
+            )
             self.state = BodyState(law=law, estimate=estimate, gait=seen.gait)
         return touched
 
     def restart(self, robots: NDArray[np.bool_]) -> None:
         """Puts some robots, bool, shape (n,), back to the start of their trial."""
-        self._plant.reset(np.flatnonzero(robots), position_x=self._start_x[robots], yaw=self._heading[robots])
+        self._plant.reset(
+            np.flatnonzero(robots), position_x=self._start_x[robots], yaw=self._heading[robots]
+        )
         old = self.state.estimate
         estimate = EstimatorState(
             mean=np.where(robots[:, None], self._blank.mean, old.mean),

@@ -26,7 +26,8 @@ class HeightSource(Protocol):
         Args:
             states: What the robots know.
             truth: What is; a predictor renders its images from it and reads nothing else of it.
-            fresh: Robots that were just put back to the start, bool, shape (n,): their hidden states are void.
+            fresh: Robots that were just put back to the start, bool, shape (n,): their hidden
+                states are void.
 
         Returns:
             [m], shape (n, points).
@@ -45,7 +46,9 @@ class Ground(Protocol):
 def true_heights(
     ground: Ground, position: Array, quaternion: Array, grid: HeightGrid, ahead: Array | float = 0.0
 ) -> Array:
-    """The ground relative to the base [m], numpy or torch; shapes (..., 3), (..., 4) -> (..., grid.size).
+    """The ground relative to the base [m], numpy or torch.
+
+    Shapes (..., 3), (..., 4) -> (..., grid.size).
 
     It is read `ahead` of the right place, see `HeightGrid.points_in_world`.
     """
@@ -68,7 +71,9 @@ class TrueHeights:
         """Reads the terrain on the grid of each robot; shape (n, grid.size)."""
         del states, fresh
         pose = truth.position_base_in_world, truth.quaternion_base_in_world
-        return np.asarray(true_heights(self.terrains, *pose, self.grid, self.shift_x) + self.shift_z)
+        return np.asarray(
+            true_heights(self.terrains, *pose, self.grid, self.shift_x) + self.shift_z
+        )
 
 
 HeightsFactory = Callable[[Sequence[Setup]], HeightSource]
@@ -88,4 +93,6 @@ def exact_heights(setups: Sequence[Setup]) -> HeightSource:
 
 
 def _true_heights(setups: Sequence[Setup]) -> TrueHeights:
-    return TrueHeights(terrains=TerrainStack([setup.terrain for setup in setups]), grid=setups[0].grid)
+    return TrueHeights(
+        terrains=TerrainStack([setup.terrain for setup in setups]), grid=setups[0].grid
+    )

@@ -39,7 +39,8 @@ class Moment:
     fresh: NDArray[np.bool_]
     """Robot starts from the beginning with this step, shape (n,)."""
     running: NDArray[np.bool_]
-    """The robot's first trial goes on, shape (n,); robots whose trial is over start again and do not count."""
+    """The robot's first trial goes on, shape (n,); robots whose trial is over start again and do
+    not count."""
 
 
 class Loop:
@@ -95,9 +96,16 @@ class Loop:
 
     def step(self) -> Moment:
         """One policy step: sense, see, plan, and five times control and physics."""
-        truth, states, fresh, running = self._body.truth, self._body.states(self._index), self._fresh, self.running
+        truth, states, fresh, running = (
+            self._body.truth,
+            self._body.states(self._index),
+            self._fresh,
+            self.running,
+        )
         heights = self._heights.heights(states, truth, fresh)
-        begins = fresh | (self._index <= self._stand_steps)  # the deployed planner begins when the robot may go
+        begins = fresh | (
+            self._index <= self._stand_steps
+        )  # the deployed planner begins when the robot may go
         plan = self._planner.step(observe(states, self._legs), heights, begins)
         mode = ControllerMode.STAND if self._index < self._stand_steps else ControllerMode.RUN
         touched = self._body.step(plan, mode, self._pushes.step(truth.position_base_in_world[:, 0]))
@@ -105,13 +113,17 @@ class Loop:
         self._fresh = self._judge(touched, running)
         if self._fresh.any():
             self._body.restart(self._fresh)
-        return Moment(states=states, truth=truth, heights=heights, plan=plan, fresh=fresh, running=running)
+        return Moment(
+            states=states, truth=truth, heights=heights, plan=plan, fresh=fresh, running=running
+        )
 
     def _judge(self, touched: NDArray[np.bool_], running: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Feeds the monitors of trials that are running; returns which robots are done."""
         now = self._body.truth
         position, quaternion = now.position_base_in_world, now.quaternion_base_in_world
         for i in np.flatnonzero(running):
-            self._monitors[i].step(self._index * POLICY_DT, position[i], quaternion[i], bool(touched[i]))
+            self._monitors[i].step(
+                self._index * POLICY_DT, position[i], quaternion[i], bool(touched[i])
+            )
         over = touched | ~is_upright(quaternion) | (position[:, 0] >= self._finish_x)
         return over | (running & ~self.running)

@@ -38,7 +38,9 @@ class Observation:
 class Planner(Protocol):
     """Plans for any batch of robots, always the same ones or such as begin."""
 
-    def step(self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False) -> Plan:
+    def step(
+        self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False
+    ) -> Plan:
         """Plans the next 10 ms.
 
         Args:
@@ -61,7 +63,8 @@ def observe(states: Proprioception, legs: LegKinematics) -> Observation:
         pitch=pitch,
         angular_velocity=(base_in_yaw @ states.angular_velocity_base[..., None])[..., 0],
         velocity=(world_in_yaw @ states.velocity_base_in_world[..., None])[..., 0],
-        base_height=xp.zeros_like(roll) + states.base_height,  # an array, where a message has a number
+        base_height=xp.zeros_like(roll)
+        + states.base_height,  # an array, where a message has a number
         foot=legs.position(states.joint_position) @ base_in_yaw.mT,
         contact=states.leg_contact,
         progress=states.leg_progress,

@@ -72,7 +72,9 @@ def opened(path: Path, kind: str = "recording of ROS") -> Iterator[AnyReader]:
 def _paths(path: Path) -> list[Path]:
     """Files of a bag, or its folder."""
     if path.suffix == ".active" or path.name.endswith(".bag.active"):
-        raise RecordingError(f"{path} was not closed by its recorder: `rosbag reindex {path.name}` makes its index")
+        raise RecordingError(
+            f"{path} was not closed by its recorder: `rosbag reindex {path.name}` makes its index"
+        )
     if not path.is_dir():
         _check(path)
         return [path]
@@ -83,9 +85,13 @@ def _paths(path: Path) -> list[Path]:
         if active := sorted(path.glob("*.bag.active")):
             return _paths(active[0])
         packed = " (.zstd: `unzstd` them first)" if any(path.glob("*.zstd")) else ""
-        raise RecordingError(f"{path} holds neither metadata.yaml nor a file {', '.join(BEGINS)}{packed}")
+        raise RecordingError(
+            f"{path} holds neither metadata.yaml nor a file {', '.join(BEGINS)}{packed}"
+        )
     if len({file.suffix for file in files}) > 1:
-        raise RecordingError(f"{path} holds {', '.join(file.name for file in files[:4])}: name one of them")
+        raise RecordingError(
+            f"{path} holds {', '.join(file.name for file in files[:4])}: name one of them"
+        )
     for file in files:
         _check(file)
     return files  # parts of a recording whose metadata is lost
@@ -98,17 +104,24 @@ def _check(path: Path) -> None:
         raise RecordingError(f"{path} is empty: its recorder was stopped before it wrote anything")
     begins = BEGINS.get(path.suffix)
     if begins is not None and not head.startswith(begins):
-        is_other = next((KINDS[ending] for ending, other in BEGINS.items() if head.startswith(other)), None)
+        is_other = next(
+            (KINDS[ending] for ending, other in BEGINS.items() if head.startswith(other)), None
+        )
         found = (
             f"but {'an' if is_other == 'MCAP' else 'a'} {is_other}: rename it"
             if is_other
             else "and was not, or is damaged"
         )
-        raise RecordingError(f"{path} is no {KINDS[path.suffix]}: it does not begin like one, {found}")
+        raise RecordingError(
+            f"{path} is no {KINDS[path.suffix]}: it does not begin like one, {found}"
+        )
 
 
 def _keep_unpacked(reader: Reader1) -> None:
-    """Lets a reader unpack each chunk once, where messages of several chunks alternate; bz2 takes 0.1 s for one."""
+    """Lets a reader unpack each chunk once, where messages of several chunks alternate.
+
+    Bz2 takes 0.1 s for one.
+    """
     kept: OrderedDict[int, bytes] = OrderedDict()
 
     def unpacker(place: int, unpack: Callable[[bytes], bytes]) -> Callable[[bytes], bytes]:

@@ -43,7 +43,9 @@ def choose(
     for part, kinds in TYPES.items():
         if part in skipped:
             continue
-        candidates = [topic for topic, kind in types.items() if kind in kinds and topic not in taken]
+        candidates = [
+            topic for topic, kind in types.items() if kind in kinds and topic not in taken
+        ]
         if part == "depth":
             candidates = _of_depth(reader, path, given.get(part), candidates, notes)
         if part == "camera_info":
@@ -52,7 +54,9 @@ def choose(
             candidates = _of_camera(chosen["depth"], given.get(part), candidates, types, notes)
         if part not in given and len(candidates) > 1:
             told = " or ".join(sorted(candidates))
-            raise RecordingError(f"{path}: {part} may come from {told}: name one with --topics.{part}")
+            raise RecordingError(
+                f"{path}: {part} may come from {told}: name one with --topics.{part}"
+            )
         if part in given or candidates:
             chosen[part] = given.get(part) or candidates[0]
             taken.add(chosen[part])
@@ -66,27 +70,41 @@ def _given(path: Path, topics: Topics, types: dict[str, str]) -> dict[str, str]:
     given = {part: topic for part, topic in vars(topics).items() if topic is not None}
     for part, topic in given.items():
         if types.get(topic) not in TYPES[part]:
-            found = f"is of type {types[topic]}" if topic in types else f"is not there: {nearest_hint(topic, types)}"
-            raise RecordingError(f"{path}: {part} are to come from {topic} ({' or '.join(TYPES[part])}), which {found}")
+            found = (
+                f"is of type {types[topic]}"
+                if topic in types
+                else f"is not there: {nearest_hint(topic, types)}"
+            )
+            raise RecordingError(
+                f"{path}: {part} are to come from {topic} ({' or '.join(TYPES[part])}), which "
+                f"{found}"
+            )
     return given
 
 
-def _of_depth(reader: AnyReader, path: Path, given: str | None, candidates: list[str], notes: list[str]) -> list[str]:
+def _of_depth(
+    reader: AnyReader, path: Path, given: str | None, candidates: list[str], notes: list[str]
+) -> list[str]:
     """Topics whose images are depth; of raw and compressed ones of the same images the raw ones."""
     if given is not None:
         first = first_of(reader, given)
         if not is_depth(first):
             raise RecordingError(
-                f"{path}: depth are to come from {given}, whose images are {encoding_of(first)}: depth is "
+                f"{path}: depth are to come from {given}, whose images are {encoding_of(first)}: "
+                f"depth is "
                 f"{', '.join(ENCODINGS)}"
             )
         return []
     firsts = {topic: first_of(reader, topic) for topic in candidates}
     depth = [topic for topic, image in firsts.items() if is_depth(image)]
-    others = [f"{topic} ({encoding_of(image)})" for topic, image in firsts.items() if topic not in depth]
+    others = [
+        f"{topic} ({encoding_of(image)})" for topic, image in firsts.items() if topic not in depth
+    ]
     if others:
         notes.append(f"no depth, and left out: {shortened(others)}")
-    return [topic for topic in depth if base_topic(topic) == topic or base_topic(topic) not in depth]
+    return [
+        topic for topic in depth if base_topic(topic) == topic or base_topic(topic) not in depth
+    ]
 
 
 def _of_camera(
@@ -96,16 +114,23 @@ def _of_camera(
     if given is not None:
         return []
     beside = [
-        topic for topic in candidates if folder_of(topic) == folder_of(depth) or topic.startswith(base_topic(depth))
+        topic
+        for topic in candidates
+        if folder_of(topic) == folder_of(depth) or topic.startswith(base_topic(depth))
     ]
     if beside or not candidates:
         return beside
-    images = {folder_of(topic) for topic, kind in types.items() if kind in TYPES["depth"] and topic != depth}
+    images = {
+        folder_of(topic)
+        for topic, kind in types.items()
+        if kind in TYPES["depth"] and topic != depth
+    }
     free = [topic for topic in candidates if folder_of(topic) not in images]
     if not free:
         told = f"{shortened(sorted(candidates))} stand beside other images"
         notes.append(
-            f"no camera_info of {depth}: {told}; name one with --topics.camera_info, or say fx ... in [claims.camera]"
+            f"no camera_info of {depth}: {told}; name one with --topics.camera_info, or say fx ... "
+            f"in [claims.camera]"
         )
     return free
 
@@ -128,4 +153,6 @@ def _without_joints(path: Path, types: dict[str, str]) -> RecordingError:
             f"{path} holds images without joints and poses, with which `find` compares nothing: "
             f"`saltus render fit {path}` fits the camera's errors to them"
         )
-    return RecordingError(f"{path} holds no {TYPES['joints'][0]}; it has: {shortened(sorted(types))}")
+    return RecordingError(
+        f"{path} holds no {TYPES['joints'][0]}; it has: {shortened(sorted(types))}"
+    )

@@ -17,7 +17,9 @@ from saltus.errors import RecordingError
 
 RECORD_MAX = 32 * 2**20  # bytes; a chunk is 256 KiB and one message at most 4 MiB longer
 _HEAD = struct.Struct("<BQ")  # of a record: kind and length
-_MESSAGE = struct.Struct("<BQHIQQ")  # of a message, its payload follows: kind, length, and the fields of `ChunkRow`
+_MESSAGE = struct.Struct(
+    "<BQHIQQ"
+)  # of a message, its payload follows: kind, length, and the fields of `ChunkRow`
 _BEFORE_PAYLOAD = _MESSAGE.size - _HEAD.size  # bytes that the length counts
 
 
@@ -34,7 +36,8 @@ class ChunkRow(NamedTuple):
 def rows(chunk: Chunk, channels: Container[int]) -> Iterator[ChunkRow]:
     """The messages of a sound chunk on some channels, in order.
 
-    Others are stepped over: to make an object of each record, as mcap's reader does, takes ten times as long, and a
+    Others are stepped over: to make an object of each record, as mcap's reader does, takes ten
+        times as long, and a
     report looks through a recording for a dozen topics.
     """
     data, start = _unpack(chunk), 0
@@ -59,7 +62,9 @@ def sound_records(chunk: Chunk) -> list[McapRecord]:
 
 
 def torn_chunk(end_of_file: bytes) -> Chunk:
-    """The whole messages of a chunk inside of which a file ends, as a chunk; an error of any kind where there is none.
+    """The whole messages of a chunk inside of which a file ends, as a chunk.
+
+    An error of any kind where there is none.
 
     Of compressed bytes that is all up to the last whole block, of at most 128 KiB (RFC 8878).
     """
@@ -77,7 +82,9 @@ def torn_chunk(end_of_file: bytes) -> Chunk:
         if after > len(data):
             break
         end = after
-    return replace(chunk, compression="", data=data[:end], uncompressed_size=end, uncompressed_crc=0)
+    return replace(
+        chunk, compression="", data=data[:end], uncompressed_size=end, uncompressed_crc=0
+    )
 
 
 def _check_lengths(data: bytes) -> None:

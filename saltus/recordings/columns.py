@@ -28,7 +28,9 @@ sign. A space stands for any number of spaces."""
 COMMENT = ("#", "%", "//")
 DECIMAL_SIGNS = (".", ",")
 UNEVEN = re.compile(r"(?:Row #(\d+): )?Expected (\d+) columns, got (\d+)")  # as Arrow says it
-NUMBER = re.compile(r"\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?\s*|\s*[-+]?(nan|inf)\s*|\s*", re.IGNORECASE)
+NUMBER = re.compile(
+    r"\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?\s*|\s*[-+]?(nan|inf)\s*|\s*", re.IGNORECASE
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +85,10 @@ def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> FileColumns
     try:
         table = pyarrow.parquet.read_table(path)
         places = _places([name.strip() for name in table.column_names], wanted)
-        values = {name: table.column(place).cast(pa.float64()).to_numpy() for name, place in places.items()}
+        values = {
+            name: table.column(place).cast(pa.float64()).to_numpy()
+            for name, place in places.items()
+        }
     except (OSError, ValueError, pa.ArrowException) as error:
         raise RecordingError(f"cannot read {path}: {str(error).splitlines()[0]}") from error
     if not table.num_rows:
@@ -102,7 +107,9 @@ def names_in_archive(path: Path) -> list[str]:
 
 
 def read_archive(path: Path, wanted: Sequence[str] | None = None) -> FileColumns:
-    """Arrays of an npz, as numpy.savez writes it; by default all that hold numbers, one or many to a row.
+    """Arrays of an npz, as numpy.savez writes it.
+
+    By default all that hold numbers, one or many to a row.
 
     Raises:
         RecordingError: it is none or damaged, lacks an array, or one holds something else than rows
@@ -112,7 +119,8 @@ def read_archive(path: Path, wanted: Sequence[str] | None = None) -> FileColumns
         names = list(archive.files)
         if missing := [name for name in wanted or () if name not in names]:
             raise RecordingError(
-                f"cannot read {path}: array '{missing[0]}' is missing: {nearest_hint(missing[0], names)}"
+                f"cannot read {path}: array '{missing[0]}' is missing: "
+                f"{nearest_hint(missing[0], names)}"
             )
         try:
             arrays = {name: archive[name] for name in wanted or names}
@@ -124,14 +132,20 @@ def read_archive(path: Path, wanted: Sequence[str] | None = None) -> FileColumns
             values[name] = array.astype(np.float64)
         elif wanted is not None:
             found = f"is {array.dtype} of shape {array.shape}"
-            raise RecordingError(f"{path}: '{name}' {found}; it must hold numbers, one or one for each joint to a row")
+            raise RecordingError(
+                f"{path}: '{name}' {found}; it must hold numbers, one or one for each joint to a "
+                f"row"
+            )
     return FileColumns(values=values)
 
 
 def opened_archive(path: Path) -> Any:
     """An npz that is whole, to be used as a context manager; `RecordingError` where it is none."""
     if not zipfile.is_zipfile(path):
-        raise RecordingError(f"cannot read {path}: it is no archive of arrays, as numpy.savez writes it, or is cut off")
+        raise RecordingError(
+            f"cannot read {path}: it is no archive of arrays, as numpy.savez writes it, or is cut "
+            f"off"
+        )
     try:
         check_archive(path)
         return np.load(path, allow_pickle=False)
@@ -141,23 +155,39 @@ def opened_archive(path: Path) -> Any:
 
 def _places(names: Sequence[str], wanted: Sequence[str] | None) -> dict[str, int]:
     """Where each wanted column stands."""
-    wanted = [name for name in dict.fromkeys(names) if name] if wanted is None else list(dict.fromkeys(wanted))
+    wanted = (
+        [name for name in dict.fromkeys(names) if name]
+        if wanted is None
+        else list(dict.fromkeys(wanted))
+    )
     for name in wanted:
         if name not in names:
             raise ValueError(f"column '{name}' is missing: {nearest_hint(name, names)}")
         if names.count(name) > 1:
-            raise ValueError(f"{names.count(name)} columns are named '{name}': which is meant? Rename all but one")
+            raise ValueError(
+                f"{names.count(name)} columns are named '{name}': which is meant? Rename all but "
+                f"one"
+            )
     return {name: names.index(name) for name in wanted}
 
 
 def _form(path: Path) -> _Form:
     """How a text is written, by its first lines."""
     encoding, lines = _first_lines(path)
-    at = next((i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENT)), None)
+    at = next(
+        (
+            i
+            for i, line in enumerate(lines)
+            if line.strip() and not line.lstrip().startswith(COMMENT)
+        ),
+        None,
+    )
     if at is None:
         raise ValueError("it has no line with names of columns")
     told = lines[at].strip(' "')
-    separator = told[4] if told.lower().startswith("sep=") and len(told) == 5 else None  # as Excel writes it
+    separator = (
+        told[4] if told.lower().startswith("sep=") and len(told) == 5 else None
+    )  # as Excel writes it
     at += separator is not None
     header, skipped = lines[at] if at < len(lines) else "", at + 1
     before = lines[at - 1].lstrip() if at else ""
@@ -178,13 +208,24 @@ def _first_lines(path: Path) -> tuple[str, list[str]]:
     """Encoding of a text, and the lines that its beginning holds."""
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
-    mark, encoding = next(((m, e) for m, e in BYTE_ORDER_MARKS.items() if head.startswith(m)), (b"", "utf-8"))
+    mark, encoding = next(
+        ((m, e) for m, e in BYTE_ORDER_MARKS.items() if head.startswith(m)), (b"", "utf-8")
+    )
     try:
-        text = codecs.getincrementaldecoder(encoding)().decode(head[len(mark) :], final=len(head) < HEAD_BYTES)
+        text = codecs.getincrementaldecoder(encoding)().decode(
+            head[len(mark) :], final=len(head) < HEAD_BYTES
+        )
     except UnicodeDecodeError:
-        text, encoding = head.decode("latin-1"), "latin-1"  # as Windows writes degrees and Greek letters
+        text, encoding = (
+            head.decode("latin-1"),
+            "latin-1",
+        )  # as Windows writes degrees and Greek letters
     if "\0" in text:
-        lost = "\0" not in text.rstrip("\0\r\n") and len(text.splitlines()) > 1 and encoding != "latin-1"
+        lost = (
+            "\0" not in text.rstrip("\0\r\n")
+            and len(text.splitlines()) > 1
+            and encoding != "latin-1"
+        )
         cure = "ends in zero bytes, as after a loss of power: `tr -d '\\000' < FILE > NEW` takes them out"
         raise ValueError(f"it {cure if lost else 'is no text'}")
     return encoding, text.splitlines()
@@ -194,7 +235,9 @@ def _is_row(line: str, share: float) -> bool:
     """True for a line of whose parts a share or more are numbers."""
     for separator in SEPARATORS:
         parts = [part for part in _cut(line, separator) if part]
-        if parts and sum(NUMBER.fullmatch(part) is not None for part in parts) >= share * len(parts):
+        if parts and sum(NUMBER.fullmatch(part) is not None for part in parts) >= share * len(
+            parts
+        ):
             return True
     return False
 
@@ -206,7 +249,8 @@ def _separator(header: str, first: str) -> str:
             return separator
     if "," in header and first.count(",") > header.count(","):
         raise ValueError(
-            f"{header.count(',') + 1} names, but {first.count(',') + 1} parts of the first row: if its decimal signs "
+            f"{header.count(',') + 1} names, but {first.count(',') + 1} parts of the first row: if "
+            f"its decimal signs "
             "are commas, write it with semicolons between columns"
         )
     return ","
@@ -231,27 +275,36 @@ def _parsed(path: Path, form: _Form, places: list[int]) -> tuple[pa.Table, tuple
     whole = _whole_lines(path, form)
     if whole is not None:
         with contextlib.suppress(pa.ArrowInvalid):
-            return _table(whole, form, places), (f"the last row of {path.name} is cut off, and left out",)
+            return _table(whole, form, places), (
+                f"the last row of {path.name} is cut off, and left out",
+            )
     row = f"row {int(uneven[1]) - form.skipped}" if uneven[1] else "a row"
     raise ValueError(f"{row} has {uneven[3]} columns, the line of names {uneven[2]}")
 
 
 def _table(source: Any, form: _Form, places: list[int]) -> pa.Table:
     """Columns with decimal points, or, where one cannot be read so, with commas."""
-    # With threads and memory of its own Arrow keeps 40 MB after two hundred small logs; 30,000 rows come no faster.
+    # With threads and memory of its own Arrow keeps 40 MB after two hundred small logs; 30,000 rows
+    # come no faster.
     read = pyarrow.csv.ReadOptions(
-        column_names=[str(place) for place in range(len(form.names))], skip_rows=form.skipped, use_threads=False
+        column_names=[str(place) for place in range(len(form.names))],
+        skip_rows=form.skipped,
+        use_threads=False,
     )
     parse = pyarrow.csv.ParseOptions(delimiter="," if form.separator == " " else form.separator)
     names, failures = [str(place) for place in places], []
     for sign in DECIMAL_SIGNS:
         convert = pyarrow.csv.ConvertOptions(
-            column_types=dict.fromkeys(names, pa.float64()), include_columns=names, decimal_point=sign
+            column_types=dict.fromkeys(names, pa.float64()),
+            include_columns=names,
+            decimal_point=sign,
         )
         try:
             if isinstance(source, io.BytesIO):
                 source.seek(0)
-            return pyarrow.csv.read_csv(source, read, parse, convert, memory_pool=pa.system_memory_pool())
+            return pyarrow.csv.read_csv(
+                source, read, parse, convert, memory_pool=pa.system_memory_pool()
+            )
         except pa.ArrowInvalid as error:
             failures.append(error)
     raise next((each for each in failures if UNEVEN.search(str(each))), failures[0])
@@ -278,10 +331,16 @@ def _whole_lines(path: Path, form: _Form) -> io.BytesIO | None:
 
 def _of_column(said: str, form: _Form) -> str:
     """Arrow's message about a column, with the column's name in place of its number."""
-    found = re.match(r"In CSV column #(\d+): (?:Row #(\d+): )?CSV conversion error to double: (.*)", said, re.DOTALL)
+    found = re.match(
+        r"In CSV column #(\d+): (?:Row #(\d+): )?CSV conversion error to double: (.*)",
+        said,
+        re.DOTALL,
+    )
     if not found:
         return said
     row = int(found[2]) - form.skipped if found[2] else 0
     text = f"column '{form.names[int(found[1])]}'{f', row {row}' if row else ''}: {found[3].splitlines()[0]}"
     is_unit = row == 1 and not re.search(r"\d", found[3].splitlines()[0])
-    return f"{text}; is it a row of units? Delete it" if is_unit else f"{text}; it must hold numbers"
+    return (
+        f"{text}; is it a row of units? Delete it" if is_unit else f"{text}; it must hold numbers"
+    )

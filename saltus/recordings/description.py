@@ -16,23 +16,29 @@ class Topics:
     joints: Topic = None
     """sensor_msgs/JointState: what was measured."""
     commands: Topic = None
-    """sensor_msgs/JointState: what the drives were told; position, velocity, effort are q_des, dq_des, tau_ff."""
+    """sensor_msgs/JointState: what the drives were told.
+
+    Position, velocity, effort are q_des, dq_des, tau_ff.
+    """
     imu: Topic = None
     """sensor_msgs/Imu: with orientation; acceleration with gravity."""
     base: Topic = None
     """nav_msgs/Odometry: measured pose of the trunk, its velocity in the trunk's own frame."""
     depth: Topic = None
-    """sensor_msgs/Image: 16 bit in millimetres, or 32 bit in metres, unless [units] depth_unit_m says otherwise."""
+    """sensor_msgs/Image: 16 bit in millimetres, or 32 bit in metres, unless [units] depth_unit_m
+    says otherwise."""
     camera_info: Topic = None
     """sensor_msgs/CameraInfo: of the depth images."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TableColumns:
-    """Columns of a table. In that of a signal, {joint} stands for a joint's name, {number} for its place, from 0.
+    """Columns of a table.
 
-    In an npz, a name without them is that of an array of all joints, shape (rows, joints), and {log} stands for what
-    tells several logs in one archive apart.
+    In that of a signal, {joint} stands for a joint's name, {number} for its place, from 0.
+
+    In an npz, a name without them is that of an array of all joints, shape (rows, joints), and
+    {log} stands for what tells several logs in one archive apart.
     """
 
     q: str
@@ -74,7 +80,10 @@ class Description:
     """Signals that stay out of the log although the recording has them: dq, q_des, dq_des, tau_ff,
     tau_est, kp, kd, imu, base, depth."""
     joint_names: dict[str, str] = field(default_factory=dict)
-    """The recording's name of a joint, and that of the robot; empty for what is no joint of the robot's legs."""
+    """The recording's name of a joint, and that of the robot.
+
+    Empty for what is no joint of the robot's legs.
+    """
     columns: TableColumns | None = None
     """Columns of a table."""
     units: Units = field(default_factory=Units)

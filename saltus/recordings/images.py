@@ -20,12 +20,15 @@ IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 ENCODINGS = {"mono16": "u2", "16UC1": "u2", "32FC1": "f4"}
 """Encodings of depth images. Whole numbers count a unit, which is a millimetre (REP 118) unless
 somebody says otherwise; others are metres."""
-PIXEL_CENTRE = 0.5  # a camera_info's principal point counts from the centre of the first pixel, ours from its corner
+# A camera_info's principal point counts from the centre of the first pixel, ours from its corner
+PIXEL_CENTRE = 0.5
 PIXELS_MAX = 2**24  # of a compressed image: its few bytes could claim any size
 TRANSPORTS = ("/compressedDepth", "/compressed")
 """Endings of topics whose images are those of the topic without."""
 PNG = b"\x89PNG\r\n\x1a\n"
-INVERSE = struct.Struct("<iff")  # before a compressedDepth image: a number that means nothing, and two of the inverse
+INVERSE = struct.Struct(
+    "<iff"
+)  # before a compressedDepth image: a number that means nothing, and two of the inverse
 
 
 def base_topic(topic: str) -> str:
@@ -36,17 +39,25 @@ def base_topic(topic: str) -> str:
 
 
 def is_rectified(topic: str) -> bool:
-    """True for a topic of rectified images by its name; depth that says neither "rect" nor "raw" mostly is."""
+    """True for a topic of rectified images by its name.
+
+    Depth that says neither "rect" nor "raw" mostly is.
+    """
     words = re.split(r"[\W_]+", base_topic(topic).rpartition("/")[2].lower())
     return "rect" in words or "rectified" in words or "raw" not in words
 
 
 def encoding_of(image: Any) -> str:
-    """Encoding of an Image; of a CompressedImage that of its pixels, and how they are compressed where that matters."""
+    """Encoding of an Image.
+
+    Of a CompressedImage that of its pixels, and how they are compressed where that matters.
+    """
     if hasattr(image, "encoding"):
         return str(image.encoding)
     encoding, _, form = str(image.format).partition(";")
-    return f"{encoding.strip()} by {form.split()[-1]}" if "rvl" in form.lower() else encoding.strip()
+    return (
+        f"{encoding.strip()} by {form.split()[-1]}" if "rvl" in form.lower() else encoding.strip()
+    )
 
 
 def is_depth(image: Any) -> bool:
@@ -68,8 +79,16 @@ def pixels_of(image: Any) -> NDArray[Any]:
         raise MessageError("encoding", f"'{image.encoding}', not one of {', '.join(ENCODINGS)}")
     kind = np.dtype(ENCODINGS[image.encoding]).newbyteorder(">" if image.is_bigendian else "<")
     used = kind.itemsize * image.width
-    if not image.width or not image.height or image.step < used or len(image.data) != image.step * image.height:
-        raise MessageError("size", f"{len(image.data)} bytes, {image.step} to a row, for {image.width}x{image.height}")
+    if (
+        not image.width
+        or not image.height
+        or image.step < used
+        or len(image.data) != image.step * image.height
+    ):
+        raise MessageError(
+            "size",
+            f"{len(image.data)} bytes, {image.step} to a row, for {image.width}x{image.height}",
+        )
     rows = np.frombuffer(image.data, np.uint8).reshape(image.height, image.step)[:, :used]
     return np.ascontiguousarray(rows).view(kind).astype(kind.newbyteorder("="), copy=False)
 
@@ -79,11 +98,12 @@ def millimetres(pixels: NDArray[Any], unit_m: float | None = None) -> NDArray[np
 
     Args:
         pixels: As `pixels_of` gives them.
-        unit_m: Metres that one step is; None for those of ROS, 0.001 of whole numbers and 1 of others (REP 118).
+        unit_m: Metres that one step is; None for those of ROS, 0.001 of whole numbers and 1 of
+            others (REP 118).
 
     Raises:
-        MessageError: most of an image of 32 bits is farther than the 65.5 m that whole millimetres hold, so that it
-            cannot be in metres.
+        MessageError: most of an image of 32 bits is farther than the 65.5 m that whole millimetres
+            hold, so that it cannot be in metres.
     """
     is_whole = pixels.dtype.kind == "u"
     if is_whole and unit_m in (None, MILLIMETRE):
@@ -91,7 +111,9 @@ def millimetres(pixels: NDArray[Any], unit_m: float | None = None) -> NDArray[np
     seen = pixels[np.isfinite(pixels) & (pixels > 0.0)]
     if unit_m is None and len(seen) and (middle := float(np.median(seen))) > MILLIMETRE * NOTHING:
         raise MessageError(
-            "depth_unit", f"32 bit images read {middle:.4g} in the middle, too far in metres; depth_unit_m = 0.001 "
+            "depth_unit",
+            f"32 bit images read {middle:.4g} in the middle, too far in metres; depth_unit_m = "
+            f"0.001 "
             "takes them as millimetres"
         )  # fmt: skip
     metres = pixels * np.float64((MILLIMETRE if is_whole else 1.0) if unit_m is None else unit_m)
@@ -105,7 +127,9 @@ def _unpacked(image: Any) -> NDArray[Any]:
     data, encoding = bytes(image.data), encoding_of(image)
     at = data.find(PNG, 0, INVERSE.size + len(PNG))
     if at < 0:
-        raise MessageError("encoding", f"'{image.format}', of which only PNG is read: have the publisher write PNG")
+        raise MessageError(
+            "encoding", f"'{image.format}', of which only PNG is read: have the publisher write PNG"
+        )
     width, height = struct.unpack(">II", data[at + 16 : at + 24].ljust(8, b"\0"))
     if not 0 < width * height <= PIXELS_MAX:
         raise MessageError("size", f"{width}x{height} claimed by {len(data)} bytes")
@@ -115,7 +139,9 @@ def _unpacked(image: Any) -> NDArray[Any]:
     if encoding != "32FC1":
         return np.asarray(whole)
     if at != INVERSE.size:
-        raise MessageError("encoding", f"'{image.format}' without the head that says how depth was made inverse")
+        raise MessageError(
+            "encoding", f"'{image.format}' without the head that says how depth was made inverse"
+        )
     _, scale, offset = INVERSE.unpack_from(data)
     with np.errstate(divide="ignore", invalid="ignore"):
         metres = np.float32(scale) / (whole.astype(np.float32) - np.float32(offset))
@@ -142,13 +168,18 @@ def intrinsics(info: Any, width: int, height: int, *, rectified: bool) -> PixelI
     Raises:
         MessageError: it is for images of another size, or its focal lengths are zero.
     """
-    k, p = (np.asarray(getattr(info, name, getattr(info, name.upper(), ())), np.float64) for name in "kp")
+    k, p = (
+        np.asarray(getattr(info, name, getattr(info, name.upper(), ())), np.float64)
+        for name in "kp"
+    )
     of_k, of_p = (k[0], k[4], k[2], k[5]), (p[0], p[5], p[2], p[6])
     matrices = (of_p, of_k) if rectified else (of_k, of_p)
     chosen = next((m for m in matrices if m[0] > 0.0 and m[1] > 0.0), None)
     if chosen is None:
         fx, fy = matrices[0][:2]
-        raise MessageError("camera_info", f"its fx is {fx:g}, its fy {fy:g}: the camera is not calibrated")
+        raise MessageError(
+            "camera_info", f"its fx is {fx:g}, its fy {fy:g}: the camera is not calibrated"
+        )
     fx, fy, cx, cy = (float(value) for value in chosen)
     cx, cy = cx + PIXEL_CENTRE, cy + PIXEL_CENTRE
     roi = info.roi
@@ -159,12 +190,17 @@ def intrinsics(info: Any, width: int, height: int, *, rectified: bool) -> PixelI
             cx, cy = cx - roi.x_offset, cy - roi.y_offset
         return PixelIntrinsics(fx / bins[0], fy / bins[1], cx / bins[0], cy / bins[1])
     if (width, height) != (info.width, info.height):
-        raise MessageError("camera_info", f"for {info.width}x{info.height}, the images are {width}x{height}")
+        raise MessageError(
+            "camera_info", f"for {info.width}x{info.height}, the images are {width}x{height}"
+        )
     return PixelIntrinsics(fx, fy, cx, cy)
 
 
 def matrices_differ(info: Any) -> bool:
     """True for a CameraInfo whose K and P, both set, are two cameras: its lens distorts."""
-    k, p = (np.asarray(getattr(info, name, getattr(info, name.upper(), ())), np.float64) for name in "kp")
+    k, p = (
+        np.asarray(getattr(info, name, getattr(info, name.upper(), ())), np.float64)
+        for name in "kp"
+    )
     both = k[0] > 0.0 and p[0] > 0.0
     return both and not np.allclose([k[0], k[4], k[2], k[5]], [p[0], p[5], p[2], p[6]], rtol=1e-3)

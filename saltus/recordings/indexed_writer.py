@@ -41,7 +41,9 @@ class IndexedWriter:
     The index is a file without a name in `folder`: 200 bytes for each chunk.
     """
 
-    def __init__(self, stream: IO[bytes], folder: Path, *, chunk_bytes: int, profile: str, library: str) -> None:
+    def __init__(
+        self, stream: IO[bytes], folder: Path, *, chunk_bytes: int, profile: str, library: str
+    ) -> None:
         self._stream = stream
         self._chunk_bytes = chunk_bytes
         self._index = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  # until `close`
@@ -64,10 +66,13 @@ class IndexedWriter:
         schema.write(self._chunk)
         return schema.id
 
-    def register_channel(self, topic: str, message_encoding: str, schema_id: int, metadata: dict[str, str]) -> int:
+    def register_channel(
+        self, topic: str, message_encoding: str, schema_id: int, metadata: dict[str, str]
+    ) -> int:
         """The number of a channel, which is written."""
         channel = Channel(
-            id=len(self._channels) + 1, topic=topic, message_encoding=message_encoding, schema_id=schema_id,
+            id=len(self._channels) + 1, topic=topic, message_encoding=message_encoding,
+            schema_id=schema_id,
             metadata=metadata,
         )  # fmt: skip
         self._channels.append(channel)
@@ -86,7 +91,9 @@ class IndexedWriter:
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
         """Adds texts by their names."""
         offset = self._write(Metadata(name=name, metadata=data))
-        self._metadata.append(MetadataIndex(offset=offset, length=self._stream.tell() - offset, name=name))
+        self._metadata.append(
+            MetadataIndex(offset=offset, length=self._stream.tell() - offset, name=name)
+        )
 
     def flush(self) -> None:
         """Ends the chunk, and hands all that was written to the operating system."""
@@ -108,11 +115,15 @@ class IndexedWriter:
             (Opcode.ATTACHMENT_INDEX, b""),
             (Opcode.METADATA_INDEX, _bytes_of(self._metadata)),
         ):
-            offsets.append(SummaryOffset(opcode, group_start=start + len(summary), group_length=len(group)))
+            offsets.append(
+                SummaryOffset(opcode, group_start=start + len(summary), group_length=len(group))
+            )
             summary += group
         offset_start = start + len(summary)
         summary += _bytes_of(offsets)
-        footer = struct.pack("<BQQQ", Opcode.FOOTER, 8 + 8 + 4, start, offset_start)  # whose checksum follows
+        footer = struct.pack(
+            "<BQQQ", Opcode.FOOTER, 8 + 8 + 4, start, offset_start
+        )  # whose checksum follows
         self._stream.write(summary)
         self._write(Footer(start, offset_start, summary_crc=zlib.crc32(summary + footer)))
         self._stream.write(MAGIC)
@@ -128,12 +139,16 @@ class IndexedWriter:
         first, last = min(times), max(times)
         data = self._chunk.end()
         packed = zstandard.compress(data)
-        chunk = Chunk(COMPRESSION, packed, last, first, zlib.crc32(data), uncompressed_size=len(data))
+        chunk = Chunk(
+            COMPRESSION, packed, last, first, zlib.crc32(data), uncompressed_size=len(data)
+        )
         start, end = self._write(chunk), self._stream.tell()
         offsets = {number: self._write(index) for number, index in self._in_chunk.items()}
         entry = ChunkIndex(
-            chunk_length=end - start, chunk_start_offset=start, compression=COMPRESSION, compressed_size=len(packed),
-            message_end_time=last, message_index_length=self._stream.tell() - end, message_index_offsets=offsets,
+            chunk_length=end - start, chunk_start_offset=start, compression=COMPRESSION,
+            compressed_size=len(packed),
+            message_end_time=last, message_index_length=self._stream.tell() - end,
+            message_index_offsets=offsets,
             message_start_time=first, uncompressed_size=len(data),
         )  # fmt: skip
         self._index.write(_bytes_of([entry]))
@@ -145,9 +160,11 @@ class IndexedWriter:
     def _statistics(self) -> Statistics:
         first, last = self._span or (0, 0)
         return Statistics(
-            attachment_count=0, channel_count=len(self._channels), channel_message_counts=dict(self._counts),
+            attachment_count=0, channel_count=len(self._channels),
+            channel_message_counts=dict(self._counts),
             chunk_count=self._chunks, message_count=self._counts.total(), message_end_time=last,
-            message_start_time=first, metadata_count=len(self._metadata), schema_count=len(self._schemas),
+            message_start_time=first, metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
         )  # fmt: skip
 
     def _write(self, record: McapRecord) -> int:

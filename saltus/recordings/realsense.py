@@ -57,7 +57,9 @@ def read_realsense(path: Path) -> Iterator[DepthFrame]:
 
 
 def _frames(reader: AnyReader, path: Path) -> Iterator[DepthFrame]:
-    connections = [c for c in reader.connections if c.topic.endswith(_IMAGE) and "/Depth_" in c.topic]
+    connections = [
+        c for c in reader.connections if c.topic.endswith(_IMAGE) and "/Depth_" in c.topic
+    ]
     if not connections:
         there = shortened(sorted({c.topic for c in reader.connections}))
         raise RecordingError(f"{path} holds no depth stream; it has: {there}")
@@ -66,7 +68,8 @@ def _frames(reader: AnyReader, path: Path) -> Iterator[DepthFrame]:
         image: Any = reader.deserialize(_unpacked(raw), connection.msgtype)
         if (image.width, image.height) != (camera.width, camera.height):
             raise RecordingError(
-                f"{path}: images of {image.width}x{image.height} do not match the intrinsics, which are for "
+                f"{path}: images of {image.width}x{image.height} do not match the intrinsics, "
+                f"which are for "
                 f"{camera.width}x{camera.height}"
             )
         try:
@@ -85,7 +88,9 @@ def _frames(reader: AnyReader, path: Path) -> Iterator[DepthFrame]:
 
 def _camera(reader: AnyReader, path: Path, stream: str) -> _Camera:
     sensor = stream.rsplit("/", 1)[0]
-    option = _first(reader, f"{sensor}/option/Depth Units/value", f"{sensor}/option/Depth_Units/value")
+    option = _first(
+        reader, f"{sensor}/option/Depth Units/value", f"{sensor}/option/Depth_Units/value"
+    )
     if option is None:
         _LOG.warning("%s does not state its depth unit: taking %g m", path, _DEFAULT_UNIT_M)
     info = _first(reader, f"{stream}/info/camera_info", f"{stream}/camera_info")
@@ -98,19 +103,25 @@ def _camera(reader: AnyReader, path: Path, stream: str) -> _Camera:
             told = dict(pair.split("=", 1) for pair in info.data.rstrip(";").split(";"))
             width, height = int(told["width"]), int(told["height"])
             lens = PixelIntrinsics(
-                *(float(told[key]) for key in ("fx", "fy")), *(0.5 + float(told[key]) for key in ("ppx", "ppy"))
+                *(float(told[key]) for key in ("fx", "fy")),
+                *(0.5 + float(told[key]) for key in ("ppx", "ppy")),
             )
         else:
             width, height = int(info.width), int(info.height)
             lens = intrinsics(info, width, height, rectified=False)
     except (MessageError, ValueError, KeyError) as error:
-        raise RecordingError(f"{path}: its intrinsics or its depth unit cannot be read: {error}") from error
+        raise RecordingError(
+            f"{path}: its intrinsics or its depth unit cannot be read: {error}"
+        ) from error
     for name, value, most in (
-        ("depth unit", unit, DEPTH_UNIT_MAX_M), ("fx", lens.fx, FOCAL_MAX_PX), ("fy", lens.fy, FOCAL_MAX_PX),
+        ("depth unit", unit, DEPTH_UNIT_MAX_M), ("fx", lens.fx, FOCAL_MAX_PX),
+        ("fy", lens.fy, FOCAL_MAX_PX),
         ("cx", lens.cx, CENTRE_MAX_PX), ("cy", lens.cy, CENTRE_MAX_PX),
     ):  # fmt: skip
         if not 0.0 < value <= most:
-            raise RecordingError(f"{path} is damaged: its {name} is {value:g}, allowed are 0 to {most:g}")
+            raise RecordingError(
+                f"{path} is damaged: its {name} is {value:g}, allowed are 0 to {most:g}"
+            )
     return _Camera(lens, width, height, unit)
 
 

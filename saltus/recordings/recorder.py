@@ -1,12 +1,14 @@
 """Writes a run as one MCAP file that viewers open and that survives a crash up to its last half second.
 
-Every recorded topic is a channel of CDR messages with its ROS 2 definition, one channel for each sender; the channel's
-metadata hold the sender's boot id. A record keeps the sequence, the capture time (publish time) and the arrival (log
-time), all in the run's clock, so that a replay can check order and age as live.
+Every recorded topic is a channel of CDR messages with its ROS 2 definition, one channel for each
+sender; the channel's metadata hold the sender's boot id. A record keeps the sequence, the capture
+time (publish time) and the arrival (log time), all in the run's clock, so that a replay can check
+order and age as live.
 
-A recording holds each message once. In lockstep a step is asked again where its answer takes long, and then answered
-again, under new numbers: what was said of a step before is not recorded a second time, and the sequence of what follows
-is less by one, so that a gap in it means a message that was lost.
+A recording holds each message once. In lockstep a step is asked again where its answer takes long,
+and then answered again, under new numbers: what was said of a step before is not recorded a second
+time, and the sequence of what follows is less by one, so that a gap in it means a message that was
+lost.
 """
 
 import contextlib
@@ -59,7 +61,8 @@ class Recorder:
     """Writes one recording.
 
     Raises:
-        RecordingError: the file cannot be created, or, from `write` and `close`, no longer be written.
+        RecordingError: the file cannot be created, or, from `write` and `close`, no longer be
+            written.
     """
 
     def __init__(self, path: Path, run_config: RunConfig, setup: Setup) -> None:
@@ -80,9 +83,15 @@ class Recorder:
         about = describe(run_config, setup)
         with WHOLE:  # a file that is there has a beginning
             with _writing(path):
-                self._file = path.open("wb", buffering=CHUNK_BYTES)  # a full disk shows at the first flush
+                self._file = path.open(
+                    "wb", buffering=CHUNK_BYTES
+                )  # a full disk shows at the first flush
                 self._writer = IndexedWriter(
-                    self._file, path.parent, chunk_bytes=CHUNK_BYTES, profile=PROFILE, library=LIBRARY
+                    self._file,
+                    path.parent,
+                    chunk_bytes=CHUNK_BYTES,
+                    profile=PROFILE,
+                    library=LIBRARY,
                 )
             self._writer.add_metadata(METADATA, about)
         self._ended = threading.Event()
@@ -107,7 +116,9 @@ class Recorder:
         arrival_ns = self._arrival_ns(raw, message)
         with WHOLE:
             self._add(f"/{raw.key}", TYPE_NAME[type(message)], envelope, arrival_ns, raw.payload)
-            still = [] if self._begun else self._viewer.first()  # with the first message: its sender and time
+            still = (
+                [] if self._begun else self._viewer.first()
+            )  # with the first message: its sender and time
             self._begun = True
             for derived in (*still, *self._viewer.derive(raw.key, message, arrival_ns)):
                 self._add(derived.topic, derived.type_name, envelope, arrival_ns, derived.payload)
@@ -130,7 +141,11 @@ class Recorder:
         """Writes the end of the file; without it a reader calls the recording incomplete."""
         if self._file.closed:
             return
-        missed = [f"{self.missed} messages, which came faster than they were recorded"] if self.missed else []
+        missed = (
+            [f"{self.missed} messages, which came faster than they were recorded"]
+            if self.missed
+            else []
+        )
         with WHOLE:
             self._end({**(summary or {}), LOST: json.dumps(missed)})
 
@@ -150,7 +165,10 @@ class Recorder:
                     file.close()
 
     def _sync(self) -> None:
-        """Sees to it that the disk has what was flushed. In a thread of its own: a disk may take its time."""
+        """Sees to it that the disk has what was flushed.
+
+        In a thread of its own: a disk may take its time.
+        """
         while not self._ended.wait(SYNC_S):
             with contextlib.suppress(OSError):  # on a full disk the next flush says so
                 os.fdatasync(self._file.fileno())
@@ -158,7 +176,9 @@ class Recorder:
     def __enter__(self) -> "Recorder":
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
+    ) -> None:
         self.close({} if error is None else {"error": str(error)})
 
     def _arrival_ns(self, raw: RawSample, message: Message) -> int:
@@ -169,7 +189,9 @@ class Recorder:
             self.simulated_ns = max(self.simulated_ns, message.time_ns)
         return self.simulated_ns
 
-    def _add(self, topic: str, type_name: str, envelope: Envelope, arrival_ns: int, payload: bytes) -> None:
+    def _add(
+        self, topic: str, type_name: str, envelope: Envelope, arrival_ns: int, payload: bytes
+    ) -> None:
         channel = self._channels.get((topic, envelope.boot_id))
         with _writing(self.path):
             if channel is None:
@@ -178,7 +200,8 @@ class Recorder:
                 )
                 self._channels[topic, envelope.boot_id] = channel
             record = Record(
-                channel_id=channel, log_time=arrival_ns, data=payload, publish_time=max(0, envelope.capture_ns),
+                channel_id=channel, log_time=arrival_ns, data=payload,
+                publish_time=max(0, envelope.capture_ns),
                 sequence=envelope.sequence & SEQUENCE_MASK,
             )  # fmt: skip
             self._writer.add_message(record)
@@ -199,7 +222,10 @@ class _Said:
         self._last: int | None = None
 
     def before(self, message: Message) -> bool:
-        """Counts a message that was sent before; events and statuses, which have no number, never were."""
+        """Counts a message that was sent before.
+
+        Events and statuses, which have no number, never were.
+        """
         number: int | None = getattr(message, "step", getattr(message, "frame_id", None))
         is_again = number is not None and number == self._last
         self.again += is_again
@@ -220,7 +246,10 @@ def describe(run_config: RunConfig, setup: Setup) -> dict[str, str]:
     return {
         "schema": SCHEMA,
         "config": config.to_toml(run_config),
-        **{name: getattr(setup, name).to_toml() for name in ("robot", "grid", "terrain", "profile", "camera")},
+        **{
+            name: getattr(setup, name).to_toml()
+            for name in ("robot", "grid", "terrain", "profile", "camera")
+        },
         "seed": str(run_config.seed),
         "models": json.dumps(models_of(run_config)),
         "commit": commit(),

@@ -1,6 +1,7 @@
 """Reads a recorded run, whole or damaged, and measures it.
 
-A file that was cut off reads up to the cut, one with flipped bits without what they hit: `Recording.complete` is false
+A file that was cut off reads up to the cut, one with flipped bits without what they hit:
+    `Recording.complete` is false
 and `Recording.lost` says what; `saltus.recordings.repair` makes a whole file of it. Writing is
 `saltus.recordings.recorder`, run logs of plain tables are `saltus.recordings.run_log`.
 """
@@ -38,7 +39,8 @@ Kind = TypeVar("Kind", bound=Message)
 Part = TypeVar("Part", bound=Value)
 
 UNPACKED_CHUNKS = 64
-"""Kept by `Recording.arrivals` for who asks for one moment after the other: some seconds of a run, 16 MB."""
+"""Kept by `Recording.arrivals` for who asks for one moment after the other: some seconds of a run,
+16 MB."""
 
 
 class Arrival(NamedTuple):
@@ -101,7 +103,8 @@ class Recording:
         """The terrain of the run; where the head of the file is lost, the default one.
 
         Raises:
-            ConfigError: it was written by another version, or is not in the recording and cannot be made.
+            ConfigError: it was written by another version, or is not in the recording and cannot be
+                made.
         """
         return self._value("terrain", Terrain, make_terrain)
 
@@ -122,7 +125,10 @@ class Recording:
 
     @cached_property
     def models(self) -> dict[str, str]:
-        """Name of each network that the run began with, by its kind; none where the recording does not say."""
+        """Name of each network that the run began with, by its kind.
+
+        None where the recording does not say.
+        """
         try:
             return dict(json.loads(self.metadata.get("models", "{}")))
         except (ValueError, TypeError, RecursionError) as error:
@@ -136,8 +142,8 @@ class Recording:
     def messages(self, topic: str) -> Iterator[tuple[int, Envelope, Message]]:
         """Yields (arrival in the run's clock [ns], envelope, message) in order of arrival.
 
-        The topic "status" yields those of all processes, "status/render" those of one. A message that does not fit this
-        version's is a `RecordingError`.
+        The topic "status" yields those of all processes, "status/render" those of one. A message
+        that does not fit this version's is a `RecordingError`.
         """
         self._check_fields(topic)
         for arrival_ns, envelope, payload, key in self._records(topic):
@@ -146,10 +152,15 @@ class Recording:
             try:
                 yield arrival_ns, envelope, codec.decode(row.message, payload)
             except MessageError as error:
-                raise RecordingError(f"{self.path}: {topic} was written by another version: {error}") from error
+                raise RecordingError(
+                    f"{self.path}: {topic} was written by another version: {error}"
+                ) from error
 
     def of(self, kind: type[Kind], topic: str | None = None) -> list[Kind]:
-        """All messages of a type, in order of arrival; of one sender where there is more than one ("status/render")."""
+        """All messages of a type, in order of arrival.
+
+        Of one sender where there is more than one ("status/render").
+        """
         found = topic or next(name for name, row in TOPICS.items() if row.message is kind)
         return [cast(Kind, message) for _, _, message in self.messages(found)]
 
@@ -160,7 +171,10 @@ class Recording:
 
     @property
     def span_ns(self) -> tuple[int, int]:
-        """Arrival of the first and of the last message [ns], in the run's clock; zeros where there is none."""
+        """Arrival of the first and of the last message [ns], in the run's clock.
+
+        Zeros where there is none.
+        """
         chunks = [chunk for chunk in self._chunks if chunk.message_end_time]
         if not chunks:
             return 0, 0
@@ -182,7 +196,11 @@ class Recording:
             if len(self._unpacked) >= UNPACKED_CHUNKS:
                 del self._unpacked[next(iter(self._unpacked))]
             known = {channel: _sender(self._channels[channel]) for channel in self._channels}
-            wanted = {channel: sender for channel, sender in known.items() if topic_of(sender[0]) is not None}
+            wanted = {
+                channel: sender
+                for channel, sender in known.items()
+                if topic_of(sender[0]) is not None
+            }
             self._unpacked[number] = [
                 Arrival(
                     row.log_time,
@@ -202,12 +220,14 @@ class Recording:
             if schema is None or schema.name not in schemas.DEFINITIONS:
                 continue
             written, known = (
-                _fields(text) for text in (schema.data.decode(errors="replace"), codec.definition_of(schema.name))
+                _fields(text)
+                for text in (schema.data.decode(errors="replace"), codec.definition_of(schema.name))
             )
             if written != known and self._former_of(channel) is None:
                 other = next((line for line in written if line not in known), "fewer fields")
                 raise RecordingError(
-                    f"{self.path}: {topic} was written by another version of saltus ('{other}' is not in its messages "
+                    f"{self.path}: {topic} was written by another version of saltus ('{other}' is "
+                    f"not in its messages "
                     "today): read it with that version, or record the run anew"
                 )
 
@@ -225,7 +245,11 @@ class Recording:
         if number not in self._former:
             self._former[number] = self._former_of(self._channels[number])
         row, former = topic_of(key), self._former[number]
-        return payload if former is None or row is None else codec.of_today(row.message, former, payload)
+        return (
+            payload
+            if former is None or row is None
+            else codec.of_today(row.message, former, payload)
+        )
 
     def _channels_of(self, topic: str) -> dict[int, Channel]:
         found = {}
@@ -286,7 +310,9 @@ class _Reader:
                 start = file.tell()
         except Exception as error:  # damaged bytes fail in many ways; all mean the same
             if not self.begun:
-                raise RecordingError(f"{self.recording.path} is not a recording (MCAP): {_reason(error)}") from error
+                raise RecordingError(
+                    f"{self.recording.path} is not a recording (MCAP): {_reason(error)}"
+                ) from error
             lost.append(f"everything after part {len(self.recording._chunks)}: {_reason(error)}")
             self._take_torn(file, start)
         if not self.ended and not lost:
@@ -308,7 +334,9 @@ class _Reader:
             self._take_chunk(record)
         elif isinstance(record, Metadata):
             self._take_metadata(record)
-        elif isinstance(record, Channel):  # the summary repeats them: those of a damaged part come back
+        elif isinstance(
+            record, Channel
+        ):  # the summary repeats them: those of a damaged part come back
             recording._channels.setdefault(record.id, record)
         elif isinstance(record, Schema):
             recording._schemas.setdefault(record.id, record)
@@ -320,7 +348,9 @@ class _Reader:
             self._keep(chunk, sound_records(chunk))
         except Exception as error:  # as above
             start, end = 1e-9 * chunk.message_start_time, 1e-9 * chunk.message_end_time
-            self.recording.lost.append(f"messages between {start:.2f} s and {end:.2f} s: {_reason(error)}")
+            self.recording.lost.append(
+                f"messages between {start:.2f} s and {end:.2f} s: {_reason(error)}"
+            )
 
     def _keep(self, chunk: Chunk, records: list[McapRecord]) -> None:
         self.recording._chunks.append(chunk)
@@ -337,7 +367,9 @@ class _Reader:
         elif record.name == METADATA:
             self.recording.metadata = record.metadata
             try:
-                self.recording.config = config.from_toml(RunConfig, record.metadata.get("config", ""))
+                self.recording.config = config.from_toml(
+                    RunConfig, record.metadata.get("config", "")
+                )
             except ConfigError as error:
                 self.recording.lost.append(f"the configuration: {error}")
 

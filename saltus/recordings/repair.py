@@ -17,10 +17,12 @@ def repair(path: Path, out: Path) -> Recording:
     """Writes the sound part of a recording to `out`; what was lost is said in it.
 
     Returns:
-        The recording as it was read: `lost` says what is missing, `complete` that nothing was to be repaired.
+        The recording as it was read: `lost` says what is missing, `complete` that nothing was to be
+            repaired.
 
     Raises:
-        RecordingError: it is no recording of Saltus, there already is such a file, or it cannot be written.
+        RecordingError: it is no recording of Saltus, there already is such a file, or it cannot be
+            written.
     """
     recording = read_recording(path)
     if not is_recording(path):
@@ -49,7 +51,10 @@ def _write(recording: Recording, path: Path) -> None:
         }
         channels = {
             channel.id: writer.register_channel(
-                channel.topic, channel.message_encoding, schemas[channel.schema_id], channel.metadata
+                channel.topic,
+                channel.message_encoding,
+                schemas[channel.schema_id],
+                channel.metadata,
             )
             for channel in recording._channels.values()
             if channel.schema_id in schemas
@@ -58,7 +63,11 @@ def _write(recording: Recording, path: Path) -> None:
             for record in breakup_chunk(chunk):
                 if isinstance(record, Message) and record.channel_id in channels:
                     writer.add_message(
-                        channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence
+                        channels[record.channel_id],
+                        record.log_time,
+                        record.data,
+                        record.publish_time,
+                        record.sequence,
                     )
         writer.add_metadata(METADATA_END, recording.summary | {LOST: json.dumps(recording.lost)})
         writer.finish()

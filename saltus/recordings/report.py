@@ -45,7 +45,10 @@ MOST_POINTS = 2000  # of a curve; a page is 1100 pixels wide
 
 @dataclass(frozen=True, kw_only=True)
 class RunData:
-    """The messages of a run as arrays, joined by step; n is the number of steps that have a state and a truth."""
+    """The messages of a run as arrays, joined by step.
+
+    N is the number of steps that have a state and a truth.
+    """
 
     time_s: Floats
     """Shape (n,), since `start_ns`."""
@@ -79,8 +82,13 @@ def collect(recording: Recording) -> RunData:
     )
 
 
-def write_report(recording: Recording, summary: RunSummary, path: Path, video: Path | None = None) -> None:
-    """Writes the report of a run; it opens without a network. It shows the video, which may be yet to be written."""
+def write_report(
+    recording: Recording, summary: RunSummary, path: Path, video: Path | None = None
+) -> None:
+    """Writes the report of a run; it opens without a network.
+
+    It shows the video, which may be yet to be written.
+    """
     config = recording.known_config
     data = collect(recording)
     scheduled = np.array([state.leg_contact for state in data.states], dtype=bool).reshape(-1, 4)
@@ -98,12 +106,21 @@ def write_report(recording: Recording, summary: RunSummary, path: Path, video: P
         contact_figure=contact_figure(data.time_s, LEGS, scheduled, loaded),
         error_figure=_error_figure(data),
         ages=[
-            (topic, f"{rate:.1f}", *(f"{summary.age_ms[topic][share]:.1f}" for share in ("p50", "p99")))
+            (
+                topic,
+                f"{rate:.1f}",
+                *(f"{summary.age_ms[topic][share]:.1f}" for share in ("p50", "p99")),
+            )
             for topic, rate in sorted(summary.rates_hz.items())
             if topic in summary.age_ms
         ],
         events=[
-            (f"{(event.time_ns - data.start_ns) * 1e-9:.3f} s", event.process, event.code, event.detail)
+            (
+                f"{(event.time_ns - data.start_ns) * 1e-9:.3f} s",
+                event.process,
+                event.code,
+                event.detail,
+            )
             # of two senders the later may arrive first
             for event in sorted(recording.of(Event), key=lambda event: event.time_ns)
         ],
@@ -118,8 +135,12 @@ def _headline(summary: RunSummary, terrain: Terrain, config: RunConfig) -> str:
     speed = f" at {config.speed:g} of real time" if config.speed < 1.0 else ""
     run = f"seed {config.seed}, {config.pace}{speed}"
     if summary.success:
-        return f"Crossed {where} in {summary.time_s:.2f} s at {summary.mean_speed_mps:.2f} m/s; {run}"
-    return f"Did not cross {where}: {summary.explanation}; {shown(summary.distance_m, 2, 'm')}, {run}"
+        return (
+            f"Crossed {where} in {summary.time_s:.2f} s at {summary.mean_speed_mps:.2f} m/s; {run}"
+        )
+    return (
+        f"Did not cross {where}: {summary.explanation}; {shown(summary.distance_m, 2, 'm')}, {run}"
+    )
 
 
 def course_title(terrain: Terrain) -> str:
@@ -132,7 +153,11 @@ def _size(name: str, value: float) -> str:
     if isinstance(value, int):
         return f"{value} {name}"
     size, _, unit = name.rpartition("_")
-    return f"{size.replace('_', ' ')} {value:g} {unit}" if unit in ("m", "deg") and size else f"{name} {value:g}"
+    return (
+        f"{size.replace('_', ' ')} {value:g} {unit}"
+        if unit in ("m", "deg") and size
+        else f"{name} {value:g}"
+    )
 
 
 def _path_figure(data: RunData, terrain: Terrain) -> go.Figure:
@@ -187,21 +212,30 @@ def _body_figure(data: RunData) -> go.Figure:
         figure.add_scatter(x=data.time_s[some], y=values[some], name=name, yaxis=axis, line=line)
     return laid_out(
         figure, 520, legend_y=1.08, xaxis={"title": "time [s]", "anchor": "y3"},
-        yaxis={"domain": [0.70, 1.0], "title": "z [m]"}, yaxis2={"domain": [0.36, 0.64], "title": "pitch [deg]"},
+        yaxis={"domain": [0.70, 1.0], "title": "z [m]"},
+        yaxis2={"domain": [0.36, 0.64], "title": "pitch [deg]"},
         yaxis3={"domain": [0.0, 0.30], "title": "speed [m/s]"},
     )  # fmt: skip
 
 
 def _error_figure(data: RunData) -> go.Figure:
     """Errors of the steps that the headline counts: the robot runs, on a heightmap of status OK."""
-    running = [t for t, s in zip(data.truths, data.states, strict=True) if s.mode == ControllerMode.RUN]
+    running = [
+        t for t, s in zip(data.truths, data.states, strict=True) if s.mode == ControllerMode.RUN
+    ]
     pairs = [(data.heightmaps[t.step], t) for t in running if t.step in data.heightmaps]
-    trusted = [(h, t) for h, t in pairs if h.status == HeightmapStatus.OK and len(h.height) == len(t.height)]
+    trusted = [
+        (h, t)
+        for h, t in pairs
+        if h.status == HeightmapStatus.OK and len(h.height) == len(t.height)
+    ]
     figure = go.Figure()
     if trusted:
         x, steps_and_columns = 100 * np.asarray(trusted[0][0].x), (0, 2)
         shape = (len(trusted), len(x), -1)
-        error = 100 * np.abs(np.array([np.asarray(h.height) - t.height for h, t in trusted])).reshape(shape)
+        error = 100 * np.abs(
+            np.array([np.asarray(h.height) - t.height for h, t in trusted])
+        ).reshape(shape)
         claimed = 100 * np.array([np.asarray(h.half_width_90) for h, _ in trusted]).reshape(shape)
         for name, values, colour in (
             ("median error", np.median(error, axis=steps_and_columns), BLUE),
@@ -212,6 +246,8 @@ def _error_figure(data: RunData) -> go.Figure:
                 GREY,
             ),
         ):
-            figure.add_scatter(x=x, y=values, name=name, mode="lines+markers", line={"color": colour})
+            figure.add_scatter(
+                x=x, y=values, name=name, mode="lines+markers", line={"color": colour}
+            )
     figure.update_yaxes(rangemode="tozero")
     return laid_out(figure, 330, x="distance ahead of the base [cm]", y="[cm]", legend_y=1.15)

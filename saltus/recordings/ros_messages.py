@@ -142,26 +142,39 @@ def yaw_of(wxyz: Floats) -> tuple[float, float, float, float]:
 def optical(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
     """Quaternion of the camera frame in the base frame, of a camera that is turned so from looking level ahead."""
     turned = quaternion_from_roll_pitch_yaw(np.array(roll), np.array(pitch), np.array(yaw))
-    w, x, y, z = quaternion_product(turned, np.array([0.5, -0.5, 0.5, -0.5])).tolist()  # of level optical axes
+    w, x, y, z = quaternion_product(
+        turned, np.array([0.5, -0.5, 0.5, -0.5])
+    ).tolist()  # of level optical axes
     return (w, x, y, z)
 
 
 def joint_state(time_ns: int, names: Sequence[str], state: RobotState) -> Any:
     """A `sensor_msgs/msg/JointState`."""
-    values = (np.array(v, np.float64) for v in (state.joint_position, state.joint_velocity, state.joint_torque))
+    values = (
+        np.array(v, np.float64)
+        for v in (state.joint_position, state.joint_velocity, state.joint_torque)
+    )
     position, velocity, effort = values
     return make(
-        "sensor_msgs/msg/JointState", header=header(time_ns, ""), name=list(names), position=position,
+        "sensor_msgs/msg/JointState", header=header(time_ns, ""), name=list(names),
+        position=position,
         velocity=velocity, effort=effort,
     )  # fmt: skip
 
 
 def odometry(time_ns: int, base: str, position: Floats, state: RobotState) -> Any:
-    """A `nav_msgs/msg/Odometry` of a frame in `odom`; velocities are in the frame of the base, covariances unknown."""
+    """A `nav_msgs/msg/Odometry` of a frame in `odom`.
+
+    Velocities are in the frame of the base, covariances unknown.
+    """
     turned = np.asarray(state.quaternion_base_in_world, dtype=np.float64)
     linear = np.asarray(state.velocity_base_in_world, dtype=np.float64) @ rotation_matrix(turned)
     pose = make("geometry_msgs/msg/Pose", position=point(position), orientation=quaternion(turned))
-    twist = make("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(state.angular_velocity_base))
+    twist = make(
+        "geometry_msgs/msg/Twist",
+        linear=vector(linear),
+        angular=vector(state.angular_velocity_base),
+    )
     return make(
         "nav_msgs/msg/Odometry", header=header(time_ns, ODOM), child_frame_id=base,
         pose=make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
@@ -170,7 +183,10 @@ def odometry(time_ns: int, base: str, position: Floats, state: RobotState) -> An
 
 
 def usable_heights(heightmap: Heightmap) -> Reals:
-    """The heights [m], NaN for all where the heightmap itself says that they are not to be used; shape (points,)."""
+    """The heights [m], NaN for all where the heightmap itself says that they are not to be used.
+
+    Shape (points,).
+    """
     height = np.asarray(heightmap.height)
     return height if heightmap.status in USABLE else np.full_like(height, np.nan)
 
@@ -182,7 +198,8 @@ def points(time_ns: int, frame: str, **columns: ArrayLike) -> Any:
     fields = [field(name, 4 * i, FLOAT32, 1) for i, name in enumerate(columns)]
     data = table.reshape(-1).view(np.uint8)
     return make(
-        "sensor_msgs/msg/PointCloud2", header=header(time_ns, frame), height=1, width=len(table), fields=fields,
+        "sensor_msgs/msg/PointCloud2", header=header(time_ns, frame), height=1, width=len(table),
+        fields=fields,
         is_bigendian=False, point_step=4 * len(fields), row_step=data.size, data=data,
         is_dense=bool(np.isfinite(table).all()),
     )  # fmt: skip
@@ -196,7 +213,8 @@ def height_points(heightmap: Heightmap) -> Any:
     x, y = points_of(heightmap).T
     ages = {"age": _known_ages(heightmap)} if len(heightmap.age_s) else {}
     return points(
-        heightmap.time_ns, BASE_YAW, x=x, y=y, z=usable_heights(heightmap), half_width_90=heightmap.half_width_90,
+        heightmap.time_ns, BASE_YAW, x=x, y=y, z=usable_heights(heightmap),
+        half_width_90=heightmap.half_width_90,
         **ages,
     )  # fmt: skip
 
@@ -204,18 +222,26 @@ def height_points(heightmap: Heightmap) -> Any:
 def grid_map(heightmap: Heightmap) -> Any:
     """Predicted heights as a `grid_map_msgs/msg/GridMap` in the yaw frame: elevation, variance, half_width, age.
 
-    Heights are relative to the base; age [s] is there where it is known, NaN of what was never in an image. Cells go
-    backwards and to the right from the one farthest ahead at the left, as the package has it. Its cells are squares:
-    values between points that are not as far apart are interpolated.
+    Heights are relative to the base; age [s] is there where it is known, NaN of what was never in
+    an image. Cells go backwards and to the right from the one farthest ahead at the left, as the
+    package has it. Its cells are squares: values between points that are not as far apart are
+    interpolated.
     """
     sides = [np.asarray(side, np.float64) for side in (heightmap.x, heightmap.y)]
     resolution = min(float(side[-1] - side[0]) / (len(side) - 1) for side in sides if len(side) > 1)
     x, y = (_cells(side, resolution) for side in sides)
     sigma = np.asarray(heightmap.half_width_90) / NORMAL_90
-    layers = {ELEVATION: usable_heights(heightmap), VARIANCE: sigma * sigma, HALF_WIDTH: heightmap.half_width_90}
+    layers = {
+        ELEVATION: usable_heights(heightmap),
+        VARIANCE: sigma * sigma,
+        HALF_WIDTH: heightmap.half_width_90,
+    }
     if len(heightmap.age_s):
         layers[AGE] = _known_ages(heightmap)
-    shape, middle = (len(sides[0]), len(sides[1])), [0.5 * (x[0] + x[-1]), 0.5 * (y[0] + y[-1]), 0.0]
+    shape, middle = (
+        (len(sides[0]), len(sides[1])),
+        [0.5 * (x[0] + x[-1]), 0.5 * (y[0] + y[-1]), 0.0],
+    )
     tables = [np.asarray(values, np.float64).reshape(shape) for values in layers.values()]
     return make(
         "grid_map_msgs/msg/GridMap",
@@ -256,7 +282,9 @@ def _column_major(table: Floats) -> Any:
     rows, columns = table.shape
     sizes = [dimension("column_index", columns, rows * columns), dimension("row_index", rows, rows)]
     layout = make("std_msgs/msg/MultiArrayLayout", dim=sizes, data_offset=0)
-    return make("std_msgs/msg/Float32MultiArray", layout=layout, data=table.T.astype(np.float32).ravel())
+    return make(
+        "std_msgs/msg/Float32MultiArray", layout=layout, data=table.T.astype(np.float32).ravel()
+    )
 
 
 def marker(
@@ -264,16 +292,27 @@ def marker(
     rgba: Rgba, scale: ArrayLike, position: ArrayLike = (0.0, 0.0, 0.0), wxyz: ArrayLike = (1.0, 0.0, 0.0, 0.0),
     places: Sequence[NDArray[Any]] | NDArray[Any] = (), locked: bool = False,
 ) -> Any:  # fmt: skip
-    """A `visualization_msgs/msg/Marker`; one of a list of places takes away the earlier one where there are none."""
+    """A `visualization_msgs/msg/Marker`.
+
+    One of a list of places takes away the earlier one where there are none.
+    """
     nothing = kind in (LINE_LIST, SPHERE_LIST) and not len(places)
-    image = make("sensor_msgs/msg/CompressedImage", header=header(0, ""), format="", data=np.zeros(0, np.uint8))
+    image = make(
+        "sensor_msgs/msg/CompressedImage",
+        header=header(0, ""),
+        format="",
+        data=np.zeros(0, np.uint8),
+    )
     return make(
         "visualization_msgs/msg/Marker",
-        header=header(time_ns, frame), ns=name, id=number, type=kind, action=DELETE if nothing else ADD,
+        header=header(time_ns, frame), ns=name, id=number, type=kind,
+        action=DELETE if nothing else ADD,
         pose=make("geometry_msgs/msg/Pose", position=point(position), orientation=quaternion(wxyz)),
-        scale=vector(scale), color=make("std_msgs/msg/ColorRGBA", **dict(zip("rgba", rgba, strict=True))),
+        scale=vector(scale),
+        color=make("std_msgs/msg/ColorRGBA", **dict(zip("rgba", rgba, strict=True))),
         lifetime=make("builtin_interfaces/msg/Duration", sec=0, nanosec=0), frame_locked=locked,
-        points=[point(place) for place in places], colors=[], texture_resource="", uv_coordinates=[], text="",
+        points=[point(place) for place in places], colors=[], texture_resource="",
+        uv_coordinates=[], text="",
         mesh_resource="", texture=image,
         mesh_file=make("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, np.uint8)),
         mesh_use_embedded_materials=False,

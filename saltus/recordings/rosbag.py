@@ -24,7 +24,13 @@ from saltus.files import ARCHIVE_MAX
 from saltus.recordings.bag_files import opened
 from saltus.recordings.bag_topics import COMMANDS, choose
 from saltus.recordings.description import Topics
-from saltus.recordings.images import intrinsics, is_rectified, matrices_differ, millimetres, pixels_of
+from saltus.recordings.images import (
+    intrinsics,
+    is_rectified,
+    matrices_differ,
+    millimetres,
+    pixels_of,
+)
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, period_of
 from saltus.rotations import rotation_matrix
 
@@ -77,7 +83,9 @@ def read_rosbag(
     told = received["commands"] if len(received.get("commands", ())) > 1 else received["joints"]
     meta: dict[str, Any] = {"joints": names, "control_dt": period_of(_times(told))}
     if depth is not None and "camera_info" in received:
-        camera = _camera([each.message for each in received["camera_info"]], chosen["depth"], depth, notes)
+        camera = _camera(
+            [each.message for each in received["camera_info"]], chosen["depth"], depth, notes
+        )
         meta |= {} if camera is None else {"camera": camera}
     log = RunLog(
         meta=meta,
@@ -90,7 +98,11 @@ def read_rosbag(
 
 
 def _receive(
-    reader: AnyReader, path: Path, chosen: dict[str, str], notes: list[str], depth_unit_m: float | None
+    reader: AnyReader,
+    path: Path,
+    chosen: dict[str, str],
+    notes: list[str],
+    depth_unit_m: float | None,
 ) -> dict[str, list[_Received]]:
     """Messages of each part; of images and calibrations what is kept of them."""
     part_of = {topic: part for part, topic in chosen.items()}
@@ -111,7 +123,9 @@ def _receive(
             received[part].append((arrival_ns, int(stamp.sec) * 10**9 + int(stamp.nanosec), kept))
     images.tell(notes)
     if not received["joints"]:
-        raise RecordingError(f"{path}: {chosen['joints']} holds no messages: its metadata say more than there is")
+        raise RecordingError(
+            f"{path}: {chosen['joints']} holds no messages: its metadata say more than there is"
+        )
     kept_of = {part: _stamped(rows, chosen[part], notes) for part, rows in received.items()}
     arrival_ns, stamp_ns, _ = kept_of["joints"][0]
     return {part: _timed(rows, stamp_ns or arrival_ns) for part, rows in kept_of.items()}
@@ -141,11 +155,14 @@ def _imu_row(message: Any) -> Floats:
 def _base_row(message: Any) -> Floats:
     """Position, orientation and the velocity in the child's own frame of an Odometry."""
     pose = message.pose.pose
-    return np.array([*_xyz(pose.position), *_wxyz(pose.orientation), *_xyz(message.twist.twist.linear)])
+    return np.array(
+        [*_xyz(pose.position), *_wxyz(pose.orientation), *_xyz(message.twist.twist.linear)]
+    )
 
 
 KEPT: dict[str, Callable[[Any], Any]] = {
-    "joints": _joint_row, "commands": _joint_row, "imu": _imu_row, "base": _base_row, "camera_info": lambda info: info,
+    "joints": _joint_row, "commands": _joint_row, "imu": _imu_row, "base": _base_row,
+    "camera_info": lambda info: info,
 }  # fmt: skip
 """The part of a message that is kept, for each part of the log."""
 
@@ -169,7 +186,8 @@ class _Images:
         self._bytes += pixels.nbytes
         if self._bytes > ARCHIVE_MAX:
             raise RecordingError(
-                f"{self._path}: its depth images take more than {ARCHIVE_MAX / 2**30:g} GiB: cut the bag, or say "
+                f"{self._path}: its depth images take more than {ARCHIVE_MAX / 2**30:g} GiB: cut "
+                f"the bag, or say "
                 'leave_out = ["depth"] in the description'
             )
         return pixels
@@ -179,7 +197,8 @@ class _Images:
         for reason, count in self._refused.most_common():
             if not self._kept:
                 raise RecordingError(
-                    f'{self._path}: none of its depth images can be read: {reason}; or leave_out = ["depth"]'
+                    f"{self._path}: none of its depth images can be read: {reason}; or leave_out = "
+                    f'["depth"]'
                 )
             notes.append(f"{count} of {count + self._kept} depth images are left out: {reason}")
 
@@ -204,21 +223,34 @@ def _stamped(rows: _Rows, topic: str, notes: list[str]) -> _Rows:
     from_zero = rows[begin][1] < NANO
     kept = [row for place, row in enumerate(rows) if row[1] or (from_zero and place < begin)]
     if len(kept) < len(rows):
-        notes.append(f"{topic}: {len(rows) - len(kept)} of {len(rows)} messages bear no stamp, and are left out")
+        notes.append(
+            f"{topic}: {len(rows) - len(kept)} of {len(rows)} messages bear no stamp, and are left "
+            f"out"
+        )
     return kept
 
 
 def _timed(rows: _Rows, start_ns: int) -> list[_Received]:
-    """Messages of one topic, timed from a start on; those of a topic without stamps by their arrivals."""
+    """Messages of one topic, timed from a start on.
+
+    Those of a topic without stamps by their arrivals.
+    """
     has_stamps = any(stamp for _, stamp, _ in rows)
     return [
-        _Received(1e-9 * (arrival - start_ns), 1e-9 * ((stamp if has_stamps else arrival) - start_ns), each)
+        _Received(
+            1e-9 * (arrival - start_ns),
+            1e-9 * ((stamp if has_stamps else arrival) - start_ns),
+            each,
+        )
         for arrival, stamp, each in rows
     ]
 
 
 def _joints(
-    chosen: dict[str, str], received: dict[str, list[_Received]], left_out: Sequence[str], notes: list[str]
+    chosen: dict[str, str],
+    received: dict[str, list[_Received]],
+    left_out: Sequence[str],
+    notes: list[str],
 ) -> tuple[list[str], JointTable]:
     """Names of the joints, and rows from the first command on."""
     measured = _whole(received["joints"], chosen["joints"], notes)
@@ -226,7 +258,9 @@ def _joints(
     signals = _signals(measured, chosen["joints"], names, ("q", "dq", "tau_est"), left_out)
     time_s = _times(measured)
     if "q" not in signals or len(time_s) < 2:
-        raise RecordingError(f"{chosen['joints']} has {'one message only' if 'q' in signals else 'no positions'}")
+        raise RecordingError(
+            f"{chosen['joints']} has {'one message only' if 'q' in signals else 'no positions'}"
+        )
     if "commands" in received:
         commands = _whole(received["commands"], chosen["commands"], notes)
         told = _signals(commands, chosen["commands"], names, COMMANDS, left_out)
@@ -237,7 +271,9 @@ def _joints(
         signals |= {signal: values[np.maximum(row, 0)] for signal, values in told.items()}
         kept = row >= 0
         if not kept.any():
-            raise RecordingError(f"{chosen['commands']} begins after {chosen['joints']} has ended: two clocks?")
+            raise RecordingError(
+                f"{chosen['commands']} begins after {chosen['joints']} has ended: two clocks?"
+            )
         time_s = time_s[kept]
         signals = {signal: values[kept] for signal, values in signals.items()}
     return names, JointTable(time_s=time_s, **signals)
@@ -251,12 +287,19 @@ def _whole(messages: _Messages, topic: str, notes: list[str]) -> _Messages:
     kept = [each for each in messages if each.message.name in whole]
     if len(kept) < len(messages):
         count = len(messages) - len(kept)
-        notes.append(f"{topic}: {count} of {len(messages)} messages name fewer joints than others, and are left out")
+        notes.append(
+            f"{topic}: {count} of {len(messages)} messages name fewer joints than others, and are "
+            f"left out"
+        )
     return kept
 
 
 def _signals(
-    messages: _Messages, topic: str, names: Sequence[str], signals: Sequence[str], left_out: Sequence[str]
+    messages: _Messages,
+    topic: str,
+    names: Sequence[str],
+    signals: Sequence[str],
+    left_out: Sequence[str],
 ) -> dict[str, Floats]:
     """Values of `signals` in joint messages, in the order of `names`, shape (messages, joints) each.
 
@@ -264,7 +307,9 @@ def _signals(
     """
     fields = dict(zip(signals, ("position", "velocity", "effort"), strict=True))
     first = messages[0].message
-    held = {s: field for s, field in fields.items() if s not in left_out and len(getattr(first, field))}
+    held = {
+        s: field for s, field in fields.items() if s not in left_out and len(getattr(first, field))
+    }
     rows = {signal: np.full((len(messages), len(names)), np.nan) for signal in held}
     places: dict[tuple[str, ...], tuple[list[int], list[int]]] = {}
     for row, each in enumerate(messages):
@@ -277,7 +322,8 @@ def _signals(
             values = getattr(each.message, field)
             if len(values) != len(own):
                 raise RecordingError(
-                    f"{topic}: the message at {each.time_s:.3f} s has {len(own)} names and {len(values)} values of "
+                    f"{topic}: the message at {each.time_s:.3f} s has {len(own)} names and "
+                    f"{len(values)} values of "
                     f"{field}; leave it out with leave_out"
                 )
             rows[signal][row, ours] = values[theirs]
@@ -302,11 +348,15 @@ def _base(messages: _Messages) -> Table | None:
     if not messages:
         return None
     values = np.stack([each.message for each in messages])
-    values[:, 7:] = (rotation_matrix(values[:, 3:7]) @ values[:, 7:, None])[..., 0]  # into the world
+    values[:, 7:] = (rotation_matrix(values[:, 3:7]) @ values[:, 7:, None])[
+        ..., 0
+    ]  # into the world
     return Table(time_s=_times(messages), values=values)
 
 
-def _depth(path: Path, messages: list[_Received], size: tuple[int, int] | None, notes: list[str]) -> DepthTable | None:
+def _depth(
+    path: Path, messages: list[_Received], size: tuple[int, int] | None, notes: list[str]
+) -> DepthTable | None:
     """Images of one size, taken before they came and by the clock of the bag."""
     if not messages:
         return None
@@ -315,23 +365,31 @@ def _depth(path: Path, messages: list[_Received], size: tuple[int, int] | None, 
     if not sizes[shape]:
         there = ", ".join(f"{width}x{height}" for height, width in sizes)
         raise RecordingError(
-            f"{path}: [claims.camera] is of {size[0]}x{size[1]} pixels, images are {there}" if size else ""
+            f"{path}: [claims.camera] is of {size[0]}x{size[1]} pixels, images are {there}"
+            if size
+            else ""
         )
     for (height, width), count in sizes.items():
         if (height, width) != shape:
-            notes.append(f"{count} of {len(messages)} depth images are {width}x{height}, and are left out")
+            notes.append(
+                f"{count} of {len(messages)} depth images are {width}x{height}, and are left out"
+            )
     messages = [each for each in messages if each.message.shape == shape]
     arrival_s, capture_s = np.array([each.arrival_s for each in messages]), _times(messages)
     age_s = arrival_s - capture_s
     right = (age_s >= 0.0) & (age_s <= OLDEST_IMAGE_S)
     if not 0.0 <= np.median(age_s) <= OLDEST_IMAGE_S:
         median = float(np.median(age_s))
-        notes.append(f"images were stamped {median:.3g} s before they came, by another clock, and are left out")
+        notes.append(
+            f"images were stamped {median:.3g} s before they came, by another clock, and are left "
+            f"out"
+        )
         return None
     if not right.all():
         count = int(np.sum(~right))
         notes.append(
-            f"{count} of {len(right)} depth images are stamped later than they came, or far earlier, and are left out"
+            f"{count} of {len(right)} depth images are stamped later than they came, or far "
+            f"earlier, and are left out"
         )
     stamped = bool(np.any(age_s))
     if not stamped:
@@ -349,7 +407,9 @@ def _depth(path: Path, messages: list[_Received], size: tuple[int, int] | None, 
     )
 
 
-def _camera(infos: Sequence[Any], topic: str, depth: DepthTable, notes: list[str]) -> dict[str, Any] | None:
+def _camera(
+    infos: Sequence[Any], topic: str, depth: DepthTable, notes: list[str]
+) -> dict[str, Any] | None:
     """The first calibration that fits the images."""
     height, width = depth.depth_mm.shape[1:]
     rate = 1.0 / period_of(depth.arrival_s) if len(depth.arrival_s) > 1 else 0.0
@@ -361,10 +421,16 @@ def _camera(infos: Sequence[Any], topic: str, depth: DepthTable, notes: list[str
             reason = reason or str(error)
             continue
         if matrices_differ(info):
-            chosen, kind = ("P", "rectified") if is_rectified(topic) else ("K", "raw, so that its lens distorts")
+            chosen, kind = (
+                ("P", "rectified")
+                if is_rectified(topic)
+                else ("K", "raw, so that its lens distorts")
+            )
             notes.append(f"K and P of the camera differ: {chosen} is taken, as {topic} is {kind}")
         return {**vars(found), "width": width, "height": height, "rate": rate}
-    notes.append(f"the camera is not known: {reason}; say fx, fy, cx, cy, width, height in [claims.camera]")
+    notes.append(
+        f"the camera is not known: {reason}; say fx, fy, cx, cy, width, height in [claims.camera]"
+    )
     return None
 
 

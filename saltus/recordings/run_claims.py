@@ -1,6 +1,7 @@
 """Claims of `meta.json` of a run log about the rig: which keys there must be, and what values they may have.
 
-The simulator that a log is compared with is built from these claims, so each of them is checked before anything else.
+The simulator that a log is compared with is built from these claims, so each of them is checked
+before anything else.
 """
 
 from pathlib import Path
@@ -54,7 +55,8 @@ SIZE: Range = (1e-6, 1e5, "m")
 def claim_of(robot: Robot) -> str:
     """Claim of meta.json about a robot: its name where Saltus ships it, else its model beside meta.json.
 
-    A robot of one's own that has a shipped one's name is that one only with the same model, wherever its camera sits.
+    A robot of one's own that has a shipped one's name is that one only with the same model,
+    wherever its camera sits.
     """
     is_shipped = robot.name in shipped_robots() and robot.mjcf == load_robot(robot.name).mjcf
     return robot.name if is_shipped else f"{robot.name}.xml"
@@ -64,25 +66,42 @@ def check_claims(meta: dict[str, Any]) -> None:
     """Checks all claims of a run log.
 
     Raises:
-        RecordingError: a claim that is missing or cannot be; names the key, the value and what is allowed.
+        RecordingError: a claim that is missing or cannot be; names the key, the value and what is
+            allowed.
     """
     if meta.get("schema") != SCHEMA:
         raise RecordingError(f"schema {_shown(meta.get('schema'))}: this version reads '{SCHEMA}'")
     joints = meta.get("joints")
-    if not isinstance(joints, list) or not joints or not all(isinstance(name, str) for name in joints):
+    if (
+        not isinstance(joints, list)
+        or not joints
+        or not all(isinstance(name, str) for name in joints)
+    ):
         raise _refused("joints", joints, "a list of names, in the order of the columns")
     if twice := [name for name in joints if joints.count(name) > 1]:
         raise _refused("joints", twice[0], "each name once")
     robot = meta.get("robot")
-    if not isinstance(robot, str) or Path(robot).name != robot:  # nothing outside of the folder is read
-        raise _refused("robot", robot, f"{', '.join(shipped_robots())}, or the name of an MJCF file beside meta.json")
+    if (
+        not isinstance(robot, str) or Path(robot).name != robot
+    ):  # nothing outside of the folder is read
+        raise _refused(
+            "robot",
+            robot,
+            f"{', '.join(shipped_robots())}, or the name of an MJCF file beside meta.json",
+        )
     if meta.get("base") not in BASES:
         raise _refused("base", meta.get("base"), "'fixed' (held) or 'free'")
     for key, allowed in GAINS.items() if meta.keys() & GAINS.keys() else ():
         values = meta.get(key)
         each = values if isinstance(values, list) else [values]
-        if len(each) not in (1, len(joints)) or not all(_is_within(value, allowed) for value in each):
-            raise _refused(key, values, f"{_range(allowed)}, one number or one for each of {len(joints)} joints")
+        if len(each) not in (1, len(joints)) or not all(
+            _is_within(value, allowed) for value in each
+        ):
+            raise _refused(
+                key,
+                values,
+                f"{_range(allowed)}, one number or one for each of {len(joints)} joints",
+            )
     _check(meta, "", {"control_dt": CONTROL_DT})
     _check_optional(meta, "", OPTIONAL)
     if meta.get("payload_position") is not None:
@@ -95,22 +114,31 @@ def check_claims(meta: dict[str, Any]) -> None:
 
 
 def segments(meta: dict[str, Any]) -> list[dict[str, Any]]:
-    """Segments that a log's meta.json names, beside `excitation` or within it; none if it names none.
+    """Segments that a log's meta.json names, beside `excitation` or within it.
+
+    None if it names none.
 
     Raises:
         RecordingError: a segment without name, t0, t1 or condition, or that ends before it begins.
     """
     excitation = meta.get("excitation")
-    named = meta.get("segments", excitation.get("segments") if isinstance(excitation, dict) else None) or []
+    named = (
+        meta.get("segments", excitation.get("segments") if isinstance(excitation, dict) else None)
+        or []
+    )
     if not isinstance(named, list):
         raise _refused("segments", named, "a list")
     for segment in named:
-        missing = [key for key in SEGMENT_KEYS if not isinstance(segment, dict) or key not in segment]
+        missing = [
+            key for key in SEGMENT_KEYS if not isinstance(segment, dict) or key not in segment
+        ]
         if missing:
             raise RecordingError(f"meta.json: a segment lacks '{missing[0]}': {_shown(segment)}")
         ends = [segment["t0"], segment["t1"]]
         if not all(_is_within(end, (*SECONDS, "s")) for end in ends) or ends[1] <= ends[0]:
-            raise RecordingError(f"meta.json: segment {_shown(segment['name'])} must have numbers t0 < t1 [s]")
+            raise RecordingError(
+                f"meta.json: segment {_shown(segment['name'])} must have numbers t0 < t1 [s]"
+            )
     return named
 
 
@@ -133,7 +161,9 @@ def _check_terrain(terrain: Any) -> None:
         _check_vector(box, "size", SIZE, where)
         for turn in ("pitch", "yaw"):
             if box.get(turn, 0) != 0:
-                raise _refused(where + turn, box[turn], "0: this version compares with level boxes only")
+                raise _refused(
+                    where + turn, box[turn], "0: this version compares with level boxes only"
+                )
 
 
 def _check(table: dict[str, Any], where: str, ranges: dict[str, Range]) -> None:
@@ -143,12 +173,20 @@ def _check(table: dict[str, Any], where: str, ranges: dict[str, Range]) -> None:
 
 
 def _check_optional(table: dict[str, Any], where: str, ranges: dict[str, Range]) -> None:
-    _check(table, where, {key: allowed for key, allowed in ranges.items() if table.get(key) is not None})
+    _check(
+        table,
+        where,
+        {key: allowed for key, allowed in ranges.items() if table.get(key) is not None},
+    )
 
 
 def _check_vector(table: dict[str, Any], key: str, allowed: Range, where: str = "") -> None:
     values = table.get(key)
-    if not isinstance(values, list) or len(values) != 3 or not all(_is_within(value, allowed) for value in values):
+    if (
+        not isinstance(values, list)
+        or len(values) != 3
+        or not all(_is_within(value, allowed) for value in values)
+    ):
         raise _refused(where + key, values, f"three numbers, {_range(allowed)}")
 
 

@@ -2,10 +2,10 @@
 
     meta.json, joints.csv, imu.csv, base.csv, feet.csv, depth.npz
 
-SI units, unless `units` in meta.json states others; `t` in seconds on one monotonic clock; world
-z up; quaternions (w, x, y, z), body to world. Everything but `meta.json` and `joints.csv` may be
-missing. A table may be Parquet with the same columns, e.g. `joints.parquet`, or an archive of numpy,
-`joints.npz`, with an array for each column, or for each signal one of shape (rows, joints).
+SI units, unless `units` in meta.json states others; `t` in seconds on one monotonic clock; world z
+up; quaternions (w, x, y, z), body to world. Everything but `meta.json` and `joints.csv` may be
+missing. A table may be Parquet with the same columns, e.g. `joints.parquet`, or an archive of
+numpy, `joints.npz`, with an array for each column, or for each signal one of shape (rows, joints).
 Reading checks the form only: columns and types. Whether the contents make sense is for
 `saltus.real2sim.screening.screen` to say.
 """
@@ -42,7 +42,9 @@ DEPTH_ARRAYS = {
     "depth": (3, "iu", "images of whole millimetres, (frames, rows, columns)"),
 }
 """Arrays of depth.npz: number of dimensions, kinds of numbers, and what they are."""
-PAUSE = 2.5  # times the usual step: neither rounding to the period nor one lost row makes steps as long
+PAUSE = (
+    2.5  # times the usual step: neither rounding to the period nor one lost row makes steps as long
+)
 FORMS = {"parquet": read_parquet, "npz": read_archive, "csv": read_text}
 """How the tables are read, by the ending of their files; the first that is there is taken."""
 
@@ -111,7 +113,8 @@ class RunLog:
 def period_of(time_s: Floats) -> float:
     """The usual time between rows [s], also where their times are rounded more coarsely than it.
 
-    It is the mean of the steps that are no pauses: their median would be 1 ms of rows at 800 Hz in whole milliseconds.
+    It is the mean of the steps that are no pauses: their median would be 1 ms of rows at 800 Hz in
+        whole milliseconds.
     """
     steps = np.diff(time_s)
     usual = float(np.median(steps))
@@ -124,7 +127,8 @@ def write_run_log(log: RunLog, directory: Path, robot: Robot | None = None) -> N
     Args:
         log: What is written.
         directory: Folder for it; it is made.
-        robot: That of the log; its model is written beside the tables where Saltus does not ship it.
+        robot: That of the log; its model is written beside the tables where Saltus does not ship
+            it.
 
     Raises:
         RecordingError: the directory cannot be written, or holds a run log already.
@@ -148,7 +152,8 @@ def write_run_log(log: RunLog, directory: Path, robot: Robot | None = None) -> N
             _write_depth(directory / "depth.npz", log.depth)
         if robot is not None and (claim := claim_of(robot)) != robot.name:
             (directory / claim).write_text(robot.mjcf, encoding="utf-8")
-        # last: without it a folder is no run log, so that one that could not be finished is not taken for one
+        # last: without it a folder is no run log, so that one that could not be finished is not
+        # taken for one
         (directory / "meta.json").write_text(json.dumps(log.meta, indent=2), encoding="utf-8")
     except OSError as error:
         raise RecordingError(f"cannot write {directory}: {error.strerror or error}") from error
@@ -168,7 +173,8 @@ def read_run_log(directory: Path) -> RunLog:
     """Reads a run log.
 
     Raises:
-        RecordingError: no run log, a claim that cannot be, or a table that does not have the columns it must have.
+        RecordingError: no run log, a claim that cannot be, or a table that does not have the
+            columns it must have.
     """
     meta = read_claims(directory)
     log = RunLog(
@@ -186,7 +192,8 @@ def read_claims(directory: Path) -> dict[str, Any]:
     """Contents of meta.json.
 
     Raises:
-        RecordingError: there is none (says what the directory is instead), or a claim that cannot be.
+        RecordingError: there is none (says what the directory is instead), or a claim that cannot
+            be.
     """
     path = directory / "meta.json"
     if not directory.exists():
@@ -197,8 +204,14 @@ def read_claims(directory: Path) -> dict[str, Any]:
             "`saltus real2sim import` makes one of a bag or a table"
         )
     if not path.exists():
-        recordings = sorted(other.name for kind in ("mcap", "db3") for other in directory.glob(f"*.{kind}"))
-        instead = f"; `saltus real2sim import` makes one of the {recordings[0]} in it" if recordings else ""
+        recordings = sorted(
+            other.name for kind in ("mcap", "db3") for other in directory.glob(f"*.{kind}")
+        )
+        instead = (
+            f"; `saltus real2sim import` makes one of the {recordings[0]} in it"
+            if recordings
+            else ""
+        )
         raise RecordingError(f"{directory} is not a run log: it has no meta.json{instead}")
     try:
         meta = json.loads(path.read_text(encoding="utf-8"))
@@ -223,7 +236,11 @@ def _write(path: Path, columns: Sequence[str], table: Table) -> None:
 
 
 def _write_depth(path: Path, depth: DepthTable) -> None:
-    arrays: dict[str, Any] = {"t_arrival": depth.arrival_s, "frame_id": depth.frame_id, "depth": depth.depth_mm}
+    arrays: dict[str, Any] = {
+        "t_arrival": depth.arrival_s,
+        "frame_id": depth.frame_id,
+        "depth": depth.depth_mm,
+    }
     if depth.capture_s is not None:
         arrays["t_capture"] = depth.capture_s
     np.savez_compressed(path, **arrays)
@@ -237,11 +254,15 @@ def _read_table(directory: Path, name: str) -> tuple[Path, dict[str, Floats]] | 
             found = read(path)
             columns = found.values
             if found.notes:
-                raise RecordingError(f"{path}: {found.notes[0].replace('left out', 'must be deleted')}")
+                raise RecordingError(
+                    f"{path}: {found.notes[0].replace('left out', 'must be deleted')}"
+                )
             if "t" not in columns:
                 raise RecordingError(f"{path}: column 't' is missing")
             if lengths := {len(values) for values in columns.values()} - {len(columns["t"])}:
-                raise RecordingError(f"{path}: 't' has {len(columns['t'])} rows, another column {lengths.pop()}")
+                raise RecordingError(
+                    f"{path}: 't' has {len(columns['t'])} rows, another column {lengths.pop()}"
+                )
             return path, columns
     return None
 
@@ -301,11 +322,14 @@ def _read_depth(path: Path) -> DepthTable | None:
             or 0 in array.shape[1:]
         ):
             found = f"{array.dtype} of shape {array.shape}"
-            raise RecordingError(f"{path}: '{name}' is {found}; it must be {meaning}, one for each arrival")
+            raise RecordingError(
+                f"{path}: '{name}' is {found}; it must be {meaning}, one for each arrival"
+            )
     depth = arrays["depth"]
     if depth.size and not 0 <= int(depth.min()) <= int(depth.max()) <= FARTHEST_MM:
         raise RecordingError(
-            f"{path}: 'depth' reaches from {depth.min()} to {depth.max()} mm; uint16 holds 0 to {FARTHEST_MM}"
+            f"{path}: 'depth' reaches from {depth.min()} to {depth.max()} mm; uint16 holds 0 to "
+            f"{FARTHEST_MM}"
         )
     return DepthTable(
         arrival_s=arrays["t_arrival"].astype(np.float64),

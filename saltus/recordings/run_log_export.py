@@ -32,10 +32,13 @@ def export_run_log(recording: Recording, directory: Path) -> None:
 
 
 def as_run_log(run: Path, folder: Path) -> Path:
-    """A run log as it is; of a run of Saltus, by its folder or its recording, one that is written into `folder`.
+    """A run log as it is.
+
+    Of a run of Saltus, by its folder or its recording, one that is written into `folder`.
 
     Raises:
-        RecordingError: the recording cannot be read, has no joint data, or the log cannot be written.
+        RecordingError: the recording cannot be read, has no joint data, or the log cannot be
+            written.
     """
     if not is_run(run):
         return run
@@ -45,7 +48,11 @@ def as_run_log(run: Path, folder: Path) -> Path:
 
 def is_run(path: Path) -> bool:
     """True where it is the folder or the recording of a run of Saltus."""
-    return (path / RECORDING_FILE).is_file() if path.is_dir() else path.is_file() and is_recording(path)
+    return (
+        (path / RECORDING_FILE).is_file()
+        if path.is_dir()
+        else path.is_file() and is_recording(path)
+    )
 
 
 def _collect(recording: Recording) -> RunLog:
@@ -55,8 +62,14 @@ def _collect(recording: Recording) -> RunLog:
     states = recording.of(RobotState)
     truths = recording.of(GroundTruth)
     frames = [(t, m) for t, _, m in recording.messages("camera/depth") if isinstance(m, DepthFrame)]
-    imu = [(*m.quaternion_base_in_world, *m.angular_velocity_base, *m.acceleration_base) for m in states]
-    base = [(*m.position_base_in_world, *m.quaternion_base_in_world, *m.velocity_base_in_world) for m in truths]
+    imu = [
+        (*m.quaternion_base_in_world, *m.angular_velocity_base, *m.acceleration_base)
+        for m in states
+    ]
+    base = [
+        (*m.position_base_in_world, *m.quaternion_base_in_world, *m.velocity_base_in_world)
+        for m in truths
+    ]
     return RunLog(
         meta=_meta(recording, logs, [frame for _, frame in frames], is_simulated=bool(truths)),
         joints=_joints(logs),
@@ -129,7 +142,9 @@ def _joints(logs: list[JointLog]) -> JointTable:
         q_des=rows("position_desired"),
         dq_des=rows("velocity_desired"),
         tau_ff=rows("torque_feedforward"),
-        tau_est=np.concatenate([read[1:], read[-1:]]),  # a drive reports the torque of the step before
+        tau_est=np.concatenate(
+            [read[1:], read[-1:]]
+        ),  # a drive reports the torque of the step before
         kp=rows("kp"),
         kd=rows("kd"),
     )

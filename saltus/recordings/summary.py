@@ -30,7 +30,10 @@ TROUBLE = {
     "heightmap_invalid": STOPPED,
     "plan_lost": STOPPED,
 }
-"""Events of a running robot that lead to its failure, and what a person calls them; some make it stop."""
+"""Events of a running robot that lead to its failure, and what a person calls them.
+
+Some make it stop.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,14 +45,18 @@ class RunSummary:
     cause: str
     """Why it failed; empty after success."""
     explanation: str
-    """The same for a person: what began it, what followed from it, and last the cause; empty after success."""
+    """The same for a person: what began it, what followed from it, and last the cause.
+
+    Empty after success.
+    """
     distance_m: float
     timed: str
     """From where, in words, time and speed are measured."""
     time_s: float
     mean_speed_mps: float
     heightmap_mae_m: float
-    """Mean absolute error over all points and all steps in which the robot ran on a heightmap of status OK."""
+    """Mean absolute error over all points and all steps in which the robot ran on a heightmap of
+    status OK."""
     digest: str
     """Empty where the recording lacks a message: in real time a busy machine may drop one."""
     lost: int
@@ -74,15 +81,23 @@ def rounded(value: float, digits: int) -> str:
 
 
 def summarise(recording: Recording) -> RunSummary:
-    """Computes the summary of a run; a run that was cut off has no outcome and counts as a failure."""
+    """Computes the summary of a run.
+
+    A run that was cut off has no outcome and counts as a failure.
+    """
     outcome = _outcome(recording)
-    success, cause = bool(outcome.get("success", False)), str(outcome.get("cause", "the run was cut off"))
+    success, cause = (
+        bool(outcome.get("success", False)),
+        str(outcome.get("cause", "the run was cut off")),
+    )
     timing = rates_and_ages(recording)
     return RunSummary(
         terrain=recording.terrain.kind if recording.config else "unknown",
         success=success,
         cause=cause,
-        explanation="" if success else "; then ".join([*_troubles(recording), cause.replace("_", " ")]),
+        explanation=""
+        if success
+        else "; then ".join([*_troubles(recording), cause.replace("_", " ")]),
         distance_m=float(outcome["distance_m"]) if outcome else _way(recording),
         timed=recording.terrain.timed,
         time_s=float(outcome.get("time_s", np.nan)),
@@ -93,7 +108,9 @@ def summarise(recording: Recording) -> RunSummary:
         models=recording.models,
         camera=f"{recording.camera.name} {recording.camera.fingerprint}",
         rates_hz={topic: row.rate_hz for topic, row in timing.items()},
-        age_ms={topic: {"p50": row.age_p50_ms, "p99": row.age_p99_ms} for topic, row in timing.items()},
+        age_ms={
+            topic: {"p50": row.age_p50_ms, "p99": row.age_p99_ms} for topic, row in timing.items()
+        },
         rejected=_rejected(recording),
     )
 
@@ -104,7 +121,9 @@ def sentence(summary: RunSummary) -> str:
     way, error = shown(summary.distance_m, 2, "m"), shown(100 * summary.heightmap_mae_m, 1, "cm")
     time = f"{shown(summary.time_s, 2, 's')} at {shown(summary.mean_speed_mps, 2, 'm/s')} {summary.timed}"
     lost = f"; the recording lacks {summary.lost} messages" if summary.lost else ""
-    return f"{verdict} {summary.terrain}: {way} from the start; {time}; heightmap error {error}{lost}"
+    return (
+        f"{verdict} {summary.terrain}: {way} from the start; {time}; heightmap error {error}{lost}"
+    )
 
 
 def _way(recording: Recording) -> float:
@@ -127,7 +146,9 @@ def heightmap_error(recording: Recording) -> float:
     errors = [
         np.abs(np.asarray(message.height) - truth[message.step])
         for message in recording.of(Heightmap)
-        if message.status == HeightmapStatus.OK and message.step in running and message.step in truth
+        if message.status == HeightmapStatus.OK
+        and message.step in running
+        and message.step in truth
     ]
     return float(np.mean(errors)) if errors else float("nan")
 
@@ -135,7 +156,9 @@ def heightmap_error(recording: Recording) -> float:
 def _troubles(recording: Recording) -> list[str]:
     """Troubles between a robot's first step and its end, the first of each kind, one phrase each, in order."""
     # A computer is too slow from the beginning; that takes seconds to tell.
-    events = sorted(recording.of(Event), key=lambda event: (event.code != "too_slow", event.time_ns))
+    events = sorted(
+        recording.of(Event), key=lambda event: (event.code != "too_slow", event.time_ns)
+    )
     run_ns = min((event.time_ns for event in events if event.code == "mode_run"), default=np.inf)
     end_ns = min((event.time_ns for event in events if event.code in OUTCOME_CODES), default=np.inf)
     first: dict[str, str] = {}

@@ -25,7 +25,9 @@ class TopicTiming:
 
 
 def digest(recording: Recording) -> str:
-    """sha256 over capture time and payload of heightmaps, plans and robot states, in order; none may be missing.
+    """sha256 over capture time and payload of heightmaps, plans and robot states, in order.
+
+    None may be missing.
 
     Two lockstep runs of one seed give the same digest.
 
@@ -38,7 +40,9 @@ def digest(recording: Recording) -> str:
         for _, envelope, payload in recording.payloads(topic):
             expected = sequence.get(envelope.boot_id, 0) + 1
             if envelope.sequence != expected:
-                raise RecordingError(f"{recording.path}: {topic} {expected} is missing, {envelope.sequence} came")
+                raise RecordingError(
+                    f"{recording.path}: {topic} {expected} is missing, {envelope.sequence} came"
+                )
             sequence[envelope.boot_id] = envelope.sequence
             total.update(topic.encode() + envelope.capture_ns.to_bytes(8, "little") + payload)
     return total.hexdigest()
@@ -47,14 +51,20 @@ def digest(recording: Recording) -> str:
 def rates_and_ages(recording: Recording) -> dict[str, TopicTiming]:
     """Rate and age of each recorded stream.
 
-    Age is arrival at the recorder minus capture, in the run's clock: in lockstep the simulated time of arrival.
+    Age is arrival at the recorder minus capture, in the run's clock: in lockstep the simulated time
+    of arrival.
     """
     timings = {}
     for topic in recording.topics():
-        rows = [(arrival, e.capture_ns, e.boot_id, e.sequence) for arrival, e, _ in recording.payloads(topic)]
+        rows = [
+            (arrival, e.capture_ns, e.boot_id, e.sequence)
+            for arrival, e, _ in recording.payloads(topic)
+        ]
         if len(rows) < 2 or TOPICS[topic].rate_hz == 0.0:
             continue
-        arrival_ns, capture_ns = (np.array(column, dtype=np.int64) for column in list(zip(*rows, strict=True))[:2])
+        arrival_ns, capture_ns = (
+            np.array(column, dtype=np.int64) for column in list(zip(*rows, strict=True))[:2]
+        )
         span_s = 1e-9 * float(arrival_ns[-1] - arrival_ns[0])
         p50, p99 = np.percentile(1e-6 * (arrival_ns - capture_ns), [50, 99])
         timings[topic] = TopicTiming(

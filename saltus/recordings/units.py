@@ -28,17 +28,29 @@ STANDARD_GRAVITY = 9.80665
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLES = {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "rev": 2.0 * math.pi}
 SPEEDS = {
-    "rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0, "rev/s": 2.0 * math.pi, "mrad/s": 1e-3,
+    "rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0, "rev/s": 2.0 * math.pi,
+    "mrad/s": 1e-3,
     "mdeg/s": 1e-3 * math.pi / 180.0,
 }  # fmt: skip
 TORQUES = {
     "Nm": 1.0, "mNm": 1e-3, "kgf cm": 1e-2 * STANDARD_GRAVITY, "kgf m": STANDARD_GRAVITY,
-    "gf cm": 1e-5 * STANDARD_GRAVITY, "lbf ft": 12.0 * POUND_FORCE_N * INCH_M, "lbf in": POUND_FORCE_N * INCH_M,
+    "gf cm": 1e-5 * STANDARD_GRAVITY, "lbf ft": 12.0 * POUND_FORCE_N * INCH_M,
+    "lbf in": POUND_FORCE_N * INCH_M,
     "ozf in": POUND_FORCE_N * INCH_M / 16.0,
 }  # fmt: skip
-ACCELERATIONS = {"m/s^2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY, "mm/s^2": 1e-3, "cm/s^2": 1e-2}
+ACCELERATIONS = {
+    "m/s^2": 1.0,
+    "g": STANDARD_GRAVITY,
+    "mg": 1e-3 * STANDARD_GRAVITY,
+    "mm/s^2": 1e-3,
+    "cm/s^2": 1e-2,
+}
 LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": INCH_M, "ft": 12.0 * INCH_M}
-VELOCITIES = {**{f"{name}/s": metres for name, metres in LENGTHS.items()}, **LENGTHS, "km/h": 1.0 / 3.6}
+VELOCITIES = {
+    **{f"{name}/s": metres for name, metres in LENGTHS.items()},
+    **LENGTHS,
+    "km/h": 1.0 / 3.6,
+}
 
 
 @dataclass(frozen=True)
@@ -100,7 +112,9 @@ class Units:
     def __post_init__(self) -> None:
         for name in self.signals:
             if name not in SIGNALS:
-                raise ConfigError(f"units.signals: no signal '{name}': {nearest_hint(name, SIGNALS)}")
+                raise ConfigError(
+                    f"units.signals: no signal '{name}': {nearest_hint(name, SIGNALS)}"
+                )
         for name in SIGNALS:
             self.of(name)
         _value("time_unit", self.time_unit, TIMES)
@@ -111,7 +125,11 @@ class Units:
         """How many SI units one unit of a signal of `SIGNALS` is."""
         what = SIGNALS[signal]
         own = self.signals.get(signal)
-        return _value(what.key, getattr(self, what.key), what.units) if own is None else _value(signal, own, what.units)
+        return (
+            _value(what.key, getattr(self, what.key), what.units)
+            if own is None
+            else _value(signal, own, what.units)
+        )
 
     @property
     def seconds(self) -> float:
@@ -122,7 +140,9 @@ class Units:
 def check_depth_unit(unit_m: float) -> None:
     """Raises `ConfigError` for a step of depth images [m] that no camera has."""
     if not 1e-6 <= unit_m <= 1.0:
-        raise ConfigError(f"depth_unit_m = {unit_m:g}: 1e-06 to 1 m is allowed, 0.001 is a millimetre")
+        raise ConfigError(
+            f"depth_unit_m = {unit_m:g}: 1e-06 to 1 m is allowed, 0.001 is a millimetre"
+        )
 
 
 def _value(key: str, unit: Unit, units: dict[str, float]) -> float:
@@ -130,7 +150,10 @@ def _value(key: str, unit: Unit, units: dict[str, float]) -> float:
         return 1.0
     if isinstance(unit, str):
         if unit not in units:
-            raise ConfigError(f"{key} = '{unit}': {nearest_hint(unit, units)}; or a number, how many SI units one is")
+            raise ConfigError(
+                f"{key} = '{unit}': {nearest_hint(unit, units)}; or a number, how many SI units "
+                f"one is"
+            )
         return units[unit]
     if not (math.isfinite(unit) and 1e-12 < abs(unit) < 1e12):
         raise ConfigError(f"{key} = {unit:g}: a unit is a name or a number other than 0")
@@ -158,7 +181,9 @@ def in_si(any_log: Log, units: Units) -> Log:
     signals = {
         name: units.of(name) * values
         for name, signal in SIGNALS.items()
-        if signal.table == "joints" and units.of(name) != 1.0 and (values := getattr(log.joints, name)) is not None
+        if signal.table == "joints"
+        and units.of(name) != 1.0
+        and (values := getattr(log.joints, name)) is not None
     }
     depth = log.depth
     if depth is not None:

@@ -29,7 +29,16 @@ from saltus.sim.shapes import looks_of
 from saltus.terrain.terrain import Terrain
 from saltus.wire.bus import topic_of
 from saltus.wire.codec import LOG_INFO, depth_on_the_wire, header, stamp
-from saltus.wire.messages import DepthFrame, Event, GroundTruth, Heightmap, Message, MotionPlan, RobotState, points_of
+from saltus.wire.messages import (
+    DepthFrame,
+    Event,
+    GroundTruth,
+    Heightmap,
+    Message,
+    MotionPlan,
+    RobotState,
+    points_of,
+)
 from saltus.wire.schemas import EVENT_TYPE
 
 EVERY = 5  # one in five, 20 a second, is enough for the eye
@@ -47,7 +56,11 @@ NUMBERS = (
     ("float64", "depth_age_ms", "Since the newest message of `camera/depth` was true."),
     ("float64", "heightmap_age_ms", "The same of `heightmap/heightmap`."),
     ("float64", "plan_age_ms", "The same of `policy/plan`."),
-    ("float64", "height_error_mm", "How far the newest heightmap is off the truth, mean over its points."),
+    (
+        "float64",
+        "height_error_mm",
+        "How far the newest heightmap is off the truth, mean over its points.",
+    ),
     ("float64", "height_error_max_mm", "The same at the worst point."),
     ("float64", "half_width_90_mm", "Mean half-width of the predicted 90 % intervals."),
     ("float64", "foot_force_fr", "True vertical force [N], as the three that follow."),
@@ -57,7 +70,9 @@ NUMBERS = (
 )
 """Type, name and meaning of the fields after the header; NaN for what nobody knows."""
 ros.STORE.register(
-    get_types_from_msg("std_msgs/Header header\n" + "".join(f"{t} {n}\n" for t, n, _ in NUMBERS), NUMBERS_TYPE)
+    get_types_from_msg(
+        "std_msgs/Header header\n" + "".join(f"{t} {n}\n" for t, n, _ in NUMBERS), NUMBERS_TYPE
+    )
 )
 NEVER = 255  # a status before the first message
 
@@ -68,7 +83,8 @@ TOPICS: dict[str, tuple[str, str]] = {
     "/viewer/terrain": (MARKERS, "the boxes of the terrain; once"),
     "/viewer/tf": (
         "tf2_msgs/msg/TFMessage",
-        "world to base and base_yaw, base to camera (z along the optical axis), 100 Hz; links of the legs, 50 Hz",
+        "world to base and base_yaw, base to camera (z along the optical axis), 100 Hz; links of "
+        "the legs, 50 Hz",
     ),
     "/viewer/depth": ("sensor_msgs/msg/Image", "one depth image in five"),
     "/viewer/camera_info": (
@@ -77,13 +93,18 @@ TOPICS: dict[str, tuple[str, str]] = {
     ),
     "/viewer/heightmap": (
         POINTS,
-        "predicted heights in the yaw frame, half_width_90 and, of a scan, age; NaN where not to be used",
+        "predicted heights in the yaw frame, half_width_90 and, of a scan, age; NaN where not to "
+        "be used",
     ),
     "/viewer/grid_map": (
         "grid_map_msgs/msg/GridMap",
-        "the same as layers elevation, variance, half_width, age; sigma is half of the 90 % interval over 1.645",
+        "the same as layers elevation, variance, half_width, age; sigma is half of the 90 % "
+        "interval over 1.645",
     ),
-    "/viewer/true_heights": (POINTS, "true heights at the same points, where a simulator says them"),
+    "/viewer/true_heights": (
+        POINTS,
+        "true heights at the same points, where a simulator says them",
+    ),
     "/viewer/plan": (MARKERS, "where feet in swing are to stand next, and the way there"),
     "/viewer/contacts": (MARKERS, "feet that are to stand, and the true force on each foot"),
     "/viewer/numbers": (NUMBERS_TYPE, "speed, modes, ages, errors, forces: fields to plot"),
@@ -92,7 +113,11 @@ TOPICS: dict[str, tuple[str, str]] = {
 """Type of each derived topic, and what it holds; 20 Hz where the text says nothing else."""
 
 # Okabe and Ito's palette, as the page of saltus watch has it
-PLANNED, FORCE, STANCE = (0.0, 0.447, 0.698, 1.0), (0.902, 0.624, 0.0, 1.0), (0.337, 0.706, 0.914, 1.0)
+PLANNED, FORCE, STANCE = (
+    (0.0, 0.447, 0.698, 1.0),
+    (0.902, 0.624, 0.0, 1.0),
+    (0.337, 0.706, 0.914, 1.0),
+)
 GREY = (0.6, 0.63, 0.68, 1.0)
 DOT_M, LINE_M = 0.03, 0.012
 KINDS = {"box": ros.CUBE, "ball": ros.SPHERE, "cylinder": ros.CYLINDER}
@@ -129,7 +154,10 @@ class Viewer:
         yield _message("/viewer/terrain", ros.marker_array(list(self._terrain_markers())))
 
     def derive(self, key: str, message: Message, arrival_ns: int) -> Iterator[ViewerMessage]:
-        """Derived messages for viewers, of one message of a key below the robot's prefix; none for most."""
+        """Derived messages for viewers, of one message of a key below the robot's prefix.
+
+        None for most.
+        """
         topic = topic_of(key)
         if topic is None:
             return
@@ -154,12 +182,15 @@ class Viewer:
             yield _message(
                 "/viewer/log",
                 ros.make(
-                    EVENT_TYPE, stamp=stamp(message.time_ns), level=LOG_INFO, name=message.process, msg=text, file="",
+                    EVENT_TYPE, stamp=stamp(message.time_ns), level=LOG_INFO, name=message.process,
+                    msg=text, file="",
                     function=message.code, line=0,
                 ),
             )  # fmt: skip
 
-    def _of_state(self, state: RobotState, arrival_ns: int, *, drawn: bool) -> Iterator[ViewerMessage]:
+    def _of_state(
+        self, state: RobotState, arrival_ns: int, *, drawn: bool
+    ) -> Iterator[ViewerMessage]:
         if not self._truths:
             yield self._transforms(state, (0.0, 0.0, state.base_height))
         if drawn:
@@ -169,7 +200,9 @@ class Viewer:
 
     def _of_heightmap(self, heightmap: Heightmap, *, drawn: bool) -> Iterator[ViewerMessage]:
         self._heightmap = heightmap
-        truth = next((truth for truth in reversed(self._truths) if truth.time_ns == heightmap.time_ns), None)
+        truth = next(
+            (truth for truth in reversed(self._truths) if truth.time_ns == heightmap.time_ns), None
+        )
         self._errors = (
             None
             if truth is None or len(truth.height) != len(heightmap.height)
@@ -202,7 +235,8 @@ class Viewer:
         for number, part in enumerate(self._looks.primitives):
             frame = BASE if part.body == TRUNK else part.body
             yield ros.marker(
-                0, frame, "robot", number, KINDS[part.kind], rgba=part.rgba, scale=part.size, position=part.position,
+                0, frame, "robot", number, KINDS[part.kind], rgba=part.rgba, scale=part.size,
+                position=part.position,
                 wxyz=part.quaternion, locked=True,
             )  # fmt: skip
 
@@ -211,7 +245,8 @@ class Viewer:
         rows = zip(boxes.center, 2.0 * boxes.half_size, boxes.quaternion, strict=True)
         for number, (centre, size, turned) in enumerate(rows):
             yield ros.marker(
-                0, WORLD, "terrain", number, ros.CUBE, rgba=GREY, scale=size, position=centre, wxyz=turned
+                0, WORLD, "terrain", number, ros.CUBE, rgba=GREY, scale=size, position=centre,
+                wxyz=turned
             )  # fmt: skip
 
     def _feet(self, state: RobotState) -> Floats:
@@ -264,19 +299,29 @@ class Viewer:
             plan_age_ms=age_ms("policy/plan"),
             height_error_mm=nan if errors is None else 1e3 * float(errors.mean()),
             height_error_max_mm=nan if errors is None else 1e3 * float(errors.max()),
-            half_width_90_mm=nan if heightmap is None else 1e3 * float(np.mean(heightmap.half_width_90)),
+            half_width_90_mm=nan
+            if heightmap is None
+            else 1e3 * float(np.mean(heightmap.half_width_90)),
             **{f"foot_force_{leg}": force for leg, force in legs.items()},
         )
 
 
 class RobotFrames:
-    """Where the frames of a robot are, as `geometry_msgs/msg/TransformStamped`; that of its trunk is named `base`."""
+    """Where the frames of a robot are, as `geometry_msgs/msg/TransformStamped`.
+
+    That of its trunk is named `base`.
+    """
 
     def __init__(self, robot: Robot, base: str = BASE) -> None:
         looks = looks_of(robot)
         self._base = base
         self._links = [
-            (base if parent == TRUNK else parent, body, ros.vector(offset), body.endswith(f"_{LINKS[0]}"))
+            (
+                base if parent == TRUNK else parent,
+                body,
+                ros.vector(offset),
+                body.endswith(f"_{LINKS[0]}"),
+            )
             for (body, parent), offset in zip(looks.parents.items(), looks.offsets, strict=True)
             if body != TRUNK
         ]
@@ -290,26 +335,49 @@ class RobotFrames:
         return ros.place(header(time_ns, self._base), CAMERA, *self._camera)
 
     def links(self, time_ns: int, joint_position: ArrayLike) -> list[Any]:
-        """The links of the legs, each in the frame of the one before it; joint positions [rad], shape (12,)."""
+        """The links of the legs, each in the frame of the one before it.
+
+        Joint positions [rad], shape (12,).
+        """
         places = []
         angles = np.asarray(joint_position, dtype=np.float64).tolist()
         for (parent, link, offset, abduction), angle in zip(self._links, angles, strict=True):
             cosine, sine = math.cos(0.5 * angle), math.sin(0.5 * angle)
-            turned = ros.QUATERNION(sine, 0.0, 0.0, cosine) if abduction else ros.QUATERNION(0.0, sine, 0.0, cosine)
+            turned = (
+                ros.QUATERNION(sine, 0.0, 0.0, cosine)
+                if abduction
+                else ros.QUATERNION(0.0, sine, 0.0, cosine)
+            )
             places.append(ros.place(header(time_ns, parent), link, offset, turned))
         return places
 
 
 def _dots(state: RobotState, name: str, number: int, rgba: ros.Rgba, places: Floats) -> Any:
     return ros.marker(
-        state.time_ns, BASE_YAW, name, number, ros.SPHERE_LIST, rgba=rgba, scale=(DOT_M,) * 3, places=list(places)
+        state.time_ns,
+        BASE_YAW,
+        name,
+        number,
+        ros.SPHERE_LIST,
+        rgba=rgba,
+        scale=(DOT_M,) * 3,
+        places=list(places),
     )
 
 
-def _lines(state: RobotState, name: str, number: int, rgba: ros.Rgba, start: Floats, end: Floats) -> Any:
+def _lines(
+    state: RobotState, name: str, number: int, rgba: ros.Rgba, start: Floats, end: Floats
+) -> Any:
     places = list(np.stack([start, end], axis=1).reshape(-1, 3))
     return ros.marker(
-        state.time_ns, BASE_YAW, name, number, ros.LINE_LIST, rgba=rgba, scale=(LINE_M, 0.0, 0.0), places=places
+        state.time_ns,
+        BASE_YAW,
+        name,
+        number,
+        ros.LINE_LIST,
+        rgba=rgba,
+        scale=(LINE_M, 0.0, 0.0),
+        places=places,
     )
 
 

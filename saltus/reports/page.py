@@ -1,7 +1,7 @@
 """Pages with figures, made of templates, which open without a network.
 
-A page's template extends `page.html` and has `figure` and `table` at hand. A page is small: plotly, which draws its
-figures, lies once in a folder, whatever pages it holds.
+A page's template extends `page.html` and has `figure` and `table` at hand. A page is small: plotly,
+which draws its figures, lies once in a folder, whatever pages it holds.
 """
 
 from pathlib import Path
@@ -27,7 +27,9 @@ def figure(drawn: go.Figure) -> Markup:
     for trace in drawn.data:
         for axis in {"x", "y", "z"} & set(trace):
             if isinstance(trace[axis], np.ndarray) and trace[axis].dtype == np.float64:
-                trace[axis] = trace[axis].astype(np.float32)  # more digits than a screen shows, in half of the page
+                trace[axis] = trace[axis].astype(
+                    np.float32
+                )  # more digits than a screen shows, in half of the page
     return Markup(drawn.to_html(full_html=False, include_plotlyjs=False))  # noqa: S704 # plotly escapes it
 
 
@@ -51,7 +53,10 @@ def write_page(path: Path, text: str) -> None:
 
 
 def bring_plotly(folder: Path, text: str) -> bool:
-    """Puts what draws figures beside a page that has any, where it is not there yet; returns whether it did."""
+    """Puts what draws figures beside a page that has any, where it is not there yet.
+
+    Returns whether it did.
+    """
     if f'src="{PLOTLY}"' not in text or (folder / PLOTLY).exists():
         return False
     write_whole(folder / PLOTLY, get_plotlyjs())

@@ -1,6 +1,7 @@
 """A robot's legs as a camera on its trunk sees them: capsules for thighs and calves, balls for feet.
 
-Trunk and hips are left out: a camera in front of the trunk that looks ahead has them behind its image plane or, at
+Trunk and hips are left out: a camera in front of the trunk that looks ahead has them behind its
+    image plane or, at
 less than 2 cm in front of it, outside of any field of view below 150 degrees.
 """
 
@@ -13,7 +14,8 @@ from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
 
-# Of the reference robot's legs, by its maker's published model; other robots' are in proportion to their length.
+# Of the reference robot's legs, by its maker's published model; other robots' are in proportion to
+# their length.
 THIGH_RADIUS = 0.020  # the collision box is 0.0245 by 0.034 m
 CALF_RADIUS = 0.015  # the collision box is 0.016 m wide; the visual shell nearly twice that
 
@@ -35,9 +37,13 @@ class LegShapes:
 
     def __init__(self, robot: Robot) -> None:
         scale = Similarity.of_robot(robot).length
-        self.radius: Floats = np.repeat([scale * THIGH_RADIUS, scale * CALF_RADIUS, robot.foot_radius], 4)
+        self.radius: Floats = np.repeat(
+            [scale * THIGH_RADIUS, scale * CALF_RADIUS, robot.foot_radius], 4
+        )
         lengths = np.repeat([robot.thigh_length, robot.calf_length, 0.0], 4)
-        self.sizes: list[tuple[float, float]] = list(zip(lengths.tolist(), self.radius.tolist(), strict=True))
+        self.sizes: list[tuple[float, float]] = list(
+            zip(lengths.tolist(), self.radius.tolist(), strict=True)
+        )
         """Length from start to end and radius of each [m]."""
         self._kinematics = LegKinematics(robot)
         self._thigh, self._zero = robot.thigh_length, robot.thigh_zero
@@ -51,13 +57,19 @@ class LegShapes:
         """
         xp = namespace(joint_position)
         angles = joint_position.reshape((*joint_position.shape[:-1], 4, 3))
-        sine, cosine, upper = xp.sin(angles[..., 0]), xp.cos(angles[..., 0]), angles[..., 1] + self._zero
+        sine, cosine, upper = (
+            xp.sin(angles[..., 0]),
+            xp.cos(angles[..., 0]),
+            angles[..., 1] + self._zero,
+        )
         anchor, offset = self._anchor.like(joint_position), self._offset.like(joint_position)
         along = -self._thigh * xp.sin(upper)
         drop = -self._thigh * xp.cos(upper)
         # the leg's own plane, turned about x by the abduction
         thigh = anchor + xp.stack([xp.zeros_like(sine), offset * cosine, offset * sine], -1)
-        knee = anchor + xp.stack([along, offset * cosine - drop * sine, offset * sine + drop * cosine], -1)
+        knee = anchor + xp.stack(
+            [along, offset * cosine - drop * sine, offset * sine + drop * cosine], -1
+        )
         foot = self._kinematics.position(joint_position)
         start, end = xp.concat([thigh, knee, foot], axis=-2), xp.concat([knee, foot, foot], axis=-2)
         return Capsules(start=start, end=end, radius=self.radius)

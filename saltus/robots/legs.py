@@ -1,8 +1,9 @@
 """Where the feet of a robot are, for numpy and torch and any leading batch dimensions.
 
-A leg: abduction about x at the hip anchor, a lateral offset to the leg's side, then thigh and calf about y. Thigh and
-calf are straight lines between the axes; they hang down at the angles `Robot.thigh_zero` and `Robot.shin_zero` where
-all joints are at zero. Positive angles swing the foot backwards.
+A leg: abduction about x at the hip anchor, a lateral offset to the leg's side, then thigh and calf
+    about y. Thigh and
+calf are straight lines between the axes; they hang down at the angles `Robot.thigh_zero` and
+`Robot.shin_zero` where all joints are at zero. Positive angles swing the foot backwards.
 """
 
 import numpy as np
@@ -10,8 +11,11 @@ import numpy as np
 from saltus.arrays import Array, Constant, Jacobians, Joints, Legs, namespace
 from saltus.robots.robot import Robot
 
-_CHAIN_ANGLES = Constant([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 1.0]])  # abduction, thigh, thigh + calf
-# A foot cannot be nearer to the abduction axis than the abduction link: closer targets are projected out to this [m].
+_CHAIN_ANGLES = Constant(
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 1.0]]
+)  # abduction, thigh, thigh + calf
+# A foot cannot be nearer to the abduction axis than the abduction link: closer targets are
+# projected out to this [m].
 _MINIMUM_EXTENSION = 0.01
 
 
@@ -36,25 +40,38 @@ class LegKinematics:
             joint_position: [rad], shape (..., 12).
 
         Returns:
-            Positions, shape (..., 4, 3), and Jacobians, shape (..., 4, 3, 3): `jacobian @ joint_velocity` is the
-            velocity of the foot in the base frame.
+            Positions, shape (..., 4, 3), and Jacobians, shape (..., 4, 3, 3): `jacobian @
+            joint_velocity` is the velocity of the foot in the base frame.
         """
         sine, cosine, x, y, z, drop, calf_x, calf_z = self._leg(joint_position)
         xp = namespace(joint_position)
         s1, c1 = sine[..., 0], cosine[..., 0]
         position = xp.stack([x, y, z], -1) + self._anchor.like(joint_position)
-        entries = [xp.zeros_like(x), drop, calf_z, -z, x * s1, calf_x * s1, y, -x * c1, -calf_x * c1]
+        entries = [
+            xp.zeros_like(x),
+            drop,
+            calf_z,
+            -z,
+            x * s1,
+            calf_x * s1,
+            y,
+            -x * c1,
+            -calf_x * c1,
+        ]
         return position, xp.stack(entries, -1).reshape((*x.shape, 3, 3))
 
     def jacobian(self, joint_position: Joints) -> Jacobians:
-        """Velocity of the feet in the base frame by joint velocity. Shape (..., 12) -> (..., 4, 3, 3)."""
+        """Velocity of the feet in the base frame by joint velocity.
+
+        Shape (..., 12) -> (..., 4, 3, 3).
+        """
         return self.position_and_jacobian(joint_position)[1]
 
     def inverse(self, foot_position: Legs) -> Joints:
         """Joint angles, knees bent backwards, that put the feet at the given points.
 
-        A point out of reach gives the straight leg towards it; a point nearer to the abduction axis than the abduction
-        link gives the angles of the nearest point that can be reached.
+        A point out of reach gives the straight leg towards it; a point nearer to the abduction axis
+        than the abduction link gives the angles of the nearest point that can be reached.
 
         Args:
             foot_position: Base frame [m], shape (..., 4, 3).
@@ -80,11 +97,14 @@ class LegKinematics:
     def _leg(self, joint_position: Joints) -> tuple[Array, ...]:
         """Parts that positions and Jacobians share.
 
-        Sines and cosines of the chain's angles, (..., 4, 3); the foot's x, y, z from the anchor, its drop in the leg's
-        own plane, and the calf's share of x and of the drop, each (..., 4).
+        Sines and cosines of the chain's angles, (..., 4, 3); the foot's x, y, z from the anchor,
+        its drop in the leg's own plane, and the calf's share of x and of the drop, each (..., 4).
         """
         xp = namespace(joint_position)
-        angles = joint_position.reshape((*joint_position.shape[:-1], 4, 3)) @ _CHAIN_ANGLES.like(joint_position).mT
+        angles = (
+            joint_position.reshape((*joint_position.shape[:-1], 4, 3))
+            @ _CHAIN_ANGLES.like(joint_position).mT
+        )
         if self._zero is not None:
             angles = angles + self._zero.like(joint_position)
         sine, cosine = xp.sin(angles), xp.cos(angles)
@@ -94,4 +114,13 @@ class LegKinematics:
         calf_x, calf_z = -self._calf * s3, -self._calf * c3
         x = calf_x - self._thigh * s2
         drop = calf_z - self._thigh * c2  # along the leg's own plane, before abduction
-        return sine, cosine, x, offset * c1 - drop * s1, offset * s1 + drop * c1, drop, calf_x, calf_z
+        return (
+            sine,
+            cosine,
+            x,
+            offset * c1 - drop * s1,
+            offset * s1 + drop * c1,
+            drop,
+            calf_x,
+            calf_z,
+        )

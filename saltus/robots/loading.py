@@ -22,7 +22,11 @@ def load_robot(name_or_path: str) -> Robot:
         ConfigError: there is no such robot, or its TOML cannot be read.
         ModelError: its model cannot be read, or its legs are not of our kind.
     """
-    return _shipped(name_or_path) if name_or_path in shipped_robots() else derive_robot(name_or_path).robot
+    return (
+        _shipped(name_or_path)
+        if name_or_path in shipped_robots()
+        else derive_robot(name_or_path).robot
+    )
 
 
 def reference_robot() -> Robot:
@@ -31,7 +35,10 @@ def reference_robot() -> Robot:
 
 
 def derive_robot(name_or_path: str, supplement: Path | None = None) -> "Derivation":
-    """The same, with where each field comes from; a folder's robot.toml is its supplement where none is given."""
+    """The same, with where each field comes from.
+
+    A folder's robot.toml is its supplement where none is given.
+    """
     from saltus.robots.mjcf import derive  # with MuJoCo, which flags that name a robot do not need
 
     path = shipped_folder(name_or_path) if name_or_path in shipped_robots() else Path(name_or_path)
@@ -51,7 +58,8 @@ def _no_robot(name_or_path: str, path: Path) -> str:
         return f"no robot '{name_or_path}': there is no file '{path}'{named}"
     ships = ", ".join(shipped_robots())
     return (
-        f"no robot '{name_or_path}': Saltus ships {ships}; of another give the path of its MJCF (.xml), or of a folder "
+        f"no robot '{name_or_path}': Saltus ships {ships}; of another give the path of its MJCF "
+        f"(.xml), or of a folder "
         "with a robot.toml (docs/robots.md)"
     )
 
@@ -61,7 +69,9 @@ def _supplement_of(folder: Path) -> Path:
     path = folder / SUPPLEMENT_FILE
     if not path.is_file():
         models = sorted(each.name for each in folder.iterdir() if each.suffix in MODEL_SUFFIXES)
-        instead = f"name its model, {folder / models[0]}" if models else "put the robot's MJCF there"
+        instead = (
+            f"name its model, {folder / models[0]}" if models else "put the robot's MJCF there"
+        )
         raise ConfigError(
             f"there is no {path}: {instead}, or write {SUPPLEMENT_FILE} with the line mjcf = "
             f'"{models[0] if models else "robot.xml"}" (docs/robots.md)'
@@ -82,6 +92,7 @@ def _model_of(supplement: Path) -> Path:
     beside = sorted(supplement.parent.glob("*.xml"))
     if len(beside) != 1:
         raise ConfigError(
-            f'{supplement}: it names no mjcf, and {len(beside)} .xml files lie beside it: add mjcf = "..."'
+            f"{supplement}: it names no mjcf, and {len(beside)} .xml files lie beside it: add mjcf "
+            f'= "..."'
         )
     return beside[0]

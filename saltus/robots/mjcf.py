@@ -29,7 +29,8 @@ class FieldOrigin:
 
     field: str
     kind: Kind
-    """model: read there. toml: given there. derived: from both. guessed: nobody says it. missing: taken as none."""
+    """model: read there. toml: given there. derived: from both. guessed: nobody says it. missing:
+    taken as none."""
     detail: str
 
 
@@ -56,7 +57,12 @@ class _Deriver:
     """One derivation, with the origins that are known so far."""
 
     def __init__(self, structure: Structure, given: Supplement, name: str) -> None:
-        self._model, self._structure, self._given, self._name = structure.model, structure, given, name
+        self._model, self._structure, self._given, self._name = (
+            structure.model,
+            structure,
+            given,
+            name,
+        )
         self._bodies = [body for leg in structure.legs for body in leg.body]
         self._joints = np.array([joint for leg in structure.legs for joint in leg.joint])
         self._signs = np.array([sign for leg in structure.legs for sign in leg.sign])
@@ -66,7 +72,8 @@ class _Deriver:
         """First what is read and given, then what follows from it."""
         geometry = self._geometry()
         robot = Robot(
-            name=self._name, **geometry, **self._masses(), **self._drives(), **self._control(geometry),
+            name=self._name, **geometry, **self._masses(), **self._drives(),
+            **self._control(geometry),
             stand_pose=np.zeros(12), stand_height=1.0, inertia=np.ones(3), mjcf="",
         )  # fmt: skip
         robot = replace(robot, stand_pose=self._stand_pose(robot))
@@ -80,7 +87,9 @@ class _Deriver:
         lengths = legs[0].lengths
         center, size = trunk_box(self._structure)
         fields = {
-            "hip_anchor": np.array([leg.offset[0] + leg.offset[1] * (1.0, 0.0, 0.0) for leg in legs]),
+            "hip_anchor": np.array(
+                [leg.offset[0] + leg.offset[1] * (1.0, 0.0, 0.0) for leg in legs]
+            ),
             "abduction_offset": np.array([leg.sideways for leg in legs]),
             "thigh_length": lengths["length of the thigh"],
             "calf_length": lengths["length of the calf"],
@@ -90,11 +99,19 @@ class _Deriver:
         }
         for name in fields:
             self._note(name, "model")
-        fields["trunk_size"] = self._take("trunk_size", size, "model", "box around what is solid of the trunk")
+        fields["trunk_size"] = self._take(
+            "trunk_size", size, "model", "box around what is solid of the trunk"
+        )
         fields["trunk_center"] = self._take("trunk_center", center, "model", "its middle")
-        rods = [link for k, link in enumerate(LINKS) if any(kept_rod(self._model, leg, k) is None for leg in legs)]
+        rods = [
+            link
+            for k, link in enumerate(LINKS)
+            if any(kept_rod(self._model, leg, k) is None for leg in legs)
+        ]
         if rods:
-            self._note("mjcf", "guessed", f"the rods that stand for {', '.join(rods)}: from their lengths")
+            self._note(
+                "mjcf", "guessed", f"the rods that stand for {', '.join(rods)}: from their lengths"
+            )
         return fields
 
     def _masses(self) -> dict[str, Any]:
@@ -107,7 +124,9 @@ class _Deriver:
         lower, upper = self._joint_limits()
         armature = self._model.dof_armature[self._model.jnt_dofadr[self._joints]]
         turned = _named(self._signs < 0.0)
-        self._note("joint_sign", "model", f"the model counts {turned} the other way" if turned else "")
+        self._note(
+            "joint_sign", "model", f"the model counts {turned} the other way" if turned else ""
+        )
         return {
             "joint_sign": self._signs,
             "joint_lower": self._limit("joint_lower", lower),
@@ -115,7 +134,10 @@ class _Deriver:
             "torque_limit": self._limit("torque_limit", self._torque_limits()),
             "speed_limit": self._limit("speed_limit", np.full(len(JOINTS), np.inf)),
             "armature": self._take(
-                "armature", armature, "model" if armature.any() else "missing", "" if armature.any() else "taken as 0"
+                "armature",
+                armature,
+                "model" if armature.any() else "missing",
+                "" if armature.any() else "taken as 0",
             ),
             "reduction": self._take("reduction", np.ones(len(JOINTS)), "missing", "taken as 1"),
         }
@@ -127,11 +149,15 @@ class _Deriver:
         below = np.array([np.abs(hips[:, 0]).mean(), np.abs(hips[:, 1] + sideways).mean()])
         return {
             "gains": self._gains(size.gains),
-            "neutral_foot": self._take("neutral_foot", below, "derived", "below the axes of the thighs"),
+            "neutral_foot": self._take(
+                "neutral_foot", below, "derived", "below the axes of the thighs"
+            ),
             "swing_foot_z": self._guess("swing_foot_z", size.swing_foot_z),
             "landing_reach": self._guess("landing_reach", size.landing_reach),
             "foot_force": self._guess("foot_force", size.foot_force),
-            "camera_position": self._guess("camera_position", size.camera_position(float(hips[0, 0]))),
+            "camera_position": self._guess(
+                "camera_position", size.camera_position(float(hips[0, 0]))
+            ),
             "camera_pitch": self._guess("camera_pitch", CAMERA_PITCH),
             "camera_roll": self._guess("camera_roll", 0.0),
             "camera_yaw": self._guess("camera_yaw", 0.0),
@@ -141,7 +167,9 @@ class _Deriver:
     def _joint_limits(self) -> tuple[Floats, Floats]:
         model, joints, signs = self._model, self._joints, self._signs
         limited = model.jnt_limited[joints].astype(bool)
-        ends = np.where(limited[:, None], model.jnt_range[joints], [-np.inf, np.inf]) * signs[:, None]
+        ends = (
+            np.where(limited[:, None], model.jnt_range[joints], [-np.inf, np.inf]) * signs[:, None]
+        )
         return ends.min(axis=1), ends.max(axis=1)
 
     def _torque_limits(self) -> Floats:
@@ -152,7 +180,8 @@ class _Deriver:
             if model.jnt_actfrclimited[joint]:
                 limits[i] = np.abs(model.jnt_actfrcrange[joint]).max()
             for motor in np.flatnonzero(
-                (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_trnid[:, 0] == joint)
+                (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
+                & (model.actuator_trnid[:, 0] == joint)
             ):
                 limits[i] = min(limits[i], _motor_limit(model, int(motor)))
         return limits
@@ -171,8 +200,14 @@ class _Deriver:
         model = self._model
         dofs = model.jnt_dofadr[self._joints]
         found = {"damping": model.dof_damping[dofs], "dry friction": model.dof_frictionloss[dofs]}
-        said = [f"{name} {values.min():.3g} to {values.max():.3g}" for name, values in found.items() if values.any()]
-        return f"; the model's {' and '.join(said)} of the joints: left to a profile" if said else ""
+        said = [
+            f"{name} {values.min():.3g} to {values.max():.3g}"
+            for name, values in found.items()
+            if values.any()
+        ]
+        return (
+            f"; the model's {' and '.join(said)} of the joints: left to a profile" if said else ""
+        )
 
     def _stand_pose(self, robot: Robot) -> Any:
         if self._given.stand_pose is not None:
@@ -182,12 +217,16 @@ class _Deriver:
             found = [key for key in range(self._model.nkey) if self._model.key(key).name == name]
             if not found:
                 continue
-            pose = self._signs * self._model.key_qpos[found[0]][self._model.jnt_qposadr[self._joints]]
+            pose = (
+                self._signs * self._model.key_qpos[found[0]][self._model.jnt_qposadr[self._joints]]
+            )
             wrong = _why_no_stand(robot, pose)
             if not wrong:
                 return self._take("stand_pose", pose, "model", f"keyframe '{name}'")
             refused += f"; keyframe '{name}' is none: {wrong}"
-        feet = robot.hip_anchor + np.stack([0.0 * robot.side, robot.abduction_offset, 0.0 * robot.side], axis=-1)
+        feet = robot.hip_anchor + np.stack(
+            [0.0 * robot.side, robot.abduction_offset, 0.0 * robot.side], axis=-1
+        )
         feet[:, 2] -= STAND_SHARE * robot.leg_length
         crouch = LegKinematics(robot).inverse(feet)
         how = f"feet below the thighs' axes, {STAND_SHARE:g} of the leg's length{refused}"
@@ -199,7 +238,9 @@ class _Deriver:
         weight = robot.mass * GRAVITY / len(foot)
         sag = float((jacobian[:, 2] ** 2).sum(axis=-1).mean()) * weight / robot.gains.stand_kp
         height = robot.foot_radius - float(foot[:, 2].mean()) - sag
-        return self._take("stand_height", height, "derived", f"from the pose, less {1000.0 * sag:.1f} mm of sag")
+        return self._take(
+            "stand_height", height, "derived", f"from the pose, less {1000.0 * sag:.1f} mm of sag"
+        )
 
     def _plain_model(self, robot: Robot) -> str:
         return write_mjcf(
@@ -221,7 +262,9 @@ class _Deriver:
         mujoco.mj_fullM(model, data, matrix)
         factors = ", ".join(f"{factor:g}" for factor in INERTIA_FACTOR)
         inertia = INERTIA_FACTOR * np.diag(matrix)[3:6]
-        return self._take("inertia", inertia, "derived", f"{factors} times that of the standing robot")
+        return self._take(
+            "inertia", inertia, "derived", f"{factors} times that of the standing robot"
+        )
 
     def _limit(self, name: str, found: Floats) -> Any:
         missing = _named(~np.isfinite(found))
@@ -260,11 +303,17 @@ def _why_no_stand(robot: Robot, pose: Floats) -> str:
     level = float(np.ptp(feet[:, 2]))
     if level > LEVEL_M:
         return f"its feet are {level:.2f} m apart in height"
-    beyond = (pose < robot.joint_lower - ANGLE_TOLERANCE) | (pose > robot.joint_upper + ANGLE_TOLERANCE)
+    beyond = (pose < robot.joint_lower - ANGLE_TOLERANCE) | (
+        pose > robot.joint_upper + ANGLE_TOLERANCE
+    )
     if beyond.any():
         return f"{_named(beyond)} beyond their limits"
     hips = robot.hip_anchor[:, 2]
-    return "" if (feet[:, 2] < hips - 0.5 * STAND_SHARE * robot.leg_length).all() else "its feet are not below its hips"
+    return (
+        ""
+        if (feet[:, 2] < hips - 0.5 * STAND_SHARE * robot.leg_length).all()
+        else "its feet are not below its hips"
+    )
 
 
 def _named(mask: NDArray[np.bool_]) -> str:

@@ -16,7 +16,8 @@ from saltus.robots.robot import Robot
 class Mount:
     """Where a camera sits on the trunk.
 
-    The cameras of a batch of robots may each have a place of their own: then the poses that a mount is used with, and
+    The cameras of a batch of robots may each have a place of their own: then the poses that a mount
+        is used with, and
     its numbers, share their leading dimension (n,).
     """
 
@@ -27,20 +28,30 @@ class Mount:
     roll: float | Floats = 0.0
     """About the optical axis, right side down positive [rad], one number or shape (n,)."""
     yaw: float | Floats = 0.0
-    """To the left positive [rad], one number or shape (n,). The base turns by yaw, then pitch, then roll."""
+    """To the left positive [rad], one number or shape (n,).
+
+    The base turns by yaw, then pitch, then roll.
+    """
 
     @classmethod
     def of(cls, robot: Robot) -> "Mount":
         """Where a robot has its camera."""
         return cls(
-            position=robot.camera_position, pitch=robot.camera_pitch, roll=robot.camera_roll, yaw=robot.camera_yaw
+            position=robot.camera_position,
+            pitch=robot.camera_pitch,
+            roll=robot.camera_roll,
+            yaw=robot.camera_yaw,
         )
 
     @cached_property
     def rotation(self) -> Floats:
         """Camera frame to base frame, shape (3, 3) or (n, 3, 3)."""
-        cr, cp, cy = (np.cos(angle) for angle in np.broadcast_arrays(self.roll, self.pitch, self.yaw))
-        sr, sp, sy = (np.sin(angle) for angle in np.broadcast_arrays(self.roll, self.pitch, self.yaw))
+        cr, cp, cy = (
+            np.cos(angle) for angle in np.broadcast_arrays(self.roll, self.pitch, self.yaw)
+        )
+        sr, sp, sy = (
+            np.sin(angle) for angle in np.broadcast_arrays(self.roll, self.pitch, self.yaw)
+        )
         right = (sy * cr - cy * sp * sr, -cy * cr - sy * sp * sr, -cp * sr)
         down = (-cy * sp * cr - sy * sr, cy * sr - sy * sp * cr, -cp * cr)
         forward = (cy * cp, sy * cp, -sp)

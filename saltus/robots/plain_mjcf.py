@@ -1,8 +1,9 @@
 """Writes the model of a robot in the one form from which the simulator is built.
 
-A trunk of one box and a place for a load on it; then hip, thigh and calf of each leg, named and in the order of
-`saltus.robots.robot`, their frames in the axes of the base where all joints are at zero, all angles counted our way.
-Each link has one capsule, the calf a foot besides. Numbers are written in full, so that compiling changes none.
+A trunk of one box and a place for a load on it; then hip, thigh and calf of each leg, named and in
+the order of `saltus.robots.robot`, their frames in the axes of the base where all joints are at
+zero, all angles counted our way. Each link has one capsule, the calf a foot besides. Numbers are
+written in full, so that compiling changes none.
 """
 
 from collections.abc import Iterable
@@ -15,8 +16,8 @@ from saltus.arrays import Floats
 from saltus.robots.robot import JOINTS, LEGS, LINKS
 from saltus.robots.structure import AXES, Leg, Structure
 
-# Proportions of the rods that stand for links of which the model says more, or nothing: radius of the hip and half of
-# its length by the abduction offset, radius of thigh and calf by their lengths.
+# Proportions of the rods that stand for links of which the model says more, or nothing: radius of
+# the hip and half of its length by the abduction offset, radius of thigh and calf by their lengths.
 HIP_RADIUS, HIP_HALF_LENGTH, THIGH_RADIUS, CALF_RADIUS = 0.575, 0.25, 0.08, 0.0375
 TRUNK, PAYLOAD = "trunk", "payload"
 
@@ -27,8 +28,12 @@ Shape = dict[str, str]
 def trunk_box(structure: Structure) -> tuple[Floats, Floats]:
     """Centre and full edge lengths [m], base frame, of the box around all that is solid of the trunk, shapes (3,)."""
     model, geoms = structure.model, _geoms(structure.model, structure.base)
-    solid = [geom for geom in geoms if model.geom_contype[geom] | model.geom_conaffinity[geom]] or geoms
-    corners = np.concatenate([_corners(model, geom) for geom in solid]) if solid else np.zeros((1, 3))
+    solid = [
+        geom for geom in geoms if model.geom_contype[geom] | model.geom_conaffinity[geom]
+    ] or geoms
+    corners = (
+        np.concatenate([_corners(model, geom) for geom in solid]) if solid else np.zeros((1, 3))
+    )
     low, high = corners.min(axis=0), corners.max(axis=0)
     return 0.5 * (low + high), high - low
 
@@ -51,7 +56,9 @@ def write_mjcf(
     trunk = _add(world, "body", name=TRUNK, pos=_text([0.0, 0.0, stand_height]))
     _add(trunk, "freejoint", name="base")
     _add_inertia(trunk, structure, structure.base, np.eye(3), np.zeros(3))
-    _add(trunk, "geom", name=TRUNK, type="box", size=_text(0.5 * trunk_size), pos=_text(trunk_center))
+    _add(
+        trunk, "geom", name=TRUNK, type="box", size=_text(0.5 * trunk_size), pos=_text(trunk_center)
+    )
     top = np.array([trunk_center[0], trunk_center[1], trunk_center[2] + 0.5 * trunk_size[2]])
     _add(trunk, "body", name=PAYLOAD, pos=_text(top))
     for i, leg in enumerate(structure.legs):
@@ -67,11 +74,22 @@ def write_mjcf(
             )  # fmt: skip
             start = structure.model.jnt_pos[leg.joint[k]]
             _add_inertia(parent, structure, leg.body[k], leg.rotation[k], start)
-            _add(parent, "geom", name=JOINTS[joint], type="capsule", **_rod(structure.model, leg, k))
+            _add(
+                parent, "geom", name=JOINTS[joint], type="capsule", **_rod(structure.model, leg, k)
+            )
         radius = _text([leg.foot_radius])
-        _add(parent, "geom", name=f"{LEGS[i]}_foot", type="sphere", size=radius, pos=_text(leg.offset[3]))
+        _add(
+            parent,
+            "geom",
+            name=f"{LEGS[i]}_foot",
+            type="sphere",
+            size=radius,
+            pos=_text(leg.offset[3]),
+        )
     ElementTree.indent(root)
-    text = ElementTree.tostring(root, encoding="unicode").replace('"', "'")  # within TOML these need no escape
+    text = ElementTree.tostring(root, encoding="unicode").replace(
+        '"', "'"
+    )  # within TOML these need no escape
     return text + "\n"
 
 
@@ -91,7 +109,11 @@ def _rod(model: mujoco.MjModel, leg: Leg, link: int) -> Shape:
     if kept is not None:
         position = leg.rotation[link] @ (model.geom_pos[kept] - model.jnt_pos[leg.joint[link]])
         quaternion = _in_base(leg.rotation[link], model.geom_quat[kept])
-        return {"size": _text(model.geom_size[kept][:2]), "pos": _text(position), "quat": _text(quaternion)}
+        return {
+            "size": _text(model.geom_size[kept][:2]),
+            "pos": _text(position),
+            "quat": _text(quaternion),
+        }
     end = leg.offset[link + 1]
     if link == 0:
         middle, half = 0.5 * end * (0.0, 1.0, 1.0), np.array([0.0, HIP_HALF_LENGTH * end[1], 0.0])
@@ -128,7 +150,9 @@ def _in_base(rotation: Floats, quaternion: Floats) -> Floats:
 
 
 def _geoms(model: mujoco.MjModel, body: int) -> list[int]:
-    return list(range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body]))
+    return list(
+        range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body])
+    )
 
 
 def _corners(model: mujoco.MjModel, geom: int) -> Floats:

@@ -1,8 +1,9 @@
 """A robot as one value, with a TOML form and a fingerprint.
 
-Legs come in the order FR, FL, RR, RL, joints of a leg as hip (abduction), thigh, calf. The base frame has x forward and
-z up. Joint angles are positive about x (hip) and y (thigh, calf), so that a positive thigh swings the foot backwards;
-where a robot's own drives count the other way, `joint_sign` says so.
+Legs come in the order FR, FL, RR, RL, joints of a leg as hip (abduction), thigh, calf. The base
+frame has x forward and z up. Joint angles are positive about x (hip) and y (thigh, calf), so that a
+positive thigh swings the foot backwards; where a robot's own drives count the other way,
+`joint_sign` says so.
 """
 
 import hashlib
@@ -57,7 +58,8 @@ class Robot(Value):
     Robots are equal when their fingerprints are. Arrays cannot be written.
 
     Raises:
-        ConfigError: an array of another shape, a value that is no number, or a length or mass that is not positive.
+        ConfigError: an array of another shape, a value that is no number, or a length or mass that
+            is not positive.
     """
 
     name: str
@@ -72,7 +74,8 @@ class Robot(Value):
     calf_length: float
     """From the knee's axis to the centre of the foot [m]."""
     thigh_zero: float = 0.0
-    """Angle of the line from thigh axis to knee, from straight down, where all joints are zero [rad]."""
+    """Angle of the line from thigh axis to knee, from straight down, where all joints are zero
+    [rad]."""
     shin_zero: float = 0.0
     """The same of the line from knee to foot [rad]."""
     foot_radius: float
@@ -116,7 +119,8 @@ class Robot(Value):
     """Lowest and highest place of a swinging foot in the base frame [m], shape (2,): the controller keeps within it,
     and a policy is trained with it."""
     neutral_foot: Floats = _array(2)
-    """Where a foot is below the body, ahead of the base (rear: behind) and sideways [m], shape (2,)."""
+    """Where a foot is below the body, ahead of the base (rear: behind) and sideways [m], shape
+    (2,)."""
     landing_reach: Floats = _array(2)
     """How far a foot may land from there, in x and y [m], shape (2,)."""
     foot_force: Floats = _array(2)
@@ -187,7 +191,9 @@ def _checked_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Float
     """`value` as an array that cannot be written."""
     array = np.array(value, dtype=np.float64)
     if array.shape != shape or np.isnan(array).any():
-        raise ConfigError(f"robot.{name} = {value!r}: it must hold {' x '.join(map(str, shape))} numbers")
+        raise ConfigError(
+            f"robot.{name} = {value!r}: it must hold {' x '.join(map(str, shape))} numbers"
+        )
     array.flags.writeable = False
     return array
 

@@ -15,7 +15,8 @@ DEFAULT_ROBOT = "go1"
 """The robot that a command takes where none is named; nothing below the command line reads it."""
 
 REFERENCE = "go1"
-"""The robot that the schema of run logs refers to, and whose controller is tuned (`saltus.robots.similarity`)."""
+"""The robot that the schema of run logs refers to, and whose controller is tuned
+(`saltus.robots.similarity`)."""
 
 
 def robot_name_in(table: Mapping[str, Any]) -> str:

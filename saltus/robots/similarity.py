@@ -1,8 +1,9 @@
 """Numbers that an MJCF cannot say and that nobody has given: those of a robot whose controller is tuned, scaled.
 
-Two robots that move alike in proportion to their size have the same accelerations. With legs `length` times as long and
-`mass` times the mass, times scale as the square root of length, forces as mass, kp as mass x length, and kd as kp x
-time. The reference has the settings of the authors of "Agile Continuous Jumping in Discontinuous Terrains".
+Two robots that move alike in proportion to their size have the same accelerations. With legs
+`length` times as long and `mass` times the mass, times scale as the square root of length, forces
+as mass, kp as mass x length, and kd as kp x time. The reference has the settings of the authors of
+"Agile Continuous Jumping in Discontinuous Terrains".
 """
 
 import math
@@ -16,7 +17,11 @@ from saltus.arrays import Floats
 from saltus.robots.robot import Gains, Robot
 
 LEG_LENGTH, MASS = 0.426, 12.743448  # of the reference [m], [kg]
-INERTIA_FACTOR = (1.6, 1.32, 1.24)  # of what its controller takes for its inertia about x, y, z to what it is
+INERTIA_FACTOR = (
+    1.6,
+    1.32,
+    1.24,
+)  # of what its controller takes for its inertia about x, y, z to what it is
 STAND_SHARE = 0.62  # height of a standing hip above its foot, as a share of the leg
 HIP_TO_CAMERA, CAMERA_Z, CAMERA_PITCH = 0.084, 0.092, 0.52  # [m], [m], [rad]
 
@@ -46,7 +51,11 @@ class Similarity:
         return math.sqrt(self.length)
 
     def scaled(
-        self, numbers: Numbers, lengths: Iterable[str], speeds: Iterable[str] = (), rates: Iterable[str] = ()
+        self,
+        numbers: Numbers,
+        lengths: Iterable[str],
+        speeds: Iterable[str] = (),
+        rates: Iterable[str] = (),
     ) -> Numbers:
         """The reference's numbers for this robot: by name what grows as lengths, speeds and rates do."""
         changes = {name: getattr(numbers, name) * self.length for name in lengths}

@@ -1,8 +1,9 @@
 """The legs of an MJCF, found by how bodies and joints hang together, whatever their names are.
 
-A leg of our kind is a chain of three hinges below a base that floats: abduction about x, then thigh and calf about y,
-seen where all joints are at zero, with a sphere at its end. There are four, one in each quarter of the base, all with
-the same links.
+A leg of our kind is a chain of three hinges below a base that floats: abduction about x, then thigh
+    and calf about y,
+seen where all joints are at zero, with a sphere at its end. There are four, one in each quarter of
+the base, all with the same links.
 """
 
 from dataclasses import dataclass
@@ -21,7 +22,10 @@ TOLERANCE = 1e-6  # of axes [-] and lengths [m]: numbers of an MJCF have about s
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Leg:
-    """One leg of a model. Vectors and rotations are those in the base frame where all joints are at zero."""
+    """One leg of a model.
+
+    Vectors and rotations are those in the base frame where all joints are at zero.
+    """
 
     body: tuple[int, ...]
     """Body of hip, thigh and calf, as joints and signs."""
@@ -29,7 +33,8 @@ class Leg:
     sign: tuple[float, ...]
     """+1, or -1 where the model counts an angle the other way."""
     offset: Floats
-    """Abduction axis from the base, thigh axis from there, knee from there, foot from there [m], shape (4, 3)."""
+    """Abduction axis from the base, thigh axis from there, knee from there, foot from there [m],
+    shape (4, 3)."""
     rotation: Floats
     """Rotation of each body to the base, shape (3, 3, 3)."""
     foot: int
@@ -80,13 +85,20 @@ def read_structure(path: str) -> Structure:
 
 
 def _base(model: mujoco.MjModel) -> int:
-    floating = [int(model.jnt_bodyid[j]) for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE]
+    floating = [
+        int(model.jnt_bodyid[j])
+        for j in range(model.njnt)
+        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE
+    ]
     if not floating:
-        raise ModelError("no body with a free joint: the trunk of the robot must float, add <freejoint/> to it")
+        raise ModelError(
+            "no body with a free joint: the trunk of the robot must float, add <freejoint/> to it"
+        )
     if len(floating) > 1:
         names = ", ".join(_name(model, body) for body in floating)
         raise ModelError(
-            f"{names} have a free joint each: give a model of the robot alone, whose trunk has the only one"
+            f"{names} have a free joint each: give a model of the robot alone, whose trunk has the "
+            f"only one"
         )
     return floating[0]
 
@@ -106,7 +118,10 @@ def _legs(model: mujoco.MjModel, base: int) -> tuple[Leg, ...]:
         quarter = QUARTERS.get((int(np.sign(hip[0])), int(np.sign(hip[1]))), "")
         if quarter in ("", *found) or np.sign(leg.sideways) != np.sign(hip[1]):
             where = ", ".join(f"{value:.3g}" for value in hip)
-            raise ModelError(f"leg {_name(model, limb[0])} at ({where}) m: no leg, or a second one, in this quarter")
+            raise ModelError(
+                f"leg {_name(model, limb[0])} at ({where}) m: no leg, or a second one, in this "
+                f"quarter"
+            )
         found[quarter] = leg
     legs = tuple(found[name] for name in LEGS)
     _check_alike(model, legs)
@@ -118,31 +133,47 @@ def _chain(model: mujoco.MjModel, first: int) -> tuple[int, ...]:
     chain = [first]
     while children := _children(model, chain[-1]):
         if len(children) > 1:
-            raise ModelError(f"limb {_name(model, first)} branches at {_name(model, chain[-1])}: no leg of our kind")
+            raise ModelError(
+                f"limb {_name(model, first)} branches at {_name(model, chain[-1])}: no leg of our "
+                f"kind"
+            )
         chain.append(children[0])
-    joints = [int(model.body_jntadr[body] + k) for body in chain for k in range(model.body_jntnum[body])]
+    joints = [
+        int(model.body_jntadr[body] + k) for body in chain for k in range(model.body_jntnum[body])
+    ]
     hinges = sum(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE for joint in joints)
     if not len(chain) == len(joints) == hinges == len(AXES):
         kinds = f"{len(joints)} joints, of which {hinges} are hinges, on {len(chain)} bodies"
-        raise ModelError(f"limb {_name(model, first)} has {kinds}: a leg has three hinges, one on each body")
+        raise ModelError(
+            f"limb {_name(model, first)} has {kinds}: a leg has three hinges, one on each body"
+        )
     return tuple(chain)
 
 
 def _leg(model: mujoco.MjModel, data: mujoco.MjData, chain: tuple[int, ...]) -> Leg:
     joints = tuple(int(model.body_jntadr[body]) for body in chain)
-    signs = tuple(_sign(model, data, joint, *axis) for joint, axis in zip(joints, AXES, strict=True))
+    signs = tuple(
+        _sign(model, data, joint, *axis) for joint, axis in zip(joints, AXES, strict=True)
+    )
     rotation = np.array([data.xmat[body].reshape(3, 3) for body in chain])
     offset, frame, start = [], np.eye(3), np.zeros(3)
     for body, joint, own in zip(chain, joints, rotation, strict=True):
-        offset.append(frame @ (model.body_pos[body] + _turned(model.body_quat[body], model.jnt_pos[joint]) - start))
+        offset.append(
+            frame
+            @ (model.body_pos[body] + _turned(model.body_quat[body], model.jnt_pos[joint]) - start)
+        )
         frame, start = own, model.jnt_pos[joint]
     foot = _foot(model, chain)
     offset.append(frame @ (model.geom_pos[foot] - start))
     if abs(offset[1][2]) > TOLERANCE:
         name = model.joint(joints[1]).name
-        raise ModelError(f"the axis of '{name}' is {offset[1][2]:.3g} m above that of the abduction: it must be level")
+        raise ModelError(
+            f"the axis of '{name}' is {offset[1][2]:.3g} m above that of the abduction: it must be "
+            f"level"
+        )
     return Leg(
-        body=chain, joint=joints, sign=signs, offset=np.array(offset) + 0.0, rotation=rotation, foot=foot,
+        body=chain, joint=joints, sign=signs, offset=np.array(offset) + 0.0, rotation=rotation,
+        foot=foot,
         foot_radius=float(model.geom_size[foot, 0]),
     )  # fmt: skip
 
@@ -151,20 +182,30 @@ def _sign(model: mujoco.MjModel, data: mujoco.MjData, joint: int, axis: int, nam
     along = data.xaxis[joint]
     if abs(abs(along[axis]) - 1.0) > TOLERANCE:
         shown = ", ".join(f"{value:.3g}" for value in along)
-        raise ModelError(f"joint '{model.joint(joint).name}' turns about ({shown}), not about {name} of the base")
+        raise ModelError(
+            f"joint '{model.joint(joint).name}' turns about ({shown}), not about {name} of the base"
+        )
     return float(np.sign(along[axis]))
 
 
 def _foot(model: mujoco.MjModel, chain: tuple[int, ...]) -> int:
-    """The sphere of the calf that is farthest from the knee; one that can touch the ground, where there is one."""
+    """The sphere of the calf that is farthest from the knee.
+
+    One that can touch the ground, where there is one.
+    """
     calf = chain[-1]
     geoms = range(model.body_geomadr[calf], model.body_geomadr[calf] + model.body_geomnum[calf])
     spheres = [geom for geom in geoms if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE]
     if not spheres:
-        raise ModelError(f"leg {_name(model, chain[0])} ends in no sphere: give its calf a sphere where the foot is")
+        raise ModelError(
+            f"leg {_name(model, chain[0])} ends in no sphere: give its calf a sphere where the "
+            f"foot is"
+        )
     knee = model.jnt_pos[model.body_jntadr[calf]]
     solid = [geom for geom in spheres if model.geom_contype[geom] | model.geom_conaffinity[geom]]
-    return max(solid or spheres, key=lambda geom: float(np.linalg.norm(model.geom_pos[geom] - knee)))
+    return max(
+        solid or spheres, key=lambda geom: float(np.linalg.norm(model.geom_pos[geom] - knee))
+    )
 
 
 def _check_alike(model: mujoco.MjModel, legs: tuple[Leg, ...]) -> None:
@@ -173,7 +214,9 @@ def _check_alike(model: mujoco.MjModel, legs: tuple[Leg, ...]) -> None:
         for what, length in leg.lengths.items():
             if abs(length - first.lengths[what]) > TOLERANCE:
                 a, b = _name(model, first.body[0]), _name(model, leg.body[0])
-                raise ModelError(f"legs {a} and {b} differ: the {what} is {first.lengths[what]:g} and {length:g}")
+                raise ModelError(
+                    f"legs {a} and {b} differ: the {what} is {first.lengths[what]:g} and {length:g}"
+                )
 
 
 def _from_straight_down(vector: Floats) -> float:

@@ -9,7 +9,9 @@ from saltus.errors import ConfigError, nearest_hint
 from saltus.robots.robot import JOINTS, LEGS, LINKS, Gains
 
 Numbers = tuple[float, ...] | None
-PerJoint = Annotated[Numbers, "hip, thigh, calf of every leg, or twelve values in the order of JOINTS"]
+PerJoint = Annotated[
+    Numbers, "hip, thigh, calf of every leg, or twelve values in the order of JOINTS"
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +56,10 @@ class Supplement:
 
 def _of_all_legs(name: str, values: tuple[float, ...]) -> tuple[float, ...]:
     if len(values) not in (len(LINKS), len(JOINTS)):
-        raise ConfigError(f"'{name}' has {len(values)} values: give 3 (hip, thigh, calf) or 12 ({', '.join(JOINTS)})")
+        raise ConfigError(
+            f"'{name}' has {len(values)} values: give 3 (hip, thigh, calf) or 12 "
+            f"({', '.join(JOINTS)})"
+        )
     return values if len(values) == len(JOINTS) else values * len(LEGS)
 
 

@@ -28,10 +28,13 @@ class Sender:
 
     def __init__(self, bus: Bus, node: RosNode, exporter: Exporter, namespace: str) -> None:
         self._exporter = exporter
-        self._latests = [bus.latest(name) for name in ("controller/state", "camera/depth", "heightmap/heightmap")]
+        self._latests = [
+            bus.latest(name) for name in ("controller/state", "camera/depth", "heightmap/heightmap")
+        ]
         names = {TRANSFORMS: "tf2_msgs/msg/TFMessage"} | exporter.topics
         self._publishers: dict[str, RosPublisher] = {
-            name: node.publisher(full_name(namespace, name), kind, ros.hash_of(kind)) for name, kind in names.items()
+            name: node.publisher(full_name(namespace, name), kind, ros.hash_of(kind))
+            for name, kind in names.items()
         }
 
     def step(self) -> None:
@@ -59,11 +62,13 @@ class Receiver:
         intake: Makes our messages of theirs.
         topics: Name in ROS of each kind of `TYPES`.
         clock: Of the run.
-        tell: Is told in one line what is missing, whenever that changes, and of what is refused while it goes on.
+        tell: Is told in one line what is missing, whenever that changes, and of what is refused
+            while it goes on.
     """
 
     def __init__(
-        self, bus: Bus, node: RosNode, intake: RosIntake, topics: Mapping[str, str], clock: RunClock,
+        self, bus: Bus, node: RosNode, intake: RosIntake, topics: Mapping[str, str],
+        clock: RunClock,
         tell: Callable[[str], None],
     ) -> None:  # fmt: skip
         self._intake = intake
@@ -78,10 +83,16 @@ class Receiver:
         self._slots = {kind: Slot(bus.bell) for kind in types}
         for kind, slot in self._slots.items():
             node.subscribe(topics[kind], types[kind], ros.hash_of(types[kind]), slot)
-        self._states, self._frames = bus.publisher("controller/state"), bus.publisher("camera/depth")
+        self._states, self._frames = (
+            bus.publisher("controller/state"),
+            bus.publisher("camera/depth"),
+        )
 
     def step(self) -> float:
-        """Takes what has come, and sends a state if one is due; returns the time until the next is [s]."""
+        """Takes what has come, and sends a state if one is due.
+
+        Returns the time until the next is [s].
+        """
         for kind, slot in self._slots.items():
             while (raw := slot.pop()) is not None:
                 frame = self._intake.take(kind, raw.payload, self._clock.now_ns())
@@ -104,12 +115,18 @@ class Receiver:
         more = rejected != self._counted and now_s - self._told_s > AGAIN_S
         if missing == self._told and not more:
             return
-        advice = {ADVICE[reason] for name in rejected if (reason := name.rpartition("/")[2]) in ADVICE}
+        advice = {
+            ADVICE[reason] for name in rejected if (reason := name.rpartition("/")[2]) in ADVICE
+        }
         self._told, self._told_s, self._counted = missing, now_s, dict(rejected)
         names = ", ".join(f"{kind} ({self._topics[kind]})" for kind in missing)
         refused = ", ".join(f"{count} {name}" for name, count in rejected.items())
         said = [f"waiting for {names}" if missing else "the robot's state and images are complete"]
-        self._tell("; ".join([*said, *([f"refused so far: {refused}"] if refused else []), *sorted(advice)]))
+        self._tell(
+            "; ".join(
+                [*said, *([f"refused so far: {refused}"] if refused else []), *sorted(advice)]
+            )
+        )
 
 
 def run(bus: Bus, node: RosNode, sender: Sender, receiver: Receiver | None) -> None:

@@ -1,7 +1,9 @@
 """A ROS 2 graph over plain DDS, for robots whose middleware is Cyclone DDS or Fast DDS.
 
-Payloads are those that travel over Zenoh: CDR, made and read by the same lines. Cyclone is told the types only so that
-others can compare them: with octets for every uint8, as a type of Cyclone 11's own that 0.10 does not know makes a
+Payloads are those that travel over Zenoh: CDR, made and read by the same lines. Cyclone is told the
+    types only so that
+others can compare them: with octets for every uint8, as a type of Cyclone 11's own that 0.10 does
+    not know makes a
 peer of 0.10 end with a segmentation fault as soon as it hears of it.
 """
 
@@ -28,8 +30,10 @@ from saltus.wire.ros2_node import dds_name
 BLOCKED_MS = 10  # a reliable writer waits so long for a reader that is behind, then drops
 DEPTH = 10  # the default of ROS
 BASE = {
-    "bool": bool, "byte": types.byte, "char": types.char, "string": str, "uint8": types.byte, "int8": types.int8,
-    "int16": types.int16, "uint16": types.uint16, "int32": types.int32, "uint32": types.uint32, "int64": types.int64,
+    "bool": bool, "byte": types.byte, "char": types.char, "string": str, "uint8": types.byte,
+    "int8": types.int8,
+    "int16": types.int16, "uint16": types.uint16, "int32": types.int32, "uint32": types.uint32,
+    "int64": types.int64,
     "uint64": types.uint64, "float32": types.float32, "float64": types.float64,
 }  # fmt: skip
 
@@ -80,7 +84,10 @@ class DdsNode:
             self._participant = DomainParticipant(domain)
         except DDSException as error:
             raise StackError(f"DDS cannot be joined in domain {domain}: {error}") from error
-        self._publisher, self._subscriber = Publisher(self._participant), Subscriber(self._participant)
+        self._publisher, self._subscriber = (
+            Publisher(self._participant),
+            Subscriber(self._participant),
+        )
         self._kept: list[Any] = []
 
     def __enter__(self) -> "DdsNode":
@@ -121,7 +128,10 @@ class DdsPublisher:
         self._kind = kind
 
     def put(self, payload: bytes, wall_ns: int) -> None:
-        """Sends CDR, as of a time since 1970 [ns]. What readers that are behind do not take is dropped."""
+        """Sends CDR, as of a time since 1970 [ns].
+
+        What readers that are behind do not take is dropped.
+        """
         sample = object.__new__(self._kind)
         sample.payload = payload
         with contextlib.suppress(DDSException):

@@ -1,7 +1,7 @@
 """Messages of ROS from somebody's robot, made ours: what the heightmap service reads, and nothing to be obeyed.
 
-Bytes come from whoever reaches the ROS router. `RosIntake` counts what it cannot use and goes on; what it makes of the
-rest is checked once more by whoever reads it on the bus.
+Bytes come from whoever reaches the ROS router. `RosIntake` counts what it cannot use and goes on;
+what it makes of the rest is checked once more by whoever reads it on the bus.
 """
 
 from collections import Counter
@@ -25,7 +25,9 @@ from saltus.wire.topics import TOPICS
 
 HELD_S = TOPICS["controller/state"].invalid_age_s
 """A reading that is older is not used: nor would a state of that age be."""
-NO_ATTITUDE = -1.0  # sensor_msgs/msg/Imu: first entry of the covariance of an orientation that it does not have
+NO_ATTITUDE = (
+    -1.0
+)  # sensor_msgs/msg/Imu: first entry of the covariance of an orientation that it does not have
 TYPES = {
     "depth": "sensor_msgs/msg/Image",
     "camera_info": "sensor_msgs/msg/CameraInfo",
@@ -56,14 +58,18 @@ class RosIntake:
     """Makes depth frames and robot states of what comes from ROS.
 
     Args:
-        robot: What their robot is; its joints are named as in `JOINTS`, with or without "_joint", unless `joints` are
-            their names of these twelve, in this order.
+        robot: What their robot is; its joints are named as in `JOINTS`, with or without "_joint",
+            unless `joints` are their names of these twelve, in this order.
         clock: Turns their stamps into times of the run.
         joints: Names of their joints.
-        arrival: Take messages to be true when they arrive, for robots whose stamps are no wall clock.
-        has_joints: False of a robot whose joints nobody tells: its legs are unknown, which heights of any grid bear.
-        depth: Topic of the depth images. Its name says whether they are compressed, and whether they are rectified.
-        depth_unit_m: Metres that one step of their depth images is; as ROS has it (REP 118), if None.
+        arrival: Take messages to be true when they arrive, for robots whose stamps are no wall
+            clock.
+        has_joints: False of a robot whose joints nobody tells: its legs are unknown, which heights
+            of any grid bear.
+        depth: Topic of the depth images. Its name says whether they are compressed, and whether
+            they are rectified.
+        depth_unit_m: Metres that one step of their depth images is; as ROS has it (REP 118), if
+            None.
 
     Raises:
         ConfigError: other than twelve names of joints, or one twice; a unit that no camera has.
@@ -77,7 +83,9 @@ class RosIntake:
             check_depth_unit(depth_unit_m)
         if joints and len(set(joints)) != len(JOINTS):
             known = ", ".join(JOINTS)
-            raise ConfigError(f"{len(set(joints))} names of joints, where a robot has {len(JOINTS)}: {known}")
+            raise ConfigError(
+                f"{len(set(joints))} names of joints, where a robot has {len(JOINTS)}: {known}"
+            )
         self.rejected: Counter[str] = Counter()
         """Messages that were of no use, by "kind/reason"."""
         self._names = joints or JOINTS
@@ -92,10 +100,15 @@ class RosIntake:
         self._frames = self._steps = 0
 
     def take(self, kind: str, payload: bytes, now_ns: int) -> DepthFrame | None:
-        """Takes a message of a kind of `TYPES` at a time of the run; returns an image where it brings one."""
+        """Takes a message of a kind of `TYPES` at a time of the run.
+
+        Returns an image where it brings one.
+        """
         try:
             message = ros.decode(self._types[kind], payload)
-            time_ns = now_ns if self._arrival else self._clock.run_ns(ros.time_of(message.header.stamp))
+            time_ns = (
+                now_ns if self._arrival else self._clock.run_ns(ros.time_of(message.header.stamp))
+            )
             if not -HELD_S < 1e-9 * (now_ns - time_ns) < 1e3 * HELD_S:
                 raise MessageError("clock", f"{1e-9 * (now_ns - time_ns):.1f} s old")
             if kind == "depth":
@@ -112,7 +125,11 @@ class RosIntake:
         if self.missing(now_ns):
             return None
         imu, odometry = (self._newest[kind].message for kind in ("imu", "odometry"))
-        turned = imu.orientation if imu.orientation_covariance[0] != NO_ATTITUDE else odometry.pose.pose.orientation
+        turned = (
+            imu.orientation
+            if imu.orientation_covariance[0] != NO_ATTITUDE
+            else odometry.pose.pose.orientation
+        )
         quaternion = np.array([turned.w, turned.x, turned.y, turned.z])
         norm = float(np.linalg.norm(quaternion))
         if not 0.5 < norm < 2.0:  # all zeros: nobody has set it
@@ -140,17 +157,25 @@ class RosIntake:
             cycle=0,
             mode=ControllerMode.RUN,
             depth_due=-1,
-            position_base_in_odometry=place if place.any() else np.zeros(0),  # all zeros: nobody has set it
+            position_base_in_odometry=place
+            if place.any()
+            else np.zeros(0),  # all zeros: nobody has set it
         )
 
     def _joints(self, rotation: Floats) -> tuple[Floats, Floats, Floats, float]:
         """Angles, speeds, torques, and height of the base where the lowest foot stands, or usually [m]."""
         if "joints" not in self._needed:
-            return self._robot.stand_pose, np.zeros(len(JOINTS)), np.zeros(len(JOINTS)), self._robot.stand_height
+            return (
+                self._robot.stand_pose,
+                np.zeros(len(JOINTS)),
+                np.zeros(len(JOINTS)),
+                self._robot.stand_height,
+            )
         joints = self._newest["joints"].message
         order = self._order(joints)
         position, velocity, torque = (
-            self._ordered(values, order) for values in (joints.position, joints.velocity, joints.effort)
+            self._ordered(values, order)
+            for values in (joints.position, joints.velocity, joints.effort)
         )
         feet = self._legs.position(position) @ rotation.T
         return position, velocity, torque, float(self._robot.foot_radius - feet[:, 2].min())
@@ -158,7 +183,11 @@ class RosIntake:
     def missing(self, now_ns: int) -> list[str]:
         """Parts of a state that have not come or are too old."""
         oldest_ns = now_ns - round(1e9 * HELD_S)
-        return [kind for kind in self._needed if kind not in self._newest or self._newest[kind].time_ns < oldest_ns]
+        return [
+            kind
+            for kind in self._needed
+            if kind not in self._newest or self._newest[kind].time_ns < oldest_ns
+        ]
 
     def _image(self, image: Any, time_ns: int) -> DepthFrame:
         if "camera_info" not in self._newest:
@@ -171,17 +200,27 @@ class RosIntake:
         info, (height, width) = self._newest["camera_info"].message, depth.shape
         lens = intrinsics(info, width, height, rectified=self._rectified)
         self._frames += 1
-        return DepthFrame(time_ns=time_ns, frame_id=self._frames - 1, depth=depth, depth_unit_m=unit_m, **vars(lens))
+        return DepthFrame(
+            time_ns=time_ns,
+            frame_id=self._frames - 1,
+            depth=depth,
+            depth_unit_m=unit_m,
+            **vars(lens),
+        )
 
     def _order(self, joints: Any) -> list[int]:
         """Where each of our joints is among theirs."""
         theirs = {name.removesuffix("_joint"): place for place, name in enumerate(joints.name)}
         for name in (name.removesuffix("_joint") for name in self._names):
             if name not in theirs:
-                raise MessageError("joint_names", f"no joint '{name}': {nearest_hint(name, theirs)}")
+                raise MessageError(
+                    "joint_names", f"no joint '{name}': {nearest_hint(name, theirs)}"
+                )
         order = [theirs[name.removesuffix("_joint")] for name in self._names]
         if len(joints.position) != len(joints.name):
-            raise MessageError("joints", f"{len(joints.position)} positions of {len(joints.name)} joints")
+            raise MessageError(
+                "joints", f"{len(joints.position)} positions of {len(joints.name)} joints"
+            )
         return order
 
     def _ordered(self, values: Any, order: list[int]) -> Floats:

@@ -1,4 +1,7 @@
-"""Messages of a run for ROS, of its own types, made of ours; never of what only a simulator knows."""
+"""Messages of a run for ROS, of its own types, made of ours.
+
+Never of what only a simulator knows.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -23,14 +26,23 @@ HEIGHTS = {
         "grid_map_msgs/msg/GridMap",
         "predicted heights: layers elevation, variance, half_width; of a scan age",
     ),
-    "heights": ("sensor_msgs/msg/PointCloud2", "the same as points, each with half_width_90, and of a scan age"),
+    "heights": (
+        "sensor_msgs/msg/PointCloud2",
+        "the same as points, each with half_width_90, and of a scan age",
+    ),
 }
 """Type and meaning of each topic below the namespace."""
 ROBOT = {
     "depth/image_rect_raw": ("sensor_msgs/msg/Image", "depth, 16UC1"),
     "depth/camera_info": ("sensor_msgs/msg/CameraInfo", "its intrinsics"),
-    "joint_states": ("sensor_msgs/msg/JointState", "positions, velocities, torques of the twelve joints"),
-    "odom": ("nav_msgs/msg/Odometry", "attitude of the IMU, estimated velocity, and the way that it adds up to"),
+    "joint_states": (
+        "sensor_msgs/msg/JointState",
+        "positions, velocities, torques of the twelve joints",
+    ),
+    "odom": (
+        "nav_msgs/msg/Odometry",
+        "attitude of the IMU, estimated velocity, and the way that it adds up to",
+    ),
 }
 """The same of a run that has a robot of its own; they are left out where ROS brings one."""
 GAP_NS = 1_000_000_000  # a robot that was silent for so long has not gone on at its last velocity
@@ -55,8 +67,12 @@ class Exporter:
         whole: Whether ROS is told of the robot too, or of its heights alone.
     """
 
-    def __init__(self, robot: Robot, clock: WallClock, *, base: str = BASE, whole: bool = True) -> None:
-        self.topics = {name: kind for name, (kind, _) in (HEIGHTS | (ROBOT if whole else {})).items()}
+    def __init__(
+        self, robot: Robot, clock: WallClock, *, base: str = BASE, whole: bool = True
+    ) -> None:
+        self.topics = {
+            name: kind for name, (kind, _) in (HEIGHTS | (ROBOT if whole else {})).items()
+        }
         """Type of each topic below the namespace."""
         self._frames = RobotFrames(robot, base)
         self._clock = clock
@@ -75,22 +91,31 @@ class Exporter:
         if self._whole:
             depth = millimetres(frame)
             time_ns = self._clock.wall_ns(frame.time_ns)
-            wire = depth_on_the_wire(replace(frame, time_ns=time_ns, depth=depth, depth_unit_m=1e-3))
+            wire = depth_on_the_wire(
+                replace(frame, time_ns=time_ns, depth=depth, depth_unit_m=1e-3)
+            )
             yield Outgoing("depth/image_rect_raw", wire.image)
             yield Outgoing("depth/camera_info", wire.camera_info)
 
     def of_state(self, state: RobotState) -> Iterator[Outgoing]:
-        """Joints, odometry and frames; of a robot that ROS brings only the frames of camera and heights."""
+        """Joints, odometry and frames.
+
+        Of a robot that ROS brings only the frames of camera and heights.
+        """
         time_ns = self._clock.wall_ns(state.time_ns)
         turned = np.asarray(state.quaternion_base_in_world, dtype=np.float64)
         yaw = quaternion_product(quaternion_inverse(turned), np.asarray(ros.yaw_of(turned)))
         transforms = [
-            ros.place(header(time_ns, self._base), BASE_YAW, ros.vector(np.zeros(3)), ros.quaternion(yaw)),
+            ros.place(
+                header(time_ns, self._base), BASE_YAW, ros.vector(np.zeros(3)), ros.quaternion(yaw)
+            ),
             self._frames.camera(time_ns),
         ]
         if self._whole:
             position = self._way.go(state)
-            where = ros.place(header(time_ns, ODOM), self._base, ros.vector(position), ros.quaternion(turned))
+            where = ros.place(
+                header(time_ns, ODOM), self._base, ros.vector(position), ros.quaternion(turned)
+            )
             transforms = [where, *transforms, *self._frames.links(time_ns, state.joint_position)]
             yield Outgoing("joint_states", ros.joint_state(time_ns, list(JOINTS), state))
             yield Outgoing("odom", ros.odometry(time_ns, self._base, position, state))
@@ -117,6 +142,8 @@ class EstimatedWay:
         if self._position is None:
             self._position = np.array([0.0, 0.0, state.base_height])
         elif 0 < passed_ns < GAP_NS:
-            self._position = self._position + 1e-9 * passed_ns * np.asarray(state.velocity_base_in_world)
+            self._position = self._position + 1e-9 * passed_ns * np.asarray(
+                state.velocity_base_in_world
+            )
         self._time_ns = state.time_ns
         return self._position

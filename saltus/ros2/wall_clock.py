@@ -8,7 +8,8 @@ from saltus.config import RunConfig
 class WallClock:
     """Turns times of a run into those of ROS and back [ns].
 
-    In lockstep simulated time has nothing to do with a clock: ROS is told the simulated time itself.
+    In lockstep simulated time has nothing to do with a clock: ROS is told the simulated time
+        itself.
     """
 
     def __init__(self, config: RunConfig) -> None:

@@ -15,16 +15,18 @@ from saltus.runtime.programs import Program
 
 LOG_TAIL_LINES = 15
 LOAD_TIMEOUT_S = 30.0
-# Four processes on two cores: numeric libraries that start a thread per core only get in each other's way
+# Four processes on two cores: numeric libraries that start a thread per core only get in each
+# other's way
 ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
     "PYTHONUNBUFFERED": "1",
     "PYTHONUTF8": "1",  # its log is read as UTF-8, whatever the locale
-    "MUJOCO_GL": "off",  # nobody draws here; to find a window system MuJoCo would start one more Python, for 0.07 s
-    # Of the two receiving threads of the default one waits for the sockets and wakes the other for each message. Not
-    # for the router: with one it drops large messages.
+    # Nobody draws here; to find a window system MuJoCo would start one more Python, for 0.07 s
+    "MUJOCO_GL": "off",
+    # Of the two receiving threads of the default one waits for the sockets and wakes the other for
+    # each message. Not for the router: with one it drops large messages.
     "ZENOH_RUNTIME": "(rx: (worker_threads: 1))",
 }
 
@@ -80,12 +82,17 @@ class Child:
         self.tried_s = self._clock.elapsed_s()
         waits = cue.WORKING if self.program.hot else cue.IDLE
         try:
-            self._waits = _Launch(self.program.module, [*arguments, cue.FLAG, waits], self.log, self._clock)
+            self._waits = _Launch(
+                self.program.module, [*arguments, cue.FLAG, waits], self.log, self._clock
+            )
         except OSError as error:
             raise StackError(f"{self.name} cannot be started: {error.strerror}") from error
 
     def begin(self, arguments: list[str]) -> None:
-        """Tells the process that waits to take over; starts one where none waits. The one before must have ended."""
+        """Tells the process that waits to take over; starts one where none waits.
+
+        The one before must have ended.
+        """
         if self._waits is None or self._waits.process.poll() is not None:
             self._drop(self._waits)
             self.load(arguments)
@@ -122,7 +129,9 @@ class Child:
     def log_tail(self) -> str:
         """The last lines that it wrote, indented, for the end of an error message."""
         try:
-            lines = self.log.read_text(errors="replace", encoding="utf-8").splitlines()[-LOG_TAIL_LINES:]
+            lines = self.log.read_text(errors="replace", encoding="utf-8").splitlines()[
+                -LOG_TAIL_LINES:
+            ]
         except OSError:
             lines = []
         return "".join(f"\n  {line}" for line in lines) or f"; {self.log} is empty"
@@ -165,7 +174,9 @@ class _Launch:
 
     def begin(self) -> None:
         """Tells it to begin as soon as it has loaded."""
-        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # it has died: its exit code will say so
+        with contextlib.suppress(
+            BrokenPipeError, ConnectionResetError
+        ):  # it has died: its exit code will say so
             self._line.send(cue.BEGIN)
 
     def signal(self, number: signal.Signals) -> None:

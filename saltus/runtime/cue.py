@@ -1,9 +1,10 @@
 """How a process that has loaded waits until it is told to begin.
 
-Loading takes up to a second on a free processor. So the supervisor has a spare process loaded, which waits at
-`ProcessContext.ready`, or works along unheard from there on, and takes over as soon as the first has died; and the
-controller loads beside the others, though the run begins with it. The line is the standard input of the process, a
-socket: the process writes `LOADED`, and reads `BEGIN` or, where the supervisor is gone, the end.
+Loading takes up to a second on a free processor. So the supervisor has a spare process loaded,
+which waits at `ProcessContext.ready`, or works along unheard from there on, and takes over as soon
+as the first has died; and the controller loads beside the others, though the run begins with it.
+The line is the standard input of the process, a socket: the process writes `LOADED`, and reads
+`BEGIN` or, where the supervisor is gone, the end.
 """
 
 import contextlib
@@ -36,7 +37,10 @@ def told(wait_s: float = 0.0) -> bool | None:
 
 
 def await_cue(stopped: Callable[[], bool]) -> bool:
-    """Says that this process has loaded, and waits; returns whether it should begin, and was not told to stop."""
+    """Says that this process has loaded, and waits.
+
+    Returns whether it should begin, and was not told to stop.
+    """
     say_loaded()
     while not stopped():
         begin = told(LOOK_S)

@@ -1,15 +1,17 @@
 """Parts that the entry point of a process needs: arguments, configuration, bus, clock, proof of life, a clean end.
 
 A process is a pure class with `step(...)`; its `__main__` wires it to the bus and nothing else.
-`saltus.policy.__main__` is an example: slow things first, then subscribe, then `context.ready()`, as only now the run
-begins; then a loop until `context.stopped` that calls `context.beat(...)` at least every 0.5 s and `run_process` around
-all of it. Where its row of the table says `hot`, a process of a real-time run works along from `ready` on, unheard,
-until `beat` is told that it shall begin.
+`saltus.policy.__main__` is an example: slow things first, then subscribe, then `context.ready()`,
+as only now the run begins; then a loop until `context.stopped` that calls `context.beat(...)` at
+least every 0.5 s and `run_process` around all of it. Where its row of the table says `hot`, a
+process of a real-time run works along from `ready` on, unheard, until `beat` is told that it shall
+begin.
 
-A loop of fixed rate uses `Ticker(rate_hz, clock=context.clock)`. A wait that belongs to the run lasts
-`context.clock.machine_s(seconds)`. The process ends by returning from the body (exit code 0), by SIGTERM or SIGINT
-(`context.stopped` becomes true; finish and return), or when the supervisor or its router are gone. A `SaltusError` out
-of the body becomes an event, one line on stderr and exit code 2. When the controller returns, the run is over.
+A loop of fixed rate uses `Ticker(rate_hz, clock=context.clock)`. A wait that belongs to the run
+lasts `context.clock.machine_s(seconds)`. The process ends by returning from the body (exit code 0),
+by SIGTERM or SIGINT (`context.stopped` becomes true; finish and return), or when the supervisor or
+its router are gone. A `SaltusError` out of the body becomes an event, one line on stderr and exit
+code 2. When the controller returns, the run is over.
 """
 
 import argparse
@@ -51,11 +53,13 @@ PEER_FLAG = "--peer"
 class ProcessContext:
     """A process and its surroundings.
 
-    If the supervisor has started it (`cued`, how it waits: see `saltus.runtime.cue`), it begins when it is told to, and
-    in real time the scheduler is asked to prefer it.
+    If the supervisor has started it (`cued`, how it waits: see `saltus.runtime.cue`), it begins
+    when it is told to, and in real time the scheduler is asked to prefer it.
     """
 
-    def __init__(self, name: str, run_config: RunConfig, run_dir: Path, bus: Bus, *, cued: str = "") -> None:
+    def __init__(
+        self, name: str, run_config: RunConfig, run_dir: Path, bus: Bus, *, cued: str = ""
+    ) -> None:
         self.name = name
         self.config = run_config
         self.run_dir = run_dir
@@ -79,9 +83,12 @@ class ProcessContext:
         return config.load(Setup, self.run_dir / SETUP_FILE)
 
     def ready(self) -> None:
-        """Says that everything is loaded and subscribed; nothing is reported before. Returns when it shall begin.
+        """Says that everything is loaded and subscribed; nothing is reported before.
 
-        In real time it returns at once where the process is to work along: nobody hears it until `beat` is told that it
+        Returns when it shall begin.
+
+        In real time it returns at once where the process is to work along: nobody hears it until
+            `beat` is told that it
         shall begin. Its state follows from what it hears, so that it takes over without a gap.
         """
         if self._cued == cue.WORKING and self.config.pace == "realtime":
@@ -111,9 +118,12 @@ class ProcessContext:
             self.stopped = True
 
     def beat(self, *, ticks: int, overruns: int = 0) -> None:
-        """Proof of life, to be called in every round of the loop, at least every 0.5 s; sends a status when due.
+        """Proof of life, to be called in every round of the loop, at least every 0.5 s.
 
-        `ticks` are rounds that did work, `overruns` rounds that were left out for lack of time, both so far.
+        Sends a status when due.
+
+        `ticks` are rounds that did work, `overruns` rounds that were left out for lack of time,
+        both so far.
         """
         if self.bus.muted:
             self._look_for_cue()
@@ -121,7 +131,9 @@ class ProcessContext:
         if not self._ready or now_s < self._next_status_s:
             return
         self._next_status_s = now_s + STATUS_PERIOD_S * self.clock.speed
-        intakes = [latest.take_intake() for latest in self.bus.latests if latest.topic.publisher != "*"]
+        intakes = [
+            latest.take_intake() for latest in self.bus.latests if latest.topic.publisher != "*"
+        ]
         status = ProcessStatus(
             time_ns=self.clock.now_ns(),
             process=self.name,
@@ -130,7 +142,9 @@ class ProcessContext:
             overruns=overruns,
             rejected=dict(self.bus.rejected),
             received={intake.topic.name: intake.received for intake in intakes},
-            silence_us={i.topic.name: round(1e-3 * i.silence_ns * self.clock.speed) for i in intakes},
+            silence_us={
+                i.topic.name: round(1e-3 * i.silence_ns * self.clock.speed) for i in intakes
+            },
         )
         self._status.put(status)
         self._check_surroundings(now_s)
@@ -141,7 +155,9 @@ class ProcessContext:
 
     def event(self, code: str, detail: str = "") -> None:
         """Tells, once, that something began."""
-        self._events.put(Event(time_ns=self.clock.now_ns(), process=self.name, code=code, detail=detail))
+        self._events.put(
+            Event(time_ns=self.clock.now_ns(), process=self.name, code=code, detail=detail)
+        )
 
     def _check_surroundings(self, now_s: float) -> None:
         """A process must not outlive its supervisor, however that ended."""
@@ -152,19 +168,29 @@ class ProcessContext:
             self.stopped = True
         elif self._router_lost_s > ROUTER_LOST_S and not self.stopped:
             self.stopped = True
-            sys.stderr.write(f"{self.name}: ends, as the run's router has not answered for {ROUTER_LOST_S:g} s\n")
+            sys.stderr.write(
+                f"{self.name}: ends, as the run's router has not answered for {ROUTER_LOST_S:g} s\n"
+            )
 
 
-def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Sequence[str] | None = None) -> int:
+def run_process(
+    name: str, body: Callable[[ProcessContext], None], arguments: Sequence[str] | None = None
+) -> int:
     """Runs the body of a process, which is called once, and returns the exit code.
 
     `name` is a row of the process table; `arguments` stand for those of the command line.
     """
     parser = argparse.ArgumentParser(prog=name, description=f"The {name} process of a run.")
-    parser.add_argument("--run-dir", type=Path, required=True, help="folder of the run, with run.toml")
-    parser.add_argument("--endpoint", required=True, help="Zenoh router, e.g. tcp/127.0.0.1:7447, or a client.json5")
     parser.add_argument(
-        PEER_FLAG, action="store_true", help="link to others on the router's machine, which is this one"
+        "--run-dir", type=Path, required=True, help="folder of the run, with run.toml"
+    )
+    parser.add_argument(
+        "--endpoint", required=True, help="Zenoh router, e.g. tcp/127.0.0.1:7447, or a client.json5"
+    )
+    parser.add_argument(
+        PEER_FLAG,
+        action="store_true",
+        help="link to others on the router's machine, which is this one",
     )
     parser.add_argument(
         cue.FLAG,
@@ -176,7 +202,9 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
     options = parser.parse_args(arguments)
     try:
         run_config = read_config(options.run_dir)
-        if options.cued and run_config.pace == "realtime":  # while it loads, too: one that has died must be back soon
+        if (
+            options.cued and run_config.pace == "realtime"
+        ):  # while it loads, too: one that has died must be back soon
             prefer_process(name)
         with kept_small(), ZenohBus.of_run(options.endpoint, run_config, peer=options.peer) as bus:
             context = ProcessContext(name, run_config, options.run_dir, bus, cued=options.cued)
@@ -190,7 +218,11 @@ def _run_body(context: ProcessContext, body: Callable[[ProcessContext], None]) -
     try:
         body(context)
     except SaltusError as error:
-        time.sleep(context.clock.machine_s(max(0.0, context.opened_s + LINKED_S - context.clock.elapsed_s())))
+        time.sleep(
+            context.clock.machine_s(
+                max(0.0, context.opened_s + LINKED_S - context.clock.elapsed_s())
+            )
+        )
         latest_s = time.monotonic() + LINKED_LATEST_S
         while not context.heard() and time.monotonic() < latest_s:
             time.sleep(0.01)

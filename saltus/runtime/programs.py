@@ -10,11 +10,17 @@ class Program:
     name: str
     module: str
     restart: bool
-    """In real time: whether it is started again when it dies. Otherwise its end is the end of the run."""
+    """In real time: whether it is started again when it dies.
+
+    Otherwise its end is the end of the run.
+    """
     spare: bool = False
     """In real time: whether another process has loaded already, to take over when it dies."""
     hot: bool = False
-    """In real time: whether what waits works along unheard. Its state must follow from what it hears."""
+    """In real time: whether what waits works along unheard.
+
+    Its state must follow from what it hears.
+    """
 
 
 PROGRAMS = (
@@ -26,6 +32,8 @@ PROGRAMS = (
     Program(name="controller", module="saltus.controller", restart=False),
 )
 
-WITH_STANDBYS = tuple(replace(program, spare=program.restart, hot=program.restart) for program in PROGRAMS)
+WITH_STANDBYS = tuple(
+    replace(program, spare=program.restart, hot=program.restart) for program in PROGRAMS
+)
 """The same with a camera, a service and a planner more that work along unheard. A robot among stepping stones can then
 go on, and cannot land well; but on two cores ages have a p99 of 30 to 58 ms instead of 10."""

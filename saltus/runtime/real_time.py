@@ -32,7 +32,8 @@ class RealTimeFactor:
     share: float
     """Share of the messages that the table of topics asks for that came: 1 keeps up."""
     reached: float
-    """Seconds of the run that were delivered for each second of the machine: `share` of the run's speed."""
+    """Seconds of the run that were delivered for each second of the machine: `share` of the run's
+    speed."""
     late_s: float
     """How much longer than by their period and jitter messages let wait [s, run's clock]: the worst one in half a
     second, median."""
@@ -44,7 +45,8 @@ class RealTimeFactor:
     def __str__(self) -> str:
         late = f"up to {1e3 * self.late_s:.0f} ms late"
         return (
-            f"this computer reaches {self.reached:.0%} of real time ({self.stream}, {late}): try --speed {self.speed:g}"
+            f"this computer reaches {self.reached:.0%} of real time ({self.stream}, {late}): "
+            f"try --speed {self.speed:g}"
         )
 
 
@@ -61,7 +63,8 @@ class _Period:
 class RealTimeMonitor:
     """Adds up what the processes have told lately of the messages that they receive, from `robot`'s first word on.
 
-    The processes themselves measure: on a busy computer the supervisor, of which all this is a part, may be late
+    The processes themselves measure: on a busy computer the supervisor, of which all this is a
+        part, may be late
     though nobody waits for it.
     """
 
@@ -83,9 +86,12 @@ class RealTimeMonitor:
         length_s = 1e-9 * (status.time_ns - before_ns)
         for topic, received in status.received.items():
             period = _Period(status.time_ns, length_s, received, 1e-6 * status.silence_us[topic])
-            # A run in which a process has died asks for no verdict any more: what is old goes here too
+            # A run in which a process has died asks for no verdict any more: what is old goes here
+            # too
             since_ns = status.time_ns - self._run_ns(WINDOW_S)
-            recent = [p for p in self._periods.get((topic, status.process), []) if p.end_ns > since_ns]
+            recent = [
+                p for p in self._periods.get((topic, status.process), []) if p.end_ns > since_ns
+            ]
             self._periods[topic, status.process] = [*recent, period]
 
     def verdict(self) -> RealTimeFactor | None:
@@ -93,7 +99,10 @@ class RealTimeMonitor:
         window_ns = self._clock.elapsed_ns() - self._run_ns(WINDOW_S)
         if self._settled_ns is None or window_ns < self._settled_ns:
             return None
-        recent = {key: [p for p in periods if p.end_ns > window_ns] for key, periods in self._periods.items()}
+        recent = {
+            key: [p for p in periods if p.end_ns > window_ns]
+            for key, periods in self._periods.items()
+        }
         self._periods = {key: periods for key, periods in recent.items() if periods}
         streams = [self._judged(*key, periods) for key, periods in self._periods.items()]
         return min(streams, key=lambda factor: (factor.speed, factor.share), default=None)
@@ -102,7 +111,9 @@ class RealTimeMonitor:
         topic = TOPICS[topic_name]
         asked = topic.rate_hz * sum(period.length_s for period in periods)
         share = min(1.0, sum(period.received for period in periods) / asked)
-        longest_s = 1.0 / topic.rate_hz + 2.0 * topic.jitter_s  # one as early and the next as late as can be
+        longest_s = (
+            1.0 / topic.rate_hz + 2.0 * topic.jitter_s
+        )  # one as early and the next as late as can be
         late_s = max(0.0, statistics.median(period.silence_s for period in periods) - longest_s)
         # Later than that a message is degraded
         kept = share >= SHARE_KEPT and late_s <= topic.degraded_age_s - topic.nominal_age_s

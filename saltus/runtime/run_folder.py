@@ -11,7 +11,8 @@ from saltus.wire.joining import read_client
 
 RUN_FILE = "run.toml"
 SETUP_FILE = "setup.toml"
-"""The values that run.toml names, whole: no process needs to derive the robot or to make the terrain."""
+"""The values that run.toml names, whole: no process needs to derive the robot or to make the
+terrain."""
 CLIENT_FILE = "client.json5"
 """The configuration of Zenoh with which any program joins the run."""
 
@@ -48,7 +49,8 @@ def read_config(run_dir: Path) -> RunConfig:
     path = run_dir / RUN_FILE
     if not path.is_file():
         raise ConfigError(
-            f"there is no {path}, so '{run_dir}' is no folder of a run: name that of a saltus up, demo or router, or "
+            f"there is no {path}, so '{run_dir}' is no folder of a run: name that of a saltus up, "
+            f"demo or router, or "
             f"start one, e.g. saltus router --out {run_dir}"
         )
     return config.load(RunConfig, path)

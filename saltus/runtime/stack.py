@@ -1,11 +1,11 @@
 """The supervisor: it starts, watches, records and stops the processes of a run.
 
-The supervisor hosts the Zenoh router in a folder of its owner. `Stack.poll` is its whole work: whoever holds a stack
-calls `poll` at 10 Hz or more, or `wait`.
+The supervisor hosts the Zenoh router in a folder of its owner. `Stack.poll` is its whole work:
+whoever holds a stack calls `poll` at 10 Hz or more, or `wait`.
 
-It obeys an operator, whose events are under `event/operator`: "stop" lets the robot land and ends the run, "kill" ends
-the process that its detail names, as a test of what the others do about it. The camera obeys "blind" itself, and
-the controller of a simulated robot "push".
+It obeys an operator, whose events are under `event/operator`: "stop" lets the robot land and ends
+the run, "kill" ends the process that its detail names, as a test of what the others do about it.
+The camera obeys "blind" itself, and the controller of a simulated robot "push".
 """
 
 import contextlib
@@ -40,28 +40,35 @@ from saltus.wire.zenoh_bus import ZenohBus
 
 READY_TIMEOUT_S = 30.0
 HUNG_S = 1.6
-"""Three periods of its status: a message may be lost on a busy machine, and to end what lives ends a run."""
-SPARE_AFTER_S = 3.0  # a robot whose camera died is down and stands (1.2 s): until then it needs the processors
+"""Three periods of its status: a message may be lost on a busy machine, and to end what lives ends
+a run."""
+SPARE_AFTER_S = (
+    3.0  # a robot whose camera died is down and stands (1.2 s): until then it needs the processors
+)
 RESTART_AFTER_S = 0.15
-"""Half as long again as it takes the others to notice a loss: a process that loads would take their processors."""
+"""Half as long again as it takes the others to notice a loss: a process that loads would take their
+processors."""
 STOP_TIMEOUT_S = 3.0
 STANDSTILL_S = 30.0  # of the machine; a landing in lockstep takes a few
 LAST_WORDS_S = 0.5  # for the supervisor's own events to come back to its recorder
 POLL_S = 0.01
 RECORDED_AT_A_TIME = 20
-"""Samples, of some 600 a second: on a busy computer the processes are looked after although the recording is behind."""
+"""Samples, of some 600 a second: on a busy computer the processes are looked after although the
+recording is behind."""
 
 
 class Stack:
     """The processes of one run, as a context manager; tests bring their own table of programs.
 
-    `run_dir` gets the files of `saltus.runtime.run_folder`, `recording.mcap` and `logs/<process>.log`; in run.toml the
-    start of the run on the monotonic clock is filled in. With `network` others join over it. All limits below are in
-    the clock of this run. Threads that this process starts later share one heap (`saltus.tuning`).
+    `run_dir` gets the files of `saltus.runtime.run_folder`, `recording.mcap` and
+    `logs/<process>.log`; in run.toml the start of the run on the monotonic clock is filled in. With
+    `network` others join over it. All limits below are in the clock of this run. Threads that this
+    process starts later share one heap (`saltus.tuning`).
 
     Raises:
         ConfigError, ModelError: there is no such robot, grid, terrain, camera or profile.
-        StackError: on entry where a process does not become ready; from `poll` and `wait` where the run cannot go on.
+        StackError: on entry where a process does not become ready; from `poll` and `wait` where the
+            run cannot go on.
         RecordingError: from these and on exit, where the recording cannot be written any more.
     """
 
@@ -88,9 +95,12 @@ class Stack:
         self.recording_error: str | None = None
         """Why the recording ended early."""
         self._clock = RunClock.of(self.config)
-        self._children = {p.name: Child(p, run_dir / "logs" / f"{p.name}.log", self._clock) for p in programs}
+        self._children = {
+            p.name: Child(p, run_dir / "logs" / f"{p.name}.log", self._clock) for p in programs
+        }
         self.real_time: RealTimeFactor | None = None
-        """In real time: how the run has kept up lately; None until the robot has moved for some seconds."""
+        """In real time: how the run has kept up lately; None until the robot has moved for some
+        seconds."""
         self.too_slow: RealTimeFactor | None = None
         """The same of the first time that it did not keep up; None while it does."""
         self._monitor = RealTimeMonitor(self._clock, robot=programs[-1].name)
@@ -144,7 +154,10 @@ class Stack:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self._resources.__exit__(kind, error, trace)
 
@@ -152,7 +165,8 @@ class Stack:
         """Records what has arrived and looks after the processes. Returns whether the run goes on.
 
         Raises:
-            StackError: the controller died; in lockstep any process; or one cannot be started again, or not in time.
+            StackError: the controller died; in lockstep any process; or one cannot be started
+                again, or not in time.
             RecordingError: the recording cannot be written any more.
         """
         self._drain()
@@ -163,7 +177,10 @@ class Stack:
         return not self.finished
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Polls until the run has come to its end; returns False where the timeout [s, run's clock] came first."""
+        """Polls until the run has come to its end.
+
+        Returns False where the timeout [s, run's clock] came first.
+        """
         deadline_s = None if timeout_s is None else self._clock.elapsed_s() + timeout_s
         while self.poll():
             if deadline_s is not None and self._clock.elapsed_s() >= deadline_s:
@@ -187,7 +204,9 @@ class Stack:
             self._recorder = Recorder(self.recording, self.config, self.setup)
             self._resources.push(self._close_recorder)
         self._resources.callback(self._stop, restart=True)
-        self._resources.callback(self._stop, restart=False)  # first of all: the robot comes to a stand
+        self._resources.callback(
+            self._stop, restart=False
+        )  # first of all: the robot comes to a stand
 
     def _start_all(self) -> None:
         """All load at once; the run begins with the last of them, when nothing loads any more."""
@@ -199,7 +218,10 @@ class Stack:
         for child in last:
             child.load(self._arguments)
         self._poll_until(
-            lambda: all(child.ready for child in first) and not any(child.loading for child in first + last)
+            lambda: (
+                all(child.ready for child in first)
+                and not any(child.loading for child in first + last)
+            )
         )
         for child in last:
             child.begin(self._arguments)
@@ -237,7 +259,9 @@ class Stack:
         elif code is not None:
             self._ended(child, code)
         elif child.running() and not child.ready and now_s - child.started_s > READY_TIMEOUT_S:
-            raise StackError(f"{child.name} is not ready after {READY_TIMEOUT_S:g} s{child.log_tail()}")
+            raise StackError(
+                f"{child.name} is not ready after {READY_TIMEOUT_S:g} s{child.log_tail()}"
+            )
         elif (
             child.alive_s is not None
             # Not until now: what comes while the rest is recorded has not been read
@@ -246,7 +270,11 @@ class Stack:
         ):
             child.kill()
             self._died(child, f"hung: no sign of life for {HUNG_S:g} s")
-        elif child.ready and not child.has_spare and now_s - max(child.started_s, child.tried_s) > SPARE_AFTER_S:
+        elif (
+            child.ready
+            and not child.has_spare
+            and now_s - max(child.started_s, child.tried_s) > SPARE_AFTER_S
+        ):
             self._load_spare(child)
 
     def _ended(self, child: Child, code: int) -> None:
@@ -262,7 +290,9 @@ class Stack:
         if not (replaceable and child.ready):  # what dies before it is ready would do so for ever
             raise StackError(f"{child.name} died ({how}){child.log_tail()}")
         child.restarts += 1
-        self._begin_again(child, self._clock.elapsed_s() + (0.0 if child.has_spare else RESTART_AFTER_S))
+        self._begin_again(
+            child, self._clock.elapsed_s() + (0.0 if child.has_spare else RESTART_AFTER_S)
+        )
 
     def _begin_again(self, child: Child, at_s: float) -> None:
         if self._clock.elapsed_s() < at_s:
@@ -288,7 +318,10 @@ class Stack:
         self._record(None)
 
     def _judge_real_time(self) -> None:
-        """Says once that the run does not keep up. What a death holds up says nothing about the computer."""
+        """Says once that the run does not keep up.
+
+        What a death holds up says nothing about the computer.
+        """
         if any(self.restarts.values()):
             return
         factor = self.real_time = self._monitor.verdict()
@@ -297,7 +330,10 @@ class Stack:
             self._event("too_slow", str(factor))
 
     def _record(self, raw: RawSample | None) -> None:
-        """Writes a sample, or flushes. On a full disk the robot still has to land: `poll` raises the error."""
+        """Writes a sample, or flushes.
+
+        On a full disk the robot still has to land: `poll` raises the error.
+        """
         try:
             if self.recording_error is not None:
                 return
@@ -353,7 +389,9 @@ class Stack:
 
     def _event(self, code: str, detail: str) -> None:
         self._events_sent += 1
-        self._events.put(Event(time_ns=self._clock.now_ns(), process=SUPERVISOR, code=code, detail=detail))
+        self._events.put(
+            Event(time_ns=self._clock.now_ns(), process=SUPERVISOR, code=code, detail=detail)
+        )
 
     def _close_recorder(self, _: object, error: BaseException | None, __: object) -> None:
         in_time = self._limit(LAST_WORDS_S)
@@ -376,10 +414,14 @@ class Stack:
             raise RecordingError(self.recording_error)
 
     def _limit(self, seconds: float) -> Callable[[], bool]:
-        """True until so much of the run's time is over; in lockstep it stands still where nothing is recorded."""
+        """True until so much of the run's time is over.
+
+        In lockstep it stands still where nothing is recorded.
+        """
         until_s, standstill_s = self._clock.elapsed_s() + seconds, time.monotonic() + STANDSTILL_S
         return lambda: (
-            self._clock.elapsed_s() < until_s and (not self._clock.lockstep or time.monotonic() < standstill_s)
+            self._clock.elapsed_s() < until_s
+            and (not self._clock.lockstep or time.monotonic() < standstill_s)
         )
 
     def _stop(self, *, restart: bool) -> None:

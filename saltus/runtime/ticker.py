@@ -6,7 +6,9 @@ from enum import Enum
 from saltus.clock import RunClock
 from saltus.wire.topics import Topic
 
-FUTURE_TOLERANCE_NS = 5_000_000  # clocks of one machine agree; 5 ms is a rounding, more is another clock
+FUTURE_TOLERANCE_NS = (
+    5_000_000  # clocks of one machine agree; 5 ms is a rounding, more is another clock
+)
 
 
 class Freshness(Enum):
@@ -39,9 +41,11 @@ def freshness(topic: Topic, capture_ns: int, now_ns: int) -> Freshness:
 class Ticker:
     """Loop of fixed rate on absolute deadlines of a clock, by default the machine's.
 
-    A late tick is followed at once by the next, but by `catch_up` of them at most: the ticks that are missed beyond
-    that are counted as overruns and left out, so that a stall never ends in a long burst. 1 is for hardware, which
-    cannot make up for lost time; more for a simulation, whose time would fall behind the run's clock.
+    A late tick is followed at once by the next, but by `catch_up` of them at most: the ticks that
+        are missed beyond
+    that are counted as overruns and left out, so that a stall never ends in a long burst. 1 is for
+    hardware, which cannot make up for lost time; more for a simulation, whose time would fall
+    behind the run's clock.
     """
 
     def __init__(self, rate_hz: float, catch_up: int = 1, clock: RunClock | None = None) -> None:

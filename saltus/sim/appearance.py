@@ -1,6 +1,7 @@
 """Looks of the robot, the terrain and the light in a video. No effect on physics.
 
-Shapes and colours are free inventions in the proportions of a small dog; nothing here comes from a measurement.
+Shapes and colours are free inventions in the proportions of a small dog; nothing here comes from a
+measurement.
 """
 
 from functools import partial
@@ -41,7 +42,10 @@ STRIP_M = 0.012  # half-width of the bright strip along an edge [m]
 
 
 def decorate(spec: mujoco.MjSpec, robot: Robot, terrain: Terrain) -> None:
-    """Adds looks to what `scene.build_spec` made of both; draw the groups of terrain and visual shapes only."""
+    """Adds looks to what `scene.build_spec` made of both.
+
+    Draw the groups of terrain and visual shapes only.
+    """
     _add_sky_and_light(spec)
     _add_ground(spec, terrain)
     _add_trunk(spec.body(scene.TRUNK), robot)
@@ -53,7 +57,11 @@ def decorate(spec: mujoco.MjSpec, robot: Robot, terrain: Terrain) -> None:
 def _add_sky_and_light(spec: mujoco.MjSpec) -> None:
     gradient = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
     sky = spec.add_texture(
-        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=gradient, width=256, height=1536
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=gradient,
+        width=256,
+        height=1536,
     )
     sky.rgb1, sky.rgb2 = (0.45, 0.65, 0.88), HAZE[:3]
     spec.visual.headlight.ambient = (0.38, 0.38, 0.40)
@@ -81,13 +89,22 @@ def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
         height=256,
     )
     texture.rgb1, texture.rgb2 = (0.66, 0.70, 0.74), (0.56, 0.61, 0.67)
-    material = spec.add_material(name="ground", texrepeat=(0.5 / CHECKER_M, 0.5 / CHECKER_M), texuniform=True)
+    material = spec.add_material(
+        name="ground", texrepeat=(0.5 / CHECKER_M, 0.5 / CHECKER_M), texuniform=True
+    )
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "checker"
     for geom in spec.geoms:
         if geom.group == scene.TERRAIN_GROUP:
             geom.material = "ground"
     lowest = float((terrain.arrays.center - terrain.arrays.extent)[:, 2].min())
-    _add(spec.worldbody, 1.0, mujoco.mjtGeom.mjGEOM_PLANE, HAZE, pos=(0.0, 0.0, lowest), size=(0.0, 0.0, 1.0))
+    _add(
+        spec.worldbody,
+        1.0,
+        mujoco.mjtGeom.mjGEOM_PLANE,
+        HAZE,
+        pos=(0.0, 0.0, lowest),
+        size=(0.0, 0.0, 1.0),
+    )
     if terrain.columns is not None:
         _add_walls(spec.worldbody, terrain.columns)
 
@@ -98,13 +115,25 @@ def _add_walls(world: mujoco.MjsBody, columns: Columns) -> None:
         side = 1.0 if columns.height_at(np.asarray(x + 1e-6)) == high else -1.0
         middle, tall = 0.5 * (low + high), 0.5 * (high - low)
         _add(world, 1.0, BOX, RISER, pos=(x, 0.0, middle), size=(0.002, half, tall - 0.002))
-        _add(world, 1.0, BOX, NOSING, pos=(x + side * STRIP_M, 0.0, high - 0.001), size=(STRIP_M, half, 0.002))
+        _add(
+            world,
+            1.0,
+            BOX,
+            NOSING,
+            pos=(x + side * STRIP_M, 0.0, high - 0.001),
+            size=(STRIP_M, half, 0.002),
+        )
 
 
 def _walls(columns: Columns) -> list[tuple[float, float, float]]:
     """Where the height changes by more than what can be drawn: x, lower and upper end [m]."""
     tops = columns.top
-    walls = zip(columns.x[1:-1], np.minimum(tops[1:], tops[:-1]), np.maximum(tops[1:], tops[:-1]), strict=True)
+    walls = zip(
+        columns.x[1:-1],
+        np.minimum(tops[1:], tops[:-1]),
+        np.maximum(tops[1:], tops[:-1]),
+        strict=True,
+    )
     return [(float(x), float(low), float(high)) for x, low, high in walls if high - low > 0.005]
 
 
@@ -124,11 +153,25 @@ def _add_trunk(trunk: mujoco.MjsBody, robot: Robot) -> None:
 
 
 def _add_camera(trunk: mujoco.MjsBody, robot: Robot) -> None:
-    angles = (np.array(angle) for angle in (robot.camera_roll, robot.camera_pitch, robot.camera_yaw))
+    angles = (
+        np.array(angle) for angle in (robot.camera_roll, robot.camera_pitch, robot.camera_yaw)
+    )
     tilt = quaternion_from_roll_pitch_yaw(*angles)
     camera, add = robot.camera_position, partial(_add, trunk, 1.0)
-    add(BOX, JOINT, pos=(camera[0] - 0.02, 0.0, camera[2] - 0.03), size=(0.006, 0.012, 0.03), quat=tilt)
-    add(BOX, CASE, pos=camera - np.array([0.012, 0.0075, 0.0]), size=(0.011, 0.045, 0.0125), quat=tilt)
+    add(
+        BOX,
+        JOINT,
+        pos=(camera[0] - 0.02, 0.0, camera[2] - 0.03),
+        size=(0.006, 0.012, 0.03),
+        quat=tilt,
+    )
+    add(
+        BOX,
+        CASE,
+        pos=camera - np.array([0.012, 0.0075, 0.0]),
+        size=(0.011, 0.045, 0.0125),
+        quat=tilt,
+    )
     for y in (-0.03, 0.0, 0.03):
         add(SPHERE, LENS, pos=camera + np.array([-0.003, y - 0.0075, 0.0]), size=(0.0075, 0.0, 0.0))
 
@@ -137,16 +180,51 @@ def _add_leg(spec: mujoco.MjSpec, robot: Robot, leg: int) -> None:
     name, side, fore = LEGS[leg], float(robot.side[leg]), float(np.sign(robot.hip_anchor[leg, 0]))
     hip, thigh, calf = (spec.body(f"{name}_{part}") for part in ("hip", "thigh", "calf"))
     scale = _scale(robot)
-    offset, knee, foot = (np.asarray(where.pos) / scale for where in (thigh, calf, spec.geom(f"{name}_foot")))
-    _add(hip, scale, CYLINDER, JOINT, pos=(-0.01 * fore, 0.0, 0.0), size=(0.04, 0.035, 0.0), quat=ALONG)
+    offset, knee, foot = (
+        np.asarray(where.pos) / scale for where in (thigh, calf, spec.geom(f"{name}_foot"))
+    )
+    _add(
+        hip,
+        scale,
+        CYLINDER,
+        JOINT,
+        pos=(-0.01 * fore, 0.0, 0.0),
+        size=(0.04, 0.035, 0.0),
+        quat=ALONG,
+    )
     _add(hip, scale, CYLINDER, SHELL, pos=0.5 * offset, size=(0.043, 0.028, 0.0), quat=ACROSS)
-    _add(thigh, scale, CYLINDER, DARK, pos=(0.0, 0.004 * side, 0.0), size=(0.044, 0.019, 0.0), quat=ACROSS)
-    _add(thigh, scale, CYLINDER, ACCENT, pos=(0.0, 0.024 * side, 0.0), size=(0.018, 0.002, 0.0), quat=ACROSS)
+    _add(
+        thigh,
+        scale,
+        CYLINDER,
+        DARK,
+        pos=(0.0, 0.004 * side, 0.0),
+        size=(0.044, 0.019, 0.0),
+        quat=ACROSS,
+    )
+    _add(
+        thigh,
+        scale,
+        CYLINDER,
+        ACCENT,
+        pos=(0.0, 0.024 * side, 0.0),
+        size=(0.018, 0.002, 0.0),
+        quat=ACROSS,
+    )
     x, y, z = 0.75 * knee
-    _add(thigh, scale, CAPSULE, SHELL, fromto=(0.008, 0.0, -0.02, x + 0.004, y, z), size=(0.022, 0.0, 0.0))
+    _add(
+        thigh,
+        scale,
+        CAPSULE,
+        SHELL,
+        fromto=(0.008, 0.0, -0.02, x + 0.004, y, z),
+        size=(0.022, 0.0, 0.0),
+    )
     _add(thigh, scale, CAPSULE, SHELL, fromto=(-0.006, 0.0, -0.02, *knee), size=(0.017, 0.0, 0.0))
     _add(calf, scale, CYLINDER, JOINT, size=(0.02, 0.017, 0.0), quat=ACROSS)
-    _add(calf, scale, CAPSULE, DARK, fromto=(0.0, 0.0, 0.0, *(0.55 * foot)), size=(0.0125, 0.0, 0.0))
+    _add(
+        calf, scale, CAPSULE, DARK, fromto=(0.0, 0.0, 0.0, *(0.55 * foot)), size=(0.0125, 0.0, 0.0)
+    )
     _add(calf, scale, CAPSULE, DARK, fromto=(0.0, 0.0, 0.0, *foot), size=(0.0095, 0.0, 0.0))
     _add(calf, scale, SPHERE, JOINT, pos=foot, size=(robot.foot_radius / scale, 0.0, 0.0))
 
@@ -158,5 +236,9 @@ def _scale(robot: Robot) -> float:
 
 def _add(body: mujoco.MjsBody, scale: float, shape: mujoco.mjtGeom, rgba: Rgba, **how: Any) -> None:
     """Adds a shape that is only seen; lengths are in units of `scale`."""
-    lengths = {key: np.asarray(how.pop(key)) * scale for key in ("pos", "size", "fromto") if key in how}
-    body.add_geom(type=shape, rgba=rgba, group=VISUAL_GROUP, contype=0, conaffinity=0, **lengths, **how)
+    lengths = {
+        key: np.asarray(how.pop(key)) * scale for key in ("pos", "size", "fromto") if key in how
+    }
+    body.add_geom(
+        type=shape, rgba=rgba, group=VISUAL_GROUP, contype=0, conaffinity=0, **lengths, **how
+    )

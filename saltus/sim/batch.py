@@ -31,9 +31,10 @@ Indices = NDArray[np.integer]
 class BatchPlant(DrivenRobots):
     """`count` robots of one kind that know nothing of each other; the same step as `Plant`.
 
-    Terrain, friction and payload on the trunk [kg] are one for all or one for each robot, shape (count,). Effects of
-    the drives may hold one value per robot, shape (count, 1), those of bodies, ground and IMUs shape (count,).
-    `columns` is the number of terrain boxes, where later terrains may have more than the first.
+    Terrain, friction and payload on the trunk [kg] are one for all or one for each robot, shape
+    (count,). Effects of the drives may hold one value per robot, shape (count, 1), those of bodies,
+    ground and IMUs shape (count,). `columns` is the number of terrain boxes, where later terrains
+    may have more than the first.
     """
 
     def __init__(
@@ -56,14 +57,22 @@ class BatchPlant(DrivenRobots):
         self.count = count
         self._legs = LegKinematics(robot)
         self._columns = columns or self.terrains.widest
-        longest = max(given, key=lambda terrain: len(terrain.boxes))  # its tree of boxes suits the others too
+        longest = max(
+            given, key=lambda terrain: len(terrain.boxes)
+        )  # its tree of boxes suits the others too
         # A payload, so that what the engine derives from masses exists for every robot.
         self._body = body or BodyChain()
         model = scene.build_spec(
-            robot, longest, payload_kg=1.0, columns=self._columns, dimensions=self._body.contact_dimensions
+            robot,
+            longest,
+            payload_kg=1.0,
+            columns=self._columns,
+            dimensions=self._body.contact_dimensions,
         ).compile()
         self._engine = MujocoBatch(robot, model, count, threads=threads)
-        self._qacc, self._sensors = (self._engine.batch.bind(name) for name in ("qacc", "sensordata"))
+        self._qacc, self._sensors = (
+            self._engine.batch.bind(name) for name in ("qacc", "sensordata")
+        )
         self._claimed_friction, self._claimed_payload_kg = np.zeros(count), np.zeros(count)
         self._time, self._believed = np.zeros(count), np.zeros((count, 12))
         everyone = np.arange(count)
@@ -83,7 +92,9 @@ class BatchPlant(DrivenRobots):
         """Gives some robots other soles and payloads; shapes () or (len(indices),)."""
         self._claimed_friction[indices], self._claimed_payload_kg[indices] = friction, payload_kg
         body = self._body.apply(
-            claimed_body((self.count,), friction=self._claimed_friction, payload_kg=self._claimed_payload_kg)
+            claimed_body(
+                (self.count,), friction=self._claimed_friction, payload_kg=self._claimed_payload_kg
+            )
         )
         self._engine.set_bodies(map_arrays(lambda values: values[indices], body), indices)
         self._engine.derive(indices)
@@ -104,7 +115,8 @@ class BatchPlant(DrivenRobots):
         """Puts robots (by default all) at rest in their stand pose; each value of shape () or (len(indices),)."""
         ids = np.arange(self.count) if indices is None else np.asarray(indices)
         x, turn, y = (
-            np.broadcast_to(np.asarray(v, dtype=np.float64), ids.shape) for v in (position_x, yaw, position_y)
+            np.broadcast_to(np.asarray(v, dtype=np.float64), ids.shape)
+            for v in (position_x, yaw, position_y)
         )
         self._engine.batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
         terrains = TerrainStack([self.terrains.terrains[int(i)] for i in ids])
@@ -118,7 +130,9 @@ class BatchPlant(DrivenRobots):
 
     def _advance(self, torque: Torques) -> None:
         self._engine.ctrl[:], self._believed = torque.applied, np.asarray(torque.believed)
-        if (resistance := torque.resistance) is not None:  # friction, which the engine integrates implicitly
+        if (
+            resistance := torque.resistance
+        ) is not None:  # friction, which the engine integrates implicitly
             self._engine.set_joints(resistance.friction, resistance.damping, resistance.armature)
         self._engine.batch.step()
         self._time += PHYSICS_DT

@@ -18,16 +18,25 @@ from saltus.sim.state import PlantState, sensed
 from saltus.states import Sensed
 
 Motion = tuple[float | Floats, Floats, Floats, Floats, Floats, Floats, Floats]
-"""Time [s], `qpos`, `qvel`, centres of the feet in the world [m], rotation of the base, `qacc`, `sensordata`."""
+"""Time [s], `qpos`, `qvel`, centres of the feet in the world [m], rotation of the base, `qacc`,
+`sensordata`."""
 
 
 class DrivenRobots(ABC):
-    """Joint commands in, states out, 2 ms at a time; one robot, or with a leading dimension (count,) a batch.
+    """Joint commands in, states out, 2 ms at a time.
+
+    One robot, or with a leading dimension (count,) a batch.
 
     The drives are ideal by default.
     """
 
-    def __init__(self, robot: Robot, batch: tuple[int, ...], chain: ActuatorChain | None, imu: ImuChain | None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        batch: tuple[int, ...],
+        chain: ActuatorChain | None,
+        imu: ImuChain | None,
+    ) -> None:
         self.robot, self._batch = robot, batch
         self._chain, self._imu_chain = (chain or ActuatorChain()).fitted(robot), imu or ImuChain()
         self._actuators, self._imu_state = self._chain.blank, self._imu_chain.blank
@@ -51,13 +60,18 @@ class DrivenRobots(ABC):
         return sensed(self._state, self._reading)
 
     def step(self, command: JointCommand) -> PlantState:
-        """Advances by `PHYSICS_DT`; returns the state at the end of it. Arrays of the command have the shape (..., 12).
+        """Advances by `PHYSICS_DT`; returns the state at the end of it.
+
+        Arrays of the command have the shape (..., 12).
 
         Raises:
-            SaltusError: the command or the state of a single robot is not finite. A robot of a batch whose simulation
-                diverges has a state that is not finite until it is reset; the others go on.
+            SaltusError: the command or the state of a single robot is not finite. A robot of a
+                batch whose simulation diverges has a state that is not finite until it is reset;
+                the others go on.
         """
-        torque, self._actuators = self._chain.step(command, *self._joints, self._now, self._actuators, self._fresh)
+        torque, self._actuators = self._chain.step(
+            command, *self._joints, self._now, self._actuators, self._fresh
+        )
         self._fresh = None
         self._advance(torque)
         return self._look(np.asarray(torque.believed, dtype=np.float64))
@@ -77,7 +91,9 @@ class DrivenRobots(ABC):
             joint_position=np.asarray(joints.position, dtype=np.float64),
             joint_velocity=np.asarray(joints.velocity, dtype=np.float64),
             joint_torque=believed,
-            foot_force=-sensors[..., scene.FOOT_FORCE_Z],  # the sensor gives the force that the foot exerts
+            foot_force=-sensors[
+                ..., scene.FOOT_FORCE_Z
+            ],  # the sensor gives the force that the foot exerts
             foot_position_in_world=feet,
             trunk_contact=sensors[..., scene.TRUNK_CONTACT].any(-1),
         )
@@ -89,7 +105,9 @@ class DrivenRobots(ABC):
         now = self._imu_chain.step(true, time_s, self._imu_state, self._fresh)
         # time goes on for those that were not reset at the next step only
         self._reading, self._imu_state = (
-            now if self._fresh is None else chosen_of(self._fresh, now, (self._reading, self._imu_state))
+            now
+            if self._fresh is None
+            else chosen_of(self._fresh, now, (self._reading, self._imu_state))
         )
         return state
 
@@ -98,7 +116,11 @@ class DrivenRobots(ABC):
         fresh = np.zeros(self._batch, dtype=np.bool_) if self._fresh is None else self._fresh
         fresh[robots] = True
         if fresh.all():
-            self._actuators, self._imu_state, self._fresh = self._chain.blank, self._imu_chain.blank, None
+            self._actuators, self._imu_state, self._fresh = (
+                self._chain.blank,
+                self._imu_chain.blank,
+                None,
+            )
         else:
             self._fresh = fresh
 
@@ -115,7 +137,8 @@ def specific_force(qacc: Floats, rotation: Floats) -> Floats:
     """Accelerometer at the base origin, from the acceleration of the free joint.
 
     Args:
-        qacc: Its first three entries are the acceleration of the base origin, world frame. Shape (..., 18).
+        qacc: Its first three entries are the acceleration of the base origin, world frame. Shape
+            (..., 18).
         rotation: Base to world, shape (..., 3, 3).
 
     Returns:

@@ -1,9 +1,10 @@
 """The physics of many robots for training: live arrays in place of objects, and one step for all.
 
-`BatchEngine` runs on the cores of a CPU and `saltus.sim.warp.WarpEngine` on a GPU, behind the same few arrays. Both
-simulate the robot of `saltus.sim.scene` on boxes that differ from robot to robot, with two simplifications that
-training can afford: the trunk is not solid (who simulates looks whether the trunk is below the terrain, and ends the
-episode there), and what the engine derives from masses, the softness of contacts, stays that of a medium payload.
+`BatchEngine` runs on the cores of a CPU and `saltus.sim.warp.WarpEngine` on a GPU, behind the same
+few arrays. Both simulate the robot of `saltus.sim.scene` on boxes that differ from robot to robot,
+with two simplifications that training can afford: the trunk is not solid (who simulates looks
+whether the trunk is below the terrain, and ends the episode there), and what the engine derives
+from masses, the softness of contacts, stays that of a medium payload.
 """
 
 from abc import ABC, abstractmethod
@@ -26,7 +27,8 @@ TOUCHING = tuple(f"{leg}_{link}" for link in ("foot", "thigh", "calf", "hip") fo
 class Engine(ABC):
     """`count` robots that know nothing of each other.
 
-    The arrays are alive: the next step changes those that are results, and reads those that are inputs.
+    The arrays are alive: the next step changes those that are results, and reads those that are
+        inputs.
     """
 
     robot: Robot
@@ -36,14 +38,18 @@ class Engine(ABC):
     dimensions: int
     """Dimensions of contacts: 3, or 6 with friction against turning and rolling."""
     qpos: Array
-    """Base position, base quaternion (w, x, y, z), joints; world frame. Shape (count, 19). May be written."""
+    """Base position, base quaternion (w, x, y, z), joints; world frame. Shape (count, 19).
+
+    May be written.
+    """
     qvel: Array
     """Base velocity (world frame), angular velocity (base frame), joint velocities. Shape (count, 18). May be
     written."""
     qacc: Array
     """Acceleration over the last step, shape (count, 18)."""
     warmstart: Array
-    """Where the contact solver starts from, shape (count, 18): 0 for a robot that was put somewhere else."""
+    """Where the contact solver starts from, shape (count, 18): 0 for a robot that was put somewhere
+    else."""
     ctrl: Array
     """Joint torques [Nm], shape (count, 12). Input."""
     trunk_wrench: Array
@@ -76,7 +82,9 @@ class Engine(ABC):
 
 def build_spec(robot: Robot, boxes: int, dimensions: int) -> mujoco.MjSpec:
     """The robot of `scene.build_spec` with `boxes` terrain boxes, a trunk that is not solid and no force sensors."""
-    spec = scene.build_spec(robot, flat.make(), payload_kg=MEDIUM_PAYLOAD_KG, columns=boxes, dimensions=dimensions)
+    spec = scene.build_spec(
+        robot, flat.make(), payload_kg=MEDIUM_PAYLOAD_KG, columns=boxes, dimensions=dimensions
+    )
     for sensor in list(spec.sensors):
         spec.delete(sensor)
     for geom in spec.geoms:

@@ -39,19 +39,28 @@ OWN_SOLVER = Solver()
 class FreeRobots(MujocoBatch):
     """`count` robots without drives, on the same boxes; only trunk, knees and feet are solid.
 
-    The boxes stand on flat ground at height 0, or, where one of them is no higher than that, in its place. They have no
-    leading dimension, and there may be none.
+    The boxes stand on flat ground at height 0, or, where one of them is no higher than that, in its
+    place. They have no leading dimension, and there may be none.
     """
 
     def __init__(
-        self, robot: Robot, count: int, boxes: Boxes, *, solver: Solver = OWN_SOLVER, threads: int = 1
+        self,
+        robot: Robot,
+        count: int,
+        boxes: Boxes,
+        *,
+        solver: Solver = OWN_SOLVER,
+        threads: int = 1,
     ) -> None:
         super().__init__(robot, _compiled(robot, boxes, solver), count, threads=threads)
         self._substeps = solver.substeps
         self._sensors = self.batch.bind("sensordata")
 
     def set_contacts(self, impratio: Floats, impedance: Floats) -> None:
-        """Gives the first robots contacts other than the solver's, after `set_bodies`; shapes (n,) and (n, 2)."""
+        """Gives the first robots contacts other than the solver's, after `set_bodies`.
+
+        Shapes (n,) and (n, 2).
+        """
         n = len(impratio)
         ratios = self.field("opt.impratio")
         ratios[:n] = impratio.reshape(n, *ratios.shape[1:])

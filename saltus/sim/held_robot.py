@@ -1,11 +1,13 @@
 """Legs of a robot whose base is held in the air, linearised along a motion.
 
-Open kinematic chains that hang from a fixed base, here called branches, do not feel each other. Near a motion
-(q0, dq0, ddq0) the equation of motion M(q) ddq + h(q, dq) = torque becomes, to first order in what differs from it,
+Open kinematic chains that hang from a fixed base, here called branches, do not feel each other.
+Near a motion (q0, dq0, ddq0) the equation of motion M(q) ddq + h(q, dq) = torque becomes, to first
+order in what differs from it,
 
     M(q0) ddq + offset + stiffness q + damping dq = torque
 
-which is as exact near the motion as the full equation, and a hundred times cheaper to integrate many times over.
+which is as exact near the motion as the full equation, and a hundred times cheaper to integrate
+many times over.
 """
 
 from collections.abc import Sequence
@@ -46,7 +48,8 @@ class LinearLegs:
 class RollingBase:
     """Coupling of a base that may roll about its x axis and the joints along a motion, at n instants.
 
-    Per angle [1/rad], rate [s/rad] and acceleration [s^2/rad] of the base, in this order; moments and torques in [Nm].
+    Per angle [1/rad], rate [s/rad] and acceleration [s^2/rad] of the base, in this order; moments
+    and torques in [Nm].
     """
 
     moment: Floats
@@ -66,7 +69,8 @@ class HeldRobot:
         base_quaternion: (w, x, y, z) of the base, body to world.
 
     Attributes:
-        branches: Indices into `joints` of each open chain, from the base outwards, shape (branches, joints each).
+        branches: Indices into `joints` of each open chain, from the base outwards, shape (branches,
+            joints each).
         armature: Claimed rotor inertia [kg m^2], shape (joints,).
         lower, upper: Claimed limits of the joints [rad], shape (joints,).
 
@@ -75,7 +79,10 @@ class HeldRobot:
     """
 
     def __init__(
-        self, robot: Robot | Path, joints: Sequence[str], base_quaternion: Sequence[float] = (1, 0, 0, 0)
+        self,
+        robot: Robot | Path,
+        joints: Sequence[str],
+        base_quaternion: Sequence[float] = (1, 0, 0, 0),
     ) -> None:
         self._source = robot, np.asarray(base_quaternion, dtype=np.float64)
         self._model = _held_model(*self._source)
@@ -88,15 +95,17 @@ class HeldRobot:
         self.upper = np.where(is_limited, limits[:, 1], np.inf)
         self._batch: Batch | None = None
 
-    def along(self, position: Floats, velocity: Floats, acceleration: Floats, every: int = 1) -> LinearLegs:
+    def along(
+        self, position: Floats, velocity: Floats, acceleration: Floats, every: int = 1
+    ) -> LinearLegs:
         """The equation of motion near a motion.
 
         Args:
             position: [rad], shape (instants, joints).
             velocity: [rad/s], the same shape.
             acceleration: [rad/s^2], the same shape.
-            every: Stiffness and damping, which matter only away from the motion, are evaluated at each `every`-th
-                instant and interpolated.
+            every: Stiffness and damping, which matter only away from the motion, are evaluated at
+                each `every`-th instant and interpolated.
         """
         branches, count = self.branches, len(position)
         mass, bias = self._evaluate(position, velocity)
@@ -106,17 +115,23 @@ class HeldRobot:
         linear = _torque(stiffness, position[:, branches]) + _torque(damping, velocity[:, branches])
         return LinearLegs(mass=mass, offset=bias - linear, stiffness=stiffness, damping=damping)
 
-    def _slopes(self, position: Floats, velocity: Floats, acceleration: Floats) -> tuple[Floats, Floats]:
+    def _slopes(
+        self, position: Floats, velocity: Floats, acceleration: Floats
+    ) -> tuple[Floats, Floats]:
         """Stiffness and damping."""
         mass, bias = self._evaluate(position, velocity)
         branches = self.branches
         force = _torque(mass, acceleration[:, branches]) + bias
         stiffness, damping = np.zeros((2, *mass.shape))
-        for joint in range(branches.shape[1]):  # the same joint of all branches at once: they do not feel each other
+        for joint in range(
+            branches.shape[1]
+        ):  # the same joint of all branches at once: they do not feel each other
             step = np.zeros_like(position)
             step[:, branches[:, joint]] = SLOPE
             moved_mass, moved_bias = self._evaluate(position + step, velocity)
-            stiffness[..., joint] = (_torque(moved_mass, acceleration[:, branches]) + moved_bias - force) / SLOPE
+            stiffness[..., joint] = (
+                _torque(moved_mass, acceleration[:, branches]) + moved_bias - force
+            ) / SLOPE
             _, faster = self._evaluate(position, velocity + step)
             _, slower = self._evaluate(position, velocity - step)
             damping[..., joint] = (faster - slower) / (2.0 * SLOPE)
@@ -130,7 +145,9 @@ class HeldRobot:
         return torque
 
     def rolling(self, position: Floats, velocity: Floats, acceleration: Floats) -> RollingBase:
-        """Returns what a base feels that may roll about its x axis while the joints move; arguments as of `along`.
+        """Returns what a base feels that may roll about its x axis while the joints move.
+
+        Arguments as of `along`.
 
         Raises:
             ModelError: the robot has no base that could move, or more joints than are given.
@@ -139,9 +156,13 @@ class HeldRobot:
         if model.nv != len(self._dof) + 1 or model.njnt == self._model.njnt:
             raise ModelError("it is not known how all that hangs from the base moves")
         count, roll = len(position), _dof(model, ROLL)
-        dof = np.array([_dof(model, self._model.joint(int(self._model.dof_jntid[d])).name) for d in self._dof])
+        dof = np.array(
+            [_dof(model, self._model.joint(int(self._model.dof_jntid[d])).name) for d in self._dof]
+        )
         batch = Batch(model, nsim=min(CHUNK, count), nthread=1)
-        qpos, qvel, bias, entries = (batch.bind(name) for name in ("qpos", "qvel", "qfrc_bias", "M"))
+        qpos, qvel, bias, entries = (
+            batch.bind(name) for name in ("qpos", "qvel", "qfrc_bias", "M")
+        )
         index = _mass_entries(model)
         of_one_chain = (index > 0) | (np.arange(model.nv) + np.arange(model.nv)[:, None] == 0)
         force = np.empty((3, count, model.nv))
@@ -152,13 +173,19 @@ class HeldRobot:
             moved = np.zeros((own, model.nv))
             moved[:, dof] = acceleration[part]
             qpos[:own, dof], qvel[:own, dof] = position[part], velocity[part]
-            for step, (angle, rate) in zip(force, ((0.0, 0.0), (SLOPE, 0.0), (0.0, SLOPE)), strict=True):
+            for step, (angle, rate) in zip(
+                force, ((0.0, 0.0), (SLOPE, 0.0), (0.0, SLOPE)), strict=True
+            ):
                 qpos[:own, roll], qvel[:own, roll] = angle, rate
                 batch.forward(np.arange(own))
                 step[part] = _torque(of_one_chain * entries[:own][:, index], moved) + bias[:own]
             mass[part] = entries[:own][:, index[roll]]
         slopes = np.stack([*(force[1:] - force[0]) / SLOPE, mass], axis=-1)
-        return RollingBase(moment=force[0][:, roll], on_base=slopes[:, roll], on_joints=slopes[:, dof[self.branches]])
+        return RollingBase(
+            moment=force[0][:, roll],
+            on_base=slopes[:, roll],
+            on_joints=slopes[:, dof[self.branches]],
+        )
 
     def _evaluate(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
         """Mass matrices, shape (instants, branches, joints, joints), and bias forces with claimed damping."""
@@ -199,8 +226,13 @@ def _torque(matrix: Floats, vector: Floats) -> Floats:
     return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
-def _held_model(robot: Robot | Path, base_quaternion: Floats, *, rolls: bool = False) -> mujoco.MjModel:
-    """Compiles the model without free joint, or with one that `rolls` in its place; nothing touches anything."""
+def _held_model(
+    robot: Robot | Path, base_quaternion: Floats, *, rolls: bool = False
+) -> mujoco.MjModel:
+    """Compiles the model without free joint, or with one that `rolls` in its place.
+
+    Nothing touches anything.
+    """
     if isinstance(robot, Robot):
         spec = scene.build_spec(robot, flat.make())
     else:
@@ -208,12 +240,16 @@ def _held_model(robot: Robot | Path, base_quaternion: Floats, *, rolls: bool = F
             spec = mujoco.MjSpec.from_file(str(robot))
         except (ValueError, OSError) as error:
             raise ModelError(f"cannot read the robot's model {robot}: {error}") from error
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_SENSOR)
+    spec.option.disableflags |= int(
+        mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_SENSOR
+    )
     for joint in list(spec.joints):
         if joint.type == mujoco.mjtJoint.mjJNT_FREE:
             joint.parent.quat = base_quaternion
             if rolls:
-                joint.parent.add_joint(name=ROLL, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(1.0, 0.0, 0.0))
+                joint.parent.add_joint(
+                    name=ROLL, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(1.0, 0.0, 0.0)
+                )
             spec.delete(joint)
     for key in list(spec.keys):  # of a robot that is not held
         spec.delete(key)
@@ -236,7 +272,10 @@ def _branches(model: mujoco.MjModel, dof: NDArray[np.integer]) -> NDArray[np.int
     trees = model.dof_treeid[dof]
     groups = [np.flatnonzero(trees == tree) for tree in dict.fromkeys(trees.tolist())]
     if len({len(group) for group in groups}) != 1:
-        raise ModelError(f"the robot's branches have {[len(g) for g in groups]} joints: all must have the same number")
+        raise ModelError(
+            f"the robot's branches have {[len(g) for g in groups]} joints: all must have the same "
+            f"number"
+        )
     # joints nearer to the base come first among the degrees of freedom
     return np.array([group[np.argsort(dof[group])] for group in groups])
 

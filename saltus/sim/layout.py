@@ -1,7 +1,8 @@
 """Where robot and terrain lie in the arrays of a compiled model, and how robots of an engine get others.
 
-One model, a batch in MuJoCo and one in mujoco_warp have the same fields, in numpy or torch, without or with a leading
-dimension of robots; what differs from robot to robot is written to them by the same lines.
+One model, a batch in MuJoCo and one in mujoco_warp have the same fields, in numpy or torch, without
+or with a leading dimension of robots; what differs from robot to robot is written to them by the
+same lines.
 """
 
 from collections.abc import Callable
@@ -30,15 +31,22 @@ class ModelLayout:
 
     def __init__(self, robot: Robot, model: mujoco.MjModel) -> None:
         self.trunk, self.payload = model.body(scene.TRUNK).id, model.body(scene.PAYLOAD).id
-        self.terrain, self.robot = (_span(model, group) for group in (scene.TERRAIN_GROUP, scene.ROBOT_GROUP))
-        own = mujoco.MjSpec.from_string(robot.mjcf).body(scene.TRUNK)  # where no one shifted its centre
+        self.terrain, self.robot = (
+            _span(model, group) for group in (scene.TERRAIN_GROUP, scene.ROBOT_GROUP)
+        )
+        own = mujoco.MjSpec.from_string(robot.mjcf).body(
+            scene.TRUNK
+        )  # where no one shifted its centre
         self._trunk_com = Constant(own.ipos.copy())
         self._trunk_inertia = Constant(model.body_inertia[self.trunk].copy())
         self._payload_inertia = Constant(scene.payload_inertia(1.0))
         self._armature = Constant(model.dof_armature[BASE_DOF:].copy())
 
     def write_bodies(self, field: Field, body: BodyModel, robots: Robots = EVERYONE) -> None:
-        """Gives robots their bodies and their ground; arrays of shape (n, ...), or without n where there is none."""
+        """Gives robots their bodies and their ground.
+
+        Arrays of shape (n, ...), or without n where there is none.
+        """
         mass, scale, shift = body.payload_kg[..., None], _column(body.inertia_scale), body.com_shift
         inertia = field("body_inertia")
         friction, impedance = field("geom_friction"), field("geom_solimp")
@@ -52,16 +60,24 @@ class ModelLayout:
         inertia[(*robots, self.trunk)] = scale * self._trunk_inertia.like(mass)
         field("body_ipos")[(*robots, self.trunk)] = self._trunk_com.like(shift) + shift
 
-    def write_payload_position(self, field: Field, position: Array, robots: Robots = EVERYONE) -> None:
+    def write_payload_position(
+        self, field: Field, position: Array, robots: Robots = EVERYONE
+    ) -> None:
         """Puts the centre of mass of what is on top of the trunk there [m], base frame, shape (3,).
 
-        Beside the place of a body the engine has one of its mass in it, which is not 0 where a spec says none.
+        Beside the place of a body the engine has one of its mass in it, which is not 0 where a spec
+        says none.
         """
         field("body_pos")[(*robots, self.payload)] = position
         field("body_ipos")[(*robots, self.payload)] = 0.0
 
     def write_joints(
-        self, field: Field, friction: Array, damping: Array, armature: Array | float, robots: Robots = EVERYONE
+        self,
+        field: Field,
+        friction: Array,
+        damping: Array,
+        armature: Array | float,
+        robots: Robots = EVERYONE,
     ) -> None:
         """Gives joints dry friction [Nm], viscous friction [Nm s/rad] and inertia beyond the model's [kg m^2].
 
@@ -73,7 +89,9 @@ class ModelLayout:
         field("dof_armature")[joints] = self._armature.like(friction) + armature
 
     def write_boxes(self, field: Field, boxes: Boxes, robots: Robots = EVERYONE) -> None:
-        """Puts boxes under robots, but for the angles at which they stand; arrays of shape (n, boxes, ...).
+        """Puts boxes under robots, but for the angles at which they stand.
+
+        Arrays of shape (n, boxes, ...).
 
         `field` gives `geom_aabb` with the shape (n, geoms, 2, 3): centre and half size.
         """
@@ -81,7 +99,9 @@ class ModelLayout:
         field("geom_pos")[where] = boxes.center
         field("geom_size")[where] = boxes.half_size
         field("geom_aabb")[(*where, 1)] = boxes.half_size
-        field("geom_rbound")[where] = namespace(boxes.half_size).linalg.vector_norm(boxes.half_size, axis=-1)
+        field("geom_rbound")[where] = namespace(boxes.half_size).linalg.vector_norm(
+            boxes.half_size, axis=-1
+        )
 
 
 def _column(value: Array | float) -> Array | float:

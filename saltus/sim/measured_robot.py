@@ -15,7 +15,8 @@ from saltus.sim.layout import ModelLayout
 from saltus.terrain.boxes import Boxes
 
 CLEAR_M = 0.005
-"""A foot that is nearer to the ground may touch it: poses between two measured ones are off by a millimetre or two."""
+"""A foot that is nearer to the ground may touch it: poses between two measured ones are off by a
+millimetre or two."""
 STOP_RAD = 0.01
 """A joint that is nearer to its stop may touch it."""
 
@@ -37,7 +38,8 @@ class Touch:
     """How a robot stands at n instants."""
 
     jacobian: Floats
-    """Velocity of the point at which each foot would touch, by all velocities, shape (n, 4, 3, 18)."""
+    """Velocity of the point at which each foot would touch, by all velocities, shape (n, 4, 3,
+    18)."""
     foot: NDArray[np.bool_]
     """Feet that may touch the ground, shape (n, 4)."""
     elsewhere: NDArray[np.bool_]
@@ -50,21 +52,28 @@ class MeasuredRobot:
     Args:
         robot: Which one.
         boxes: Of the ground, as `FreeRobots` takes them.
-        payload_position: Of what is on top of the trunk [m], base frame, shape (3,); None for the simulator's own.
+        payload_position: Of what is on top of the trunk [m], base frame, shape (3,); None for the
+            simulator's own.
     """
 
-    def __init__(self, robot: Robot, boxes: Boxes, payload_position: Sequence[float] | None = None) -> None:
+    def __init__(
+        self, robot: Robot, boxes: Boxes, payload_position: Sequence[float] | None = None
+    ) -> None:
         spec = free_robots.spec_on(robot, boxes)
         self._model = spec.compile()
         self._layout = ModelLayout(robot, self._model)
         if payload_position is not None:
             place = np.asarray(payload_position, dtype=np.float64)
-            self._layout.write_payload_position(lambda name: getattr(self._model, name), place, robots=())
+            self._layout.write_payload_position(
+                lambda name: getattr(self._model, name), place, robots=()
+            )
         self._feet = [self._model.geom(f"{leg}_foot").id for leg in LEGS]
         self._model.geom_margin[self._feet] = CLEAR_M
         self._radius = robot.foot_radius
         joints = [self._model.joint(name) for name in JOINTS]
-        self._low, self._high = np.array([j.range if j.limited else (-np.inf, np.inf) for j in joints]).T
+        self._low, self._high = np.array(
+            [j.range if j.limited else (-np.inf, np.inf) for j in joints]
+        ).T
         self._data = mujoco.MjData(self._model)
 
     def forces(self, motion: MeasuredMotion, body: BodyModel) -> Floats:
@@ -72,7 +81,9 @@ class MeasuredRobot:
         self._layout.write_bodies(lambda name: getattr(self._model, name), body, robots=())
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
         data, found = self._data, np.empty_like(motion.velocity)
-        for k, state in enumerate(zip(motion.position, motion.velocity, motion.acceleration, strict=True)):
+        for k, state in enumerate(
+            zip(motion.position, motion.velocity, motion.acceleration, strict=True)
+        ):
             data.qpos[:], data.qvel[:], data.qacc[:] = state
             mujoco.mj_inverse(self._model, data)
             found[k] = data.qfrc_inverse + data.qfrc_constraint
@@ -81,7 +92,10 @@ class MeasuredRobot:
     def touch(self, position: Floats) -> Touch:
         """Where a robot with these positions touches the ground, shape (n, 19)."""
         model, data, count = self._model, self._data, len(position)
-        jacobian, foot = np.empty((count, len(LEGS), 3, model.nv)), np.zeros((count, len(LEGS)), dtype=bool)
+        jacobian, foot = (
+            np.empty((count, len(LEGS), 3, model.nv)),
+            np.zeros((count, len(LEGS)), dtype=bool),
+        )
         elsewhere = np.zeros(count, dtype=bool)
         for k, qpos in enumerate(position):
             data.qpos[:] = qpos

@@ -15,19 +15,26 @@ from saltus.terrain.boxes import Boxes
 
 
 class MujocoBatch:
-    """`count` copies of one robot, which may differ in body, joints and terrain; live numpy arrays of float64.
+    """`count` copies of one robot, which may differ in body, joints and terrain.
 
-    `robots` picks those that a call is about, by their numbers or as a slice; by default all of them.
+    Live numpy arrays of float64.
+
+    `robots` picks those that a call is about, by their numbers or as a slice; by default all of
+    them.
 
     Attributes:
         qpos: Base position, base quaternion (w, x, y, z), joints; world frame. Shape (count, 19).
-        qvel: Base velocity (world frame), angular velocity (base frame), joint velocities. Shape (count, 18).
+        qvel: Base velocity (world frame), angular velocity (base frame), joint velocities. Shape
+            (count, 18).
         ctrl: Joint torques [Nm], shape (count, 12).
         warmstart: Where the contact solver starts from, shape (count, 18).
-        trunk_wrench: Force [N] and torque [Nm] on the trunk from outside, world frame, shape (count, 6).
+        trunk_wrench: Force [N] and torque [Nm] on the trunk from outside, world frame, shape
+            (count, 6).
     """
 
-    def __init__(self, robot: Robot, model: mujoco.MjModel, count: int, *, threads: int = 0) -> None:
+    def __init__(
+        self, robot: Robot, model: mujoco.MjModel, count: int, *, threads: int = 0
+    ) -> None:
         self.robot, self.model, self.count = robot, model, count
         self.layout = ModelLayout(robot, model)
         self.batch = Batch(model, nsim=count, nthread=threads)
@@ -35,7 +42,8 @@ class MujocoBatch:
         self.ctrl, self.warmstart = self.batch.bind("ctrl"), self.batch.bind("qacc_warmstart")
         wrenches = self.batch.bind("xfrc_applied").reshape(count, model.nbody, 6)
         self.trunk_wrench = wrenches[:, self.layout.trunk]
-        # The tree of boxes that the engine looks up is made once; a model without middle phase does not use it.
+        # The tree of boxes that the engine looks up is made once; a model without middle phase does
+        # not use it.
         self._has_tree = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_MIDPHASE
 
     def field(self, name: str) -> Array:
@@ -53,10 +61,15 @@ class MujocoBatch:
             # a box that was compiled level would keep the axes of the world
             self.field("geom_sameframe")[where] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
         if self._has_tree:
-            self.field("bvh_aabb")[robots, terrain_nodes(self.model)] = tree_bounds(self.model, boxes)
+            self.field("bvh_aabb")[robots, terrain_nodes(self.model)] = tree_bounds(
+                self.model, boxes
+            )
 
     def set_bodies(self, body: BodyModel, robots: Any = EVERYONE[0]) -> None:
-        """Gives robots their bodies and their ground; arrays of shape (n, ...). See also `derive`."""
+        """Gives robots their bodies and their ground; arrays of shape (n, ...).
+
+        See also `derive`.
+        """
         values = {f.name: np.asarray(getattr(body, f.name), dtype=np.float64) for f in fields(body)}
         self.layout.write_bodies(self.field, BodyModel(**values), (robots,))
 
@@ -64,9 +77,16 @@ class MujocoBatch:
         """Has what the engine derives from masses, softness of contacts above all, follow those of `set_bodies`."""
         self.batch.set_const(robots)
 
-    def set_joints(self, friction: Array, damping: Array, armature: Array | float, robots: Any = EVERYONE[0]) -> None:
-        """Dry friction [Nm], viscous friction [Nm s/rad], inertia beyond the model's [kg m^2]; shapes (n or 1, 12)."""
-        dry, viscous, inertia = (np.asarray(value, dtype=np.float64) for value in (friction, damping, armature))
+    def set_joints(
+        self, friction: Array, damping: Array, armature: Array | float, robots: Any = EVERYONE[0]
+    ) -> None:
+        """Dry friction [Nm], viscous friction [Nm s/rad], inertia beyond the model's [kg m^2].
+
+        Shapes (n or 1, 12).
+        """
+        dry, viscous, inertia = (
+            np.asarray(value, dtype=np.float64) for value in (friction, damping, armature)
+        )
         self.layout.write_joints(self.field, dry, viscous, inertia, (robots,))
 
 
@@ -82,10 +102,10 @@ def terrain_nodes(model: mujoco.MjModel) -> slice:
 def tree_bounds(model: mujoco.MjModel, boxes: Boxes) -> Floats:
     """Centre and half size of each node of the world's tree [m], shape (robots, nodes, 6).
 
-    The engine looks up what a foot may touch in a binary tree of boxes that it makes once. A robot of a batch that
-    stands on another terrain needs the same tree with other boxes: any boxes will do that contain those below them.
-    The tree of `model` decides which node is above which; `boxes` are all geoms that the world has, in their order,
-    arrays of shape (robots, boxes, ...).
+    The engine looks up what a foot may touch in a binary tree of boxes that it makes once. A robot
+    of a batch that stands on another terrain needs the same tree with other boxes: any boxes will
+    do that contain those below them. The tree of `model` decides which node is above which; `boxes`
+    are all geoms that the world has, in their order, arrays of shape (robots, boxes, ...).
     """
     nodes = terrain_nodes(model)
     children, geom_of_node = model.bvh_child[nodes], model.bvh_nodeid[nodes]
@@ -98,5 +118,8 @@ def tree_bounds(model: mujoco.MjModel, boxes: Boxes) -> Floats:
             box = int(geom_of_node[node]) - first
             low[:, node], high[:, node] = box_low[:, box], box_high[:, box]
         else:
-            low[:, node], high[:, node] = low[:, children[node]].min(axis=1), high[:, children[node]].max(axis=1)
+            low[:, node], high[:, node] = (
+                low[:, children[node]].min(axis=1),
+                high[:, children[node]].max(axis=1),
+            )
     return np.concatenate([0.5 * (low + high), 0.5 * (high - low)], axis=-1)

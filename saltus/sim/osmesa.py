@@ -1,7 +1,8 @@
 """MuJoCo's drawings without a screen, in software, in whatever process asks for them.
 
-MuJoCo's own Python class for this decides when it is imported which library draws, and leans on PyOpenGL, whose
-version that pyrender pins fails when the context is freed. Both are avoided by talking to OSMesa directly.
+MuJoCo's own Python class for this decides when it is imported which library draws, and leans on
+PyOpenGL, whose version that pyrender pins fails when the context is freed. Both are avoided by
+talking to OSMesa directly.
 """
 
 import ctypes
@@ -35,8 +36,12 @@ def drawing_context(model: mujoco.MjModel, width: int, height: int) -> Iterator[
     library = _load()
     canvas = np.zeros((height, width, 4), dtype=np.uint8)
     handle = library.OSMesaCreateContextExt(_RGBA, _DEPTH_BITS, _STENCIL_BITS, 0, None)
-    if not handle or not library.OSMesaMakeCurrent(handle, canvas.ctypes.data, _UNSIGNED_BYTE, width, height):
-        raise SaltusError("OSMesa cannot make a drawing context: reinstall it with 'apt install libosmesa6'")
+    if not handle or not library.OSMesaMakeCurrent(
+        handle, canvas.ctypes.data, _UNSIGNED_BYTE, width, height
+    ):
+        raise SaltusError(
+            "OSMesa cannot make a drawing context: reinstall it with 'apt install libosmesa6'"
+        )
     try:
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         with _told_to_use_osmesa():
@@ -61,11 +66,19 @@ def read_pixels(context: mujoco.MjrContext, width: int, height: int) -> NDArray[
 def _load() -> ctypes.CDLL:
     name = ctypes.util.find_library("OSMesa")
     if name is None:
-        raise SaltusError("the video needs OSMesa: 'apt install libosmesa6', or run with --no-video")
+        raise SaltusError(
+            "the video needs OSMesa: 'apt install libosmesa6', or run with --no-video"
+        )
     library = ctypes.CDLL(name, mode=ctypes.RTLD_GLOBAL)
     library.OSMesaCreateContextExt.restype = ctypes.c_void_p
     library.OSMesaCreateContextExt.argtypes = [ctypes.c_uint, *[ctypes.c_int] * 3, ctypes.c_void_p]
-    library.OSMesaMakeCurrent.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_int]
+    library.OSMesaMakeCurrent.argtypes = [
+        ctypes.c_void_p,
+        ctypes.c_void_p,
+        ctypes.c_uint,
+        ctypes.c_int,
+        ctypes.c_int,
+    ]
     library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
     return library
 

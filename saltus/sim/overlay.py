@@ -20,7 +20,9 @@ SHADOW_PIECE = 0.05  # length of a piece on boxes that are no columns [m]
 LIFT = 0.003  # shadows float this far above the ground, else they flicker [m]
 
 
-def draw_heightmap(shapes: mujoco.MjvScene, base_pose: Floats, grid: HeightGrid, height: Floats) -> None:
+def draw_heightmap(
+    shapes: mujoco.MjvScene, base_pose: Floats, grid: HeightGrid, height: Floats
+) -> None:
     """Adds a ball for each finite point of a heightmap and lines between those that follow each other in x or in y.
 
     Args:
@@ -34,7 +36,9 @@ def draw_heightmap(shapes: mujoco.MjvScene, base_pose: Floats, grid: HeightGrid,
         _add(shapes, mujoco.mjtGeom.mjGEOM_SPHERE, np.full(3, POINT_RADIUS), point, HEIGHTMAP_RGBA)
     for along in (*points.swapaxes(0, 1), *points):
         for start, end in pairwise(_finite(along)):
-            line = _add(shapes, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), np.zeros(3), HEIGHTMAP_RGBA)
+            line = _add(
+                shapes, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), np.zeros(3), HEIGHTMAP_RGBA
+            )
             mujoco.mjv_connector(line, mujoco.mjtGeom.mjGEOM_CAPSULE, LINE_RADIUS, start, end)
 
 
@@ -48,7 +52,9 @@ def _finite(points: Floats) -> Floats:
     return points[np.isfinite(points).all(axis=1)]
 
 
-def draw_shadow(shapes: mujoco.MjvScene, trunk_size: Floats, terrain: Terrain, base_pose: Floats, feet: Floats) -> None:
+def draw_shadow(
+    shapes: mujoco.MjvScene, trunk_size: Floats, terrain: Terrain, base_pose: Floats, feet: Floats
+) -> None:
     """Darkens the ground right below trunk and feet: shows how high the robot is, at no cost.
 
     Args:
@@ -59,7 +65,9 @@ def draw_shadow(shapes: mujoco.MjvScene, trunk_size: Floats, terrain: Terrain, b
         feet: Centres of the feet in the world [m], shape (4, 3).
     """
     heading = _heading(base_pose)
-    along = max(abs(float(heading[0, 0])), 0.3)  # a robot that has turned sideways gets a shadow that is too long
+    along = max(
+        abs(float(heading[0, 0])), 0.3
+    )  # a robot that has turned sideways gets a shadow that is too long
     reach = 0.5 * (trunk_size[0] + HEAD_LENGTH) * along
     low, high = base_pose[0] - reach, base_pose[0] + reach
     edges = np.arange(low, high, SHADOW_PIECE) if terrain.columns is None else terrain.columns.x
@@ -68,10 +76,14 @@ def draw_shadow(shapes: mujoco.MjvScene, trunk_size: Floats, terrain: Terrain, b
         x = 0.5 * (start + end)
         y = base_pose[1] + (x - base_pose[0]) * heading[1, 0] / along
         size = np.array([0.5 * (end - start) / along, 0.5 * (trunk_size[1] + HIP_WIDTH), 0.001])
-        _add(shapes, mujoco.mjtGeom.mjGEOM_BOX, size, _on_ground(terrain, x, y), SHADOW_RGBA, heading)
+        _add(
+            shapes, mujoco.mjtGeom.mjGEOM_BOX, size, _on_ground(terrain, x, y), SHADOW_RGBA, heading
+        )
     for foot in feet:
         size = np.array([FOOT_SHADOW_RADIUS, 0.0005, 0.0])  # radius, half of the height
-        center = _on_ground(terrain, foot[0], foot[1]) + np.array([0.0, 0.0, LIFT])  # above the trunk's shadow
+        center = _on_ground(terrain, foot[0], foot[1]) + np.array(
+            [0.0, 0.0, LIFT]
+        )  # above the trunk's shadow
         _add(shapes, mujoco.mjtGeom.mjGEOM_CYLINDER, size, center, SHADOW_RGBA)
 
 

@@ -21,9 +21,13 @@ from saltus.terrain.terrain import Terrain
 
 CLEARANCE = 0.01  # feet above the ground at a reset [m]: falls 45 ms, too short to turn
 HELD_HEIGHT = 1.0  # of the base of a held robot [m]: no foot reaches the ground
-HELD_INERTIA = 1e9  # [kg, kg m^2]: its base moves by less than 0.1 mm in 30 s under the robot's weight
+HELD_INERTIA = (
+    1e9  # [kg, kg m^2]: its base moves by less than 0.1 mm in 30 s under the robot's weight
+)
 ROLL = 3  # the base's degree of freedom about its own x axis
-HELD_TOLERANCE = 1e-16  # of the solver: the engine's 1e-8 times what the base is heavier than a leg is felt by
+HELD_TOLERANCE = (
+    1e-16  # of the solver: the engine's 1e-8 times what the base is heavier than a leg is felt by
+)
 
 
 def standing_pose(
@@ -52,9 +56,13 @@ def standing_pose(
     standing = LegKinematics(robot).position(robot.stand_pose)
     feet = standing @ rotation_matrix(quaternion).mT  # (..., 4, 3), yaw applied
     foot_x, foot_y = position_x[..., None] + feet[..., 0], position_y[..., None] + feet[..., 1]
-    sole_x = np.concatenate([foot_x - robot.foot_radius, foot_x + robot.foot_radius], axis=-1)  # (..., 8)
+    sole_x = np.concatenate(
+        [foot_x - robot.foot_radius, foot_x + robot.foot_radius], axis=-1
+    )  # (..., 8)
     ground = terrain.height_at(sole_x, np.concatenate([foot_y, foot_y], axis=-1)).max(axis=-1)
-    drop = robot.foot_radius - float(standing[:, 2].min())  # the legs give about 1 cm of it under load
+    drop = robot.foot_radius - float(
+        standing[:, 2].min()
+    )  # the legs give about 1 cm of it under load
     position = np.stack([position_x, position_y, ground + drop + clearance], axis=-1)
     joints = np.broadcast_to(robot.stand_pose, (*zero.shape, 12))
     return np.concatenate([position, quaternion, joints], axis=-1)
@@ -72,8 +80,8 @@ class Plant(DrivenRobots):
         chain: What the drives do to a command.
         body: What is otherwise than claimed about the robot's body and the ground.
         imu: What the IMU makes of the motion of the base.
-        held: Whether the base is held in the air: the legs move, gravity acts. Without contacts the joints are then
-            integrated to a higher order, so that the time step shows in no log.
+        held: Whether the base is held in the air: the legs move, gravity acts. Without contacts the
+            joints are then integrated to a higher order, so that the time step shows in no log.
     """
 
     def __init__(
@@ -105,27 +113,44 @@ class Plant(DrivenRobots):
         if held:
             self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
             self.model.dof_armature[:6] = HELD_INERTIA
-            # relative to a base that heavy, friction of a joint is small enough for the solver to leave it out
+            # relative to a base that heavy, friction of a joint is small enough for the solver to
+            # leave it out
             self.model.opt.tolerance = HELD_TOLERANCE
         if body.effects:
-            changed = body.apply(claimed_body(friction=friction, payload_kg=payload_kg, com_shift=com_shift))
+            changed = body.apply(
+                claimed_body(friction=friction, payload_kg=payload_kg, com_shift=com_shift)
+            )
             self._layout.write_bodies(self._field, changed, robots=())
             if held and changed.roll_give > 0.0:
                 self.model.dof_armature[ROLL] = 0.0
                 self.model.dof_damping[ROLL] = changed.roll_damping
-                self.model.jnt_stiffness[0] = 1.0 / changed.roll_give  # the base is too heavy to feel it in other ways
+                self.model.jnt_stiffness[0] = (
+                    1.0 / changed.roll_give
+                )  # the base is too heavy to feel it in other ways
             mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
         self.data = mujoco.MjData(self.model)
         self._feet = [self.model.geom(f"{leg}_foot").id for leg in LEGS]
         self.reset()
 
     def reset(
-        self, position_x: float = 0.0, yaw: float = 0.0, position_y: float = 0.0, clearance: float = CLEARANCE
+        self,
+        position_x: float = 0.0,
+        yaw: float = 0.0,
+        position_y: float = 0.0,
+        clearance: float = CLEARANCE,
     ) -> PlantState:
-        """Puts the robot at rest in its stand pose, its feet just above the ground; time starts over."""
+        """Puts the robot at rest in its stand pose, its feet just above the ground.
+
+        Time starts over.
+        """
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = standing_pose(
-            self.robot, self.terrain, np.asarray(position_x), np.asarray(yaw), np.asarray(position_y), clearance
+            self.robot,
+            self.terrain,
+            np.asarray(position_x),
+            np.asarray(yaw),
+            np.asarray(position_y),
+            clearance,
         )
         if self._held:
             self.data.qpos[2] = HELD_HEIGHT
@@ -139,21 +164,37 @@ class Plant(DrivenRobots):
         self.data.xfrc_applied[self._layout.trunk, 1] = force
 
     def _advance(self, torque: Torques) -> None:
-        if not np.isfinite(torque.believed + torque.applied).all():  # the engine would take it for zero
-            raise SaltusError(f"the joint command at {self._now:.3f} s is not finite: torque {torque.believed}")
+        if not np.isfinite(
+            torque.believed + torque.applied
+        ).all():  # the engine would take it for zero
+            raise SaltusError(
+                f"the joint command at {self._now:.3f} s is not finite: torque {torque.believed}"
+            )
         self.data.ctrl[:] = torque.applied
-        if (resistance := torque.resistance) is not None:  # friction, which the engine integrates implicitly
+        if (
+            resistance := torque.resistance
+        ) is not None:  # friction, which the engine integrates implicitly
             values = resistance.friction, resistance.damping, resistance.armature
             self._layout.write_joints(self._field, *values, robots=())
         mujoco.mj_step(self.model, self.data)
         if not np.isfinite(self.data.qvel).all():
-            raise SaltusError(f"the simulation diverged at {self._now:.3f} s: torque {torque.applied}")
+            raise SaltusError(
+                f"the simulation diverged at {self._now:.3f} s: torque {torque.applied}"
+            )
         mujoco.mj_kinematics(self.model, self.data)
 
     def _motion(self) -> Motion:
         data = self.data
         rotation, feet = data.xmat[1].reshape(3, 3), data.geom_xpos[self._feet]
-        return float(data.time), data.qpos.copy(), data.qvel.copy(), feet, rotation, data.qacc, data.sensordata
+        return (
+            float(data.time),
+            data.qpos.copy(),
+            data.qvel.copy(),
+            feet,
+            rotation,
+            data.qacc,
+            data.sensordata,
+        )
 
     def _field(self, name: str) -> Array:
         return getattr(self.model, name)

@@ -1,6 +1,7 @@
 """Robot and terrain as one MuJoCo model: the robot's own, with the terrain, motors and sensors added.
 
-The robot is ideal: torque motors without limits, armature, no joint damping, no joint friction. Everything else that
+The robot is ideal: torque motors without limits, armature, no joint damping, no joint friction.
+    Everything else that
 a drive does is an effect.
 """
 
@@ -24,14 +25,16 @@ from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 
 FRICTION = NOMINAL_FRICTION
-# Contacts nearly as stiff as the time step allows (the engine wants at least two steps): measured, a foot sinks 0.1 mm
-# when the robot stands, and 2.6 mm when it lands at 2 m/s.
+# Contacts nearly as stiff as the time step allows (the engine wants at least two steps): measured,
+# a foot sinks 0.1 mm when the robot stands, and 2.6 mm when it lands at 2 m/s.
 CONTACT_SOLREF = (NOMINAL_CONTACT_TIME_CONSTANT_S, 1.0)
 CONTACT_SOLIMP = (NOMINAL_TOUCH_IMPEDANCE, 0.99, NOMINAL_IMPEDANCE_DEPTH_M, 0.5, 2.0)
-# Ratio of frictional to normal constraint stiffness: at 1 a foot that stands creeps sideways by millimetres.
+# Ratio of frictional to normal constraint stiffness: at 1 a foot that stands creeps sideways by
+# millimetres.
 CONTACT_IMPRATIO = 10.0
-# Dry friction of joints, where an effect adds it, as stiff as the time step allows (the engine wants at least two
-# steps): measured, a joint that 1 Nm of friction holds against its link's weight creeps by less than 0.001 rad/s.
+# Dry friction of joints, where an effect adds it, as stiff as the time step allows (the engine
+# wants at least two steps): measured, a joint that 1 Nm of friction holds against its link's weight
+# creeps by less than 0.001 rad/s.
 FRICTION_SOLREF = (0.004, 1.0)
 FRICTION_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
 PAYLOAD_SIZE = np.array([0.20, 0.09, 0.04])  # a small computer, on top of the trunk
@@ -41,7 +44,8 @@ TERRAIN_GROUP = 1
 VISUAL_GROUP = 2
 
 FOOT_FORCE = slice(0, 12)
-"""Where `sensordata` holds the force of each foot on the ground: four vectors in the world frame [N]."""
+"""Where `sensordata` holds the force of each foot on the ground: four vectors in the world frame
+[N]."""
 FOOT_FORCE_Z = slice(2, 12, 3)
 """The vertical part of each."""
 TRUNK_CONTACT = slice(12, 18)
@@ -69,12 +73,13 @@ def build_spec(
         friction: Coefficient of sliding friction between robot and terrain.
         payload_kg: Mass of a box on top of the trunk [kg].
         com_shift: Added to the trunk's centre of mass [m], base frame.
-        columns: Number of terrain boxes where there may be more than `terrain` needs; the spare ones lie far below.
+        columns: Number of terrain boxes where there may be more than `terrain` needs; the spare
+            ones lie far below.
         dimensions: Of its contacts: 3, or 6 with friction against turning and rolling.
 
     Returns:
-        A spec whose `qpos` is base position, base quaternion (w, x, y, z), joints in the order of `JOINTS`, and
-        whose `sensordata` is laid out as `FOOT_FORCE` and `TRUNK_CONTACT` say.
+        A spec whose `qpos` is base position, base quaternion (w, x, y, z), joints in the order of
+        `JOINTS`, and whose `sensordata` is laid out as `FOOT_FORCE` and `TRUNK_CONTACT` say.
     """
     spec = mujoco.MjSpec.from_string(robot.mjcf)
     _options(spec)
@@ -119,7 +124,10 @@ def _options(spec: mujoco.MjSpec) -> None:
 
 
 def _make_solid(spec: mujoco.MjSpec, friction: float, dimensions: int) -> None:
-    """Shapes of the robot touch the terrain and nothing else; their contact parameters win over the terrain's."""
+    """Shapes of the robot touch the terrain and nothing else.
+
+    Their contact parameters win over the terrain's.
+    """
     for geom in spec.geoms:
         geom.contype, geom.conaffinity, geom.condim, geom.priority = 0, 1, dimensions, 1
         geom.friction = friction, LEAST_TURNING_M, LEAST_TURNING_M
@@ -145,7 +153,10 @@ def _load(spec: mujoco.MjSpec, robot: Robot, payload_kg: float) -> None:
 
 
 def _add_contact_sensors(spec: mujoco.MjSpec) -> None:
-    net_force, found = 3, 1  # the engine's codes: sum of all contacts as one, in the world frame; and their number
+    net_force, found = (
+        3,
+        1,
+    )  # the engine's codes: sum of all contacts as one, in the world frame; and their number
     data = mujoco.mjtConDataField
     for leg in LEGS:
         sensor = spec.add_sensor(name=f"{leg}_force", type=mujoco.mjtSensor.mjSENS_CONTACT)

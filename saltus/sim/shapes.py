@@ -44,7 +44,8 @@ class Primitive:
     body: str
     kind: Literal["box", "ball", "cylinder"]
     size: Floats
-    """Full extents along its own axes [m], shape (3,); a cylinder stands along z, a ball may be an ellipsoid."""
+    """Full extents along its own axes [m], shape (3,); a cylinder stands along z, a ball may be an
+    ellipsoid."""
     position: Floats
     """Position of its centre in the frame of the body [m], shape (3,)."""
     quaternion: Floats
@@ -60,19 +61,27 @@ class RobotShapes:
         decorate(spec, robot, terrain)
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
-        self._seen = np.flatnonzero((self._model.geom_group == scene.VISUAL_GROUP) & (self._model.geom_bodyid > 0))
+        self._seen = np.flatnonzero(
+            (self._model.geom_group == scene.VISUAL_GROUP) & (self._model.geom_bodyid > 0)
+        )
         self._bodies = np.unique(self._model.geom_bodyid[self._seen])
         self._parents = self._model.body_parentid[self._bodies]
         names = [self._model.body(body).name for body in self._bodies]
-        self.parents = {name: self._model.body(body).name for name, body in zip(names, self._parents, strict=True)}
+        self.parents = {
+            name: self._model.body(body).name
+            for name, body in zip(names, self._parents, strict=True)
+        }
         """The body that each hangs on; "world" for the trunk."""
         self.offsets = self._model.body_pos[self._bodies].copy()
-        """Where each hangs on it, in its frame [m], shape (n, 3): joints turn bodies about their origins."""
+        """Where each hangs on it, in its frame [m], shape (n, 3): joints turn bodies about their
+        origins."""
 
     @cached_property
     def shapes(self) -> "dict[str, list[Shape]]":
         """Shapes of each body in its own frame, one for each colour; the trunk comes first."""
-        return {name: self._of_body(body) for name, body in zip(self.parents, self._bodies, strict=True)}
+        return {
+            name: self._of_body(body) for name, body in zip(self.parents, self._bodies, strict=True)
+        }
 
     @cached_property
     def primitives(self) -> list[Primitive]:
@@ -93,17 +102,30 @@ class RobotShapes:
         geoms = [int(geom) for geom in self._seen if self._model.geom_bodyid[geom] == body]
         colours = sorted({tuple(self._model.geom_rgba[geom].tolist()) for geom in geoms})
         return [
-            _joined([self._triangles(g) for g in geoms if tuple(self._model.geom_rgba[g].tolist()) == rgba], rgba)
+            _joined(
+                [
+                    self._triangles(g)
+                    for g in geoms
+                    if tuple(self._model.geom_rgba[g].tolist()) == rgba
+                ],
+                rgba,
+            )
             for rgba in colours
         ]
 
     def _primitives_of(self, geom: int) -> list[Primitive]:
         model, kind = self._model, self._model.geom_type[geom]
-        size, centre, quaternion = model.geom_size[geom], model.geom_pos[geom], model.geom_quat[geom]
+        size, centre, quaternion = (
+            model.geom_size[geom],
+            model.geom_pos[geom],
+            model.geom_quat[geom],
+        )
         rotation = np.zeros(9)
         mujoco.mju_quat2Mat(rotation, quaternion)
 
-        def part(shape: Literal["box", "ball", "cylinder"], half: ArrayLike, along: float = 0.0) -> Primitive:
+        def part(
+            shape: Literal["box", "ball", "cylinder"], half: ArrayLike, along: float = 0.0
+        ) -> Primitive:
             return Primitive(
                 body=model.body(model.geom_bodyid[geom]).name,
                 kind=shape,
@@ -127,11 +149,15 @@ class RobotShapes:
         if kind == mujoco.mjtGeom.mjGEOM_BOX:
             corners, faces = box(size)
         elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-            corners, faces = turned(np.array([[0.0, -1.0], [1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [1.0, 1.0], [0, 1]]))
+            corners, faces = turned(
+                np.array([[0.0, -1.0], [1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [1.0, 1.0], [0, 1]])
+            )
             corners = corners * np.array([size[0], size[0], size[1]])
         elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
             corners, faces = turned(_arc())
-            corners = size[0] * corners + np.array([0.0, 0.0, size[1]]) * np.sign(np.round(corners[:, 2:], 9))
+            corners = size[0] * corners + np.array([0.0, 0.0, size[1]]) * np.sign(
+                np.round(corners[:, 2:], 9)
+            )
         else:  # a ball or an ellipsoid
             corners, faces = turned(_arc())
             corners = corners * (size if size[1] > 0.0 else size[0])
@@ -147,7 +173,10 @@ def looks_of(robot: Robot) -> RobotShapes:
 
 
 def box(half_size: Floats) -> tuple[Floats, Faces]:
-    """Triangles of a box about the origin; each side has corners of its own, so that edges look sharp."""
+    """Triangles of a box about the origin.
+
+    Each side has corners of its own, so that edges look sharp.
+    """
     sides = np.concatenate([CUBE_SIDES, CUBE_TOP])
     return _quads(CUBE_CORNERS[sides] * half_size)
 
@@ -157,7 +186,10 @@ def turned(profile: Floats) -> tuple[Floats, Faces]:
     angle = np.linspace(0.0, 2.0 * np.pi, ROUND, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], -1)
     corners = np.concatenate(
-        [np.concatenate([radius * ring, np.full((ROUND, 1), z)], axis=1) for radius, z in profile.tolist()]
+        [
+            np.concatenate([radius * ring, np.full((ROUND, 1), z)], axis=1)
+            for radius, z in profile.tolist()
+        ]
     )
     here = np.arange(ROUND)
     there = (here + 1) % ROUND
@@ -192,7 +224,9 @@ def _sides(boxes: Boxes, sides: NDArray[np.int64]) -> tuple[Floats, Faces]:
 def _in_world(boxes: Boxes, corners: Floats) -> Floats:
     """Corners of a cube of half size 1 on every box, shape (n, corners, 3)."""
     local = corners * np.asarray(boxes.half_size)[:, None, :]
-    return np.asarray(local @ np.swapaxes(np.asarray(boxes.rotation), 1, 2) + np.asarray(boxes.center)[:, None, :])
+    return np.asarray(
+        local @ np.swapaxes(np.asarray(boxes.rotation), 1, 2) + np.asarray(boxes.center)[:, None, :]
+    )
 
 
 def _quads(corners: Floats) -> tuple[Floats, Faces]:
@@ -203,7 +237,10 @@ def _quads(corners: Floats) -> tuple[Floats, Faces]:
 
 
 def _arc() -> Floats:
-    """Half a circle from the lower to the upper pole; twice the equator, where a capsule is pulled apart."""
+    """Half a circle from the lower to the upper pole.
+
+    Twice the equator, where a capsule is pulled apart.
+    """
     angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, ROUND // 2 + 1)
     middle = ROUND // 4
     arc = np.stack([np.cos(angle), np.sin(angle)], -1)
@@ -216,6 +253,8 @@ def _joined(parts: list[tuple[Floats, Faces]], rgba: tuple[float, ...]) -> Shape
     r, g, b, a = rgba
     return Shape(
         vertices=np.concatenate([vertices for vertices, _ in parts]),
-        faces=np.concatenate([faces + first for (_, faces), first in zip(parts, start, strict=False)]),
+        faces=np.concatenate(
+            [faces + first for (_, faces), first in zip(parts, start, strict=False)]
+        ),
         rgba=(r, g, b, a),
     )

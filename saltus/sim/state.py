@@ -12,7 +12,10 @@ from saltus.states import Sensed
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlantState:
-    """The robot at one instant; shapes are for one robot, a batch has a leading dimension. Never changes later."""
+    """The robot at one instant; shapes are for one robot, a batch has a leading dimension.
+
+    Never changes later.
+    """
 
     time_s: float | Floats
     """Since the last reset of the robot [s], shape ()."""
@@ -43,4 +46,6 @@ class PlantState:
 
 def sensed(state: PlantState, imu: ImuReading) -> Sensed:
     """Readings of the robots' IMUs and encoders."""
-    return Sensed(**vars(imu), joint_position=state.joint_position, joint_velocity=state.joint_velocity)
+    return Sensed(
+        **vars(imu), joint_position=state.joint_position, joint_velocity=state.joint_velocity
+    )

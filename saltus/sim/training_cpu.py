@@ -12,11 +12,17 @@ from saltus.sim.mujoco_batch import MujocoBatch
 class BatchEngine(MujocoBatch, Engine):
     """Many robots in MuJoCo itself, each on boxes of its own; numpy arrays of float64."""
 
-    def __init__(self, robot: Robot, count: int, boxes: int, *, dimensions: int = 3, threads: int = 0) -> None:
-        super().__init__(robot, _with_contact_sensors(robot, boxes, dimensions), count, threads=threads)
+    def __init__(
+        self, robot: Robot, count: int, boxes: int, *, dimensions: int = 3, threads: int = 0
+    ) -> None:
+        super().__init__(
+            robot, _with_contact_sensors(robot, boxes, dimensions), count, threads=threads
+        )
         self.boxes, self.dimensions = boxes, dimensions
         self._qacc, self._sensors = self.batch.bind("qacc"), self.batch.bind("sensordata")
-        self.qacc = self._qacc.copy()  # the engine's own array cannot be shared with torch: it must not be written
+        self.qacc = (
+            self._qacc.copy()
+        )  # the engine's own array cannot be shared with torch: it must not be written
 
     def step(self) -> None:
         """Advances all robots by `PHYSICS_DT`."""
@@ -34,7 +40,8 @@ class BatchEngine(MujocoBatch, Engine):
 
 def _with_contact_sensors(robot: Robot, boxes: int, dimensions: int) -> mujoco.MjModel:
     spec = build_spec(robot, boxes, dimensions)
-    # The boxes change; the middle phase looks boxes that do not move up in a tree made from the first ones.
+    # The boxes change; the middle phase looks boxes that do not move up in a tree made from the
+    # first ones.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
     found = 1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND)
     for name in TOUCHING:

@@ -25,12 +25,20 @@ Frame = NDArray[np.uint8]
 
 FPS = 30
 SIZE = (640, 480)
-SUPERSAMPLING = 1.5  # frames are drawn larger and averaged: half the price of multi-sampling in a software renderer
-ENCODING = ["-preset", "veryfast", "-movflags", "+faststart"]  # the index first, so that a browser can start at once
+# Frames are drawn larger and averaged: half the price of multi-sampling in a software renderer
+SUPERSAMPLING = 1.5
+ENCODING = [
+    "-preset",
+    "veryfast",
+    "-movflags",
+    "+faststart",
+]  # the index first, so that a browser can start at once
 # Camera: from behind and the right, so that risers, which face the robot, face the camera too.
 AZIMUTH_DEG, ELEVATION_DEG, DISTANCE_M = 62.0, -17.0, 1.75
 LOOK_AHEAD_M = 0.35
-SMOOTHING_S = 0.4  # the camera follows the mean of the trunk over this time to either side, not every bounce
+SMOOTHING_S = (
+    0.4  # the camera follows the mean of the trunk over this time to either side, not every bounce
+)
 MAX_SHAPES = 5000  # enough for a heightmap of 40 x 40 points
 
 
@@ -71,7 +79,9 @@ def render_run(
     data = mujoco.MjData(model)
     shapes = mujoco.MjvScene(model, MAX_SHAPES)
     shapes.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
-    shapes.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False  # triples the time of a frame; see `overlay.draw_shadow`
+    shapes.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = (
+        False  # triples the time of a frame; see `overlay.draw_shadow`
+    )
     shapes.flags[mujoco.mjtRndFlag.mjRND_HAZE] = True
     option, camera = _option(), _camera()
     aim = _aim(time_s, base_pose[:, :3])
@@ -84,12 +94,18 @@ def render_run(
             mujoco.mj_kinematics(model, data)
             mujoco.mj_camlight(model, data)
             camera.lookat[:] = aim[i]
-            mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, shapes)
-            overlay.draw_shadow(shapes, robot.trunk_size, terrain, base_pose[i], data.geom_xpos[feet])
+            mujoco.mjv_updateScene(
+                model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, shapes
+            )
+            overlay.draw_shadow(
+                shapes, robot.trunk_size, terrain, base_pose[i], data.geom_xpos[feet]
+            )
             overlay.draw_heightmap(shapes, base_pose[i], grid, heightmap[i])
             mujoco.mjr_render(mujoco.MjrRect(0, 0, *drawn), shapes, context)
             picture = read_pixels(context, *drawn)
-            yield cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+            yield cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(
+                np.uint8, copy=False
+            )
 
 
 def snapshots(
@@ -104,10 +120,16 @@ def snapshots(
 ) -> list[Frame]:
     """A picture of each pose, as `render_run` draws them; arguments and errors as there."""
     time_s = np.arange(float(len(base_pose)))  # one a second, so that each is a frame of its own
-    return list(render_run(robot, terrain, time_s, base_pose, joint_position, grid, heightmap, size=size, fps=1))
+    return list(
+        render_run(
+            robot, terrain, time_s, base_pose, joint_position, grid, heightmap, size=size, fps=1
+        )
+    )
 
 
-def write_video(path: Path, frames: Iterable[Frame], *, size: tuple[int, int] = SIZE, fps: int = FPS) -> int:
+def write_video(
+    path: Path, frames: Iterable[Frame], *, size: tuple[int, int] = SIZE, fps: int = FPS
+) -> int:
     """Writes frames as H.264 in an MP4 that browsers play; returns how many there were.
 
     Args:
@@ -117,7 +139,13 @@ def write_video(path: Path, frames: Iterable[Frame], *, size: tuple[int, int] = 
         fps: Frames per second.
     """
     writer: Any = imageio_ffmpeg.write_frames(
-        str(path), size, fps=fps, codec="libx264", quality=7, ffmpeg_log_level="error", output_params=ENCODING
+        str(path),
+        size,
+        fps=fps,
+        codec="libx264",
+        quality=7,
+        ffmpeg_log_level="error",
+        output_params=ENCODING,
     )
     writer.send(None)
     count = 0
@@ -136,14 +164,19 @@ def test_frame(robot: Robot, grid: HeightGrid) -> Frame:
     x, zero = np.asarray(terrain.first_edge_x - 0.4), np.zeros(())
     pose = standing_pose(robot, terrain, x, zero, zero, clearance=0.0)
     heights = terrain.height_at(*grid.points_in_world(pose[:2], zero)) - pose[2]
-    return next(render_run(robot, terrain, np.zeros(1), pose[None, :7], pose[None, 7:], grid, heights[None]))
+    return next(
+        render_run(robot, terrain, np.zeros(1), pose[None, :7], pose[None, 7:], grid, heights[None])
+    )
 
 
 def _model(robot: Robot, terrain: Terrain) -> mujoco.MjModel:
     spec = scene.build_spec(robot, terrain)
     decorate(spec, robot, terrain)
     spec.visual.quality.offsamples = 0
-    spec.visual.quality.numslices, spec.visual.quality.numstacks = 20, 10  # round enough at this size
+    spec.visual.quality.numslices, spec.visual.quality.numstacks = (
+        20,
+        10,
+    )  # round enough at this size
     spec.stat.extent, spec.stat.center = 3.0, (0.0, 0.0, 0.0)  # scales clipping planes and haze
     return spec.compile()
 

@@ -14,14 +14,20 @@ from saltus.sim.layout import ModelLayout
 from saltus.terrain.boxes import Boxes
 
 CONTACTS = 16
-"""Room for contacts per robot, shared by all: four feet, and what knees and hips touch when robots fall."""
+"""Room for contacts per robot, shared by all: four feet, and what knees and hips touch when robots
+fall."""
 CONSTRAINTS = 36
-"""Room for rows of constraints of one robot beside its contacts: one for a joint at its limit, one for its friction."""
+"""Room for rows of constraints of one robot beside its contacts: one for a joint at its limit, one
+for its friction."""
 SOLVER_ITERATIONS = 10
 """Iterations of the contact solver. A step lasts until the slowest robot of all has converged: of
 256 bounding robots 253 are within 1e-5 m/s after 10, and the slowest within 0.1 m/s, where the
 engine's 100 are a multiple of the time."""
-_NO_ROOM = mujoco_warp.OverflowType.NEFC | mujoco_warp.OverflowType.BROADPHASE | mujoco_warp.OverflowType.NARROWPHASE
+_NO_ROOM = (
+    mujoco_warp.OverflowType.NEFC
+    | mujoco_warp.OverflowType.BROADPHASE
+    | mujoco_warp.OverflowType.NARROWPHASE
+)
 """Warnings of the engine that contacts or constraint rows of a robot were left out."""
 _DIFFERING = (
     "geom_pos",
@@ -46,23 +52,32 @@ class WarpEngine(Engine):
     The device is "cuda:0", or "cpu" (correct, not fast).
     """
 
-    def __init__(self, robot: Robot, count: int, boxes: int, *, dimensions: int = 3, device: str = "cuda:0") -> None:
+    def __init__(
+        self, robot: Robot, count: int, boxes: int, *, dimensions: int = 3, device: str = "cuda:0"
+    ) -> None:
         self.robot, self.count, self.boxes, self.device = robot, count, boxes, device
         self.dimensions = dimensions
         warp.config.log_level = warp.LOG_WARNING
         spec = build_spec(robot, boxes, dimensions)
-        spec.option.disableflags = 0  # mujoco_warp has neither of the two that the scene switches off
+        spec.option.disableflags = (
+            0  # mujoco_warp has neither of the two that the scene switches off
+        )
         spec.option.iterations = SOLVER_ITERATIONS
         self.model = spec.compile()
         self._layout = ModelLayout(robot, self.model)
         start = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, start)
         with warp.ScopedDevice(device):
-            self._model = mujoco_warp.put_model(self.model, batch_sizes=dict.fromkeys(_DIFFERING, count))
-            # Robots would print a line each, at every step, and of thousands some always have something to say.
+            self._model = mujoco_warp.put_model(
+                self.model, batch_sizes=dict.fromkeys(_DIFFERING, count)
+            )
+            # Robots would print a line each, at every step, and of thousands some always have
+            # something to say.
             self._model.opt.warn_overflow = 0
             rows = CONSTRAINTS + CONTACTS * dimensions
-            self._data = mujoco_warp.put_data(self.model, start, nworld=count, nconmax=CONTACTS, njmax=rows)
+            self._data = mujoco_warp.put_data(
+                self.model, start, nworld=count, nconmax=CONTACTS, njmax=rows
+            )
             self._bind()
             self._graph = self._capture() if warp.get_device(device).is_cuda else None
 
@@ -81,7 +96,9 @@ class WarpEngine(Engine):
         shape = self._shape_of_geom[self._contact_geom.long()].amax(-1)
         touches = used & (self._contact_distance < 0.0) & (shape >= 0)
         nowhere = self.count * 16  # contacts that do not count go to an entry of their own
-        entry = xp.where(touches, self._contact_world.long() * 16 + shape, xp.zeros_like(shape) + nowhere)
+        entry = xp.where(
+            touches, self._contact_world.long() * 16 + shape, xp.zeros_like(shape) + nowhere
+        )
         flags = xp.zeros(nowhere + 1, dtype=xp.bool, device=self.qpos.device)
         flags[entry] = True
         return flags[:nowhere].reshape(self.count, 16)
@@ -117,7 +134,10 @@ class WarpEngine(Engine):
         self.trunk_wrench = view(data.xfrc_applied)[:, self._layout.trunk]
         self._geom_xpos, self._geom_xmat = view(data.geom_xpos), view(data.geom_xmat)
         self._is_turned = False
-        self._contact_geom, self._contact_world = view(data.contact.geom), view(data.contact.worldid)
+        self._contact_geom, self._contact_world = (
+            view(data.contact.geom),
+            view(data.contact.worldid),
+        )
         self._overflow = view(data.overflow)
         self._contact_distance, self._contact_count = view(data.contact.dist), view(data.nacon)
         shape_of_geom = [-1] * self.model.ngeom  # terrain and trunk

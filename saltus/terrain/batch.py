@@ -1,8 +1,9 @@
 """Terrains of training: thousands at once, each drawn from a kind, a difficulty and random numbers, as boxes.
 
-Sizes follow the laws of difficulty of `saltus.terrain.curriculum`, columns those of `saltus.terrain.law`; what a course
-repeats, and where it begins, is drawn, so that nothing can be learnt by heart. Courses are longer than single ones:
-several trenches instead of one, several steps up.
+Sizes follow the laws of difficulty of `saltus.terrain.curriculum`, columns those of
+`saltus.terrain.law`; what a course repeats, and where it begins, is drawn, so that nothing can be
+learnt by heart. Courses are longer than single ones: several trenches instead of one, several steps
+up.
 """
 
 from dataclasses import dataclass
@@ -19,9 +20,15 @@ COLUMNS = 18
 BOXES = COLUMNS + 1
 """With the floor of the trenches."""
 DRAWS = ColumnNames(start=(), length=(), differ=(), depth=(), unused=(4,), columns=(COLUMNS,))
-"""Uniform random numbers that one course takes; the depth of a ditch tells irregular stairs if they lead down."""
+"""Uniform random numbers that one course takes.
 
-FIRST_EDGE_X = (0.6, 1.6)  # both within reach of the first jump and beyond what the robot sees at the start
+The depth of a ditch tells irregular stairs if they lead down.
+"""
+
+FIRST_EDGE_X = (
+    0.6,
+    1.6,
+)  # both within reach of the first jump and beyond what the robot sees at the start
 STAIR_RUN_M = (0.23, 0.37)  # original
 DITCH_M = (0.05, 1.0)
 """Depth of a ditch: from a step that is walked through to one that must be jumped."""
@@ -31,7 +38,12 @@ REPEATS = {
     "flat": 0, "stairs": 16, "stepping_stones": 15, "step": 3, "gap": 4,
     "stairs_down": 16, "step_down": 3, "pyramid": 16, "irregular": 16, "hurdles": 8, "ditch": 4,
 }  # fmt: skip
-_LENGTHS = {"stairs": STAIR_RUN_M, "stairs_down": STAIR_RUN_M, "pyramid": STAIR_RUN_M, "stepping_stones": STONE_M}
+_LENGTHS = {
+    "stairs": STAIR_RUN_M,
+    "stairs_down": STAIR_RUN_M,
+    "pyramid": STAIR_RUN_M,
+    "stepping_stones": STONE_M,
+}
 _SMALLEST_GAP_SHARE = 0.2  # where gaps differ within a course
 _BEHIND_START = 4.0  # ground behind the robot [m]
 _RUN_OUT = 6.0  # ground behind the last edge [m]
@@ -43,7 +55,10 @@ _FLAT_FINISH_X = 8.0  # ten jumps of 0.8 m
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Courses:
-    """Columns that may overlap; the highest at a place is the ground. Arrays with a leading dimension of robots."""
+    """Columns that may overlap; the highest at a place is the ground.
+
+    Arrays with a leading dimension of robots.
+    """
 
     low: Steps
     """Where each column begins [m], world x, shape (n, COLUMNS)."""
@@ -61,7 +76,10 @@ class Courses:
     """Courses of families of one's own, where robots are on such."""
 
     def height_at(self, x: Points, y: Array) -> Points:
-        """Ground at world x and y [m], the higher side of an edge; shapes (n, points). Columns reach any y."""
+        """Ground at world x and y [m], the higher side of an edge; shapes (n, points).
+
+        Columns reach any y.
+        """
         xp = namespace(x)
         inside = (x[..., None] >= self.low[:, None, :]) & (x[..., None] <= self.high[:, None, :])
         heights = xp.max(xp.where(inside, self.top[:, None, :], self.floor[:, None, None]), axis=-1)
@@ -93,9 +111,13 @@ def draw_courses(kind: Array, difficulty: Array, draws: Array) -> Courses:
     start = between(FIRST_EDGE_X, drawn.start)
     one, zero = xp.ones_like(start), xp.zeros_like(start)
     count = _chosen(kind, start, [float(REPEATS[name]) for name in KINDS])
-    low, high = (_chosen(kind, start, [_LENGTHS.get(name, PLATFORM_M)[i] for name in KINDS]) for i in (0, 1))
+    low, high = (
+        _chosen(kind, start, [_LENGTHS.get(name, PLATFORM_M)[i] for name in KINDS]) for i in (0, 1)
+    )
     rise, gap = (_size(kind, difficulty, *names) for names in (("rise_m", "height_m"), ("gap_m",)))
-    leads_down = is_kind(kind, "stairs_down", "step_down") | (is_kind(kind, "irregular") & (drawn.depth < 0.5))
+    leads_down = is_kind(kind, "stairs_down", "step_down") | (
+        is_kind(kind, "irregular") & (drawn.depth < 0.5)
+    )
     # Half of the courses of stones have trenches of one width.
     differ = is_kind(kind, "stepping_stones") & (drawn.differ < 0.5)
     made = shape(
@@ -110,13 +132,20 @@ def draw_courses(kind: Array, difficulty: Array, draws: Array) -> Courses:
     index = xp.cumulative_sum(xp.ones_like(made.top), axis=-1) - 1.0  # (n, COLUMNS): 0, 1, 2, ...
     used = (index >= 1.0) & (index <= count[:, None])
     # Column k > 0 begins behind the gaps and columns before it.
-    ends = start[:, None] + xp.cumulative_sum(xp.where(used, made.length + made.gap, 0.0 * index), axis=-1)
+    ends = start[:, None] + xp.cumulative_sum(
+        xp.where(used, made.length + made.gap, 0.0 * index), axis=-1
+    )
     low_x = xp.where(index == 0.0, 0.0 * index - _BEHIND_START, ends - made.length)
     level_end = xp.where(count > 0.0, zero, zero + _FLAT_FINISH_X)[:, None]
     high_x = xp.where(index >= count[:, None], xp.maximum(ends, level_end) + _RUN_OUT, ends)
-    last_length = xp.sum(xp.where(used & (index == count[:, None]), made.length, 0.0 * index), axis=-1)
+    last_length = xp.sum(
+        xp.where(used & (index == count[:, None]), made.length, 0.0 * index), axis=-1
+    )
     last_edge = ends[:, -1] - last_length
-    climb = xp.sum(xp.where(used[:, 1:], xp.abs(made.top[:, 1:] - made.top[:, :-1]), 0.0 * index[:, 1:]), axis=-1)
+    climb = xp.sum(
+        xp.where(used[:, 1:], xp.abs(made.top[:, 1:] - made.top[:, :-1]), 0.0 * index[:, 1:]),
+        axis=-1,
+    )
     return Courses(
         low=low_x,
         high=high_x,
@@ -133,9 +162,15 @@ def descends(kind: Array) -> Array:
 
 
 def _size(kind: Array, difficulty: Array, *names: str) -> Array:
-    """Size of one of these names of each robot's kind at its difficulty [m], 0 without; shape (n,)."""
+    """Size of one of these names of each robot's kind at its difficulty [m], 0 without.
+
+    Shape (n,).
+    """
     none = Size(default=0.0, low=0.0, high=0.0, base=0.0)
-    sizes = [next((FAMILIES[kind].sizes[n] for n in names if n in FAMILIES[kind].sizes), none) for kind in KINDS]
+    sizes = [
+        next((FAMILIES[kind].sizes[n] for n in names if n in FAMILIES[kind].sizes), none)
+        for kind in KINDS
+    ]
     base = _chosen(kind, difficulty, [size.base or 0.0 for size in sizes])
     return base + _chosen(kind, difficulty, [size.slope for size in sizes]) * difficulty
 

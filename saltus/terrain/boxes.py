@@ -1,6 +1,7 @@
 """Boxes that may be turned: one as a value, and many as arrays with the height of what lies under a point.
 
-A box is turned about its centre: by `pitch` about y (nose down positive, as of a body), then by `yaw` about z.
+A box is turned about its centre: by `pitch` about y (nose down positive, as of a body), then by
+    `yaw` about z.
 """
 
 import math
@@ -16,7 +17,9 @@ from saltus.errors import ConfigError
 Point = tuple[float, float, float]
 
 UPRIGHT = 1e-9  # a face whose normal has a smaller share along z is upright, and no top
-ROUNDING = 256  # units in the last place of 1 m: an edge belongs to its box although its place is rounded
+ROUNDING = (
+    256  # units in the last place of 1 m: an edge belongs to its box although its place is rounded
+)
 MOST_PITCH, MOST_YAW = 1.6, 6.3
 """A quarter turn and a whole one, rounded up [rad]: what is beyond them is meant in degrees."""
 
@@ -26,7 +29,8 @@ class Box:
     """One box in the world frame.
 
     Raises:
-        ConfigError: a number is not finite, an upper corner is not above its lower one, or it is turned too far.
+        ConfigError: a number is not finite, an upper corner is not above its lower one, or it is
+            turned too far.
     """
 
     low: Point
@@ -39,37 +43,63 @@ class Box:
     """About z, after the pitch [rad]."""
 
     def __post_init__(self) -> None:
-        for name, value in (("low", self.low), ("high", self.high), ("angles", (self.pitch, self.yaw))):
+        for name, value in (
+            ("low", self.low),
+            ("high", self.high),
+            ("angles", (self.pitch, self.yaw)),
+        ):
             if not all(map(math.isfinite, value)):
-                raise ConfigError(f"a box has {name} = {value}: every number of a terrain must be finite")
+                raise ConfigError(
+                    f"a box has {name} = {value}: every number of a terrain must be finite"
+                )
         if not all(low < high for low, high in zip(self.low, self.high, strict=True)):
             raise ConfigError(
-                f"a box reaches from {self.low} to {self.high}: its size must be more than 0 m along x, y, z"
+                f"a box reaches from {self.low} to {self.high}: its size must be more than 0 m "
+                f"along x, y, z"
             )
         for name, angle, most in (("pitch", self.pitch, MOST_PITCH), ("yaw", self.yaw, MOST_YAW)):
             if abs(angle) > most:
-                raise ConfigError(f"a box has {name} = {angle:g}: it is in radians, from {-most} to {most}")
+                raise ConfigError(
+                    f"a box has {name} = {angle:g}: it is in radians, from {-most} to {most}"
+                )
 
     @classmethod
-    def at(cls, center: Sequence[float], size: Sequence[float], pitch: float = 0.0, yaw: float = 0.0) -> "Box":
+    def at(
+        cls, center: Sequence[float], size: Sequence[float], pitch: float = 0.0, yaw: float = 0.0
+    ) -> "Box":
         """From its centre and full edge lengths [m], as run logs have them."""
-        low, high = (tuple(c + side * s for c, s in zip(center, size, strict=True)) for side in (-0.5, 0.5))
+        low, high = (
+            tuple(c + side * s for c, s in zip(center, size, strict=True)) for side in (-0.5, 0.5)
+        )
         return cls(low=low, high=high, pitch=pitch, yaw=yaw)  # type: ignore[arg-type]
 
     @classmethod
-    def ramp(cls, start: tuple[float, float], end: tuple[float, float], width: float, thickness: float = 1.0) -> "Box":
-        """A slope along x: its upper face leads from one x and z to another, further ahead [m]; y = 0 is its middle.
+    def ramp(
+        cls,
+        start: tuple[float, float],
+        end: tuple[float, float],
+        width: float,
+        thickness: float = 1.0,
+    ) -> "Box":
+        """A slope along x: its upper face leads from one x and z to another, further ahead [m].
+
+        Y = 0 is its middle.
 
         Raises:
             ConfigError: the end is not ahead of the start.
         """
         ahead, up = end[0] - start[0], end[1] - start[1]
         if not ahead > 0.0:
-            raise ConfigError(f"a ramp leads from x = {start[0]} to x = {end[0]} m: its end must be ahead of its start")
+            raise ConfigError(
+                f"a ramp leads from x = {start[0]} to x = {end[0]} m: its end must be ahead of its "
+                f"start"
+            )
         length = math.hypot(ahead, up)
         center_x = 0.5 * (start[0] + end[0] + thickness * up / length)
         center_z = 0.5 * (start[1] + end[1] - thickness * ahead / length)
-        return cls.at((center_x, 0.0, center_z), (length, width, thickness), pitch=-math.atan2(up, ahead))
+        return cls.at(
+            (center_x, 0.0, center_z), (length, width, thickness), pitch=-math.atan2(up, ahead)
+        )
 
     @property
     def is_level(self) -> bool:
@@ -91,28 +121,47 @@ class Boxes:
     @classmethod
     def of(cls, boxes: Sequence[Box]) -> "Boxes":
         """The same boxes as numpy arrays."""
-        low, high = (np.array([getattr(box, side) for box in boxes]).reshape(-1, 3) for side in ("low", "high"))
-        turn = None if all(box.is_level for box in boxes) else np.array([(box.pitch, box.yaw) for box in boxes])
+        low, high = (
+            np.array([getattr(box, side) for box in boxes]).reshape(-1, 3)
+            for side in ("low", "high")
+        )
+        turn = (
+            None
+            if all(box.is_level for box in boxes)
+            else np.array([(box.pitch, box.yaw) for box in boxes])
+        )
         return cls(center=0.5 * (high + low), half_size=0.5 * (high - low), turn=turn)
 
     @classmethod
     def from_tables(cls, tables: Sequence[Mapping[str, Any]]) -> "Boxes":
         """From the boxes of a run log: `center` and full `size` [m], `pitch` and `yaw` [rad] where they are not 0."""
         center, size = (
-            np.array([t[key] for t in tables], dtype=np.float64).reshape(-1, 3) for key in ("center", "size")
+            np.array([t[key] for t in tables], dtype=np.float64).reshape(-1, 3)
+            for key in ("center", "size")
         )
-        turn = np.array([[t.get("pitch", 0.0), t.get("yaw", 0.0)] for t in tables], dtype=np.float64).reshape(-1, 2)
+        turn = np.array(
+            [[t.get("pitch", 0.0), t.get("yaw", 0.0)] for t in tables], dtype=np.float64
+        ).reshape(-1, 2)
         return cls(center=center, half_size=0.5 * size, turn=turn if turn.any() else None)
 
     def to_tables(self) -> list[dict[str, Any]]:
         """Returns what `from_tables` reads, of numpy arrays without leading dimensions."""
-        rows = zip(self.center.tolist(), (2.0 * self.half_size).tolist(), self.angles.tolist(), strict=True)
-        return [{"center": c, "size": s} | ({"pitch": a[0], "yaw": a[1]} if any(a) else {}) for c, s, a in rows]
+        rows = zip(
+            self.center.tolist(), (2.0 * self.half_size).tolist(), self.angles.tolist(), strict=True
+        )
+        return [
+            {"center": c, "size": s} | ({"pitch": a[0], "yaw": a[1]} if any(a) else {})
+            for c, s, a in rows
+        ]
 
     @property
     def angles(self) -> BoxAngles:
         """Pitch and yaw [rad], shape (..., n, 2)."""
-        return namespace(self.half_size).zeros_like(self.half_size[..., :2]) if self.turn is None else self.turn
+        return (
+            namespace(self.half_size).zeros_like(self.half_size[..., :2])
+            if self.turn is None
+            else self.turn
+        )
 
     @property
     def quaternion(self) -> BoxQuaternions:
@@ -143,7 +192,10 @@ class Boxes:
         return xp.stack([middle - reach, middle + reach])
 
     def of_robot(self, robot: int | Array) -> "Boxes":
-        """Those of one robot, without the leading dimension; or of many, by an array of whole numbers."""
+        """Those of one robot, without the leading dimension.
+
+        Or of many, by an array of whole numbers.
+        """
         turn = None if self.turn is None else self.turn[robot]
         return Boxes(center=self.center[robot], half_size=self.half_size[robot], turn=turn)
 
@@ -152,14 +204,23 @@ class Boxes:
         xp = namespace(array)
 
         def converted(value: Array | None) -> Array | None:
-            return None if value is None else xp.asarray(value, dtype=array.dtype, device=array.device)
+            return (
+                None if value is None else xp.asarray(value, dtype=array.dtype, device=array.device)
+            )
 
-        return Boxes(center=converted(self.center), half_size=converted(self.half_size), turn=converted(self.turn))
+        return Boxes(
+            center=converted(self.center),
+            half_size=converted(self.half_size),
+            turn=converted(self.turn),
+        )
 
     def height_at(self, x: Array, y: Array) -> Array:
-        """The highest point of any box above or below a place; exact, and an edge is part of its box.
+        """The highest point of any box above or below a place.
 
-        Beyond the rectangle around all boxes its rim goes on; where there is no box within it, the lowest underside.
+        Exact, and an edge is part of its box.
+
+        Beyond the rectangle around all boxes its rim goes on; where there is no box within it, the
+        lowest underside.
 
         Args:
             x: World x [m], of the library and dtype of the boxes, shape (..., points).
@@ -171,20 +232,32 @@ class Boxes:
         xp = namespace(x)
         low, high = self.center - self.extent, self.center + self.extent
         place = [
-            xp.clip(value, xp.min(low[..., i], axis=-1)[..., None], xp.max(high[..., i], axis=-1)[..., None])
+            xp.clip(
+                value,
+                xp.min(low[..., i], axis=-1)[..., None],
+                xp.max(high[..., i], axis=-1)[..., None],
+            )
             for i, value in enumerate((x, y))
         ]
-        top = self._tops(*(value[..., None] - self.center[..., None, :, i] for i, value in enumerate(place)))
+        top = self._tops(
+            *(value[..., None] - self.center[..., None, :, i] for i, value in enumerate(place))
+        )
         floor = xp.min(low[..., 2], axis=-1)[..., None]
         return xp.maximum(xp.max(top, axis=-1), floor)
 
     def covers(self, x: float, y: float) -> bool:
-        """True where any box lies above or below a place [m]; of numpy arrays without leading dimensions."""
+        """True where any box lies above or below a place [m].
+
+        Of numpy arrays without leading dimensions.
+        """
         top = self._tops(x - self.center[None, :, 0], y - self.center[None, :, 1])
         return bool(np.isfinite(top).any())
 
     def _tops(self, x: Array, y: Array) -> Array:
-        """Upper end of each box over places relative to its centre, -inf beside it; shapes (..., points, n)."""
+        """Upper end of each box over places relative to its centre, -inf beside it.
+
+        Shapes (..., points, n).
+        """
         xp = namespace(x)
         slack = ROUNDING * float(xp.finfo(x.dtype).eps)
         half = self.half_size[..., None, :, :]
@@ -194,7 +267,8 @@ class Boxes:
             return xp.where(covered, self.center[..., None, :, 2] + half[..., 2], never)
         sine, cosine, sine_yaw, cosine_yaw = (value[..., None, :] for value in self._sines(1.0))
         ahead, aside = cosine_yaw * x + sine_yaw * y, cosine_yaw * y - sine_yaw * x
-        # upright line through the place: (cos ahead - sin z) between the ends, (sin ahead + cos z) between the faces
+        # upright line through the place: (cos ahead - sin z) between the ends, (sin ahead + cos z)
+        # between the faces
         low_x, high_x = _between(-sine, cosine * ahead, half[..., 0], slack)
         low_z, high_z = _between(cosine, sine * ahead, half[..., 2], slack)
         low, high = xp.maximum(low_x, low_z), xp.minimum(high_x, high_z)
@@ -204,15 +278,27 @@ class Boxes:
     def _sines(self, share: float) -> tuple[Array, ...]:
         """Sine and cosine of that share of the pitch, and of the yaw, each of shape (..., n)."""
         xp, turn = namespace(self.half_size), share * self.angles
-        return xp.sin(turn[..., 0]), xp.cos(turn[..., 0]), xp.sin(turn[..., 1]), xp.cos(turn[..., 1])
+        return (
+            xp.sin(turn[..., 0]),
+            xp.cos(turn[..., 0]),
+            xp.sin(turn[..., 1]),
+            xp.cos(turn[..., 1]),
+        )
 
 
 def _between(slope: Array, offset: Array, half: Array, slack: float) -> tuple[Array, Array]:
-    """Least and greatest z with |slope z + offset| <= half; nothing or everything where the slope is none."""
+    """Least and greatest z with |slope z + offset| <= half.
+
+    Nothing or everything where the slope is none.
+    """
     xp = namespace(offset)
     is_upright = xp.abs(slope) < UPRIGHT
     safe = xp.where(is_upright, xp.ones_like(slope), slope)
     ends = (-half - offset) / safe, (half - offset) / safe
-    anywhere = xp.where(xp.abs(offset) <= half + slack, xp.full_like(offset, math.inf), xp.full_like(offset, -math.inf))
+    anywhere = xp.where(
+        xp.abs(offset) <= half + slack,
+        xp.full_like(offset, math.inf),
+        xp.full_like(offset, -math.inf),
+    )
     low = xp.where(is_upright, -anywhere, xp.minimum(*ends))
     return low, xp.where(is_upright, anywhere, xp.maximum(*ends))

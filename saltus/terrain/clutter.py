@@ -1,8 +1,10 @@
-"""Ground with things on it: boxes, walls, poles, leaning planks, plates in the air. Not to be crossed, but to be seen.
+"""Ground with things on it: boxes, walls, poles, leaning planks, plates in the air.
 
-In some scenes the ground ends, as a desk or a platform does, and goes on lower, over ledges and slopes that nobody can
-know who has not looked over the edge. A predictor that has only ever seen courses is sure of itself anywhere; it learns
-here where it does not know.
+Not to be crossed, but to be seen.
+
+In some scenes the ground ends, as a desk or a platform does, and goes on lower, over ledges and
+slopes that nobody can know who has not looked over the edge. A predictor that has only ever seen
+courses is sure of itself anywhere; it learns here where it does not know.
 """
 
 import math
@@ -13,7 +15,10 @@ from saltus.terrain.boxes import Box
 from saltus.terrain.terrain import FIRST_EDGE_X, GROUND_START_X, RUN_OUT, WIDTH, Terrain, across
 
 BOXES = 12
-"""At most; with the ground, which is up to six, 18: no more than a course of a training may have."""
+"""At most.
+
+With the ground, which is up to six, 18: no more than a course of a training may have.
+"""
 FROM_X, TO_X, ASIDE_M = 0.6, 4.5, 0.8
 """Where they are: a camera sees 0.2 m to either side at 1 m, 0.6 m at 3 m."""
 SIDE_M = (0.03, 2.0)
@@ -21,7 +26,10 @@ SIDE_M = (0.03, 2.0)
 to a wall."""
 LEAST_HEIGHT_M = 0.03
 IN_THE_AIR = 0.3
-"""Share of things that have nothing below them, like the plate of a table; they are as often high as low."""
+"""Share of things that have nothing below them, like the plate of a table.
+
+They are as often high as low.
+"""
 LEANS = 0.4
 """Share of things that lean, as a plank or a heap does, and of ledges that are slopes."""
 LEAN_RAD = 0.8

@@ -29,7 +29,8 @@ class Columns:
         """The same boxes; None where they are no columns."""
         first = boxes[0]
         is_wide = first.low[1] == -first.high[1] and all(
-            box.is_level and box.low[1:] == first.low[1:] and box.high[1] == first.high[1] for box in boxes
+            box.is_level and box.low[1:] == first.low[1:] and box.high[1] == first.high[1]
+            for box in boxes
         )
         if not is_wide or any(a.high[0] != b.low[0] for a, b in pairwise(boxes)):
             return None
@@ -51,15 +52,24 @@ def column_heights(walls: Floats, tops: Floats, x: Array) -> Array:
     """Height of columns: at a wall, the higher side; beyond both ends the outermost go on.
 
     Args:
-        walls: Boundaries between columns [m], ascending; shape (n - 1,), or (robots, n - 1) where robots differ.
+        walls: Boundaries between columns [m], ascending; shape (n - 1,), or (robots, n - 1) where
+            robots differ.
         tops: Height of each [m], shape (n,) or (robots, n).
         x: World x [m], numpy or torch, shape (points,) or (robots, points).
     """
     xp = array_namespace(x)
     # The dtype of x decides: a boundary is compared in the precision in which x is known.
-    walls, tops = (xp.astype(xp.asarray(value, device=x.device), x.dtype) for value in (walls, tops))
-    behind = xp.sum(xp.astype(x[..., None] > walls[..., None, :], xp.int64), axis=-1)  # if a wall counts backward
-    ahead = xp.sum(xp.astype(x[..., None] >= walls[..., None, :], xp.int64), axis=-1)  # if it counts forward
+    walls, tops = (
+        xp.astype(xp.asarray(value, device=x.device), x.dtype) for value in (walls, tops)
+    )
+    behind = xp.sum(
+        xp.astype(x[..., None] > walls[..., None, :], xp.int64), axis=-1
+    )  # if a wall counts backward
+    ahead = xp.sum(
+        xp.astype(x[..., None] >= walls[..., None, :], xp.int64), axis=-1
+    )  # if it counts forward
     if tops.ndim == 1:
         return xp.maximum(xp.take(tops, behind, axis=0), xp.take(tops, ahead, axis=0))
-    return xp.maximum(xp.take_along_axis(tops, behind, axis=1), xp.take_along_axis(tops, ahead, axis=1))
+    return xp.maximum(
+        xp.take_along_axis(tops, behind, axis=1), xp.take_along_axis(tops, ahead, axis=1)
+    )

@@ -62,14 +62,19 @@ class Course(Value):
         return cls(segments=segments, **vars(from_table(_Rest, table)))
 
     def terrain(self, draws: Draws) -> Terrain:
-        """The course with its sizes drawn. It ends at a line across x, or at its far end in x where it leads away."""
+        """The course with its sizes drawn.
+
+        It ends at a line across x, or at its far end in x where it leads away.
+        """
         way = Way(width=self.width, x=GROUND_START_X)
         for segment in (Level(length=STANCE_M - GROUND_START_X), *self.segments):
             segment.lay(way, draws)
         end, leads_ahead = way.x + FINISH_AFTER_COURSE * math.cos(way.yaw), abs(way.yaw) < AHEAD_RAD
         Level(length=RUN_OUT).lay(way, draws)
         boxes = way.boxes(self.floor_m, self.margin_m)
-        return Terrain(kind=self.kind, boxes=boxes, finish_x=end if leads_ahead else boxes[0].high[0])
+        return Terrain(
+            kind=self.kind, boxes=boxes, finish_x=end if leads_ahead else boxes[0].high[0]
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,10 +94,15 @@ class CourseFamily:
     file: Path
 
     def __call__(self, difficulty: float | None, rng: np.random.Generator) -> Terrain:
-        """A course of them; without a difficulty sizes are drawn up to the hard ones. `ConfigError` names the file."""
+        """A course of them; without a difficulty sizes are drawn up to the hard ones.
+
+        `ConfigError` names the file.
+        """
         draws = Draws(rng, 1.0 if difficulty is None else difficulty)
         terrain = load(Course, self.file).terrain(draws)
-        return terrain if difficulty is None else replace(terrain, params={"difficulty": difficulty})
+        return (
+            terrain if difficulty is None else replace(terrain, params={"difficulty": difficulty})
+        )
 
 
 def course_family(name: str) -> CourseFamily | None:
@@ -101,7 +111,11 @@ def course_family(name: str) -> CourseFamily | None:
     if shipped.is_file():
         return CourseFamily(shipped)
     is_file = name.endswith(".toml") and Path(name).is_file()
-    return CourseFamily(Path(name)) if is_file and "segments" in read_file(Path(name), read_toml) else None
+    return (
+        CourseFamily(Path(name))
+        if is_file and "segments" in read_file(Path(name), read_toml)
+        else None
+    )
 
 
 def shipped_courses() -> list[str]:

@@ -1,6 +1,7 @@
 """The one law of each kind of terrain that is made of level columns, for one course (`level`) and thousands (`batch`).
 
-A course is columns behind the ground at the start, each with a trench before it that may have no width.
+A course is columns behind the ground at the start, each with a trench before it that may have no
+width.
 """
 
 from dataclasses import dataclass
@@ -13,7 +14,9 @@ KINDS = (
 )  # fmt: skip
 """A kind is its place in this order; those of families of one's own follow."""
 PAPER = KINDS[:5]
-"""Those of the paper. In the others ground leads down, treads and rises differ, walls are thin, trenches of any depth.
+"""Those of the paper.
+
+In the others ground leads down, treads and rises differ, walls are thin, trenches of any depth.
 """
 DESCENDING = ("stairs_down", "step_down", "pyramid", "irregular")
 """Kinds whose ground, without trenches, may lead down."""
@@ -21,7 +24,10 @@ DESCENDING = ("stairs_down", "step_down", "pyramid", "irregular")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CourseShape:
-    """Columns of courses; column 0 is the ground at the start. Arrays with a leading dimension of courses."""
+    """Columns of courses; column 0 is the ground at the start.
+
+    Arrays with a leading dimension of courses.
+    """
 
     length: Array
     """Length of each column along x [m], shape (n, columns)."""
@@ -40,16 +46,25 @@ _FINE = 1024.0
 
 
 def shape(
-    kind: Array, *, count: Array, rise: Array, length: Array, gap: tuple[Array, Array], depth: Array, draws: Array
+    kind: Array,
+    *,
+    count: Array,
+    rise: Array,
+    length: Array,
+    gap: tuple[Array, Array],
+    depth: Array,
+    draws: Array,
 ) -> CourseShape:
     """The columns of each course.
 
     Args:
         kind: Place in `KINDS`, integers, shape (n,).
-        count: How many columns a course needs behind the start, whole numbers as floats, shape (n,).
-        rise: From each column to the next, of a hurdle its height, of irregular stairs the highest riser [m]; negative
-            leads down. Shape (n,).
-        length: Of the columns along x [m], shape (n,); of hurdles from one to the next, not of irregular stairs.
+        count: How many columns a course needs behind the start, whole numbers as floats, shape
+            (n,).
+        rise: From each column to the next, of a hurdle its height, of irregular stairs the highest
+            riser [m]; negative leads down. Shape (n,).
+        length: Of the columns along x [m], shape (n,); of hurdles from one to the next, not of
+            irregular stairs.
         gap: Least and greatest width of trenches [m], each of shape (n,).
         depth: Of trenches below the lowest column [m], shape (n,).
         draws: Uniform in [0, 1), shape (n, columns).
@@ -60,7 +75,9 @@ def shape(
     index = xp.where(index <= count[:, None], index, zero)
     is_irregular, is_hurdles = (is_kind(kind, name)[:, None] for name in ("irregular", "hurdles"))
     of_rises, of_gaps = draws, draws  # irregular stairs have no trenches
-    of_treads = _FINE * draws - xp.floor(_FINE * draws)  # the lower digits of a uniform number are another one
+    of_treads = _FINE * draws - xp.floor(
+        _FINE * draws
+    )  # the lower digits of a uniform number are another one
     along = xp.where(is_irregular, between(IRREGULAR_RUN_M, of_treads), length[:, None] + zero)
     wall = index - 2.0 * xp.floor(0.5 * index)
     half = 0.5 * count[:, None]

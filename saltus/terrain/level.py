@@ -4,12 +4,19 @@ import numpy as np
 
 from saltus.errors import ConfigError
 from saltus.terrain.law import KINDS, between, shape
-from saltus.terrain.terrain import FINISH_AFTER_COURSE, FINISH_AFTER_SINGLE, TRENCH_DEPTH, Terrain, build
+from saltus.terrain.terrain import (
+    FINISH_AFTER_COURSE,
+    FINISH_AFTER_SINGLE,
+    TRENCH_DEPTH,
+    Terrain,
+    build,
+)
 
 SINGLE = ("step", "step_down", "gap", "ditch")
 """Kinds with one edge or one trench."""
 _COLUMNS = {"stepping_stones": (1, 1), "pyramid": (2, 0), "hurdles": (2, 0)}
-"""For each of its `steps`, and besides: a trench behind the last stone, stairs up and down, hurdles and ground."""
+"""For each of its `steps`, and besides: a trench behind the last stone, stairs up and down, hurdles
+and ground."""
 
 
 def make(kind: str, rng: np.random.Generator | None = None, **sizes: float) -> Terrain:
@@ -17,7 +24,8 @@ def make(kind: str, rng: np.random.Generator | None = None, **sizes: float) -> T
 
     Args:
         kind: Its name.
-        rng: Source of what is drawn: widths and depth of trenches where a greatest is given, irregular stairs.
+        rng: Source of what is drawn: widths and depth of trenches where a greatest is given,
+            irregular stairs.
         sizes: Those of `saltus.config.TerrainConfig` that the kind has, by their names [m].
 
     Raises:
@@ -25,7 +33,9 @@ def make(kind: str, rng: np.random.Generator | None = None, **sizes: float) -> T
     """
     each, besides = _COLUMNS.get(kind, (1, 0))
     count = each * int(sizes.get("steps", 1)) + besides
-    rise = sizes.get("rise_m", sizes.get("height_m", 0.0)) * (-1.0 if kind.endswith("_down") else 1.0)
+    rise = sizes.get("rise_m", sizes.get("height_m", 0.0)) * (
+        -1.0 if kind.endswith("_down") else 1.0
+    )
     gap, depth = _bounds(sizes, "gap", 0.0), _bounds(sizes, "depth", TRENCH_DEPTH)
     one = np.ones(1)
     *of_columns, of_depth = (rng or np.random.default_rng(0)).uniform(size=count + 1)

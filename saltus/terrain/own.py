@@ -3,8 +3,9 @@
     [project.entry-points."saltus.terrains"]
     ledges = "my_package.ledges:make"
 
-The function takes the difficulty, from 0 to 1, and a generator from which it draws all that is random, and returns a
-`Terrain`. Then `ledges` is a terrain like any other: to look at, to run, to evaluate and to train on.
+The function takes the difficulty, from 0 to 1, and a generator from which it draws all that is
+random, and returns a `Terrain`. Then `ledges` is a terrain like any other: to look at, to run, to
+evaluate and to train on.
 """
 
 from collections.abc import Callable
@@ -31,7 +32,8 @@ class OwnFamily:
         """A terrain of the family.
 
         Raises:
-            ConfigError: the function cannot be found, fails, or returns no terrain that a robot can start on.
+            ConfigError: the function cannot be found, fails, or returns no terrain that a robot can
+                start on.
         """
         difficulty = MEDIUM if difficulty is None else difficulty
         where = f"terrain '{self.entry.name}' ({self.entry.value})"
@@ -41,7 +43,9 @@ class OwnFamily:
         except Exception as error:  # whatever goes wrong in another's code
             raise ConfigError(f"{where} failed: {type(error).__name__}: {error}") from error
         if not isinstance(terrain, Terrain):
-            raise ConfigError(f"{where} returned {type(terrain).__name__}: its function must return a Terrain")
+            raise ConfigError(
+                f"{where} returned {type(terrain).__name__}: its function must return a Terrain"
+            )
         return checked(replace(terrain, params={"difficulty": difficulty} | terrain.params), where)
 
 

@@ -11,6 +11,8 @@ def make(kind: str, *, slope_deg: float, run_m: float) -> Terrain:
     """A slope of an angle [deg] and a length along x [m] that leads up, or down where `kind` is "ramp_down"."""
     up = run_m * math.tan(math.radians(slope_deg)) * (-1.0 if kind == "ramp_down" else 1.0)
     sizes = {"slope_deg": slope_deg, "run_m": run_m}
-    level = build(kind, sizes, [(run_m, min(up, 0.0))], last_top=up, finish_behind=FINISH_AFTER_COURSE)
+    level = build(
+        kind, sizes, [(run_m, min(up, 0.0))], last_top=up, finish_behind=FINISH_AFTER_COURSE
+    )
     slope = Box.ramp((FIRST_EDGE_X, 0.0), (FIRST_EDGE_X + run_m, up), WIDTH)
     return replace(level, boxes=(*level.boxes[:2], slope, *level.boxes[2:]))

@@ -1,6 +1,7 @@
 """Segments of which a course in two dimensions is made: each lays its boxes where the one before it ends.
 
-A size is a number, or two, an easy and a hard one, between which it is drawn. Lengths are in metres, angles in radians.
+A size is a number, or two, an easy and a hard one, between which it is drawn. Lengths are in
+metres, angles in radians.
 """
 
 import math
@@ -15,7 +16,9 @@ from saltus.terrain.boxes import MOST_YAW
 from saltus.terrain.way import Way
 
 Size = float | tuple[float, float]
-TILT_RAD = 0.3  # of rubble, at most: what lies on level ground hardly leans more without rolling off
+TILT_RAD = (
+    0.3  # of rubble, at most: what lies on level ground hardly leans more without rolling off
+)
 STONE_YAW_RAD = 0.3  # of a stone, to either side
 SHRINKS = 0.3  # a stone is up to this share smaller than the others
 LARGEST_M, MOST = 50.0, 400
@@ -83,7 +86,10 @@ class Level(Segment):
 
 @dataclass(frozen=True, kw_only=True)
 class Turn(Segment):
-    """A landing as long as it is wide, from which the way goes on in another direction; to the left positive."""
+    """A landing as long as it is wide, from which the way goes on in another direction.
+
+    To the left positive.
+    """
 
     kind = "turn"
     angle: Size = 0.5 * math.pi
@@ -100,12 +106,17 @@ class Turn(Segment):
     def __post_init__(self) -> None:
         for angle in self.angle if isinstance(self.angle, tuple) else (self.angle,):
             if abs(angle) > MOST_YAW:
-                raise ConfigError(f"turn.angle = {angle:g}: it is in radians, from {-MOST_YAW} to {MOST_YAW}")
+                raise ConfigError(
+                    f"turn.angle = {angle:g}: it is in radians, from {-MOST_YAW} to {MOST_YAW}"
+                )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stairs(Segment):
-    """Stairs, down where their rise is negative; hollow ones have plates for treads and nothing between them."""
+    """Stairs, down where their rise is negative.
+
+    Hollow ones have plates for treads and nothing between them.
+    """
 
     kind = "stairs"
     steps: int = 8
@@ -156,14 +167,21 @@ class Stones(Segment):
 
     def lay(self, way: Way, draws: Draws) -> None:
         """Lays the floor of the trench, and the stones."""
-        length, pitch, share = draws.size(self.length), draws.size(self.pitch), draws.size(self.share)
+        length, pitch, share = (
+            draws.size(self.length),
+            draws.size(self.pitch),
+            draws.size(self.share),
+        )
         uneven, depth = draws.size(self.uneven), draws.size(self.depth)
         way.block((0.0, length), -depth)
         rows, columns = (max(1, int(side / pitch)) for side in (length, way.width))
         for i, j in np.ndindex(rows, columns):
             side = share * pitch * (1.0 - SHRINKS * draws.rng.uniform(size=2))
             moved = (pitch - side) * draws.rng.uniform(-0.5, 0.5, 2)
-            yaw, top = draws.rng.uniform(-STONE_YAW_RAD, STONE_YAW_RAD), draws.rng.uniform(-uneven, uneven)
+            yaw, top = (
+                draws.rng.uniform(-STONE_YAW_RAD, STONE_YAW_RAD),
+                draws.rng.uniform(-uneven, uneven),
+            )
             if draws.rng.uniform() >= self.missing:
                 middle = (i + 0.5) * pitch + moved[0], (j + 0.5 - 0.5 * columns) * pitch + moved[1]
                 way.thing(middle, (side[0], side[1]), top, depth + top + uneven, yaw=yaw)
@@ -219,7 +237,9 @@ class Walls(Segment):
         way.block((0.0, length), 0.0)
         for side in (-1.0, 1.0):
             inner, outer = side * (half - draws.size(self.thickness)), side * half
-            way.block((0.0, length), draws.size(self.height), (min(inner, outer), max(inner, outer)))
+            way.block(
+                (0.0, length), draws.size(self.height), (min(inner, outer), max(inner, outer))
+            )
         way.go(length)
 
 
@@ -243,7 +263,9 @@ class Rubble(Segment):
             middle = draws.rng.uniform(0.0, length), draws.rng.uniform(-0.5, 0.5) * way.width
             a, b, top = draws.spread(self.side), draws.spread(self.side), draws.size(self.height)
             yaw, pitch = draws.rng.uniform(0.0, math.pi), draws.rng.uniform(-self.tilt, self.tilt)
-            way.thing(middle, (a, b), top, top + 0.5 * a * abs(math.sin(pitch)), yaw=yaw, pitch=pitch)
+            way.thing(
+                middle, (a, b), top, top + 0.5 * a * abs(math.sin(pitch)), yaw=yaw, pitch=pitch
+            )
         way.go(length)
 
 
@@ -257,7 +279,10 @@ class Clutter(Rubble):
     tilt: float = 0.0
 
 
-SEGMENTS = {each.kind: each for each in (Level, Turn, Stairs, Ramp, Stones, Ditch, Hurdles, Walls, Rubble, Clutter)}
+SEGMENTS = {
+    each.kind: each
+    for each in (Level, Turn, Stairs, Ramp, Stones, Ditch, Hurdles, Walls, Rubble, Clutter)
+}
 
 
 def segment_of(table: Any, where: str) -> Segment:

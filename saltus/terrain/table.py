@@ -1,6 +1,7 @@
 """Courses of families of one's own for a training: made before it begins, for robots to draw from at every start.
 
-A function of one's own makes one terrain at a time, on a processor; a training starts thousands of courses a second.
+A function of one's own makes one terrain at a time, on a processor; a training starts thousands of
+courses a second.
 """
 
 from dataclasses import dataclass, fields
@@ -15,15 +16,22 @@ from saltus.terrain.stack import SPARE_DEPTH, SPARE_SIZE, TerrainStack
 from saltus.terrain.terrain import LEVEL_M, TRENCH_DEPTH
 
 VARIANTS = 32
-"""Courses of each family and level. With ten levels 320, of which a robot meets some ten on its way up."""
+"""Courses of each family and level.
+
+With ten levels 320, of which a robot meets some ten on its way up.
+"""
 MANY_VARIANTS = 1024
-"""The same where there is one level, as in data for predictors: thousands of robots would learn 32 scenes by heart."""
+"""The same where there is one level, as in data for predictors: thousands of robots would learn 32
+scenes by heart."""
 _LOOK_M = 0.01  # between the places at which the lowest ground of a course is looked for
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CourseTable:
-    """Courses of some families, level by level, `variants` each; those of a family follow one another."""
+    """Courses of some families, level by level, `variants` each.
+
+    Those of a family follow one another.
+    """
 
     levels: int
     variants: int
@@ -48,7 +56,8 @@ class CourseTable:
 
         Args:
             names: Of the families.
-            levels: Level k has difficulties from k / levels to (k + 1) / levels of `hardest`, at most 1.
+            levels: Level k has difficulties from k / levels to (k + 1) / levels of `hardest`, at
+                most 1.
             hardest: Difficulty at the end of the last level.
             boxes: How many a course has in `solid`, at least.
 
@@ -65,12 +74,19 @@ class CourseTable:
         start_x = np.array([terrain.start_x for terrain in terrains])
         for array in (ground.center, solid.center):
             array[..., 0] -= start_x[:, None]
-        along = [t.height_at(np.append(np.arange(t.start_x, t.finish_x, _LOOK_M), t.finish_x), 0.0) for t in terrains]
-        lowest, last = np.array([heights.min() for heights in along]), np.array([heights[-1] for heights in along])
+        along = [
+            t.height_at(np.append(np.arange(t.start_x, t.finish_x, _LOOK_M), t.finish_x), 0.0)
+            for t in terrains
+        ]
+        lowest, last = (
+            np.array([heights.min() for heights in along]),
+            np.array([heights[-1] for heights in along]),
+        )
         finish_x = stack.finish_x - start_x
         return CourseTable(
             levels=levels, variants=variants, ground=ground, solid=solid, finish_x=finish_x,
-            slope=1.0 + np.abs(last) / finish_x, floor=lowest - TRENCH_DEPTH, leads_down=last < -LEVEL_M,
+            slope=1.0 + np.abs(last) / finish_x, floor=lowest - TRENCH_DEPTH,
+            leads_down=last < -LEVEL_M,
         )  # fmt: skip
 
     @property
@@ -85,7 +101,9 @@ class CourseTable:
         for name in ("finish_x", "slope", "floor"):
             values[name] = xp.asarray(values[name], dtype=array.dtype, device=array.device)
         values["leads_down"] = xp.asarray(self.leads_down, device=array.device)
-        return CourseTable(**values | {name: values[name].like(array) for name in ("ground", "solid")})
+        return CourseTable(
+            **values | {name: values[name].like(array) for name in ("ground", "solid")}
+        )
 
     def draw(self, family: Array, level: Array, draw: Array) -> Array:
         """Places of courses in the table.
@@ -112,12 +130,18 @@ class OwnCourses:
     """True where the robot is on it, bool, shape (n,)."""
 
     def height_at(self, x: Array, y: Array, otherwise: Array) -> Array:
-        """Ground at world x and y [m], `otherwise` of the other robots; all of shape (n, points)."""
+        """Ground at world x and y [m], `otherwise` of the other robots.
+
+        All of shape (n, points).
+        """
         heights = self.table.ground.of_robot(self.course).height_at(x, y)
         return namespace(x).where(self.used[:, None], heights, otherwise)
 
     def boxes(self, otherwise: Boxes) -> Boxes:
-        """Boxes that robots step on, `otherwise` for others; arrays of shape (n, `CourseTable.boxes`, ...)."""
+        """Boxes that robots step on, `otherwise` for others.
+
+        Arrays of shape (n, `CourseTable.boxes`, ...).
+        """
         xp, own = namespace(otherwise.center), self.table.solid.of_robot(self.course)
         spare = xp.zeros_like(own.center[:, otherwise.center.shape[1] :])
         center = xp.concat([otherwise.center, spare + SPARE_DEPTH], axis=1)

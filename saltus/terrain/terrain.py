@@ -15,12 +15,18 @@ from saltus.errors import ConfigError
 from saltus.terrain.boxes import Box, Boxes, Point
 from saltus.terrain.columns import Columns
 
-GROUND_START_X = -2.0  # ground behind the robot [m]: the rearmost heightmap point at the start is at -0.6
-FIRST_EDGE_X = 1.5  # beyond the camera's reach of 0.5 m from the start, and room for the first bounds
+GROUND_START_X = (
+    -2.0
+)  # ground behind the robot [m]: the rearmost heightmap point at the start is at -0.6
+FIRST_EDGE_X = (
+    1.5  # beyond the camera's reach of 0.5 m from the start, and room for the first bounds
+)
 RUN_OUT = 4.0  # ground behind the finish [m]: a robot at 2 m/s lands and stops on it
 FINISH_AFTER_COURSE = 0.5  # definition of success: this far behind the last edge of a course
 FINISH_AFTER_SINGLE = 1.0  # the same behind a single step or gap
-TIMING_BEFORE_FIRST_EDGE = 0.5  # time runs from here; on flat ground from the start (`Terrain.timing_x`)
+TIMING_BEFORE_FIRST_EDGE = (
+    0.5  # time runs from here; on flat ground from the start (`Terrain.timing_x`)
+)
 WIDTH = 4.0
 BOTTOM = -1.0  # lower end of all columns, where none of them is low
 THICKNESS = 0.6  # of the lowest column, at least: nothing falls through
@@ -53,7 +59,10 @@ class Terrain(Value):
         if not self.boxes:
             raise ConfigError(f"terrain '{self.kind}' has no boxes: it must have at least one")
         if not math.isfinite(self.start_x) or not math.isfinite(self.finish_x):
-            raise ConfigError(f"terrain '{self.kind}' starts at {self.start_x} and ends at {self.finish_x}: not finite")
+            raise ConfigError(
+                f"terrain '{self.kind}' starts at {self.start_x} and ends at {self.finish_x}: not "
+                f"finite"
+            )
 
     @classmethod
     def from_toml(cls, text: str) -> "Terrain":
@@ -67,9 +76,14 @@ class Terrain(Value):
     def edges_x(self) -> Floats:
         """Every x beyond the start at which the top of a box begins or ends, but for the ends of the terrain [m].
 
-        A change of height by zero counts: a course of difficulty 0 has the same edges. Ascending, shape (edges,).
+        A change of height by zero counts: a course of difficulty 0 has the same edges. Ascending,
+            shape (edges,).
         """
-        ends: Floats = np.unique(np.round(self.arrays.top_ends, _DIGITS)) if self.columns is None else self.columns.x
+        ends: Floats = (
+            np.unique(np.round(self.arrays.top_ends, _DIGITS))
+            if self.columns is None
+            else self.columns.x
+        )
         return ends[1:-1][ends[1:-1] > self.start_x]
 
     @property
@@ -79,13 +93,20 @@ class Terrain(Value):
 
     @property
     def timing_x(self) -> float:
-        """Where the time of a trial starts to run: 0.5 m before the first edge; the start on flat ground [m]."""
+        """Where the time of a trial starts to run: 0.5 m before the first edge.
+
+        The start on flat ground [m].
+        """
         return self.first_edge_x - TIMING_BEFORE_FIRST_EDGE if self.edges_x.size else self.start_x
 
     @property
     def timed(self) -> str:
         """From where that is, in words."""
-        return f"from {TIMING_BEFORE_FIRST_EDGE:g} m before the first edge" if self.edges_x.size else "from the start"
+        return (
+            f"from {TIMING_BEFORE_FIRST_EDGE:g} m before the first edge"
+            if self.edges_x.size
+            else "from the start"
+        )
 
     @cached_property
     def arrays(self) -> Boxes:
@@ -103,7 +124,8 @@ class Terrain(Value):
         Beyond its ends and sides the outermost boxes go on.
 
         Args:
-            x: World x, an array of any shape (numpy, torch, or any other of the array API) or a number.
+            x: World x, an array of any shape (numpy, torch, or any other of the array API) or a
+                number.
             y: World y, an array like `x` or a number.
 
         Returns:
@@ -136,15 +158,24 @@ def checked(terrain: Terrain, where: str) -> Terrain:
         ConfigError: it cannot.
     """
     start, finish = terrain.start_x, terrain.finish_x
-    for name, low, high in (("start", start - STANCE_M, start + STANCE_M), ("finish", finish, finish + STANCE_M)):
+    for name, low, high in (
+        ("start", start - STANCE_M, start + STANCE_M),
+        ("finish", finish, finish + STANCE_M),
+    ):
         if not all(terrain.arrays.covers(x, 0.0) for x in (low, 0.5 * (low + high), high)):
-            raise ConfigError(f"{where}: no ground under the {name}: boxes must reach from x = {low:g} to {high:g} m")
+            raise ConfigError(
+                f"{where}: no ground under the {name}: boxes must reach from x = {low:g} to "
+                f"{high:g} m"
+            )
     start_z = float(terrain.height_at(terrain.start_x, 0.0))
     if abs(start_z) > LEVEL_M:
-        raise ConfigError(f"{where}: the ground at the start is {start_z:g} m high, it must be at 0")
+        raise ConfigError(
+            f"{where}: the ground at the start is {start_z:g} m high, it must be at 0"
+        )
     if terrain.finish_x <= terrain.start_x:
         raise ConfigError(
-            f"{where}: finish_x = {terrain.finish_x:g} m, it must be beyond the start at {terrain.start_x:g} m"
+            f"{where}: finish_x = {terrain.finish_x:g} m, it must be beyond the start at "
+            f"{terrain.start_x:g} m"
         )
     return terrain
 
@@ -170,8 +201,8 @@ def build(
     Args:
         kind: Name of the terrain.
         params: Sizes as used.
-        columns: Extent along x and height of each [m]; those of no width, or less than can be told at that place, are
-            left out.
+        columns: Extent along x and height of each [m]; those of no width, or less than can be told
+            at that place, are left out.
         last_top: Height of the ground behind them [m].
         finish_behind: Distance of the finish behind the last edge [m].
     """

@@ -9,12 +9,15 @@ from saltus.terrain.boxes import Box, Boxes
 from saltus.terrain.terrain import THICKNESS
 
 SLAB_M = 0.3
-"""Thickness of a slope: nothing falls through it, and it does not reach far below the ground beside it."""
+"""Thickness of a slope: nothing falls through it, and it does not reach far below the ground beside
+it."""
 
 
 @dataclass
 class Way:
-    """Where the next segment begins, and what was laid so far; lengths in metres, angles in radians.
+    """Where the next segment begins, and what was laid so far.
+
+    Lengths in metres, angles in radians.
 
     A segment speaks of places ahead of where it begins, aside to the left, and up.
     """
@@ -51,7 +54,10 @@ class Way:
         It is solid down to the floor, unless it is a plate, `thick`.
         """
         right, left = aside or (-0.5 * self.width, 0.5 * self.width)
-        middle, size = (0.5 * (ahead[0] + ahead[1]), 0.5 * (right + left)), (ahead[1] - ahead[0], left - right)
+        middle, size = (
+            (0.5 * (ahead[0] + ahead[1]), 0.5 * (right + left)),
+            (ahead[1] - ahead[0], left - right),
+        )
         self.thing(middle, size, up, thick or THICKNESS, to_floor=thick is None)
 
     def thing(
@@ -65,10 +71,16 @@ class Way:
         pitch: float = 0.0,
         to_floor: bool = False,
     ) -> None:
-        """A box whose upper face has its middle at a place ahead and aside, `top` above the ground; turned there."""
+        """A box whose upper face has its middle at a place ahead and aside, `top` above the ground.
+
+        Turned there.
+        """
         x, y = self.place(*middle)
         turn = math.remainder(self.yaw + yaw, 2.0 * math.pi)
-        sin, cos = math.sin(pitch), math.cos(pitch)  # the centre lies half the thickness below, along the box's own z
+        sin, cos = (
+            math.sin(pitch),
+            math.cos(pitch),
+        )  # the centre lies half the thickness below, along the box's own z
         center = (
             x - 0.5 * thick * sin * math.cos(turn),
             y - 0.5 * thick * sin * math.sin(turn),
@@ -79,7 +91,11 @@ class Way:
     def slope(self, length: float, up: float) -> None:
         """A slope whose upper face leads from here to a place `length` ahead and `up`."""
         self.thing(
-            (0.5 * length, 0.0), (math.hypot(length, up), self.width), 0.5 * up, SLAB_M, pitch=-math.atan2(up, length)
+            (0.5 * length, 0.0),
+            (math.hypot(length, up), self.width),
+            0.5 * up,
+            SLAB_M,
+            pitch=-math.atan2(up, length),
         )
 
     def boxes(self, floor_m: float, margin_m: float) -> tuple[Box, ...]:
@@ -89,8 +105,13 @@ class Way:
         high = np.asarray(arrays.center + arrays.extent).max(axis=0) + margin_m
         floor = min(0.0, *(box.high[2] for box, to_floor in self.blocks if to_floor)) - floor_m
         bottom = floor - THICKNESS
-        ground = Box(low=(float(low[0]), float(low[1]), bottom), high=(float(high[0]), float(high[1]), floor))
-        return (ground, *(_down_to(box, bottom) if to_floor else box for box, to_floor in self.blocks))
+        ground = Box(
+            low=(float(low[0]), float(low[1]), bottom), high=(float(high[0]), float(high[1]), floor)
+        )
+        return (
+            ground,
+            *(_down_to(box, bottom) if to_floor else box for box, to_floor in self.blocks),
+        )
 
 
 def _down_to(box: Box, bottom: float) -> Box:

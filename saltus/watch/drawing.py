@@ -20,7 +20,9 @@ PLANNED, FORCE = (0, 114, 178), (230, 159, 0)
 TOP, WALL, EDGE = (203, 210, 218), (120, 133, 148), (84, 95, 109)
 SKY = ((150, 186, 222), (244, 247, 250))
 LIFT = np.array([0.0, 0.0, 0.004])  # lines float this far above the ground, else they flicker [m]
-DISC_LIFT = np.array([0.0, 0.0, 0.013])  # a disc faces the browser: half of it would be in the ground [m]
+DISC_LIFT = np.array(
+    [0.0, 0.0, 0.013]
+)  # a disc faces the browser: half of it would be in the ground [m]
 GUESSED = (204, 121, 167)
 GUESS_M = 0.12
 """Half-width from which on a point of a scan is drawn as guessed: that of ground that was never seen (models/scan.md)
@@ -47,17 +49,25 @@ class Drawing:
         for ground, (vertices, faces), colour in (
             ("tops", terrain_tops(boxes), TOP), ("walls", terrain_walls(boxes), WALL),
         ):  # fmt: skip
-            scene.add_mesh_simple(f"{name}/{ground}", vertices, faces, color=colour, flat_shading=True)
+            scene.add_mesh_simple(
+                f"{name}/{ground}", vertices, faces, color=colour, flat_shading=True
+            )
         edges = terrain_edges(boxes) + LIFT
-        scene.add_line_segments(f"{name}/edges", edges, EDGE, thickness=1.5, thickness_units="screen")
+        scene.add_line_segments(
+            f"{name}/edges", edges, EDGE, thickness=1.5, thickness_units="screen"
+        )
         self._shapes = RobotShapes(world.robot, world.terrain)
         self._bodies = []
         nodes = {"world": f"{name}/robot"}
-        for (body, shapes), offset in zip(self._shapes.shapes.items(), self._shapes.offsets, strict=True):
+        for (body, shapes), offset in zip(
+            self._shapes.shapes.items(), self._shapes.offsets, strict=True
+        ):
             where = nodes[body] = f"{nodes[self._shapes.parents[body]]}/{body}"
             self._bodies.append(scene.add_frame(where, show_axes=False, position=offset))
             for part, shape in enumerate(shapes):
-                scene.add_mesh_simple(f"{where}/{part}", shape.vertices, shape.faces, color=shape.rgba[:3])
+                scene.add_mesh_simple(
+                    f"{where}/{part}", shape.vertices, shape.faces, color=shape.rgba[:3]
+                )
         self._trunk = self._bodies[0]
         self._trunk.visible = False
         nothing = np.zeros((1, 2, 3))
@@ -73,10 +83,21 @@ class Drawing:
         self._true = line("true", TRUE, 4.0)
         self._paths = line("paths", PLANNED, 2.0)
         self._targets = scene.add_point_cloud(
-            f"{name}/planned_feet", nothing[0], PLANNED, point_size=0.025, point_shape="circle", visible=False
+            f"{name}/planned_feet",
+            nothing[0],
+            PLANNED,
+            point_size=0.025,
+            point_shape="circle",
+            visible=False,
         )
         self._forces = scene.add_arrows(
-            f"{name}/forces", nothing, FORCE, shaft_radius=0.008, head_radius=0.02, head_length=0.04, visible=False
+            f"{name}/forces",
+            nothing,
+            FORCE,
+            shaft_radius=0.008,
+            head_radius=0.02,
+            head_length=0.04,
+            visible=False,
         )
 
     def remove(self) -> None:
@@ -96,13 +117,17 @@ class Drawing:
         self._targets.visible = self._paths.visible = bool(planned.any())
         if planned.any():
             self._targets.points = (scene.planned_feet[planned] + DISC_LIFT).astype(np.float32)
-            self._paths.points = np.stack([scene.feet[planned], scene.planned_feet[planned]], axis=1).astype(np.float32)
+            self._paths.points = np.stack(
+                [scene.feet[planned], scene.planned_feet[planned]], axis=1
+            ).astype(np.float32)
         loaded = (scene.foot_force > LOADED_N) & np.isfinite(scene.feet).all(axis=1)
         self._forces.visible = bool(loaded.any())
         if loaded.any():
             up = np.zeros((int(loaded.sum()), 3))
             up[:, 2] = FORCE_M_PER_N * scene.foot_force[loaded]
-            self._forces.points = np.stack([scene.feet[loaded], scene.feet[loaded] + up], axis=1).astype(np.float32)
+            self._forces.points = np.stack(
+                [scene.feet[loaded], scene.feet[loaded] + up], axis=1
+            ).astype(np.float32)
 
     def _draw_heights(self, heights: HeightsInWorld | None) -> None:
         self._predicted.visible = self._widths.visible = heights is not None
@@ -113,7 +138,9 @@ class Drawing:
         colour = np.array(PREDICTED if usable else UNTRUSTED, dtype=np.uint8)
         if usable and heights.shape[1] > 1:
             sure = np.clip(1.0 - heights.half_width_90 / GUESS_M, 0.0, 1.0)[:, None]
-            colour = _net(sure * PREDICTED + (1.0 - sure) * np.array(GUESSED), heights.shape).astype(np.uint8)
+            colour = _net(
+                sure * PREDICTED + (1.0 - sure) * np.array(GUESSED), heights.shape
+            ).astype(np.uint8)
             self._widths.visible = False  # the colours say it, and lines would hide the surface
         if not np.array_equal(self._predicted.colors, colour):
             self._predicted.colors = colour
@@ -121,7 +148,9 @@ class Drawing:
         up = np.zeros_like(heights.predicted)
         up[:, 2] = heights.half_width_90
         self._predicted.points = _net(heights.predicted + 2.0 * LIFT, heights.shape)
-        self._widths.points = np.stack([heights.predicted - up, heights.predicted + up], axis=1).astype(np.float32)
+        self._widths.points = np.stack(
+            [heights.predicted - up, heights.predicted + up], axis=1
+        ).astype(np.float32)
         if heights.true is not None:
             self._true.points = _net(heights.true + LIFT, heights.shape)
 

@@ -1,4 +1,7 @@
-"""A run that goes on, seen from its bus. It listens only while somebody watches, and keeps the last seconds."""
+"""A run that goes on, seen from its bus.
+
+It listens only while somebody watches, and keeps the last seconds.
+"""
 
 import time
 from collections import deque
@@ -24,7 +27,9 @@ WAITED_NS = round(2e9 * PERIOD_S)
 
 
 class Onlooker:
-    """All messages, as the supervisor of the robot hands them on; while there is none, it listens for itself.
+    """All messages, as the supervisor of the robot hands them on.
+
+    While there is none, it listens for itself.
 
     A supervisor that loads its processes hands on nothing for a second and more.
 
@@ -55,7 +60,9 @@ class Onlooker:
             own += self._own.drain()
             self._own = None
         since_ns = time.monotonic_ns() - UNSHARED_NS
-        self._heard_itself = {heard: at_ns for heard, at_ns in self._heard_itself.items() if at_ns > since_ns}
+        self._heard_itself = {
+            heard: at_ns for heard, at_ns in self._heard_itself.items() if at_ns > since_ns
+        }
         self._heard_itself |= {(raw.key, raw.attachment): raw.arrival_ns for raw in own}
         return own + self._unheard(shared)
 
@@ -68,8 +75,15 @@ class Onlooker:
         return now_ns if self._own is not None else max(self._heard_ns, now_ns - WAITED_NS)
 
     def _unheard(self, shared: list[RawSample]) -> list[RawSample]:
-        """Samples handed on that it has not heard itself; an attachment counts the messages of its sender."""
-        if self._heard_itself and shared and shared[0].arrival_ns > max(self._heard_itself.values()) + WAITED_NS:
+        """Samples handed on that it has not heard itself.
+
+        An attachment counts the messages of its sender.
+        """
+        if (
+            self._heard_itself
+            and shared
+            and shared[0].arrival_ns > max(self._heard_itself.values()) + WAITED_NS
+        ):
             self._heard_itself = {}
         return [raw for raw in shared if (raw.key, raw.attachment) not in self._heard_itself]
 
@@ -80,7 +94,10 @@ class Onlooker:
 
 
 CAPACITY = 4000
-"""Samples that may wait to be looked at, some seconds of a run; what comes beyond is dropped here and slows nobody."""
+"""Samples that may wait to be looked at, some seconds of a run.
+
+What comes beyond is dropped here and slows nobody.
+"""
 EVENTS_KEPT = 200
 
 
@@ -97,7 +114,13 @@ class LiveRun:
         config = replace(run.config, prefix=prefix or run.config.prefix)
         kind = run.setup.terrain.kind.replace("_", " ")
         title, setup = f"{kind}, seed {config.seed}", run.setup
-        self.world = World(title=title, config=config, robot=setup.robot, terrain=setup.terrain, camera=setup.camera)
+        self.world = World(
+            title=title,
+            config=config,
+            robot=setup.robot,
+            terrain=setup.terrain,
+            camera=setup.camera,
+        )
         self._clock = RunClock.of(config)
         self._maker = SceneMaker(self.world)
         self._arrivals: deque[Arrival] = deque()
@@ -118,14 +141,19 @@ class LiveRun:
         return self._bus.connected()
 
     def _now_ns(self) -> int:
-        """Until which moment of the run's clock it has heard what was said [ns]; in lockstep the newest step."""
+        """Until which moment of the run's clock it has heard what was said [ns].
+
+        In lockstep the newest step.
+        """
         if self._clock.lockstep:
             return self._simulated_ns
         return self._clock.of_monotonic(self._onlooker.heard_until_ns())
 
     def now(self) -> Scene:
         """The scene of this moment; in lockstep of the newest step."""
-        self._arrivals.extend(a for raw in self._onlooker.drain() if (a := self._arrival(raw)) is not None)
+        self._arrivals.extend(
+            a for raw in self._onlooker.drain() if (a := self._arrival(raw)) is not None
+        )
         now_ns = self._now_ns()
         while self._arrivals and self._arrivals[0].arrival_ns <= now_ns - LOOK_BACK_NS:
             self._arrivals.popleft()
@@ -133,7 +161,9 @@ class LiveRun:
 
     def ask(self, code: str, detail: str = "") -> None:
         """Says as the operator what shall be done, see `saltus.runtime.stack`."""
-        self._operator.put(Event(time_ns=self._now_ns(), process=OPERATOR, code=code, detail=detail))
+        self._operator.put(
+            Event(time_ns=self._now_ns(), process=OPERATOR, code=code, detail=detail)
+        )
 
     def _arrival(self, raw: RawSample) -> Arrival | None:
         topic = topic_of(raw.key)
@@ -148,7 +178,10 @@ class LiveRun:
         except MessageError:
             return None  # malformed: a recorder counts it
         if self._clock.lockstep:
-            if raw.key in ("plant/truth", "controller/state"):  # simulated time moves with what the robot says
+            if raw.key in (
+                "plant/truth",
+                "controller/state",
+            ):  # simulated time moves with what the robot says
                 self._simulated_ns = max(self._simulated_ns, envelope.capture_ns)
             arrival_ns = self._simulated_ns
         else:

@@ -19,7 +19,8 @@ from saltus.watch.server import Server
 
 LEFT_PX, RIGHT_PX = 300, 400
 CAMERA_AT, CAMERA_LOOKS_AT = (-0.8, -1.5, 0.6), (0.2, 0.0, -0.05)
-"""Beside a robot that goes along x, a little behind it, all of the heights that it predicts in view [m]."""
+"""Beside a robot that goes along x, a little behind it, all of the heights that it predicts in view
+[m]."""
 READ_EVERY = 3
 BACK = 0.5  # so many times farther away for each metre to the last of several robots [1/m]
 FOLLOW_SHARE, FAR_M = 0.15, 1.0
@@ -94,10 +95,14 @@ class Page:
                 old.remove()
             places = aside(worlds)
             parts = enumerate(zip(worlds, places, strict=True))
-            self._drawings = [Drawing(self.server, number, world, y) for number, (world, y) in parts]
+            self._drawings = [
+                Drawing(self.server, number, world, y) for number, (world, y) in parts
+            ]
             last_y = max(places, default=0.0)
             self.server.initial_camera.position = max(1.0, BACK * last_y) * np.array(CAMERA_AT)
-            self.server.initial_camera.look_at = np.array(CAMERA_LOOKS_AT) + np.array([0.0, 0.5 * last_y, 0.0])
+            self.server.initial_camera.look_at = np.array(CAMERA_LOOKS_AT) + np.array(
+                [0.0, 0.5 * last_y, 0.0]
+            )
             self._panels, self._shown = [], []
             for world in worlds:
                 panel = self.server.gui.add_panel()
@@ -113,11 +118,20 @@ class Page:
             self._run.visible = not (worlds and duration_s == 0.0)
 
     def show(self, scenes: list[Scene | None]) -> None:
-        """Shows a scene of each run; its numbers and images less often than the robot, as nobody reads faster."""
+        """Shows a scene of each run.
+
+        Its numbers and images less often than the robot, as nobody reads faster.
+        """
         self._pictures += 1
         read = self._pictures % READ_EVERY == 0 or not self.playing
         with self.server.atomic():
-            self._look_at([scene.base_pose for scene in scenes if scene is not None and scene.base_pose is not None])
+            self._look_at(
+                [
+                    scene.base_pose
+                    for scene in scenes
+                    if scene is not None and scene.base_pose is not None
+                ]
+            )
             for drawing, panel, scene in zip(self._drawings, self._shown, scenes, strict=True):
                 if scene is not None:
                     drawing.draw(scene, self._looked_at)
@@ -150,7 +164,9 @@ class Page:
 
     def _set_up(self) -> None:
         server = self.server
-        server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
+        server.gui.configure_theme(
+            show_logo=False, show_share_button=False, brand_color=(0, 114, 178)
+        )
         server.gui.set_panel_label("Saltus")
         server.gui.main_panel.dock_left()
         server.gui.main_panel.set_width(LEFT_PX)
@@ -158,7 +174,9 @@ class Page:
         # Without a GPU shadows and reflections take ten times as long as the rest
         server.scene.configure_default_lights(cast_shadow=False)
         server.scene.configure_environment_map(None)
-        server.scene.add_light_hemisphere("/light", sky_color=(255, 255, 255), ground_color=GROUND, intensity=LIGHT)
+        server.scene.add_light_hemisphere(
+            "/light", sky_color=(255, 255, 255), ground_color=GROUND, intensity=LIGHT
+        )
 
     def _add_controls(self) -> None:
         gui = self.server.gui
@@ -166,12 +184,16 @@ class Page:
         self._follow = gui.add_checkbox("Follow the robot", True)
         self._timeline = gui.add_folder("Recording", visible=False)
         with self._timeline:
-            self._slider = gui.add_slider("Time [s]", min=0.0, max=1.0, step=0.01, initial_value=0.0)
+            self._slider = gui.add_slider(
+                "Time [s]", min=0.0, max=1.0, step=0.01, initial_value=0.0
+            )
             self._play = gui.add_button("Pause")
             self._play_speed = gui.add_dropdown("Speed", PLAY_SPEEDS)
         self._run = gui.add_folder("New run")
         with self._run:
-            terrain = gui.add_dropdown("Terrain", tuple(FAMILIES), initial_value=TerrainConfig.terrain)
+            terrain = gui.add_dropdown(
+                "Terrain", tuple(FAMILIES), initial_value=TerrainConfig.terrain
+            )
             seed = gui.add_number("Seed", initial_value=0, min=0, step=1)
             speed = gui.add_dropdown("Speed", SPEEDS, initial_value="0.5")
             start = gui.add_button("Start")
@@ -182,7 +204,10 @@ class Page:
                 self._on_click(gui.add_button(label), partial(Ask, code=code, detail=detail))
         self._on_click(self._stop, partial(Ask, code="stop"))
         self._on_click(
-            start, lambda: Start(terrain=str(terrain.value), seed=int(seed.value or 0), speed=str(speed.value))
+            start,
+            lambda: Start(
+                terrain=str(terrain.value), seed=int(seed.value or 0), speed=str(speed.value)
+            ),
         )
 
         @self._play.on_click

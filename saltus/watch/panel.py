@@ -29,8 +29,12 @@ class Panel:
             (x, x, x, x, x),
             (
                 uplot.Series(label="ahead [m]"),
-                uplot.Series(label="low", stroke="rgba(213,94,0,0.25)", width=1, points={"show": False}),
-                uplot.Series(label="high", stroke="rgba(213,94,0,0.25)", width=1, points={"show": False}),
+                uplot.Series(
+                    label="low", stroke="rgba(213,94,0,0.25)", width=1, points={"show": False}
+                ),
+                uplot.Series(
+                    label="high", stroke="rgba(213,94,0,0.25)", width=1, points={"show": False}
+                ),
                 uplot.Series(label="predicted", stroke="#D55E00", width=2),
                 uplot.Series(label="true", stroke="#009E73", width=2),
             ),
@@ -52,7 +56,9 @@ class Panel:
         _set(self._topics, _html("topics", scene.topics))
         _set(self._events, _html("events", scene.events[-EVENTS_SHOWN:]))
         _set(self._heights, _html("heights", scene.heights))
-        if scene.depth is not None and (self._frame is None or scene.depth.time_ns != self._frame.time_ns):
+        if scene.depth is not None and (
+            self._frame is None or scene.depth.time_ns != self._frame.time_ns
+        ):
             self._frame = scene.depth
             self._depth.content = _html("depth", scene.depth)
         if scene.heights is not None:
@@ -61,11 +67,15 @@ class Panel:
 
 _MACROS = template_beside(__file__).make_module(
     {
-        "picture": lambda frame: data_url("png", cv2.imencode(".png", picture(frame)[..., ::-1])[1]),
+        "picture": lambda frame: data_url(
+            "png", cv2.imencode(".png", picture(frame)[..., ::-1])[1]
+        ),
         "image_height": IMAGE_HEIGHT,
         "palette": PALETTE[::15].tolist(),
         "marks": np.geomspace(RANGE_M, NEAR_M, 5).tolist(),
-        "mean_error_cm": lambda predicted, true: 100.0 * float(np.abs(predicted - true)[:, 2].mean()),
+        "mean_error_cm": lambda predicted, true: (
+            100.0 * float(np.abs(predicted - true)[:, 2].mean())
+        ),
         "status_colour": {HeightmapStatus.OK: GOOD, HeightmapStatus.INVALID: BAD},
         "colour": COLOUR,
         "fair": FAIR,

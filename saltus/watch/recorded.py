@@ -5,7 +5,15 @@ from pathlib import Path
 
 from saltus.recordings.recording import Recording, read_recording
 from saltus.watch.scene import LOOK_BACK_NS, Scene, SceneMaker, World
-from saltus.wire.messages import DepthFrame, Event, GroundTruth, Heightmap, MotionPlan, ProcessStatus, RobotState
+from saltus.wire.messages import (
+    DepthFrame,
+    Event,
+    GroundTruth,
+    Heightmap,
+    MotionPlan,
+    ProcessStatus,
+    RobotState,
+)
 from saltus.wire.topics import TOPICS
 
 DRAWN = (DepthFrame, Event, GroundTruth, Heightmap, MotionPlan, ProcessStatus, RobotState)
@@ -36,7 +44,9 @@ class RecordedRun:
             camera=recording.camera,
         )
         self._maker = SceneMaker(self.world)
-        found = [(ns, event) for ns, _, event in recording.messages("event") if isinstance(event, Event)]
+        found = [
+            (ns, event) for ns, _, event in recording.messages("event") if isinstance(event, Event)
+        ]
         self._event_ns, self._events = [ns for ns, _ in found], tuple(event for _, event in found)
 
     def at(self, time_s: float) -> Scene:
@@ -46,7 +56,9 @@ class RecordedRun:
     def at_ns(self, now_ns: int) -> Scene:
         """The scene at a time of the run's clock [ns]."""
         arrivals = self._recording.arrivals(now_ns - LOOK_BACK_NS, now_ns)
-        return self._maker.make(arrivals, now_ns, self._events[: bisect_right(self._event_ns, now_ns)])
+        return self._maker.make(
+            arrivals, now_ns, self._events[: bisect_right(self._event_ns, now_ns)]
+        )
 
 
 def _title(recording: Recording) -> str:

@@ -41,7 +41,8 @@ LOOK_BACK_NS = 1_500_000_000
 """How far back messages are looked at: a topic that has said nothing for so long is silent."""
 RATE_OVER_NS = 1_000_000_000
 STEPS_APART_NS = 100_000_000
-"""A heightmap whose truth is known is drawn rather than a newer one without, if it is no older than this."""
+"""A heightmap whose truth is known is drawn rather than a newer one without, if it is no older than
+this."""
 SILENT = "silent"
 
 
@@ -122,7 +123,10 @@ class SceneMaker:
         self.world = world
         self._legs = LegKinematics(world.robot)
         self._footholds = Footholds(world.robot)
-        self._topics = {**TOPICS, "camera/depth": depth_topic(world.camera.latency_s or CAMERA_LATENCY_S)}
+        self._topics = {
+            **TOPICS,
+            "camera/depth": depth_topic(world.camera.latency_s or CAMERA_LATENCY_S),
+        }
 
     def make(self, arrivals: Iterable[Arrival], now_ns: int, events: tuple[Event, ...]) -> Scene:
         """The scene at `now_ns`, from what came in within `LOOK_BACK_NS`, in order, and from all events."""
@@ -131,7 +135,12 @@ class SceneMaker:
         rates = Counter(row.key for row in rows if row.arrival_ns > now_ns - RATE_OVER_NS)
         truths = {row.envelope.capture_ns: row for row in rows if row.key == "plant/truth"}
         with_truth = next(
-            (r for r in reversed(rows) if r.key == "heightmap/heightmap" and r.envelope.capture_ns in truths), None
+            (
+                r
+                for r in reversed(rows)
+                if r.key == "heightmap/heightmap" and r.envelope.capture_ns in truths
+            ),
+            None,
         )
         if with_truth is not None and now_ns - with_truth.envelope.capture_ns < STEPS_APART_NS:
             newest["heightmap/heightmap"] = with_truth
@@ -145,7 +154,9 @@ class SceneMaker:
             time_s=1e-9 * now_ns,
             base_pose=pose,
             joint_position=joints,
-            speed_mps=float(np.hypot(*velocity.velocity_base_in_world[:2])) if velocity is not None else float("nan"),
+            speed_mps=float(np.hypot(*velocity.velocity_base_in_world[:2]))
+            if velocity is not None
+            else float("nan"),
             feet=_feet(self._legs, pose, joints),
             foot_force=np.zeros(4) if truth is None else np.asarray(truth.foot_force),
             planned_feet=self._planned_feet(state, plan, heightmap, pose),
@@ -157,7 +168,9 @@ class SceneMaker:
             events=events,
         )
 
-    def _rows(self, newest: dict[str, Arrival], rates: Counter[str], now_ns: int) -> Iterable[TopicRow]:
+    def _rows(
+        self, newest: dict[str, Arrival], rates: Counter[str], now_ns: int
+    ) -> Iterable[TopicRow]:
         for topic in self._topics.values():
             keys = [key for key in newest if key == topic.name or key.startswith(f"{topic.name}/")]
             if topic.rate_hz == 0.0 or not topic.recorded:
@@ -175,12 +188,18 @@ class SceneMaker:
                 )
 
     def _planned_feet(
-        self, state: RobotState | None, plan: MotionPlan | None, heightmap: Heightmap | None, pose: Floats | None
+        self,
+        state: RobotState | None,
+        plan: MotionPlan | None,
+        heightmap: Heightmap | None,
+        pose: Floats | None,
     ) -> Floats:
         """The end of the law's own path of each swinging foot, with the plan's residual."""
         if state is None or plan is None or pose is None:
             return np.full((4, 3), np.nan)
-        return np.asarray(pose[:3] + self._footholds.planned(state, plan, heightmap) @ _heading(pose).T)
+        return np.asarray(
+            pose[:3] + self._footholds.planned(state, plan, heightmap) @ _heading(pose).T
+        )
 
 
 def _newest(kind: type[Kind], newest: dict[str, Arrival], key: str) -> Kind | None:
@@ -215,7 +234,9 @@ def _heading(pose: Floats) -> NDArray[np.float64]:
     return np.asarray(yaw_rotation(np.arctan2(rotation[1, 0], rotation[0, 0])))
 
 
-def _heights(heightmap: Heightmap, truths: dict[int, Arrival], pose: Floats | None) -> HeightsInWorld | None:
+def _heights(
+    heightmap: Heightmap, truths: dict[int, Arrival], pose: Floats | None
+) -> HeightsInWorld | None:
     """A heightmap is relative to where the base was when it was true."""
     row = truths.get(heightmap.time_ns)
     truth = None if row is None else _newest(GroundTruth, {"": row}, "")

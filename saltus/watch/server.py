@@ -18,7 +18,11 @@ from saltus.errors import SaltusError
 
 LOOPBACK = "127.0.0.1"
 TOKEN_BYTES = 16  # cannot be guessed
-HARDENING = {"Referrer-Policy": "no-referrer", "Cache-Control": "no-store", "X-Frame-Options": "DENY"}
+HARDENING = {
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+    "X-Frame-Options": "DENY",
+}
 """Other pages never learn the address, and cannot frame the buttons."""
 
 Answer = Callable[[Any, Request], Response | None]
@@ -28,13 +32,17 @@ class Server(viser.ViserServer):
     """viser's server, at `address`."""
 
     def __init__(self, port: int) -> None:
-        rich.get_console().quiet = True  # viser tells its address, which is of no use without the token
+        rich.get_console().quiet = (
+            True  # viser tells its address, which is of no use without the token
+        )
         self.token = secrets.token_urlsafe(TOKEN_BYTES)
         with _guarded(self.token) as guarded:
             super().__init__(host=LOOPBACK, port=port, label="Saltus", verbose=False)
         if not guarded:  # another version of viser
             self.stop()
-            raise SaltusError("this version of viser starts its server in another way: install viser 1.1")
+            raise SaltusError(
+                "this version of viser starts its server in another way: install viser 1.1"
+            )
 
     @property
     def address(self) -> str:
@@ -47,7 +55,10 @@ class Server(viser.ViserServer):
 
 @contextlib.contextmanager
 def _guarded(token: str) -> Iterator[list[bool]]:
-    """Makes websocket servers that are opened meanwhile ask for the token; filled where one was opened."""
+    """Makes websocket servers that are opened meanwhile ask for the token.
+
+    Filled where one was opened.
+    """
     opened: list[bool] = []
     serve = websocket_server.serve
 
@@ -69,7 +80,9 @@ def _asking(token: str, answer: Answer) -> Answer:
         given, _, rest = request.path.partition("?")[0].lstrip("/").partition("/")
         if not hmac.compare_digest(given.encode(), token.encode()):
             text = b"The address of this page has a token: copy all of what saltus watch prints.\n"
-            headers = Headers({"Content-Length": str(len(text)), "Content-Type": "text/plain", **HARDENING})
+            headers = Headers(
+                {"Content-Length": str(len(text)), "Content-Type": "text/plain", **HARDENING}
+            )
             return Response(http.HTTPStatus.FORBIDDEN, "Forbidden", headers, text)
         response = answer(connection, replace(request, path=f"/{rest}"))
         if response is not None:

@@ -24,7 +24,9 @@ class Source:
         self.prefix = prefix
         self.live: LiveRun | None = None
         self.recorded: RecordedRun | None = None
-        self._joined: float | None = None  # when the file was written by which it was last tried to join
+        self._joined: float | None = (
+            None  # when the file was written by which it was last tried to join
+        )
         self._read: float | None = None  # the same of the recording
         if path.is_file() or path.suffix == ".mcap":
             self.recorded = RecordedRun(path)
@@ -38,7 +40,9 @@ class Source:
     @property
     def name(self) -> str:
         """By which it is told from others."""
-        return self.prefix or (self.path.parent.name if self.path.name == RECORDING_FILE else self.path.stem)
+        return self.prefix or (
+            self.path.parent.name if self.path.name == RECORDING_FILE else self.path.stem
+        )
 
     @property
     def duration_s(self) -> float:
@@ -48,24 +52,39 @@ class Source:
     @property
     def may_ask(self) -> bool:
         """True where this is a run on this machine that goes on: its owner may do everything."""
-        return self.live is not None and not self.prefix and read_client(self.path / CLIENT_FILE).startswith(LOCAL)
+        return (
+            self.live is not None
+            and not self.prefix
+            and read_client(self.path / CLIENT_FILE).startswith(LOCAL)
+        )
 
     def scene(self, time_s: float) -> Scene | None:
         """The scene of now, or of a time since the beginning of the recording [s]; None before the run has begun."""
         if self.live is not None:
             return self.live.now()
-        return None if self.recorded is None else self.recorded.at(min(time_s, self.recorded.duration_s))
+        return (
+            None
+            if self.recorded is None
+            else self.recorded.at(min(time_s, self.recorded.duration_s))
+        )
 
     def look(self) -> bool:
-        """Looks whether a run has begun or ended, and returns it. Quick where nothing has changed."""
+        """Looks whether a run has begun or ended, and returns it.
+
+        Quick where nothing has changed.
+        """
         if self.live is not None:
             if self.live.connected():
                 return False
             self.leave()
-            self._joined = _written(self.path / CLIENT_FILE)  # what is gone is not tried again until it is new
+            self._joined = _written(
+                self.path / CLIENT_FILE
+            )  # what is gone is not tried again until it is new
             self._read_recording()
             return True
-        return self.path.suffix != ".mcap" and (self._join() or (self.recorded is None and self._read_recording()))
+        return self.path.suffix != ".mcap" and (
+            self._join() or (self.recorded is None and self._read_recording())
+        )
 
     def leave(self) -> None:
         """Stops to listen to a run that goes on; `look` joins it again."""
@@ -107,7 +126,10 @@ def _written(file: Path) -> float | None:
 
 
 def _answers(client: Path) -> bool:
-    """True where the socket is there of the router that a file names; over a network nobody knows before."""
+    """True where the socket is there of the router that a file names.
+
+    Over a network nobody knows before.
+    """
     try:
         endpoint = read_client(client)
     except SaltusError:

@@ -22,7 +22,10 @@ ERRORS_FILE = "up.log"
 
 
 class Watcher:
-    """Shows sources on a page; a run that is started on it, by a thread of `starters`, takes their place."""
+    """Shows sources on a page.
+
+    A run that is started on it, by a thread of `starters`, takes their place.
+    """
 
     def __init__(self, page: Page, sources: list[Source], starters: ThreadPoolExecutor) -> None:
         self._page = page
@@ -61,7 +64,13 @@ class Watcher:
         if now == self._shown and not any(source.live is not None for source in self._sources):
             return  # a recording that pauses
         self._shown = now
-        self._page.show([source.scene(self._page.time_s) for source in self._sources if source.world is not None])
+        self._page.show(
+            [
+                source.scene(self._page.time_s)
+                for source in self._sources
+                if source.world is not None
+            ]
+        )
 
     def close(self) -> None:
         """Leaves the runs, and ends one that was started here: its robot lands."""
@@ -83,7 +92,12 @@ class Watcher:
     def _say(self) -> None:
         failed = self._started is not None and self._started.poll() not in (None, 0)
         if failed and all(source.world is None for source in self._sources):
-            lines = (self._folder / ERRORS_FILE).read_text(errors="replace", encoding="utf-8").strip().splitlines()
+            lines = (
+                (self._folder / ERRORS_FILE)
+                .read_text(errors="replace", encoding="utf-8")
+                .strip()
+                .splitlines()
+            )
             self._page.say(lines[-1] if lines else "the run has ended", BAD)
         elif any(source.live is not None for source in self._sources):
             self._page.say("live")
@@ -99,7 +113,9 @@ class Watcher:
         several = len(self._sources) > 1
         self._page.arrange(
             [
-                replace(source.world, title=f"{source.name}: {source.world.title}") if several else source.world
+                replace(source.world, title=f"{source.name}: {source.world.title}")
+                if several
+                else source.world
                 for source in self._sources
                 if source.world is not None
             ],

@@ -1,8 +1,9 @@
 """Where the processes meet: newest-value topics, with every check between the wire and the caller.
 
-Nothing that arrives can raise. What is refused is counted in `Bus.rejected["topic/reason"]`, in this order of checks:
-size, envelope, payload, capture time, order. Whether a message is fresh enough is for its consumer to judge
-(`saltus.runtime.ticker.freshness`), since only the consumer knows the time at which it is used.
+Nothing that arrives can raise. What is refused is counted in `Bus.rejected["topic/reason"]`, in
+this order of checks: size, envelope, payload, capture time, order. Whether a message is fresh
+enough is for its consumer to judge (`saltus.runtime.ticker.freshness`), since only the consumer
+knows the time at which it is used.
 """
 
 import secrets
@@ -21,7 +22,8 @@ from saltus.wire.messages import Message
 from saltus.wire.topics import TOPICS, Topic
 
 RETIRED_SENDERS = 16
-RING = 8  # samples kept between two takes, so that junk beside a good message is counted and does not hide it
+# Samples kept between two takes, so that junk beside a good message is counted and does not hide it
+RING = 8
 STREAM_CAPACITY = 20_000  # samples; 20 s of a run
 
 
@@ -61,7 +63,8 @@ class Publisher(Protocol):
 class Bell:
     """Wakes whoever waits for messages. Thread-safe.
 
-    Who waits notes `rings`, looks whether something has come, and if not calls `wait` with what was noted: it returns
+    Who waits notes `rings`, looks whether something has come, and if not calls `wait` with what was
+        noted: it returns
     at once where something has come in between.
     """
 
@@ -83,7 +86,10 @@ class Bell:
 
 
 class Slot:
-    """The last samples of one key; older ones than `RING` are gone. One thread fills it, one empties it."""
+    """The last samples of one key; older ones than `RING` are gone.
+
+    One thread fills it, one empties it.
+    """
 
     def __init__(self, bell: Bell) -> None:
         self.bell = bell
@@ -191,7 +197,9 @@ class Latest:
             return None
         self._sender = envelope
         self._received += 1
-        self._silence_ns = max(self._silence_ns, raw.arrival_ns - (self.last_arrival_ns or self._counted_from_ns))
+        self._silence_ns = max(
+            self._silence_ns, raw.arrival_ns - (self.last_arrival_ns or self._counted_from_ns)
+        )
         self.last_arrival_ns = raw.arrival_ns
         return Sample(message, envelope, raw.arrival_ns)
 
@@ -206,7 +214,9 @@ class Latest:
         elif envelope.sequence == last.sequence:
             raise MessageError("duplicate", f"sequence {envelope.sequence}")
         elif envelope.sequence < last.sequence:
-            raise MessageError("out_of_order", f"sequence {envelope.sequence} after {last.sequence}")
+            raise MessageError(
+                "out_of_order", f"sequence {envelope.sequence} after {last.sequence}"
+            )
 
 
 def unpack(topic: Topic, raw: RawSample) -> tuple[Envelope, Message]:
@@ -216,15 +226,18 @@ def unpack(topic: Topic, raw: RawSample) -> tuple[Envelope, Message]:
     envelope = Envelope.from_bytes(raw.attachment)
     message: Message = codec.decode(topic.message, raw.payload)
     if message.time_ns != envelope.capture_ns:
-        raise MessageError("capture_time", f"{message.time_ns} ns in the message, {envelope.capture_ns} ns beside it")
+        raise MessageError(
+            "capture_time",
+            f"{message.time_ns} ns in the message, {envelope.capture_ns} ns beside it",
+        )
     return envelope, message
 
 
 class Bus(ABC):
     """The other processes as one sees them, below the prefix of the robot's keys.
 
-    The bell is rung whenever a message comes in. Buses may share one, for a process that waits for any of several
-    robots.
+    The bell is rung whenever a message comes in. Buses may share one, for a process that waits for
+    any of several robots.
     """
 
     def __init__(self, prefix: str, bell: Bell) -> None:

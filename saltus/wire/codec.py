@@ -1,7 +1,8 @@
 """Messages as CDR bytes of ROS 2 types, and back, with every check that a stranger's bytes need.
 
-`decode` returns a message that is whole, finite and plausible, or raises `MessageError`: nothing else, whatever the
-bytes. The envelope is the attachment of rmw_zenoh: sequence, capture time and the identity of the sender.
+`decode` returns a message that is whole, finite and plausible, or raises `MessageError`: nothing
+else, whatever the bytes. The envelope is the attachment of rmw_zenoh: sequence, capture time and
+the identity of the sender.
 """
 
 import dataclasses
@@ -28,7 +29,8 @@ PAYLOAD_MAX = 4 * 2**20  # bytes; a depth image of 1280x720 has 1.8 MB
 WIDTH_MAX, HEIGHT_MAX = 1280, 720  # D435i datasheet: the largest depth image
 DEPTH_UNIT_MAX_M = 0.1
 FOCAL_MIN_PX, FOCAL_MAX_PX = 1.0, 3400.0
-"""With a longer lens the widest image sees less than the heightmap model does, 21.4 degrees across."""
+"""With a longer lens the widest image sees less than the heightmap model does, 21.4 degrees
+across."""
 CENTRE_MAX_PX = 1e5
 NORM_TOLERANCE = 1e-2  # of a quaternion: drift of a float32 IMU is far below
 TIME_MIN_NS = -(10**9)
@@ -42,7 +44,8 @@ STORE = get_typestore(Stores.EMPTY)
 for _name, _definition in {**schemas.STANDARD, **schemas.DEFINITIONS}.items():
     STORE.register(get_types_from_msg(_definition, _name))
 _FORMER = {
-    kind: tuple(f"{TYPE_NAME[kind]}Former{i}" for i in range(len(texts))) for kind, texts in schemas.FORMER.items()
+    kind: tuple(f"{TYPE_NAME[kind]}Former{i}" for i in range(len(texts)))
+    for kind, texts in schemas.FORMER.items()
 }
 for _kind, _names in _FORMER.items():
     for _name, _definition in zip(_names, schemas.FORMER[_kind], strict=True):
@@ -116,7 +119,8 @@ def encode(message: Message) -> bytes:
 def decode(kind: type[M], data: bytes) -> M:
     """Reads and checks a message. Arrays of the result are read-only.
 
-    A `MessageError` has the reason "empty", "size", "malformed", "shape", "not_finite", "range", "enum" or "encoding".
+    A `MessageError` has the reason "empty", "size", "malformed", "shape", "not_finite", "range",
+    "enum" or "encoding".
     """
     if not data:
         raise MessageError("empty")
@@ -143,7 +147,10 @@ def of_today(kind: type[Message], former: int, data: bytes) -> bytes:
     """
     try:
         old, table = _parse(_FORMER[kind][former], data), _TABLES[kind]
-        values = [getattr(old, f.name) if hasattr(old, f.name) else table.lacking(f.name) for f in table.fields]
+        values = [
+            getattr(old, f.name) if hasattr(old, f.name) else table.lacking(f.name)
+            for f in table.fields
+        ]
         return bytes(STORE.serialize_cdr(table.wire_type(old.header, *values), TYPE_NAME[kind]))
     except MessageError:
         raise
@@ -205,18 +212,26 @@ class _TableCodec:
         self.has_grid = any(f.name == "y" for f in self.arrays)
         shapes = [f.shape for f in self.arrays if f.shape is not None]
         self.in_rows = bool(shapes) and all(len(shape) > 1 for shape in shapes)
-        self.varies = not self.in_rows and any(f.may_lack or schemas.ANY in (f.shape or ()) for f in self.arrays)
-        self.low, self.high = self._bounds(() if self.varies or self.in_rows else tuple(map(math.prod, shapes)))
+        self.varies = not self.in_rows and any(
+            f.may_lack or schemas.ANY in (f.shape or ()) for f in self.arrays
+        )
+        self.low, self.high = self._bounds(
+            () if self.varies or self.in_rows else tuple(map(math.prod, shapes))
+        )
 
     def lacking(self, name: str) -> Any:
         """The value of a field, as it travels, that a message of before does not have."""
         if name == "x":
             return np.array(schemas.FORMER_GRID.x)
         known = next(f for f in dataclasses.fields(self.kind) if f.name == name)
-        return np.ravel(known.default_factory()) if callable(known.default_factory) else known.default
+        return (
+            np.ravel(known.default_factory()) if callable(known.default_factory) else known.default
+        )
 
     def encode(self, message: Any) -> Any:
-        values = [write(value) for write, value in zip(self.writers, self.values_of(message), strict=True)]
+        values = [
+            write(value) for write, value in zip(self.writers, self.values_of(message), strict=True)
+        ]
         if self.has_grid:
             self._check_points([values[i] for i in self.array_places])
         return self.wire_type(header(message.time_ns, self.frame), *values)
@@ -230,12 +245,20 @@ class _TableCodec:
 
     @lru_cache(maxsize=64)  # noqa: B019 - codecs live as long as the program
     def _bounds(self, sizes: tuple[int, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Bounds of all arrays of these lengths one after the other; one of each where there are none."""
-        low, high = (np.array([getattr(f, end) for f in self.arrays], np.float64) for end in ("low", "high"))
+        """Bounds of all arrays of these lengths one after the other.
+
+        One of each where there are none.
+        """
+        low, high = (
+            np.array([getattr(f, end) for f in self.arrays], np.float64) for end in ("low", "high")
+        )
         return (np.repeat(low, sizes), np.repeat(high, sizes)) if sizes else (low, high)
 
     def _check_points(self, arrays: list[Any]) -> None:
-        """Refuses heights that do not stand on the grid of their message; arrays as in `self.arrays`."""
+        """Refuses heights that do not stand on the grid of their message.
+
+        Arrays as in `self.arrays`.
+        """
         sizes = {
             f.name: array.size
             for f, array in zip(self.arrays, arrays, strict=True)
@@ -244,7 +267,9 @@ class _TableCodec:
         rows, columns = sizes.pop("x"), sizes.pop("y")
         points = rows * columns
         if not 1 <= points <= schemas.POINTS_MAX:
-            raise MessageError("shape", f"a grid of {rows} times {columns} points, at most {schemas.POINTS_MAX}")
+            raise MessageError(
+                "shape", f"a grid of {rows} times {columns} points, at most {schemas.POINTS_MAX}"
+            )
         for name, size in sizes.items():
             if size != points:
                 raise MessageError("shape", f"{name} has {size} values on {points} points")
@@ -257,7 +282,11 @@ class _TableCodec:
         low, high = self.low, self.high
         if self.in_rows:
             _check_rows(arrays)
-            flat, low, high = np.stack([array.ravel() for array in arrays]), low[:, None], high[:, None]
+            flat, low, high = (
+                np.stack([array.ravel() for array in arrays]),
+                low[:, None],
+                high[:, None],
+            )
         else:
             if self.has_grid:
                 self._check_points(arrays)
@@ -269,11 +298,18 @@ class _TableCodec:
         if np.count_nonzero(inside) < inside.size:
             for field, array in zip(self.arrays, arrays, strict=True):
                 _check_values(field, array)
-        if self.has_grid and any((values[name][1:] <= values[name][:-1]).any() for name in ("x", "y")):
+        if self.has_grid and any(
+            (values[name][1:] <= values[name][:-1]).any() for name in ("x", "y")
+        ):
             raise MessageError("range", "x and y of a grid must ascend")
         quaternion = values.get("quaternion_base_in_world")
         if quaternion is not None:
-            _bounded("|quaternion_base_in_world|^2", float(quaternion.dot(quaternion)), 1 - NORM_TOLERANCE, 1.02)
+            _bounded(
+                "|quaternion_base_in_world|^2",
+                float(quaternion.dot(quaternion)),
+                1 - NORM_TOLERANCE,
+                1.02,
+            )
 
 
 def _writer(field: Field) -> Callable[[Any], Any]:
@@ -287,7 +323,9 @@ def _writer(field: Field) -> Callable[[Any], Any]:
         array: NDArray[Any] = np.ascontiguousarray(value, dtype)
         if field.may_lack and not array.size:
             return array.reshape(-1)
-        if array.shape != shape and not (rows and array.ndim == len(shape) and array.shape[1:] == shape[1:]):
+        if array.shape != shape and not (
+            rows and array.ndim == len(shape) and array.shape[1:] == shape[1:]
+        ):
             raise MessageError("shape", f"{field.name} has shape {array.shape} instead of {shape}")
         return array.reshape(-1) if rows else array
 
@@ -299,11 +337,15 @@ def _from_wire(field: Field, value: Any) -> Any:
         if field.wire == "bool" and max(value.tobytes()) > 1:
             raise MessageError("range", f"{field.name} is neither true nor false")
         if field.may_lack and value.size and -1 not in field.shape and value.shape != field.shape:
-            raise MessageError("shape", f"{field.name} has {value.size} values, not {field.shape[0]} or none")
+            raise MessageError(
+                "shape", f"{field.name} has {value.size} values, not {field.shape[0]} or none"
+            )
         if -1 not in field.shape or len(field.shape) == 1:
             return value
         if value.size % field.shape[1]:
-            raise MessageError("shape", f"{field.name} has {value.size} values, not rows of {field.shape[1]}")
+            raise MessageError(
+                "shape", f"{field.name} has {value.size} values, not rows of {field.shape[1]}"
+            )
         return value.reshape(field.shape)
     if field.enum is not None:
         try:
@@ -329,18 +371,24 @@ def _check_values(field: Field, array: Any) -> None:
         raise MessageError("not_finite", field.name)
     low, high = float(array.min()), float(array.max())
     if low < field.low or high > field.high:
-        raise MessageError("range", f"{field.name} in [{low}, {high}], allowed {field.low} to {field.high}")
+        raise MessageError(
+            "range", f"{field.name} in [{low}, {high}], allowed {field.low} to {field.high}"
+        )
 
 
 def depth_on_the_wire(message: DepthFrame) -> Any:
     """A depth image as it travels: with a `sensor_msgs/Image` and the `sensor_msgs/CameraInfo` that goes with it."""
     if message.depth.dtype != np.uint16 or message.depth.ndim != 2:
-        raise MessageError("shape", f"depth is {message.depth.dtype} of shape {message.depth.shape}")
+        raise MessageError(
+            "shape", f"depth is {message.depth.dtype} of shape {message.depth.shape}"
+        )
     height, width = message.depth.shape
     head = header(message.time_ns, schemas.FRAME[DepthFrame])
     pixels = np.ascontiguousarray(message.depth).view(np.uint8).reshape(-1)
     image = _IMAGE(head, height, width, ENCODING, 0, 2 * width, pixels)
-    lens = _calibration(*(float(value) for value in (message.fx, message.fy, message.cx, message.cy)))
+    lens = _calibration(
+        *(float(value) for value in (message.fx, message.fy, message.cx, message.cy))
+    )
     info = _CAMERA_INFO(head, height, width, "plumb_bob", *lens, 0, 0, _REGION(0, 0, 0, 0, False))
     wire_type: Any = STORE.types[schemas.DEPTH_TYPE]
     return wire_type(head, image, info, float(message.depth_unit_m), int(message.frame_id))
@@ -358,9 +406,14 @@ def _calibration(fx: float, fy: float, cx: float, cy: float) -> tuple[Any, ...]:
 def _decode_depth(wire: Any) -> DepthFrame:
     image, info = wire.image, wire.camera_info
     if image.encoding != ENCODING or image.is_bigendian:
-        raise MessageError("encoding", f"{image.encoding!r}, big-endian {image.is_bigendian}: only {ENCODING} travels")
+        raise MessageError(
+            "encoding",
+            f"{image.encoding!r}, big-endian {image.is_bigendian}: only {ENCODING} travels",
+        )
     if not (1 <= image.height <= HEIGHT_MAX and 1 <= image.width <= WIDTH_MAX):
-        raise MessageError("shape", f"{image.width}x{image.height}, at most {WIDTH_MAX}x{HEIGHT_MAX}")
+        raise MessageError(
+            "shape", f"{image.width}x{image.height}, at most {WIDTH_MAX}x{HEIGHT_MAX}"
+        )
     if image.step != 2 * image.width or image.data.size != image.step * image.height:
         raise MessageError("shape", f"{image.data.size} bytes for {image.width}x{image.height}")
     if (info.height, info.width) != (image.height, image.width):
@@ -391,7 +444,11 @@ def _encode_event(message: Event) -> Any:
 
 
 def _decode_event(wire: Any) -> Event:
-    process, code, detail = _text("name", wire.name), _text("function", wire.function), _text("msg", wire.msg)
+    process, code, detail = (
+        _text("name", wire.name),
+        _text("function", wire.function),
+        _text("msg", wire.msg),
+    )
     return Event(time_ns=_time_of(wire.stamp), process=process, code=code, detail=detail)
 
 

@@ -31,7 +31,9 @@ class Certificate:
 
 
 def open_session(role: Literal["peer", "client"], endpoint: str, speed: float = 1.0) -> Any:
-    """Opens a session of Zenoh with `zenoh_cfg/<role>.json5`; a client's file of `write_client` holds all of it.
+    """Opens a session of Zenoh with `zenoh_cfg/<role>.json5`.
+
+    A client's file of `write_client` holds all of it.
 
     Args:
         role: Peers link directly, beside a router of their owner.
@@ -39,15 +41,25 @@ def open_session(role: Literal["peer", "client"], endpoint: str, speed: float = 
         speed: Of the run's clock, see `lease_slowed`; a client's file has its own.
 
     Raises:
-        StackError: the endpoint cannot be understood, nobody answers there, or peers cannot link beside it.
+        StackError: the endpoint cannot be understood, nobody answers there, or peers cannot link
+            beside it.
     """
     from_file = endpoint.endswith(".json5")
     router = read_client(Path(endpoint)) if from_file else endpoint
-    settings = zenoh.Config.from_file(endpoint) if from_file and role == "client" else _settings(role, router, speed)
+    settings = (
+        zenoh.Config.from_file(endpoint)
+        if from_file and role == "client"
+        else _settings(role, router, speed)
+    )
     if role == "peer":
         if not router.startswith(LOCAL):
-            raise StackError(f"peers link directly only beside a router in a folder of their owner, not at {router}")
-        settings.insert_json5("listen/endpoints", json.dumps([f"{router.rpartition('/')[0]}/{secrets.token_hex(8)}"]))
+            raise StackError(
+                f"peers link directly only beside a router in a folder of their owner, not at "
+                f"{router}"
+            )
+        settings.insert_json5(
+            "listen/endpoints", json.dumps([f"{router.rpartition('/')[0]}/{secrets.token_hex(8)}"])
+        )
     try:
         return zenoh.open(settings)
     except zenoh.ZError as error:
@@ -55,14 +67,20 @@ def open_session(role: Literal["peer", "client"], endpoint: str, speed: float = 
         raise StackError(f"{_refusal(router)}{why}") from error
 
 
-def write_client(path: Path, endpoint: str, certificate: Certificate | None = None, speed: float = 1.0) -> None:
+def write_client(
+    path: Path, endpoint: str, certificate: Certificate | None = None, speed: float = 1.0
+) -> None:
     """Writes a configuration of Zenoh with which any program joins a router: `zenoh.Config.from_file(path)`.
 
-    Only the owner of the JSON5 file can read it. `speed` is that of the run's clock, see `lease_slowed`.
+    Only the owner of the JSON5 file can read it. `speed` is that of the run's clock, see
+    `lease_slowed`.
     """
     settings = json.loads(str(_settings("client", endpoint, speed)))
     if certificate is not None:  # which Zenoh's own text of a configuration leaves out
-        settings["transport"]["link"] |= {"protocols": ["tls"], "tls": mutual_tls(certificate, "connect")}
+        settings["transport"]["link"] |= {
+            "protocols": ["tls"],
+            "tls": mutual_tls(certificate, "connect"),
+        }
     with atomic_write(path) as partial:
         partial.unlink(missing_ok=True)  # one that is there may be readable by others
         partial.touch(mode=0o600)
@@ -72,7 +90,10 @@ def write_client(path: Path, endpoint: str, certificate: Certificate | None = No
 def read_client(path: Path) -> str:
     """The endpoint that a file of `write_client` names; `StackError` where it names none."""
     if not path.is_file():
-        raise StackError(f"there is no {path}: it is written by saltus up, demo and router; or name an --endpoint")
+        raise StackError(
+            f"there is no {path}: it is written by saltus up, demo and router; or name an "
+            f"--endpoint"
+        )
     try:
         endpoints = json.loads(zenoh.Config.from_file(str(path)).get_json(_ENDPOINTS))
     except (zenoh.ZError, ValueError) as error:
@@ -85,16 +106,24 @@ def read_client(path: Path) -> str:
 def mutual_tls(own: Certificate, side: Literal["connect", "listen"]) -> dict[str, Any]:
     """Zenoh's settings with which both ends of a link must show a certificate that holds."""
     texts = {
-        "root_ca_certificate": own.authority, f"{side}_certificate": own.certificate, f"{side}_private_key": own.key,
+        "root_ca_certificate": own.authority, f"{side}_certificate": own.certificate,
+        f"{side}_private_key": own.key,
     }  # fmt: skip
-    settings: dict[str, Any] = {f"{name}_base64": base64.b64encode(pem).decode() for name, pem in texts.items()}
-    return settings | {"enable_mtls": True, "verify_name_on_connect": True, "close_link_on_expiration": True}
+    settings: dict[str, Any] = {
+        f"{name}_base64": base64.b64encode(pem).decode() for name, pem in texts.items()
+    }
+    return settings | {
+        "enable_mtls": True,
+        "verify_name_on_connect": True,
+        "close_link_on_expiration": True,
+    }
 
 
 def lease_slowed(settings: zenoh.Config, speed: float) -> None:
     """Lets links last as long in the run's clock, of which `speed` seconds pass in one of the machine.
 
-    Who stands still for longer than the lease loses its links, and with them what is sent until it has new ones.
+    Who stands still for longer than the lease loses its links, and with them what is sent until it
+    has new ones.
     """
     settings.insert_json5(_LEASE, json.dumps(round(json.loads(settings.get_json(_LEASE)) / speed)))
 
@@ -105,7 +134,9 @@ def _settings(role: str, endpoint: str, speed: float) -> zenoh.Config:
     try:
         settings.insert_json5(_ENDPOINTS, json.dumps([endpoint]))
     except zenoh.ZError as error:
-        raise StackError(f"'{endpoint}' is no endpoint: one looks like tcp/127.0.0.1:7447") from error
+        raise StackError(
+            f"'{endpoint}' is no endpoint: one looks like tcp/127.0.0.1:7447"
+        ) from error
     return settings
 
 

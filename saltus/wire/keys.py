@@ -53,26 +53,37 @@ class Keys:
     @property
     def names(self) -> dict[str, str]:
         """Role of each certificate that may join, by its common name."""
-        return {each.name: each.role for each in self.issued if not each.revoked and each.role != ROUTER}
+        return {
+            each.name: each.role for each in self.issued if not each.revoked and each.role != ROUTER
+        }
 
 
 def create(folder: Path, address: str, days: int) -> Keys:
     """Makes an authority, and a certificate for a router at `address`, host:port.
 
     Raises:
-        ConfigError: the folder has one already, or a public authority might issue a certificate for the host.
+        ConfigError: the folder has one already, or a public authority might issue a certificate for
+            the host.
     """
     host = host_of(address)
     if (folder / STATE).exists():
-        raise ConfigError(f"{folder} holds an authority already: its certificates would be worth nothing; name another")
+        raise ConfigError(
+            f"{folder} holds an authority already: its certificates would be worth nothing; name "
+            f"another"
+        )
     if not _private(host):
         hint = f"a private address, or a name that ends in {', '.join(PRIVATE_SUFFIXES)}"
-        raise ConfigError(f"'{host}' might get a certificate from a public authority, which clients trust too: {hint}")
+        raise ConfigError(
+            f"'{host}' might get a certificate from a public authority, which clients trust too: "
+            f"{hint}"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     key = _new_key()
     name = _name(f"saltus {secrets.token_hex(4)}")
     constraints = x509.BasicConstraints(ca=True, path_length=0)
-    certificate = _builder(name, name, key, _AUTHORITY_DAYS).add_extension(constraints, critical=True)
+    certificate = _builder(name, name, key, _AUTHORITY_DAYS).add_extension(
+        constraints, critical=True
+    )
     _write(folder, AUTHORITY, _pem(key), certificate.sign(key, hashes.SHA256()))
     keys, router = _issue(folder, Keys(address=address), ROUTER, days)
     _write(folder, ROUTER, router.key, x509.load_pem_x509_certificate(router.certificate))
@@ -80,7 +91,9 @@ def create(folder: Path, address: str, days: int) -> Keys:
 
 
 def issue(folder: Path, role: str, days: int) -> Path:
-    """Makes a certificate for a role; returns the one file that its holder needs, and nobody else should have.
+    """Makes a certificate for a role.
+
+    Returns the one file that its holder needs, and nobody else should have.
 
     Raises:
         ConfigError: there is no authority, or no such role.
@@ -156,12 +169,16 @@ def _issue(folder: Path, keys: Keys, role: str, days: int) -> tuple[Keys, Certif
     if not isinstance(signer, ec.EllipticCurvePrivateKey):
         raise ConfigError(f"the authority in {folder} is not one of saltus keys init")
     name = ROUTER if role == ROUTER else f"{role}-{secrets.token_hex(4)}"
-    usages = [ExtendedKeyUsageOID.SERVER_AUTH if role == ROUTER else ExtendedKeyUsageOID.CLIENT_AUTH]
+    usages = [
+        ExtendedKeyUsageOID.SERVER_AUTH if role == ROUTER else ExtendedKeyUsageOID.CLIENT_AUTH
+    ]
     certificate = (
         _builder(_name(name), issuer, key, days)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(x509.ExtendedKeyUsage(usages), critical=False)
-        .add_extension(x509.SubjectAlternativeName([_alternative(role, name, keys)]), critical=False)
+        .add_extension(
+            x509.SubjectAlternativeName([_alternative(role, name, keys)]), critical=False
+        )
         .sign(signer, hashes.SHA256())
     )
     until = certificate.not_valid_after_utc.date().isoformat()

@@ -1,13 +1,14 @@
 """Messages that the processes send each other: frozen dataclasses, SI units, one meaning for each field.
 
-Frames. *world*: z up, x along the course, yaw as the IMU reports it. *base*: at the trunk's geometric centre, x
-forward, y left, z up. *yaw frame*: world axes rotated by the yaw of the base, origin at the base. Legs are in
-the order FR, FL, RR, RL; joints in the order hip, thigh, calf of each leg. Quaternions are (w, x, y, z), base
-to world. A message's time (`header.stamp`, and the same to the nanosecond in the attachment; `time_ns` in
-Python) is its capture time: the moment at which the thing was true, not the moment at which it was sent. It is
-in the clock of the run. With `saltus router` that is CLOCK_MONOTONIC of the router's computer; with `saltus up`
-what has passed of it since `epoch_ns` of run.toml, times `speed`. States that are dated more than 5 ms ahead or
-100 ms behind are not answered.
+Frames. *world*: z up, x along the course, yaw as the IMU reports it. *base*: at the trunk's
+geometric centre, x forward, y left, z up. *yaw frame*: world axes rotated by the yaw of the base,
+origin at the base. Legs are in the order FR, FL, RR, RL; joints in the order hip, thigh, calf of
+each leg. Quaternions are (w, x, y, z), base to world. A message's time (`header.stamp`, and the
+same to the nanosecond in the attachment; `time_ns` in Python) is its capture time: the moment at
+which the thing was true, not the moment at which it was sent. It is in the clock of the run. With
+`saltus router` that is CLOCK_MONOTONIC of the router's computer; with `saltus up` what has passed
+of it since `epoch_ns` of run.toml, times `speed`. States that are dated more than 5 ms ahead or 100
+ms behind are not answered.
 """
 
 from dataclasses import dataclass, field
@@ -33,7 +34,8 @@ class HeightmapStatus(IntEnum):
     WARMING = 1
     """Fewer images since the hidden state was emptied than the model needs."""
     DEGRADED = 2
-    """The image is 50 ms older than nominal, too many pixels or images are missing, or the output is frozen."""
+    """The image is 50 ms older than nominal, too many pixels or images are missing, or the output
+    is frozen."""
     INVALID = 3
     """The image is 100 ms older than nominal, or the output is not plausible."""
 
@@ -119,12 +121,16 @@ class RobotState:
     leg_progress: Floats
     """Progress in the present stance or swing, [0, 1], shape (4,)."""
     leg_trusted: NDArray[np.bool_]
-    """Leg is in the middle half of its stance: its foot may be taken to be on the ground. Shape (4,)."""
+    """Leg is in the middle half of its stance: its foot may be taken to be on the ground.
+
+    Shape (4,).
+    """
     cycle: int
     """Number of completed gait cycles."""
     mode: ControllerMode
     depth_due: int
-    """Lockstep: the newest `DepthFrame.frame_id` that is due at this step; -1 where none is, or in real time."""
+    """Lockstep: the newest `DepthFrame.frame_id` that is due at this step; -1 where none is, or in
+    real time."""
     position_base_in_odometry: Floats = field(default_factory=_nothing)
     """Position by the robot's odometry, along the world's axes from any origin [m], shape (3,); (0,) where it has none,
     and velocities are added up."""
@@ -158,7 +164,8 @@ class Heightmap:
     height: Reals
     """Terrain height relative to the base [m], shape (points,)."""
     half_width_90: Reals
-    """Half of the 90 % interval of `height` [m]: 90 % of the errors are smaller, shape (points,)."""
+    """Half of the 90 % interval of `height` [m]: 90 % of the errors are smaller, shape
+    (points,)."""
     status: HeightmapStatus
     depth_age_s: float
     """Age of the image that was used; infinite where there is none yet."""
@@ -167,7 +174,8 @@ class Heightmap:
     model_id: str
     """First 16 hexadecimal digits of the model file's sha256."""
     seen_share: float = -1.0
-    """Share of the points that any image has shown since the service began, 0 to 1; -1 where nobody counts."""
+    """Share of the points that any image has shown since the service began, 0 to 1; -1 where nobody
+    counts."""
     age_s: Reals = field(default_factory=_nothing)
     """Time since a point was last in an image [s], infinite where it never was, shape (points,); (0,) where nobody
     counts."""
@@ -193,7 +201,8 @@ class MotionPlan:
     pitch_rate: float
     """Rotation about the y axis of the yaw frame, nose down positive [rad/s]."""
     foot_residual_front: Floats
-    """Added to the nominal swing position of the front feet, yaw frame [m], shape (3,); y is outward."""
+    """Added to the nominal swing position of the front feet, yaw frame [m], shape (3,); y is
+    outward."""
     foot_residual_rear: Floats
     """The same for the rear feet."""
     reason: str
@@ -221,7 +230,10 @@ class JointLog:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GroundTruth:
-    """Quantities that only a simulator knows, for camera, labels and reports; never perception or control."""
+    """Quantities that only a simulator knows, for camera, labels and reports.
+
+    Never perception or control.
+    """
 
     time_ns: int
     step: int
@@ -279,4 +291,14 @@ class ProcessStatus:
     """The longest time that passed without one since then, by topic [microseconds, run's clock]."""
 
 
-Message = DepthFrame | RobotState | Heightmap | MotionPlan | JointLog | GroundTruth | Done | Event | ProcessStatus
+Message = (
+    DepthFrame
+    | RobotState
+    | Heightmap
+    | MotionPlan
+    | JointLog
+    | GroundTruth
+    | Done
+    | Event
+    | ProcessStatus
+)

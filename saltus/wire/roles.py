@@ -11,19 +11,25 @@ LISTENERS = ("recorder", "viewer", "operator")
 ROLES = PROCESSES + LISTENERS
 _SPEAKERS = (*PROCESSES, "operator")  # under topics where every process has a key of its own
 _EVERYTHING = [
-    "put", "delete", "declare_subscriber", "query", "reply", "declare_queryable", "liveliness_token",
+    "put", "delete", "declare_subscriber", "query", "reply", "declare_queryable",
+    "liveliness_token",
     "liveliness_query", "declare_liveliness_subscriber",
 ]  # fmt: skip
 
 
 def keys(role: str, verb: Literal["put", "subscribe"], prefix: str) -> list[str]:
-    """The keys of a robot that a role may put to or subscribe to; nobody may get, as nothing answers queries."""
+    """The keys of a robot that a role may put to or subscribe to.
+
+    Nobody may get, as nothing answers queries.
+    """
     if verb == "subscribe" and role in LISTENERS:
         return [f"{prefix}/**", f"{prefix}/{SHARED}"]
     found = []
     for topic in TOPICS.values():
         if verb == "subscribe" and role in topic.readers:
-            found.append(f"{prefix}/{topic.name}/*" if topic.publisher == "*" else f"{prefix}/{topic.name}")
+            found.append(
+                f"{prefix}/{topic.name}/*" if topic.publisher == "*" else f"{prefix}/{topic.name}"
+            )
         elif verb == "put" and topic.publisher == "*" and role in _SPEAKERS:
             found.append(f"{prefix}/{topic.name}/{role}")
         elif verb == "put" and topic.publisher == role:
@@ -32,13 +38,17 @@ def keys(role: str, verb: Literal["put", "subscribe"], prefix: str) -> list[str]
 
 
 def access_control(names: Mapping[str, str], prefix: str) -> dict[str, Any]:
-    """Zenoh's `access_control`: what is not allowed here is denied; the owner of the router may do everything.
+    """Zenoh's `access_control`: what is not allowed here is denied.
+
+    The owner of the router may do everything.
 
     Args:
         names: Role of each certificate, by the common name in it.
         prefix: Of the robot's keys.
     """
-    rules: list[dict[str, Any]] = [_rule("everything", _EVERYTHING, ["ingress", "egress"], ["**", f"**/{SHARED}"])]
+    rules: list[dict[str, Any]] = [
+        _rule("everything", _EVERYTHING, ["ingress", "egress"], ["**", f"**/{SHARED}"])
+    ]
     subjects: list[dict[str, Any]] = [{"id": "owner", "link_protocols": ["unixsock-stream"]}]
     policies = [{"rules": ["everything"], "subjects": ["owner"]}]
     for role in ROLES:
@@ -49,7 +59,8 @@ def access_control(names: Mapping[str, str], prefix: str) -> dict[str, Any]:
         if puts := keys(role, "put", prefix):
             own += [
                 _rule(f"{role} puts", ["put"], ["ingress"], puts),
-                # A publisher sends only what somebody is known to subscribe to, and a recorder does to everything
+                # A publisher sends only what somebody is known to subscribe to, and a recorder does
+                # to everything
                 _rule(f"{role} is told of subscribers", ["declare_subscriber"], ["egress"], ["**"]),
             ]
         if reads := keys(role, "subscribe", prefix):
@@ -61,9 +72,18 @@ def access_control(names: Mapping[str, str], prefix: str) -> dict[str, Any]:
         subjects.append({"id": role, "cert_common_names": members, "link_protocols": ["tls"]})
         policies.append({"rules": [rule["id"] for rule in own], "subjects": [role]})
     return {
-        "enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies,
+        "enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects,
+        "policies": policies,
     }  # fmt: skip
 
 
-def _rule(name: str, messages: list[str], flows: list[str], expressions: list[str]) -> dict[str, Any]:
-    return {"id": name, "messages": messages, "flows": flows, "permission": "allow", "key_exprs": expressions}
+def _rule(
+    name: str, messages: list[str], flows: list[str], expressions: list[str]
+) -> dict[str, Any]:
+    return {
+        "id": name,
+        "messages": messages,
+        "flows": flows,
+        "permission": "allow",
+        "key_exprs": expressions,
+    }

@@ -1,6 +1,7 @@
 """A node of a ROS 2 graph that speaks over Zenoh (rmw_zenoh), without ROS: keys, liveliness tokens, attachments.
 
-Formats: rmw_zenoh's design document, of Jazzy and later. Payloads and type hashes are for the caller to make. Nothing
+Formats: rmw_zenoh's design document, of Jazzy and later. Payloads and type hashes are for the
+    caller to make. Nothing
 here knows a secret: whoever reaches the router of that graph reads and writes all of it.
 """
 
@@ -19,7 +20,10 @@ NODE, PUBLISHER, SUBSCRIPTION = "NN", "MP", "MS"
 ROOT = "%"  # an empty enclave or namespace
 NODE_ID = 0  # one node to a session
 RELIABLE = "::,10:,:,:,,"
-"""Quality of service in a token: the default, reliable, the last ten. Subscriptions of every kind match it."""
+"""Quality of service in a token: the default, reliable, the last ten.
+
+Subscriptions of every kind match it.
+"""
 SENSOR = "2::,5:,:,:,,"
 """The same of best effort, the last five."""
 
@@ -46,14 +50,19 @@ def endpoint_token(
 ) -> str:  # fmt: skip
     """The token by which others learn of a publisher or a subscription of the node."""
     place = f"{TOKENS}/{domain}/{session}/{NODE_ID}/{entity}/{kind}/{ROOT}/{ROOT}/{node}"
-    return f"{place}/%{topic.strip('/').replace('/', '%')}/{dds_name(type_name)}/{type_hash}/{quality}"
+    return (
+        f"{place}/%{topic.strip('/').replace('/', '%')}/{dds_name(type_name)}/{type_hash}/{quality}"
+    )
 
 
 class RosPublisher(Protocol):
     """One topic of a node."""
 
     def put(self, payload: bytes, wall_ns: int) -> None:
-        """Sends CDR with its header of four bytes, as of a time since 1970 [ns]; never waits for a reader."""
+        """Sends CDR with its header of four bytes, as of a time since 1970 [ns].
+
+        Never waits for a reader.
+        """
 
 
 class RosNode(Protocol):
@@ -70,7 +79,9 @@ class RosNode(Protocol):
 
 
 class Ros2Node:
-    """A node over Zenoh, as a context manager. It is a client: a ROS router passes nothing on between peers.
+    """A node over Zenoh, as a context manager.
+
+    It is a client: a ROS router passes nothing on between peers.
 
     Raises:
         StackError: no router answers at the endpoint.
@@ -82,7 +93,9 @@ class Ros2Node:
         self._session = open_session("client", endpoint)
         self._id = str(self._session.info.zid())
         self._entities = NODE_ID
-        self._kept: list[Any] = [self._session.liveliness().declare_token(node_token(domain, self._id, name))]
+        self._kept: list[Any] = [
+            self._session.liveliness().declare_token(node_token(domain, self._id, name))
+        ]
 
     def __enter__(self) -> "Ros2Node":
         return self
@@ -100,7 +113,8 @@ class Ros2Node:
         raw = self._session.declare_publisher(
             topic_key(self._domain, topic, type_name, type_hash),
             encoding="application/cdr",
-            congestion_control=zenoh.CongestionControl.DROP,  # a slow subscriber must not hold up the others
+            # A slow subscriber must not hold up the others
+            congestion_control=zenoh.CongestionControl.DROP,
         )
         return Ros2Publisher(raw)
 
@@ -113,9 +127,15 @@ class Ros2Node:
             data = payload.to_bytes() if len(payload) <= PAYLOAD_MAX else b""
             slot.push(RawSample(topic, data, b"", time.monotonic_ns()))
 
-        self._kept.append(self._session.declare_subscriber(topic_key(self._domain, topic, type_name, "*"), receive))
+        self._kept.append(
+            self._session.declare_subscriber(
+                topic_key(self._domain, topic, type_name, "*"), receive
+            )
+        )
 
-    def _announce(self, kind: str, topic: str, type_name: str, type_hash: str, quality: str) -> None:
+    def _announce(
+        self, kind: str, topic: str, type_name: str, type_hash: str, quality: str
+    ) -> None:
         self._entities += 1
         token = endpoint_token(
             self._domain, self._id, self._entities, kind, self.name,
@@ -140,4 +160,6 @@ class Ros2Publisher:
             wall_ns: When it was sent, since 1970 [ns].
         """
         self._sequence += 1
-        self._raw.put(payload, attachment=Envelope(self._sequence, wall_ns, self._identity).to_bytes())
+        self._raw.put(
+            payload, attachment=Envelope(self._sequence, wall_ns, self._identity).to_bytes()
+        )

@@ -35,7 +35,9 @@ class NetworkAccess:
     """Rights of each certificate, as Zenoh's configuration says them."""
 
 
-def open_router(network: NetworkAccess | None = None, speed: float = 1.0) -> tuple[str, contextlib.ExitStack]:
+def open_router(
+    network: NetworkAccess | None = None, speed: float = 1.0
+) -> tuple[str, contextlib.ExitStack]:
     """Opens a Zenoh router at a socket in a new folder that nobody but its owner may enter, and on a network if asked.
 
     `speed` is that of the run's clock, see `lease_slowed`.
@@ -47,7 +49,9 @@ def open_router(network: NetworkAccess | None = None, speed: float = 1.0) -> tup
         StackError: it cannot listen there.
     """
     with contextlib.ExitStack() as resources:
-        folder = tempfile.mkdtemp(prefix="saltus-")  # mode 0700; the path of a socket has at most 107 characters
+        folder = tempfile.mkdtemp(
+            prefix="saltus-"
+        )  # mode 0700; the path of a socket has at most 107 characters
         resources.callback(shutil.rmtree, folder, ignore_errors=True)
         endpoints = [f"{LOCAL}{folder}/router"]
         settings = zenoh.Config.from_file(str(resource("zenoh_cfg/router.json5")))
@@ -57,11 +61,18 @@ def open_router(network: NetworkAccess | None = None, speed: float = 1.0) -> tup
                 # each stranger who connects holds a file until refused
                 setrlimit(RLIMIT_NOFILE, (getrlimit(RLIMIT_NOFILE)[1],) * 2)
                 endpoints.append(network.listen)
-                settings.insert_json5("transport/link/tls", json.dumps(mutual_tls(network.certificate, "listen")))
+                settings.insert_json5(
+                    "transport/link/tls", json.dumps(mutual_tls(network.certificate, "listen"))
+                )
                 settings.insert_json5("access_control", json.dumps(network.access_control))
             settings.insert_json5("listen/endpoints", json.dumps(endpoints))
             resources.callback(zenoh.open(settings).close)
         except zenoh.ZError as error:
-            reason, places = str(error).split(" at /")[0], " and ".join(endpoints)  # without places in Zenoh's source
-            raise StackError(f"cannot host a Zenoh router at {places}: {reason}; is another one there?") from error
+            reason, places = (
+                str(error).split(" at /")[0],
+                " and ".join(endpoints),
+            )  # without places in Zenoh's source
+            raise StackError(
+                f"cannot host a Zenoh router at {places}: {reason}; is another one there?"
+            ) from error
         return endpoints[0], resources.pop_all()

@@ -1,7 +1,7 @@
 """THE table of what travels: the fields of every message, their shapes and the bounds outside which it is refused.
 
-The text of the ROS 2 message definitions is derived from it. Bounds are not limits of the robot: they are wide enough
-for a simulated crash and narrow enough that nothing beyond them can be meant.
+The text of the ROS 2 message definitions is derived from it. Bounds are not limits of the robot:
+they are wide enough for a simulated crash and narrow enough that nothing beyond them can be meant.
 """
 
 import math
@@ -70,7 +70,11 @@ def _rows(name: str, bound: float) -> Field:
 
 
 def _former(field: Field) -> str:
-    return replace(field, shape=(FORMER_GRID.size,)).definition if field.shape == (ANY,) else field.definition
+    return (
+        replace(field, shape=(FORMER_GRID.size,)).definition
+        if field.shape == (ANY,)
+        else field.definition
+    )
 
 
 ROUNDING = 1e-6
@@ -88,7 +92,9 @@ FORCE = 1e6  # [N]
 FREQUENCY = 20.0  # [Hz]; the original's gait lies between 1 and 4
 PLAN_VELOCITY = 10.0  # [m/s], [rad/s]
 OBSERVATION = 1e5  # a height, times the largest scale that a dialect may have
-FOOT_RESIDUAL = 1.0  # [m]; onto a step of 0.75 m a foot is lifted by 0.8 m from its path on the ground
+FOOT_RESIDUAL = (
+    1.0  # [m]; onto a step of 0.75 m a foot is lifted by 0.8 m from its path on the ground
+)
 
 FIELDS: dict[type[Message], tuple[Field, ...]] = {
     messages.RobotState: (
@@ -162,7 +168,8 @@ FIELDS: dict[type[Message], tuple[Field, ...]] = {
     ),
     messages.Done: (_index("step"), Field("process", "string"), _index("frame_id", low=-1)),
 }
-"""Messages that travel as types of our own: a `std_msgs/Header` with the capture time, then these fields."""
+"""Messages that travel as types of our own: a `std_msgs/Header` with the capture time, then these
+fields."""
 
 FRAME: dict[type[Message], str] = {
     messages.DepthFrame: "camera",
@@ -226,7 +233,10 @@ STANDARD: dict[str, str] = {
         "uint32 line\n"
     ),
 }
-"""Those of ROS 2 (Jazzy) that travel. With all types of that distribution every process starts 0.1 s later."""
+"""Those of ROS 2 (Jazzy) that travel.
+
+With all types of that distribution every process starts 0.1 s later.
+"""
 
 DEFINITIONS: dict[str, str] = {
     DEPTH_TYPE: (
@@ -249,13 +259,17 @@ DEFINITIONS: dict[str, str] = {
         "int64[] silence_us\n"
     ),
     **{
-        TYPE_NAME[kind]: "\n".join(["std_msgs/Header header", *(f.definition for f in fields)]) + "\n"
+        TYPE_NAME[kind]: "\n".join(["std_msgs/Header header", *(f.definition for f in fields)])
+        + "\n"
         for kind, fields in FIELDS.items()
     },
 }
 """ROS 2 message definitions of the types that are our own."""
 
-_ON_A_LINE: dict[type[Message], tuple[str, ...]] = {messages.Heightmap: ("y",), messages.GroundTruth: ("x", "y")}
+_ON_A_LINE: dict[type[Message], tuple[str, ...]] = {
+    messages.Heightmap: ("y",),
+    messages.GroundTruth: ("x", "y"),
+}
 _OF_THE_LINE: dict[type[Message], tuple[str, ...]] = {
     messages.Heightmap: ("seen_share", "age_s", "dialect", "observation"),
     messages.RobotState: ("position_base_in_odometry", "standing_feet"),
@@ -265,13 +279,20 @@ FORMER_GRID = load_grid(UNNAMED["grid"])
 
 def _without(kind: type[Message], added: tuple[str, ...], *, line: bool) -> str:
     kept = (f for f in FIELDS[kind] if f.name not in added)
-    return "\n".join(["std_msgs/Header header", *(_former(f) if line else f.definition for f in kept)]) + "\n"
+    return (
+        "\n".join(["std_msgs/Header header", *(_former(f) if line else f.definition for f in kept)])
+        + "\n"
+    )
 
 
 FORMER: dict[type[Message], tuple[str, ...]] = {
     kind: (
         *([_without(kind, _OF_THE_LINE[kind], line=False)] if kind in _OF_THE_LINE else []),
-        *([_without(kind, _OF_THE_LINE.get(kind, ()) + _ON_A_LINE[kind], line=True)] if kind in _ON_A_LINE else []),
+        *(
+            [_without(kind, _OF_THE_LINE.get(kind, ()) + _ON_A_LINE[kind], line=True)]
+            if kind in _ON_A_LINE
+            else []
+        ),
     )
     for kind in dict.fromkeys([*_OF_THE_LINE, *_ON_A_LINE])
 }

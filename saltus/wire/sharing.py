@@ -1,7 +1,8 @@
 """A run's messages for who only looks on: many at a time, from the supervisor, which has them all.
 
-Each message that goes to one more process wakes it just when those of the robot have to run, hundreds of times a
-second. In batches the same messages come 40 ms later at most, and wake it 25 times a second.
+Each message that goes to one more process wakes it just when those of the robot have to run,
+hundreds of times a second. In batches the same messages come 40 ms later at most, and wake it 25
+times a second.
 """
 
 import itertools
@@ -66,12 +67,17 @@ def unpacked(batch: bytes) -> list[RawSample]:
         place = ends[-1]
         if place > len(batch):
             break
-        samples.append(RawSample(key.decode(errors="replace"), payload, attachment, now_ns - age_ns))
+        samples.append(
+            RawSample(key.decode(errors="replace"), payload, attachment, now_ns - age_ns)
+        )
     return samples
 
 
 def _bounded(samples: list[RawSample]) -> Iterator[list[RawSample]]:
-    """Batches that a process does not refuse for their size; one is there even where there are no samples."""
+    """Batches that a process does not refuse for their size.
+
+    One is there even where there are no samples.
+    """
     batch: list[RawSample] = []
     size = 0
     for sample in samples:

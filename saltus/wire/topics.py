@@ -5,11 +5,15 @@ from dataclasses import dataclass, replace
 from saltus.wire import messages
 from saltus.wire.messages import Message
 
-CAMERA_LATENCY_S = 0.050  # exposure to arrival; paper, "real-to-sim" (a sine of body height against the image)
-CAMERA_JITTER_S = 0.005  # of a trial's images, either way: half a policy period, they arrive at any phase of it
+CAMERA_LATENCY_S = (
+    0.050  # exposure to arrival; paper, "real-to-sim" (a sine of body height against the image)
+)
+CAMERA_JITTER_S = (
+    0.005  # of a trial's images, either way: half a policy period, they arrive at any phase of it
+)
 CAMERA_PERIOD_S = 0.020  # 50 Hz
-# A policy that tolerates 8 cm of horizontal shift at 1.4 m/s tolerates 57 ms beyond the delay it was trained with:
-# 50 ms more is degraded, 100 ms more (ten periods of the consumer) is lost.
+# A policy that tolerates 8 cm of horizontal shift at 1.4 m/s tolerates 57 ms beyond the delay it
+# was trained with: 50 ms more is degraded, 100 ms more (ten periods of the consumer) is lost.
 MAX_EXTRA_AGE_S = 0.100
 
 
@@ -21,12 +25,14 @@ class Topic:
     """Key expression below the robot's prefix, e.g. "camera/depth" of "robot/0/camera/depth"."""
     message: type[Message]
     publisher: str
-    """The process that may publish it; "*" where every process does, each under `name/<process>`."""
+    """The process that may publish it; "*" where every process does, each under
+    `name/<process>`."""
     readers: tuple[str, ...] = ()
     """The processes that subscribe to it; others record or show it."""
     rate_hz: float = 100.0
     nominal_age_s: float = 0.0
-    """Age (now - capture time) of a message that is on time, when it is used; of images see `depth_topic`."""
+    """Age (now - capture time) of a message that is on time, when it is used; of images see
+    `depth_topic`."""
     max_extra_age_s: float = MAX_EXTRA_AGE_S
     """Beyond nominal + this a message must not be used. Half of it is the limit of "degraded"."""
     recorded: bool = True
@@ -62,7 +68,15 @@ _ROWS = (
     Topic("controller/joints", messages.JointLog, "controller", nominal_age_s=0.010),
     Topic("plant/truth", messages.GroundTruth, "controller", ("render",)),
     Topic("done", messages.Done, "*", ("controller",), max_extra_age_s=1.0, recorded=False),
-    Topic("event", messages.Event, "*", ("render", "controller"), 0.0, max_extra_age_s=1.0, urgent=True),
+    Topic(
+        "event",
+        messages.Event,
+        "*",
+        ("render", "controller"),
+        0.0,
+        max_extra_age_s=1.0,
+        urgent=True,
+    ),
     Topic("status", messages.ProcessStatus, "*", (), 2.0, max_extra_age_s=1.0),
 )
 TOPICS: dict[str, Topic] = {topic.name: topic for topic in _ROWS}
@@ -77,4 +91,6 @@ def depth_topic(latency_s: float) -> Topic:
 
     Images of a faster camera than the one that predictors know may be as old as that one's.
     """
-    return replace(TOPICS["camera/depth"], nominal_age_s=max(latency_s, CAMERA_LATENCY_S) + CAMERA_PERIOD_S)
+    return replace(
+        TOPICS["camera/depth"], nominal_age_s=max(latency_s, CAMERA_LATENCY_S) + CAMERA_PERIOD_S
+    )

@@ -20,11 +20,12 @@ from saltus.wire.topics import SHARED, TOPICS
 class ZenohBus(Bus):
     """A bus over one Zenoh router.
 
-    Clients reach everybody through the router. Peers, which must all be on one machine, learn of each other from it:
-    messages between them take one hop instead of two. Links between them are there some milliseconds after a peer has
-    opened; what is sent before may be lost. `peer` is for processes of the router's own stack, and never to be guessed
-    from the endpoint: what is between two peers no router carries. `endpoint` and `speed` are as in `open_session`.
-    What does not fit into a full link is lost, unless its sender `waits`: for runs in lockstep, where nobody is late.
+    Clients reach everybody through the router. Peers, which must all be on one machine, learn of
+    each other from it: messages between them take one hop instead of two. Links between them are
+    there some milliseconds after a peer has opened; what is sent before may be lost. `peer` is for
+    processes of the router's own stack, and never to be guessed from the endpoint: what is between
+    two peers no router carries. `endpoint` and `speed` are as in `open_session`. What does not fit
+    into a full link is lost, unless its sender `waits`: for runs in lockstep, where nobody is late.
 
     Raises:
         StackError: no router answers at the endpoint, or peers cannot link beside it.
@@ -46,7 +47,9 @@ class ZenohBus(Bus):
         self._session = open_session("peer" if peer else "client", endpoint, speed)
 
     @classmethod
-    def of_run(cls, endpoint: str, run: RunConfig, *, peer: bool = False, bell: Bell | None = None) -> "ZenohBus":
+    def of_run(
+        cls, endpoint: str, run: RunConfig, *, peer: bool = False, bell: Bell | None = None
+    ) -> "ZenohBus":
         """The bus of the robot of a run, with links that its pace and speed ask for."""
         waits = run.pace == "lockstep"
         return cls(endpoint, run.prefix, peer=peer, speed=run.link_speed, waits=waits, bell=bell)
@@ -58,7 +61,9 @@ class ZenohBus(Bus):
             self._key(topic, suffix),
             encoding=codec.encoding_of(row.message) if row else None,
             congestion_control=self._when_full,
-            priority=zenoh.Priority.REAL_TIME if row and row.urgent else zenoh.Priority.INTERACTIVE_HIGH,
+            priority=zenoh.Priority.REAL_TIME
+            if row and row.urgent
+            else zenoh.Priority.INTERACTIVE_HIGH,
             express=True,
         )
         return ZenohPublisher(raw, self)
@@ -72,9 +77,9 @@ class ZenohBus(Bus):
             keep_thread()
             slot.push(_raw(sample, name))
 
-        # Not Zenoh's channels: who looks into them again and again notices 0.3 ms late, and the FIFO lets a slow
-        # consumer fall seconds behind and then blocks the session. Not indirect: with a thread for each key, a state
-        # overtakes the image that was sent before it.
+        # Not Zenoh's channels: who looks into them again and again notices 0.3 ms late, and the
+        # FIFO lets a slow consumer fall seconds behind and then blocks the session. Not indirect:
+        # with a thread for each key, a state overtakes the image that was sent before it.
         self._session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
         return self._latest(topic, slot)
 
@@ -107,7 +112,9 @@ class ZenohBus(Bus):
 
     def look_on(self, receive: Callable[[bytes], None]) -> None:
         """Gives each batch that a supervisor hands on to `receive`, for `saltus.wire.sharing.unpacked`."""
-        self._session.declare_subscriber(f"{self.prefix}/{SHARED}", lambda it: receive(it.payload.to_bytes()))
+        self._session.declare_subscriber(
+            f"{self.prefix}/{SHARED}", lambda it: receive(it.payload.to_bytes())
+        )
 
     def connected(self) -> bool:
         """True where the router answers."""
@@ -132,7 +139,9 @@ class ZenohPublisher:
         return bool(self._publisher.matching_status.matching)
 
     def put(self, message: Message) -> None:
-        """Encodes and sends, unless its bus is muted. Never waits, unless the link is full and its bus `waits`.
+        """Encodes and sends, unless its bus is muted.
+
+        Never waits, unless the link is full and its bus `waits`.
 
         Raises:
             MessageError: the message does not have the shape that travels.
@@ -149,4 +158,6 @@ def _raw(sample: Any, key: str) -> RawSample:
     """Copies a sample out of Zenoh; what is beyond the limit is not worth a copy of its own."""
     payload, attachment = sample.payload, sample.attachment
     data = payload.to_bytes() if len(payload) <= codec.PAYLOAD_MAX else bytes(codec.PAYLOAD_MAX + 1)
-    return RawSample(key, data, b"" if attachment is None else attachment.to_bytes(), time.monotonic_ns())
+    return RawSample(
+        key, data, b"" if attachment is None else attachment.to_bytes(), time.monotonic_ns()
+    )

@@ -18,7 +18,9 @@ from saltus.heightmap.data.shards import write_shard
 from saltus.heightmap.service.features import PROPRIOCEPTION
 
 FOLDER = checkout.SOURCE / "benchmarks"
-NAMES = sorted([p.stem for p in FOLDER.glob("[!_]*.py")] + [p.parent.name for p in FOLDER.glob("*/command.py")])
+NAMES = sorted(
+    [p.stem for p in FOLDER.glob("[!_]*.py")] + [p.parent.name for p in FOLDER.glob("*/command.py")]
+)
 TINY = {
     "qp": "--problems 20 --ticks 20 --robots 4",
     "inference": "--ticks 440",
@@ -29,7 +31,10 @@ TINY = {
     "stance_batched": "--robots 4 --steps 2",
     "feedback": "--seconds 0.2",
 }
-"""Those that take seconds; what only runs the real processes, trains or searches is left to `saltus bench`."""
+"""Those that take seconds.
+
+What only runs the real processes, trains or searches is left to `saltus bench`.
+"""
 BAD = {
     "no such benchmark": ("qpp", "did you mean 'qp'?"),
     "unknown flag": ("qp --problem 3", "--problems"),
@@ -42,10 +47,16 @@ BAD = {
     "no dataset": ("restart nowhere", "nowhere"),
     "no truths": ("left_out nowhere nowhere", "nowhere"),
     "no policy to run": ("stand_in nowhere", "nowhere"),
-    "no effect of the stand-in": ("stand_in --left-out viscous_frictoin", "did you mean 'viscous_friction'?"),
+    "no effect of the stand-in": (
+        "stand_in --left-out viscous_frictoin",
+        "did you mean 'viscous_friction'?",
+    ),
     "no such row": ("hard_courses --rows stairs", "no row 'stairs'"),
     "no policy": ("hard_courses --models nowhere", "nowhere"),
-    "no heightmap model": ("hard_courses --heightmap predicted --heightmap-model nowhere", "nowhere"),
+    "no heightmap model": (
+        "hard_courses --heightmap predicted --heightmap-model nowhere",
+        "nowhere",
+    ),
     "no trials": (f"hard_courses --out {Path(__file__)}", "holds no trials"),
     "no other policy": ("heights --other-policy nowhere", "no file nowhere"),
     "no batches": (f"heights --out {Path(__file__)}", "holds no batches"),
@@ -80,12 +91,16 @@ def test_each_has_a_help_with_an_example(name: str, capsys: pytest.CaptureFixtur
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TINY)
-def test_those_that_take_seconds_end_with_one_json_object(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_those_that_take_seconds_end_with_one_json_object(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert figures(capsys, name, "--", *TINY[name].split())
 
 
 @pytest.mark.parametrize("case", BAD, ids=str)
-def test_bad_input_is_one_line_and_exit_code_2(case: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_one_line_and_exit_code_2(
+    case: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     words, hint = BAD[case]
     assert main(["bench", *words.split()]) == 2
     said = capsys.readouterr()
@@ -109,7 +124,9 @@ def test_without_the_other_solver_forces_are_not_compared(
     assert "pip install quadprog" in said.err
 
 
-def test_a_network_that_loses_its_hidden_state(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_network_that_loses_its_hidden_state(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     rng, ticks = np.random.default_rng(0), 180
     episode = Episode(
         terrain="flat",
@@ -118,18 +135,31 @@ def test_a_network_that_loses_its_hidden_state(tmp_path: Path, capsys: pytest.Ca
         depth=rng.integers(300, 2500, (ticks // 2, 48, 16)).astype(np.uint16),
         frame_tick=np.arange(0, ticks, 2, dtype=np.int32),
     )
-    write_shard(tmp_path, [episode, replace(episode, height=episode.height[:100])], seed=0, config={})
+    write_shard(
+        tmp_path, [episode, replace(episode, height=episode.height[:100])], seed=0, config={}
+    )
     (row,) = figures(capsys, "restart", str(tmp_path))["models"]
     assert row["episodes"] == 1
     assert row["worse_by"]["0"] != 0.0
 
 
 def test_a_training_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    names = ["iteration", "steps", "seconds", *(f"flat/{n}" for n in ("way_m", "speed", "level", "finished"))]
-    (tmp_path / "progress.csv").write_text("\n".join([",".join(names), "1,2,3,4,5,6,0.7", "8,9,10,11,12,13,0.9"]))
-    found = figures(capsys, "training_curve", str(tmp_path), "--picture", str(tmp_path / "curve.png"))
+    names = [
+        "iteration",
+        "steps",
+        "seconds",
+        *(f"flat/{n}" for n in ("way_m", "speed", "level", "finished")),
+    ]
+    (tmp_path / "progress.csv").write_text(
+        "\n".join([",".join(names), "1,2,3,4,5,6,0.7", "8,9,10,11,12,13,0.9"])
+    )
+    found = figures(
+        capsys, "training_curve", str(tmp_path), "--picture", str(tmp_path / "curve.png")
+    )
     assert found["steps"] == 9.0
-    assert found["terrains"] == {"flat": {"way_m": 11.0, "speed": 12.0, "level": 13.0, "finished": 0.9}}
+    assert found["terrains"] == {
+        "flat": {"way_m": 11.0, "speed": 12.0, "level": 13.0, "finished": 0.9}
+    }
     assert (tmp_path / "curve.png").stat().st_size > 10_000
 
 
@@ -137,7 +167,9 @@ def test_hidden_effects_take_their_flags(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     asked: dict[str, Any] = {}
-    monkeypatch.setattr("benchmarks.hidden_effects.command.generate", lambda *_, **options: asked.update(options))
+    monkeypatch.setattr(
+        "benchmarks.hidden_effects.command.generate", lambda *_, **options: asked.update(options)
+    )
     words = ["--seed", "3", "--runs", "2", "--kinds", "joints", "imu", "--jobs", "1", "--tuning"]
     folders = ["--out", str(tmp_path / "logs"), "--truth", str(tmp_path / "truth")]
     assert figures(capsys, "hidden_effects", "--", "generate", *words, *folders)["runs"] == 2
@@ -183,7 +215,10 @@ def test_figures_as_text(capsys: pytest.CaptureFixture[str]) -> None:
             "load": 0.25,
             "none": None,
             "law": {"p50": 1.0, "p99": float("nan")},
-            "rows": {"flat": {"success": 20, "failures": {}}, "gap 0.2 m": {"success": 3, "failures": {"fell": 17}}},
+            "rows": {
+                "flat": {"success": 20, "failures": {}},
+                "gap 0.2 m": {"success": 3, "failures": {"fell": 17}},
+            },
         }
     )
     assert capsys.readouterr().out.splitlines() == [

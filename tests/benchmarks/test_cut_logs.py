@@ -8,7 +8,9 @@ from benchmarks.cuts import WHOLE, Benchmark, counted
 from saltus.errors import ConfigError
 
 
-def row(cut: str, verdict: str, *effects: str, seconds: float = 10.0, is_tested: bool = True) -> dict[str, Any]:
+def row(
+    cut: str, verdict: str, *effects: str, seconds: float = 10.0, is_tested: bool = True
+) -> dict[str, Any]:
     said = {"verdict": verdict, "effects": list(effects), "sets": [], "is_tested": is_tested}
     return {"log": "joints", "cut": cut, "seconds_of_log": seconds, **said}
 
@@ -25,7 +27,12 @@ def test_cuts_are_counted_beside_the_whole_log() -> None:
             row("5", "named", "coulomb_friction", is_tested=False),
         ]
     )
-    assert (found["cut"], found["other_names"], found["bad_log"], found["named_without_test"]) == (6, 1, 1, 1)
+    assert (found["cut"], found["other_names"], found["bad_log"], found["named_without_test"]) == (
+        6,
+        1,
+        1,
+        1,
+    )
     assert (found["long"], found["long_named"]) == (2, 1)
     assert [each["cut"] for each in found["not_right"]] == ["1"]
 

@@ -44,11 +44,16 @@ def test_damaged_files_are_read_or_refused_and_models_with_checksums_refused(fol
         sample.path.write_bytes(good)
 
 
-def test_mutated_messages_of_every_topic_are_read_or_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # In a process of many tests it takes half a second to free memory before it is measured, twice for each topic
+def test_mutated_messages_of_every_topic_are_read_or_refused(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # In a process of many tests it takes half a second to free memory before it is measured, twice
+    # for each topic
     monkeypatch.setattr("benchmarks.damaged_files._settled_mb", lambda: 0.0)
     found = Benchmark(payloads=PAYLOADS).messages(folder / "run" / "recording.mcap")
-    assert set(found) == {name for name, topic in TOPICS.items() if topic.recorded and name != "done"}
+    assert set(found) == {
+        name for name, topic in TOPICS.items() if topic.recorded and name != "done"
+    }
     for topic, row in found.items():
         assert row["raised"] == 0, topic
         assert row["refused"] > 0.4 * PAYLOADS, topic
@@ -87,13 +92,17 @@ def test_a_dataset_reads_nothing_outside_of_its_shard(tmp_path: Path) -> None:
             elif kind == "soft":
                 file["height"] = h5py.SoftLink("/depth")
             elif kind == "raw":
-                file.create_dataset("height", shape, np.float32, external=[(str(secret), 0, h5py.h5f.UNLIMITED)])
+                file.create_dataset(
+                    "height", shape, np.float32, external=[(str(secret), 0, h5py.h5f.UNLIMITED)]
+                )
             elif kind == "virtual":
                 layout = h5py.VirtualLayout(shape, np.float32)
                 layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "height", shape)
                 file.create_virtual_dataset("height", layout)
             else:
-                file.create_dataset("height", (2**40, 30), np.float32, chunks=(256, 30), compression="gzip")
+                file.create_dataset(
+                    "height", (2**40, 30), np.float32, chunks=(256, 30), compression="gzip"
+                )
         with pytest.raises(SaltusError, match="'height'"):
             _damage.read_shard(folder / "round_000.h5")
         assert "'height'" in " ".join(validate(folder))

@@ -58,13 +58,21 @@ from saltus.used_networks import model_path
 PROJECT = Path(__file__).resolve().parents[2]
 LENGTHS = (130, 160, 145)
 TERRAINS = ("flat", "stairs", "stairs")
-WIDE = {"joint_position": 12, "joint_velocity": 12, "quaternion_base_in_world": 4, "leg_contact": 4, "leg_trusted": 4}
+WIDE = {
+    "joint_position": 12,
+    "joint_velocity": 12,
+    "quaternion_base_in_world": 4,
+    "leg_contact": 4,
+    "leg_trusted": 4,
+}
 SHORT_S = 1.6
 
 
 def synthetic_run(steps: int, terrain: str, seed: int) -> SplitRun:
     rng = np.random.default_rng(seed)
-    robot: dict[str, Any] = {name: rng.normal(size=(steps, WIDE.get(name, 3))).astype(np.float32) for name in OBSERVED}
+    robot: dict[str, Any] = {
+        name: rng.normal(size=(steps, WIDE.get(name, 3))).astype(np.float32) for name in OBSERVED
+    }
     robot |= {name: robot[name] > 0.0 for name in ("leg_contact", "leg_trusted")}
     robot["base_height"] = robot["base_height"][:, 0]
     inputs = Inputs(
@@ -79,7 +87,9 @@ def synthetic_run(steps: int, terrain: str, seed: int) -> SplitRun:
     return SplitRun(inputs=inputs, truth=Truth(terrain=terrain, height=height, view=view))
 
 
-SYNTHETIC = [synthetic_run(*known, seed) for seed, known in enumerate(zip(LENGTHS, TERRAINS, strict=True))]
+SYNTHETIC = [
+    synthetic_run(*known, seed) for seed, known in enumerate(zip(LENGTHS, TERRAINS, strict=True))
+]
 TRUTHS = [run.truth for run in SYNTHETIC]
 
 
@@ -97,14 +107,32 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("short") / "split"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(splits, "TIME_LIMIT_S", SHORT_S)
-        assert main(["bench", "depth_to_heights", "make", "--runs", "1", "--out", str(path), "--processes", "1"]) == 0
+        assert (
+            main(
+                [
+                    "bench",
+                    "depth_to_heights",
+                    "make",
+                    "--runs",
+                    "1",
+                    "--out",
+                    str(path),
+                    "--processes",
+                    "1",
+                ]
+            )
+            == 0
+        )
     return path
 
 
 def said(shift_m: float = 0.0, half_width_m: float = 0.001) -> list[Prediction]:
     """The truth, and so much more."""
     heights = [truth.height + shift_m for truth in TRUTHS]
-    return [Prediction(height=height, half_width_90=np.full_like(height, half_width_m)) for height in heights]
+    return [
+        Prediction(height=height, half_width_90=np.full_like(height, half_width_m))
+        for height in heights
+    ]
 
 
 def scored(predictions: list[Prediction]) -> ScoreRow:
@@ -116,7 +144,13 @@ def test_who_knows_the_truth_scores_no_error_and_the_greatest_likelihood() -> No
     for figures in (best.figures, *best.by_terrain.values()):
         assert figures["mae_m"] == figures["mae_unseen_m"] == figures["edge_error_m"] == 0.0
         assert figures["coverage90"] == figures["edges_found"] == 1.0
-    others = (said(0.001), said(-0.001), said(half_width_m=0.002), said(half_width_m=0.5), said(0.02, 0.02))
+    others = (
+        said(0.001),
+        said(-0.001),
+        said(half_width_m=0.002),
+        said(half_width_m=0.5),
+        said(0.02, 0.02),
+    )
     assert all(best.figures["nll"] < scored(other).figures["nll"] for other in others)
     # who states less than can be told apart gains nothing
     assert scored(said(half_width_m=1e-9)).figures == best.figures
@@ -148,27 +182,39 @@ def test_intervals_hold_the_mean_of_runs_as_often_as_they_say() -> None:
     """Of runs that each err by another amount, all alike in kind and length."""
     rng, steps, runs = np.random.default_rng(3), STAND_STEPS + 4, 30
     truths = [
-        Truth(terrain="flat", height=np.zeros((steps, 30), np.float32), view=np.zeros((steps, 30), np.int8))
+        Truth(
+            terrain="flat",
+            height=np.zeros((steps, 30), np.float32),
+            view=np.zeros((steps, 30), np.int8),
+        )
     ] * runs
     held = []
     for _ in range(40):
         errors = rng.exponential(0.01, runs)
         wide = np.full((steps, 30), 0.02)
-        found = row("mine", truths, [Prediction(height=np.full((steps, 30), e), half_width_90=wide) for e in errors])
+        found = row(
+            "mine",
+            truths,
+            [Prediction(height=np.full((steps, 30), e), half_width_90=wide) for e in errors],
+        )
         low, high = found.interval90["mae_m"]
         assert low < found.figures["mae_m"] < high
         held.append(low <= 0.01 <= high)
     assert 0.7 <= np.mean(held) <= 0.99
 
 
-def test_a_file_scores_what_its_rows_say_in_any_order(folder: Path, tmp_path: Path, capsys: Any) -> None:
+def test_a_file_scores_what_its_rows_say_in_any_order(
+    folder: Path, tmp_path: Path, capsys: Any
+) -> None:
     predictions = said(0.005, 0.02)
     write_predictions(tmp_path / "mine.parquet", predictions)
     table = pq.read_table(tmp_path / "mine.parquet")
     order = np.random.default_rng(0).permutation(table.num_rows)
     pq.write_table(table.take(order), tmp_path / "mixed.parquet")
     files = [str(tmp_path / name) for name in ("mine.parquet", "mixed.parquet")]
-    assert main(["bench", "depth_to_heights", "score", *files, "--split", str(folder), "--json"]) == 0
+    assert (
+        main(["bench", "depth_to_heights", "score", *files, "--split", str(folder), "--json"]) == 0
+    )
     found = json.loads(capsys.readouterr().out)
     assert main(["bench", "depth_to_heights", "score", *files, "--split", str(folder)]) == 0
     out = capsys.readouterr().out
@@ -190,7 +236,9 @@ def column(name: str, change: Callable[[np.ndarray], Any]) -> Callable[[pa.Table
         made = change(values)
         values = values if made is None else made
         kind = pa.int64() if values.ndim == 1 else pa.list_(pa.float64())
-        return table.set_column(table.schema.get_field_index(name), name, pa.array(values.tolist(), kind))
+        return table.set_column(
+            table.schema.get_field_index(name), name, pa.array(values.tolist(), kind)
+        )
 
     return changed
 
@@ -204,18 +252,36 @@ def put(value: float) -> Callable[[np.ndarray], None]:
 
 WHERE = f"{RUN} 1, {STEP} 5: "
 DAMAGES: dict[str, tuple[Callable[[pa.Table], pa.Table], str]] = {
-    "missing": (lambda table: pa.concat_tables([table[:140], table[141:]]), f"{RUN} 1 and {STEP} 10 is missing"),
+    "missing": (
+        lambda table: pa.concat_tables([table[:140], table[141:]]),
+        f"{RUN} 1 and {STEP} 10 is missing",
+    ),
     "last": (lambda table: table[:-1], f"{RUN} 2 and {STEP} {LENGTHS[2] - 1} is missing"),
-    "twice": (lambda table: pa.concat_tables([table, table[3:4]]), f"{RUN} 0 and {STEP} 3 stands twice"),
-    "instead": (lambda table: pa.concat_tables([table[1:], table[3:4]]), f"{RUN} 0 and {STEP} 3 stands twice"),
+    "twice": (
+        lambda table: pa.concat_tables([table, table[3:4]]),
+        f"{RUN} 0 and {STEP} 3 stands twice",
+    ),
+    "instead": (
+        lambda table: pa.concat_tables([table[1:], table[3:4]]),
+        f"{RUN} 0 and {STEP} 3 stands twice",
+    ),
     "run": (column(RUN, lambda values: values + 1), f"no row with {RUN} 2 and {STEP} {LENGTHS[2]}"),
     "step": (column(STEP, lambda values: values - 1), f"no row with {RUN} 0 and {STEP} -1"),
-    "nan": (column(HEIGHT, put(np.nan)), f"{WHERE}'height' of point 7 is nan; it must be from -10 to 10 m"),
+    "nan": (
+        column(HEIGHT, put(np.nan)),
+        f"{WHERE}'height' of point 7 is nan; it must be from -10 to 10 m",
+    ),
     "infinite": (column(HALF_WIDTH, put(np.inf)), f"{WHERE}'half_width_90' of point 7 is inf"),
     "millimetres": (column(HEIGHT, lambda values: 1e3 * values), "it must be from -10 to 10 m"),
-    "narrow": (column(HALF_WIDTH, put(0.0)), f"{WHERE}'half_width_90' of point 7 is 0; it must be above 0"),
+    "narrow": (
+        column(HALF_WIDTH, put(0.0)),
+        f"{WHERE}'half_width_90' of point 7 is 0; it must be above 0",
+    ),
     "negative": (column(HALF_WIDTH, put(-0.1)), "is -0.1; it must be above 0"),
-    "points": (column(HEIGHT, lambda values: values[:, 1:]), "a list of 'height' has 29 numbers; it must have 30"),
+    "points": (
+        column(HEIGHT, lambda values: values[:, 1:]),
+        "a list of 'height' has 29 numbers; it must have 30",
+    ),
     "column": (lambda table: table.drop_columns([HALF_WIDTH]), "column 'half_width_90' is missing"),
     "kind": (
         lambda table: table.set_column(0, RUN, pa.array(["one"] * table.num_rows)),
@@ -226,34 +292,47 @@ DAMAGES: dict[str, tuple[Callable[[pa.Table], pa.Table], str]] = {
         f"column '{RUN}' has {sum(LENGTHS)} rows without a value",
     ),
     "empty": (lambda table: table[:0], f"{RUN} 0 and {STEP} 0 is missing"),
-    "long": (lambda table: pa.concat_tables([table] * 3), f"{3 * sum(LENGTHS)} rows, the split has {sum(LENGTHS)}"),
+    "long": (
+        lambda table: pa.concat_tables([table] * 3),
+        f"{3 * sum(LENGTHS)} rows, the split has {sum(LENGTHS)}",
+    ),
 }
 
 
 @pytest.mark.parametrize("name", DAMAGES)
-def test_what_cannot_be_scored_is_refused_by_one_line(name: str, folder: Path, tmp_path: Path, capsys: Any) -> None:
+def test_what_cannot_be_scored_is_refused_by_one_line(
+    name: str, folder: Path, tmp_path: Path, capsys: Any
+) -> None:
     path = tmp_path / "mine.parquet"
     write_predictions(path, said())
     damage, told = DAMAGES[name]
     pq.write_table(damage(pq.read_table(path)), path)
     assert main(["bench", "depth_to_heights", "score", str(path), "--split", str(folder)]) == 2
     printed = capsys.readouterr()
-    assert re.fullmatch(f"saltus: [^\n]*{re.escape(str(path))}[^\n]*{re.escape(told)}[^\n]*\n", printed.err), (
-        printed.err
-    )
+    assert re.fullmatch(
+        f"saltus: [^\n]*{re.escape(str(path))}[^\n]*{re.escape(told)}[^\n]*\n", printed.err
+    ), printed.err
     assert not printed.out
 
 
-@pytest.mark.parametrize("content", [b"", b"PAR1", b"PAR1" + bytes(200) + b"PAR1", b"episode_index,frame_index\n0,0\n"])
-def test_no_parquet_is_refused_by_one_line(content: bytes, folder: Path, tmp_path: Path, capsys: Any) -> None:
+@pytest.mark.parametrize(
+    "content", [b"", b"PAR1", b"PAR1" + bytes(200) + b"PAR1", b"episode_index,frame_index\n0,0\n"]
+)
+def test_no_parquet_is_refused_by_one_line(
+    content: bytes, folder: Path, tmp_path: Path, capsys: Any
+) -> None:
     path = tmp_path / "mine.parquet"
     path.write_bytes(content)
     assert main(["bench", "depth_to_heights", "score", str(path), "--split", str(folder)]) == 2
-    assert re.fullmatch(r"saltus: cannot read [^\n]*mine.parquet: [^\n]*\n", capsys.readouterr().err)
+    assert re.fullmatch(
+        r"saltus: cannot read [^\n]*mine.parquet: [^\n]*\n", capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize("name", [INPUTS, TRUTH, SPLIT])
-def test_a_split_that_was_changed_is_refused(name: str, folder: Path, tmp_path: Path, capsys: Any) -> None:
+def test_a_split_that_was_changed_is_refused(
+    name: str, folder: Path, tmp_path: Path, capsys: Any
+) -> None:
     copy = tmp_path / "copy"
     copy.mkdir()
     for path in folder.iterdir():
@@ -272,14 +351,18 @@ def test_a_split_that_was_changed_is_refused(name: str, folder: Path, tmp_path: 
 def test_inputs_say_nothing_of_the_truth(folder: Path, tmp_path: Path) -> None:
     """Another truth of the same images makes the same file, and no column of it is a height of the grid."""
     others = [
-        replace(run, truth=Truth(terrain="gap", height=2.0 * run.truth.height, view=1 - run.truth.view))
+        replace(
+            run, truth=Truth(terrain="gap", height=2.0 * run.truth.height, view=1 - run.truth.view)
+        )
         for run in SYNTHETIC
     ]
     write_split(tmp_path / "other", plans(len(others)), [others])
     assert (tmp_path / "other" / INPUTS).read_bytes() == (folder / INPUTS).read_bytes()
     assert (tmp_path / "other" / TRUTH).read_bytes() != (folder / TRUTH).read_bytes()
     names = pq.read_schema(folder / INPUTS).names
-    assert set(names) == {RUN, STEP} | {f"observation.{name}" for name in (*OBSERVED, "state", "depth", "depth_age")}
+    assert set(names) == {RUN, STEP} | {
+        f"observation.{name}" for name in (*OBSERVED, "state", "depth", "depth_age")
+    }
 
 
 def test_what_is_read_is_what_was_written(folder: Path) -> None:
@@ -315,17 +398,27 @@ def seeds_of(module: Any, begin: Callable[[], object], monkeypatch: pytest.Monke
     return set(seen)
 
 
-def test_no_training_and_no_other_evaluation_draws_these_trials(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_training_and_no_other_evaluation_draws_these_trials(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     own = {plan.seed for plan in plans()}
     assert len(own) == RUNS
     loop = ClosedLoop(robot="go1", grid="line", robots=4, courses=1)
-    for key in ((0, 0, 0), (16000400, 0, 3), (splits.FIRST_SEED, 1, 0), (splits.FIRST_SEED, 0, 1), (2**53, 9, 9)):
+    for key in (
+        (0, 0, 0),
+        (16000400, 0, 3),
+        (splits.FIRST_SEED, 1, 0),
+        (splits.FIRST_SEED, 0, 1),
+        (2**53, 9, 9),
+    ):
         begin = partial(closed_loop.closed_loop_episodes, loop, None, key)
         assert min(seeds_of(closed_loop, begin, monkeypatch)) > max(own)
     for seed in (0, 7, held_out.LAST_SEED):
         for batch in ((0, held_out.ROBOTS), (10**6 // held_out.ROBOTS, held_out.ROBOTS)):
             begin = partial(
-                HeldOutRuns(robot="go1", grid="line", runs=10**6, seed=seed).measure, model_path("heightmap"), batch
+                HeldOutRuns(robot="go1", grid="line", runs=10**6, seed=seed).measure,
+                model_path("heightmap"),
+                batch,
             )
             assert max(seeds_of(held_out, begin, monkeypatch)) < min(own)
 
@@ -333,9 +426,19 @@ def test_no_training_and_no_other_evaluation_draws_these_trials(monkeypatch: pyt
 def test_no_list_of_numbers_draws_these_courses() -> None:
     """Trainings and evaluations draw from lists of up to three: seed, round, number."""
     first = splits.FIRST_SEED
-    of_batch = np.random.SeedSequence(first, spawn_key=(splits.VERSION, 0)).generate_state(4).tolist()
-    lists = ([first], [first, splits.VERSION], [first, splits.VERSION, 0], [first, 0, 0], [first, 0, splits.VERSION])
-    assert all(np.random.SeedSequence(numbers).generate_state(4).tolist() != of_batch for numbers in lists)
+    of_batch = (
+        np.random.SeedSequence(first, spawn_key=(splits.VERSION, 0)).generate_state(4).tolist()
+    )
+    lists = (
+        [first],
+        [first, splits.VERSION],
+        [first, splits.VERSION, 0],
+        [first, 0, 0],
+        [first, 0, splits.VERSION],
+    )
+    assert all(
+        np.random.SeedSequence(numbers).generate_state(4).tolist() != of_batch for numbers in lists
+    )
 
 
 def test_the_split_is_the_one_that_the_table_is_of() -> None:
@@ -366,17 +469,40 @@ def test_a_run_is_made_of_its_plan_alone(short: Path, monkeypatch: pytest.Monkey
 
 
 def test_all_baselines_predict_from_the_inputs(short: Path, capsys: Any) -> None:
-    assert main(["bench", "depth_to_heights", "score", "--split", str(short), "--processes", "1", "--json"]) == 0
+    assert (
+        main(
+            [
+                "bench",
+                "depth_to_heights",
+                "score",
+                "--split",
+                str(short),
+                "--processes",
+                "1",
+                "--json",
+            ]
+        )
+        == 0
+    )
     found = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert list(found["rows"]) == [*BASELINES, "network"]
-    assert all(figures["mae_m"] < 0.03 for figures in found["rows"].values())  # of a robot on flat ground
+    assert all(
+        figures["mae_m"] < 0.03 for figures in found["rows"].values()
+    )  # of a robot on flat ground
     assert set(found["models"]) == {"network"}
 
 
 @pytest.mark.parametrize(("name", "forgets"), [("newest", True), ("geometric", False)])
-def test_the_newest_image_is_all_that_its_baseline_knows(name: str, forgets: bool, short: Path) -> None:
+def test_the_newest_image_is_all_that_its_baseline_knows(
+    name: str, forgets: bool, short: Path
+) -> None:
     inputs, robot = read_inputs(read_split(short), 0), load_robot("go1")
-    new = np.flatnonzero(np.diff(np.arange(len(inputs.depth)) - np.rint(100 * inputs.depth_age_s)) != 0) + 1
+    new = (
+        np.flatnonzero(
+            np.diff(np.arange(len(inputs.depth)) - np.rint(100 * inputs.depth_age_s)) != 0
+        )
+        + 1
+    )
     begin = int(new[len(new) // 2])
     age = inputs.depth_age_s.copy()
     age[:begin] = -1.0
@@ -389,7 +515,17 @@ def test_the_example_scores_as_flat_ground(short: Path, tmp_path: Path, capsys: 
     out = tmp_path / "mine.parquet"
     example = PROJECT / "examples" / "own_predictor.py"
     subprocess.run([sys.executable, "-I", example, short / INPUTS, out], check=True, timeout=60)
-    words = ["bench", "depth_to_heights", "score", str(out), "--baselines", "flat", "--split", str(short), "--json"]
+    words = [
+        "bench",
+        "depth_to_heights",
+        "score",
+        str(out),
+        "--baselines",
+        "flat",
+        "--split",
+        str(short),
+        "--json",
+    ]
     assert main([*words, "--processes", "1"]) == 0
     rows = json.loads(capsys.readouterr().out.splitlines()[-1])["rows"]
     assert rows[str(out)]["mae_m"] == pytest.approx(rows["flat"]["mae_m"], abs=1e-6)

@@ -71,5 +71,9 @@ def test_soft_feet_resist_torsion_and_rolling() -> None:
     model = Plant(load_robot(DEFAULT_ROBOT), terrain, friction=0.7, body=body).model
     own = model.geom_group == scene.ROBOT_GROUP
     assert set(model.geom_condim[own]) == {6}
-    np.testing.assert_allclose(model.geom_friction[own], np.tile([0.7, 0.02, 0.01], (own.sum(), 1)), atol=2e-5)
-    np.testing.assert_allclose(model.geom_solimp[own, :3], np.tile([0.015, 0.99, 0.022], (own.sum(), 1)))
+    np.testing.assert_allclose(
+        model.geom_friction[own], np.tile([0.7, 0.02, 0.01], (own.sum(), 1)), atol=2e-5
+    )
+    np.testing.assert_allclose(
+        model.geom_solimp[own, :3], np.tile([0.015, 0.99, 0.022], (own.sum(), 1))
+    )

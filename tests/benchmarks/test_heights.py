@@ -44,13 +44,17 @@ def test_no_scene_is_drawn_by_the_law_of_training(name: str) -> None:
     def boxes(seed: int) -> set[Box]:
         return set(scene(name, np.random.default_rng(seed)).boxes)
 
-    drawn = set[Box]().union(*(SCENERY["clutter"](0.5, np.random.default_rng(seed)).boxes for seed in SEEDS))
+    drawn = set[Box]().union(
+        *(SCENERY["clutter"](0.5, np.random.default_rng(seed)).boxes for seed in SEEDS)
+    )
     assert all(boxes(seed) - boxes(seed + 1) and not boxes(seed) & drawn for seed in SEEDS)
 
 
 def run_of(rng: np.random.Generator, terrain: str) -> HeldOutRun:
     true, view = rng.normal(size=SHAPE), rng.integers(0, 3, SHAPE).astype(np.int8)
-    said = Prediction(height=true + rng.normal(size=SHAPE), half_width_90=rng.uniform(0.01, 0.9, SHAPE))
+    said = Prediction(
+        height=true + rng.normal(size=SHAPE), half_width_90=rng.uniform(0.01, 0.9, SHAPE)
+    )
     status = rng.choice((HeightmapStatus.OK, HeightmapStatus.DEGRADED), SHAPE[0]).astype(np.int8)
     return HeldOutRun(
         terrain=terrain,
@@ -68,19 +72,29 @@ def test_figures_are_those_of_all_points_together(monkeypatch: pytest.MonkeyPatc
     rng = np.random.default_rng(0)
     batches = [[run_of(rng, "stairs"), run_of(rng, "gap")], [run_of(rng, "stairs")]]
     monkeypatch.setattr(heights.SceneRuns, "measure", lambda _, __, batch: batches[batch[0]])
-    counts = [heights.count(Path(), (heights.SceneRuns(robot="go1", grid="line"), (i, 2))) for i in range(len(batches))]
+    counts = [
+        heights.count(Path(), (heights.SceneRuns(robot="go1", grid="line"), (i, 2)))
+        for i in range(len(batches))
+    ]
     found = table(json.loads(json.dumps(counts)))
     for name, runs in {"all": [*batches[0], *batches[1]], "gap": batches[0][1:]}.items():
         said = [run.predictions[NETWORK] for run in runs]
-        error = np.concatenate([np.abs(s.height - run.true_height) for s, run in zip(said, runs, strict=True)])
-        width, view = np.concatenate([s.half_width_90 for s in said]), np.concatenate([run.view for run in runs])
+        error = np.concatenate(
+            [np.abs(s.height - run.true_height) for s, run in zip(said, runs, strict=True)]
+        )
+        width, view = (
+            np.concatenate([s.half_width_90 for s in said]),
+            np.concatenate([run.view for run in runs]),
+        )
         ok = np.concatenate([run.status == HeightmapStatus.OK for run in runs])
         row, covered = found[name], error <= width
         assert row["steps"] == len(error)
         assert row["seen_mm"] == pytest.approx(1e3 * error[view != UNSEEN].mean(), abs=0.01)
         assert row["unseen_mm"] == pytest.approx(1e3 * error[view == UNSEEN].mean(), abs=0.01)
         assert row["covered_%"] == pytest.approx(100.0 * covered.mean(), abs=0.01)
-        assert row["covered_unseen_%"] == pytest.approx(100.0 * covered[view == UNSEEN].mean(), abs=0.01)
+        assert row["covered_unseen_%"] == pytest.approx(
+            100.0 * covered[view == UNSEEN].mean(), abs=0.01
+        )
         assert row["ok_%"] == pytest.approx(100.0 * ok.mean(), abs=0.01)
         assert row["ok_covered_%"] == pytest.approx(100.0 * covered[ok].mean(), abs=0.01)
         assert row["ok_median_half_width_mm"] == pytest.approx(1e3 * np.median(width[ok]), rel=0.03)
@@ -93,7 +107,9 @@ def test_it_goes_on_where_it_was_left(
 
     def count(_: Path, task: Any) -> dict[str, Any]:
         measured.append(task[1])
-        counted = heights._counted(run_of(np.random.default_rng(task[1]), "flat"), np.ones(SHAPE[0], np.bool_))
+        counted = heights._counted(
+            run_of(np.random.default_rng(task[1]), "flat"), np.ones(SHAPE[0], np.bool_)
+        )
         return {"flat": {"ok": counted, "other": counted}}
 
     monkeypatch.setattr(heights, "count", count)

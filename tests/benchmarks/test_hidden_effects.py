@@ -64,8 +64,16 @@ def swing(rows: int) -> np.ndarray:
 
 
 def test_legs_move_as_another_integrator_moves_them():
-    rig = Rig(command=swing(400), kp=np.full(12, 30.0), kd=np.full(12, 1.0), control_dt=0.002, tick_steps=16)
-    model = mujoco.MjModel.from_xml_string(mjcf.model_text(free=False, timestep=0.0005, integrator="RK4"))
+    rig = Rig(
+        command=swing(400),
+        kp=np.full(12, 30.0),
+        kd=np.full(12, 1.0),
+        control_dt=0.002,
+        tick_steps=16,
+    )
+    model = mujoco.MjModel.from_xml_string(
+        mjcf.model_text(free=False, timestep=0.0005, integrator="RK4")
+    )
     data = mujoco.MjData(model)
     data.qpos[:] = STAND
     expected = np.zeros((400, 12, 3))
@@ -75,13 +83,21 @@ def test_legs_move_as_another_integrator_moves_them():
         data.ctrl[:] = torque
         mujoco.mj_step(model, data, nstep=4)
     # a fifth of the noise of each signal
-    assert np.all(np.abs(simulate(rig, [Hidden()])[0] - expected) < 0.2 * np.array([1e-3, 0.05, 0.2]))
+    assert np.all(
+        np.abs(simulate(rig, [Hidden()])[0] - expected) < 0.2 * np.array([1e-3, 0.05, 0.2])
+    )
 
 
 @pytest.mark.parametrize("kind", ["command", "forward"])
 @pytest.mark.parametrize("delay", [3e-4, 2.1e-3, 7e-3])
 def test_packets_are_late_by_their_delay(kind, delay):
-    rig = Rig(command=swing(4000), kp=np.full(12, 30.0), kd=np.full(12, 1.0), control_dt=0.002, tick_steps=4)
+    rig = Rig(
+        command=swing(4000),
+        kp=np.full(12, 30.0),
+        kd=np.full(12, 1.0),
+        control_dt=0.002,
+        tick_steps=4,
+    )
     hidden = Hidden(**{f"{kind}_delay": np.full(12, delay)})
     late = mean_delay(rig, hidden)
     assert np.allclose(late[kind == "forward"], delay, atol=2e-5)
@@ -115,7 +131,9 @@ def test_a_clock_and_a_faster_drive_are_no_effects(joint_scene):
         joint_scene.rig = dataclasses.replace(rig, **change)
         moved = joint_scene.respond([()])[0] - ideal
         joint_scene.rig = rig
-        assert shown(joint_scene, moved) <= 0.5 * max(sizes.best_rms(joint_scene, moved, LEG), 0.2), change
+        assert shown(joint_scene, moved) <= 0.5 * max(
+            sizes.best_rms(joint_scene, moved, LEG), 0.2
+        ), change
     late = Setting(effect="command_delay", size=6e-4, where=LEG)
     assert shown(joint_scene, joint_scene.respond([(late,)])[0] - ideal) < 0.2
     assert shown(joint_scene, joint_scene.respond([(late.sized(4e-3),)])[0] - ideal) > 1
@@ -139,7 +157,8 @@ def test_saturation_loses_what_its_parameters_say(curve, size):
     truth = joint_effects.parameters(setting, peak)
     command = np.linspace(0, 35.55, len(loss))
     assert np.all(np.diff(command - loss) >= -1e-9)
-    # two shapes are sized by what they take at the largest torque of the log, of which the curve has no point
+    # two shapes are sized by what they take at the largest torque of the log, of which the curve
+    # has no point
     share, at = (size, 15.0) if curve in ("tanh", "clip") else (size, 35.55)
     assert np.interp(at, command, loss) == pytest.approx(at * share, rel=0.05)
     assert truth["plateau"] == pytest.approx(35.55 - loss[-1])
@@ -152,7 +171,10 @@ def test_the_truth_of_every_joint_is_told_where_joints_differ(effect, joint_scen
     setting = joint_scene.draw(effect, where, np.random.default_rng(3))
     told = joint_scene.parameters_at(setting)
     if not told:
-        alone = [joint_scene.parameters(joint_scene.draw(effect, (j,), np.random.default_rng(3))) for j in where]
+        alone = [
+            joint_scene.parameters(joint_scene.draw(effect, (j,), np.random.default_rng(3)))
+            for j in where
+        ]
         assert all(one == alone[0] for one in alone)
         return
     assert tuple(told) == where
@@ -195,13 +217,15 @@ def test_effects_of_the_camera_are_what_they_are_called(camera_scene):
 
 
 def test_a_late_camera_shows_what_was(camera_scene):
-    late = camera_scene.frames((Setting(effect="camera_latency", size=0.02, where=CAMERA, shape={"sign": 1.0}),), None)
+    late = camera_scene.frames(
+        (Setting(effect="camera_latency", size=0.02, where=CAMERA, shape={"sign": 1.0}),), None
+    )
     assert np.allclose(late.arrival - late.capture, camera_scene.latency + 0.02)
     x, z, pitch = camera_scene.path.at(late.capture)
     assert np.isfinite([x, z, pitch]).all()
-    assert camera_scene.parameters(Setting(effect="camera_latency", size=0.02, where=CAMERA, shape={"sign": 1.0})) == {
-        "latency": camera_scene.latency + 0.02
-    }
+    assert camera_scene.parameters(
+        Setting(effect="camera_latency", size=0.02, where=CAMERA, shape={"sign": 1.0})
+    ) == {"latency": camera_scene.latency + 0.02}
 
 
 def test_a_floor_alone_cannot_tell_scale_from_height():
@@ -234,7 +258,9 @@ def test_damage_changes_a_log(name):
     rng = np.random.default_rng(0)
     t = np.arange(2000) * 0.002
     measured, command = rng.normal(size=(2000, 12, 3)), swing(2000)
-    files = RunFiles(meta={"kp": [30.0] * 12}, tables={"joints": joint_columns(t, measured, command)})
+    files = RunFiles(
+        meta={"kp": [30.0] * 12}, tables={"joints": joint_columns(t, measured, command)}
+    )
     before = {column: values.copy() for column, values in files.tables["joints"].items()}
     assert damage(files, name, rng)
     after = files.tables["joints"]
@@ -271,8 +297,17 @@ def test_pairs_and_play_are_joints_alone_that_are_large_enough(seed):
 
 @pytest.mark.parametrize("motor_side", [0.0, 1.0])
 def test_play_is_logged_on_the_side_of_its_encoder(motor_side):
-    """At the motor the law follows what is logged; at the joint, what is half a gap ahead of it or behind."""
-    rig = Rig(command=swing(1500), kp=np.full(12, 30.0), kd=np.full(12, 1.0), control_dt=0.002, tick_steps=1)
+    """At the motor the law follows what is logged.
+
+    At the joint, what is half a gap ahead of it or behind.
+    """
+    rig = Rig(
+        command=swing(1500),
+        kp=np.full(12, 30.0),
+        kd=np.full(12, 1.0),
+        control_dt=0.002,
+        tick_steps=1,
+    )
     shape = {"stiffness": 2e4, "damped": 0.3, "motor_side": motor_side}
     setting = Setting(effect="backlash", size=0.02, where=JOINTS, shape=shape)
     peak = joint_effects.Peak(speed=np.full(12, 10.0), torque=np.full(12, 15.0))
@@ -300,7 +335,9 @@ def test_packets_keep_their_order(late, is_whole):
 def test_packets_come_in_whole_periods_from_one_period_on(joint_scene, effect, periods):
     """A delay below a period makes no packet a period late; `tau_ff` is never there before its packet."""
     shape = {"jitter": 0.02, "late": 0.0, "is_whole": 1.0}
-    delay = Setting(effect=effect, where=LEG, size=periods * joint_scene.rig.control_dt, shape=shape)
+    delay = Setting(
+        effect=effect, where=LEG, size=periods * joint_scene.rig.control_dt, shape=shape
+    )
     rows, steps = 4000, round(joint_scene.rig.control_dt / STEP_S)
     command, forward = _arrivals(rows, steps, joint_scene._as_logged((delay,)), seed=1)
     assert np.all(forward >= command)
@@ -314,7 +351,9 @@ def test_packets_come_in_whole_periods_from_one_period_on(joint_scene, effect, p
 @pytest.mark.parametrize("share", [0.0, 0.3])
 def test_a_part_of_noise_lasts(share):
     """Unit variance, of which what is slow stays where half a second's mean is taken."""
-    noise = coloured(np.random.default_rng(1), (60000, 4), 100.0, 500.0, True, slow_share=share, slow_hz=0.5)
+    noise = coloured(
+        np.random.default_rng(1), (60000, 4), 100.0, 500.0, True, slow_share=share, slow_hz=0.5
+    )
     assert noise.std(axis=0) == pytest.approx(1.0, abs=0.1)
     means = noise.reshape(-1, 250, 4).mean(axis=1).var()
     assert 0.5 * share < means < share + 0.02
@@ -329,14 +368,20 @@ def test_shares_sum_up(count):
 def test_tuning_never_sees_the_outside_effects_of_the_sealed_set(kind):
     assert not set(plan.TUNING_OUTSIDE[kind]) & set(plan.SEALED_OUTSIDE[kind])
     for tuning, names in ((True, plan.TUNING_OUTSIDE), (False, plan.SEALED_OUTSIDE)):
-        runs = [r for r in plan.make_plan(3, 300, tuning=tuning) if r.category == "outside" and r.kind == kind]
+        runs = [
+            r
+            for r in plan.make_plan(3, 300, tuning=tuning)
+            if r.category == "outside" and r.kind == kind
+        ]
         assert {effect for run in runs for effect in run.effects} <= set(names[kind])
 
 
 @pytest.mark.parametrize("name", plan.SEALED_OUTSIDE["joints"])
 def test_outside_effects_of_joints_grow_from_nothing(joint_scene, name):
     setting = joint_scene.draw(name, LEG, np.random.default_rng(1))
-    ideal, none, some = joint_scene.respond([(), (setting.sized(0.0),), (setting.sized(2 * setting.size),)])
+    ideal, none, some = joint_scene.respond(
+        [(), (setting.sized(0.0),), (setting.sized(2 * setting.size),)]
+    )
     assert np.all(ideal == none)
     assert sizes.best_rms(joint_scene, some - ideal, LEG) > 0.1
 
@@ -357,7 +402,9 @@ def performer():
 @pytest.mark.parametrize("name", list(experiments.JOINTS))
 def test_experiments_of_joints_stay_within_the_robot(name, performer):
     scene = copy.deepcopy(performer)
-    command, segments = experiments.joint_commands(name, scene.rig.control_dt, np.random.default_rng(0))
+    command, segments = experiments.joint_commands(
+        name, scene.rig.control_dt, np.random.default_rng(0)
+    )
     kp = scene.rig.kp
     scene.perform(command, segments, experiments.STIFFER.get(name, 1.0))
     assert np.all((scene.rig.command[..., 0] > LOWER) & (scene.rig.command[..., 0] < UPPER))
@@ -381,7 +428,9 @@ def generated(run, tmp_path_factory) -> Path:
     return folder
 
 
-def test_a_log_repeats_and_tells_nothing_but_what_was_measured(run, generated, tmp_path, monkeypatch):
+def test_a_log_repeats_and_tells_nothing_but_what_was_measured(
+    run, generated, tmp_path, monkeypatch
+):
     monkeypatch.setattr(JointScene, "library", ("torque_gain", "viscous_friction"))
     generate_run(run, tmp_path / "logs", tmp_path / "truth", tuning=True)
     first, second = (place / "logs" / run.name for place in (generated, tmp_path))
@@ -397,10 +446,16 @@ def test_a_log_repeats_and_tells_nothing_but_what_was_measured(run, generated, t
 
 def test_a_robot_that_follows_up_is_the_same_robot(run, generated, tmp_path):
     truth = json.loads((generated / "truth" / f"{run.name}.json").read_text())
-    verdict = {"verdict": "set", "sets": [["torque_gain", "armature"]], "next_experiment": {"name": "slow_triangle"}}
+    verdict = {
+        "verdict": "set",
+        "sets": [["torque_gain", "armature"]],
+        "next_experiment": {"name": "slow_triangle"},
+    }
     case = cases.Case(truth=truth, verdict=verdict, baselines={}, seconds=None)
     assert follow(case, tmp_path)
-    first, second = (json.loads((p / run.name / "meta.json").read_text()) for p in (generated / "logs", tmp_path))
+    first, second = (
+        json.loads((p / run.name / "meta.json").read_text()) for p in (generated / "logs", tmp_path)
+    )
     motions = [claims.pop("excitation")["segments"] for claims in (first, second)]
     assert first == second
     assert {segment["condition"] for segment in motions[1]} == {"slow", "faster"}

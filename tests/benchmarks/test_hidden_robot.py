@@ -10,7 +10,9 @@ from saltus.robots.loading import load_robot
 def test_each_robot_has_an_effect_of_each_kind_beyond_what_trainings_draw() -> None:
     shipped, seen = load_profile(SHIPPED, load_robot("go1")).effects, set[str]()
     for seed in range(60):
-        changed = {name: e for name, e in hidden_robot(seed).effects.items() if shipped.get(name) != e}
+        changed = {
+            name: e for name, e in hidden_robot(seed).effects.items() if shipped.get(name) != e
+        }
         assert len(changed) == len(MENU)
         seen |= set(changed)
         for draws in MENU:

@@ -21,7 +21,8 @@ def truth_of(name: str, category: str, effects: list[str], multiple: float = 3.0
 
 
 PARAMS = {
-    "torque_gain": {"gain": 0.9}, "command_delay": {"delay": 0.004}, "coulomb_friction": {"torque": 0.3},
+    "torque_gain": {"gain": 0.9}, "command_delay": {"delay": 0.004},
+    "coulomb_friction": {"torque": 0.3},
     "hum": {"size": 1.0}, "backlash": {"width": 0.01},
 }  # fmt: skip
 
@@ -33,22 +34,36 @@ def say_the_truth(truth: dict) -> dict:
         {
             "name": e["name"],
             "where": e["where"],
-            "params": {p: {"value": v, "ci90": [v - 1, v + 1], "unit": ""} for p, v in e["params"].items()},
+            "params": {
+                p: {"value": v, "ci90": [v - 1, v + 1], "unit": ""} for p, v in e["params"].items()
+            },
         }
         for e in truth["effects"]
     ]
-    return {"verdict": kind, "effects": effects if kind == "named" else [], "sets": [], "gap": {"closed": 0.9}}
+    return {
+        "verdict": kind,
+        "effects": effects if kind == "named" else [],
+        "sets": [],
+        "gap": {"closed": 0.9},
+    }
 
 
 @pytest.fixture
 def truths() -> list[dict]:
     names = (f"{number:02x}" for number in itertools.count())
     one = [
-        truth_of(next(names), "one", [e]) for e in ("torque_gain", "command_delay", "coulomb_friction", "backlash") * 4
+        truth_of(next(names), "one", [e])
+        for e in ("torque_gain", "command_delay", "coulomb_friction", "backlash") * 4
     ]
     two = [truth_of(next(names), "two", ["torque_gain", "backlash"]) for _ in range(3)]
     other = [truth_of(next(names), "none", []) for _ in range(4)]
-    return [*one, *two, *other, truth_of(next(names), "outside", ["hum"]), truth_of(next(names), "damaged", [])]
+    return [
+        *one,
+        *two,
+        *other,
+        truth_of(next(names), "outside", ["hum"]),
+        truth_of(next(names), "damaged", []),
+    ]
 
 
 def scored(tmp_path: Path, truths: list[dict], say) -> dict:
@@ -72,7 +87,12 @@ def test_who_knows_the_truth_scores_full(tmp_path, truths):
     for row in ("exact_name_one_effect", "named_or_in_set", "both_names_of_a_pair", "outside_says_unexplained",
                 "damaged_says_bad_log", "right_place", "intervals_hold_truth"):  # fmt: skip
         assert table[row]["value"] == 1.0, row
-    for row in ("false_alarm_without_effect", "confident_and_wrong", "median_parameter_error", "median_delay_error_ms"):
+    for row in (
+        "false_alarm_without_effect",
+        "confident_and_wrong",
+        "median_parameter_error",
+        "median_delay_error_ms",
+    ):
         assert table[row]["value"] == 0.0, row
     assert table["shuffled_truth_exact_name"]["value"] < 0.5
 
@@ -80,16 +100,25 @@ def test_who_knows_the_truth_scores_full(tmp_path, truths):
 def test_sets_that_an_experiment_resolves_are_counted(tmp_path, truths):
     def unsure(truth: dict) -> dict:
         names = [e["name"] for e in truth["effects"]]
-        return {"verdict": "set", "effects": [], "sets": [[*names, "stiction"]], "next_experiment": {"name": "drop"}}
+        return {
+            "verdict": "set",
+            "effects": [],
+            "sets": [[*names, "stiction"]],
+            "next_experiment": {"name": "drop"},
+        }
 
     table = scored(tmp_path / "first", truths, unsure)
     assert table["named_or_in_set"]["value"] == 1.0
     scored(tmp_path / "second", truths[:8], say_the_truth)
     read = [
-        cases.read_cases(tmp_path / part / "verdicts", tmp_path / "first" / "truth") for part in ("first", "second")
+        cases.read_cases(tmp_path / part / "verdicts", tmp_path / "first" / "truth")
+        for part in ("first", "second")
     ]
     row = score.table(*read)["experiment_resolves_set"]
-    assert (row["hits"], row["count"]) == (8, 20)  # 16 single effects, 3 pairs, an outside effect in a set of its own
+    assert (row["hits"], row["count"]) == (
+        8,
+        20,
+    )  # 16 single effects, 3 pairs, an outside effect in a set of its own
 
 
 def test_a_value_is_compared_with_that_of_the_joints_it_was_stated_for(tmp_path, truths):
@@ -97,12 +126,19 @@ def test_a_value_is_compared_with_that_of_the_joints_it_was_stated_for(tmp_path,
         for effect in truth["effects"]:
             (parameter, value), *_ = effect["params"].items()
             effect["where"] = ["FR_hip", "FR_calf"]
-            effect["params_at"] = {"FR_hip": {parameter: value}, "FR_calf": {parameter: 3.0 * value}}
+            effect["params_at"] = {
+                "FR_hip": {parameter: value},
+                "FR_calf": {parameter: 3.0 * value},
+            }
 
     def say(truth: dict) -> dict:
         said = say_the_truth(truth)
         each = [
-            effect | {"where": [joint], "params": {p: {"value": v, "ci90": [v, v]} for p, v in params.items()}}
+            effect
+            | {
+                "where": [joint],
+                "params": {p: {"value": v, "ci90": [v, v]} for p, v in params.items()},
+            }
             for effect, true in zip(said["effects"], truth["effects"], strict=False)
             for joint, params in true["params_at"].items()
         ]
@@ -146,7 +182,9 @@ def test_wilson_holds_the_share(hits, count):
     # the interval's ends are where the share is 1.96 standard errors away
     for end in (low, high):
         if 1e-12 < end < 1 - 1e-12:
-            assert abs(hits / count - end) == pytest.approx(shares.Z95 * np.sqrt(end * (1 - end) / count), rel=1e-6)
+            assert abs(hits / count - end) == pytest.approx(
+                shares.Z95 * np.sqrt(end * (1 - end) / count), rel=1e-6
+            )
 
 
 def test_who_is_interrupted_looks_at_no_further_log_and_seals_nothing(tmp_path, monkeypatch):

@@ -9,7 +9,9 @@ from benchmarks.jumping_logs import HIDDEN, LEAST, _hidden, _outcome, _value
 
 
 @pytest.mark.parametrize(("name", "parameter"), HIDDEN)
-def test_what_is_hidden_is_one_to_three_times_what_a_log_can_tell(name: str, parameter: str) -> None:
+def test_what_is_hidden_is_one_to_three_times_what_a_log_can_tell(
+    name: str, parameter: str
+) -> None:
     null = 1.0 if name == "torque_gain" else 0.0
     for seed in range(50):
         size = abs(_value(name, parameter, null + 0.004, np.random.default_rng(seed)) - null)
@@ -34,6 +36,8 @@ def test_every_effect_is_hidden_as_often_and_both_frictions_are() -> None:
         ([], [["armature", "payload_mass"]], "set", "set"),
     ],
 )
-def test_only_a_false_name_is_wrong(effects: list[str], sets: list[list[str]], verdict: str, outcome: str) -> None:
+def test_only_a_false_name_is_wrong(
+    effects: list[str], sets: list[list[str]], verdict: str, outcome: str
+) -> None:
     said: dict[str, Any] = {"effects": effects, "sets": sets, "verdict": verdict}
     assert _outcome("torque_gain", said) == outcome

@@ -23,7 +23,8 @@ def test_recordings_stay_of_runs_that_used_something_too_old(
 
     def judged(recording: tuple[str, int], process: str, after_s: float) -> FaultResult:
         return FaultResult(
-            process=process, running_s=after_s, told_ms=90.0, reported_ms=1.0, silence_ms=99.0, end="stands",
+            process=process, running_s=after_s, told_ms=90.0, reported_ms=1.0, silence_ms=99.0,
+            end="stands",
             stale=int(recording == ("policy", 8)), back_s=0.5,
         )  # fmt: skip
 
@@ -32,7 +33,9 @@ def test_recordings_stay_of_runs_that_used_something_too_old(
     out = tmp_path / "faults.jsonl"
     for trials in (1, 2):
         table = faults.Benchmark(trials=trials, seed=7, out=out).measure()["faults"]
-    assert sorted(killed) == [(process, seed) for process in ("heightmap", "policy", "render") for seed in (7, 8)]
+    assert sorted(killed) == [
+        (process, seed) for process in ("heightmap", "policy", "render") for seed in (7, 8)
+    ]
     assert [table[process]["stale"] for process in ("heightmap", "policy", "render")] == [0, 1, 0]
     assert [path.name for path in tmp_path.glob("*.mcap")] == ["flat-policy-8.mcap"]
     assert (tmp_path / "flat-policy-8.mcap").read_text() == "policy 8"

@@ -53,11 +53,16 @@ def test_a_network_whose_age_is_held_says_the_same_of_images_that_it_knows(
     held = with_age_held(model, latency_s)
     known = DeliveryModel(latency_s=(latency_s, latency_s))
     window = next(store.windows(4, 21, known, NO_NOISE, np.random.default_rng(0)))
-    # Before its first image a robot has none of whatever age: both are given that of an image that comes now.
+    # Before its first image a robot has none of whatever age: both are given that of an image that
+    # comes now.
     age = torch.where(window.age.isinf(), latency_s + 0.01, window.age)
     with torch.no_grad():
-        expected, _ = run_window(model, window._replace(age=age), torch.zeros(4, model.config.hidden))
+        expected, _ = run_window(
+            model, window._replace(age=age), torch.zeros(4, model.config.hidden)
+        )
         found, _ = run_window(held, window, torch.zeros(4, model.config.hidden))
-        other, _ = run_window(held, window._replace(age=age + 0.2), torch.zeros(4, model.config.hidden))
+        other, _ = run_window(
+            held, window._replace(age=age + 0.2), torch.zeros(4, model.config.hidden)
+        )
     torch.testing.assert_close(found.height, expected.height, atol=1e-6, rtol=0.0)
     torch.testing.assert_close(other.height, found.height, atol=0.0, rtol=0.0)

@@ -51,13 +51,18 @@ def at_full_speed(silent):
         late = tick % POLICY_STEPS
         if late == 0:
             heights = robot.truth(0, 0).height
-            plan = plan_message(PLANNER.step(observe(loop.state(0, 0), KINEMATICS), heights), PlanStatus.GO)
+            plan = plan_message(
+                PLANNER.step(observe(loop.state(0, 0), KINEMATICS), heights), PlanStatus.GO
+            )
         robot.write(loop.act(plan, late * PHYSICS_DT))
     return found
 
 
 def stop(robot, loop, plan, seconds):
-    """The last plan grows old, or says STOP; returns what the controller did, with the time at which it began."""
+    """The last plan grows old, or says STOP.
+
+    Returns what the controller did, with the time at which it began.
+    """
     silent = plan.status == PlanStatus.GO
     modes = {}
     for tick in range(round(seconds / PHYSICS_DT)):
@@ -74,7 +79,9 @@ def test_comes_to_a_stand_from_full_speed_at_any_phase_of_the_gait(phase):
     assert robot.state.velocity_base_in_world[0] > 1.2
     robot.take_trunk_contact()
 
-    modes = stop(robot, loop, plan if silent else plan_message(REST, PlanStatus.STOP), 2.4)  # landing 1.1 s, blend 1 s
+    modes = stop(
+        robot, loop, plan if silent else plan_message(REST, PlanStatus.STOP), 2.4
+    )  # landing 1.1 s, blend 1 s
 
     order = [ControllerMode.LANDING, ControllerMode.STOPPED]
     assert list(modes) == ([ControllerMode.RUN, ControllerMode.COAST, *order] if silent else order)
@@ -89,9 +96,13 @@ def test_comes_to_a_stand_from_full_speed_at_any_phase_of_the_gait(phase):
 def robots(draw, rng, batch, **changes):
     """Diagnostics of robots that bound, and their memory of the ground."""
     plan, sensed = draw(rng, batch)
-    sensed = replace(sensed, **{name: np.broadcast_to(value, batch) for name, value in changes.items()})
+    sensed = replace(
+        sensed, **{name: np.broadcast_to(value, batch) for name, value in changes.items()}
+    )
     state = LAW.init(batch, sensed.joint_position)
-    state = replace(state, gait=replace(state.gait, phase=rng.uniform(1.0, 3.0, batch)), mode=ControllerMode.RUN)
+    state = replace(
+        state, gait=replace(state.gait, phase=rng.uniform(1.0, 3.0, batch)), mode=ControllerMode.RUN
+    )
     diagnostics = LAW.step(plan, sensed, state)[2]
     return diagnostics, sensed, plan
 
@@ -105,7 +116,9 @@ def as_tensors(value):
 def test_plans_of_a_batch_are_those_of_numpy_and_torch_and_of_each_robot(draw):
     rng = np.random.default_rng(21)
     diagnostics, sensed, plan = robots(draw, rng, (16,))
-    state = BRAKING.observe(diagnostics, BrakingState(foothold=diagnostics.body.foot_yaw + rng.normal(0, 0.1, (4, 3))))
+    state = BRAKING.observe(
+        diagnostics, BrakingState(foothold=diagnostics.body.foot_yaw + rng.normal(0, 0.1, (4, 3)))
+    )
     ours = BRAKING.reference(diagnostics, sensed.base_height, plan.heading, state)
     inputs = [as_tensors(value) for value in (diagnostics, sensed.base_height, plan.heading, state)]
     theirs = BRAKING.reference(*inputs)
@@ -118,9 +131,13 @@ def test_plans_of_a_batch_are_those_of_numpy_and_torch_and_of_each_robot(draw):
 def test_asks_for_rest_and_pushes_against_the_slope(draw):
     rng = np.random.default_rng(22)
     diagnostics, sensed, plan = robots(draw, rng, (64,))
-    feet = np.array([[0.19, -0.13, -0.3], [0.19, 0.13, -0.3], [-0.19, -0.13, -0.3], [-0.19, 0.13, -0.3]])
+    feet = np.array(
+        [[0.19, -0.13, -0.3], [0.19, 0.13, -0.3], [-0.19, -0.13, -0.3], [-0.19, 0.13, -0.3]]
+    )
     level = BrakingState(foothold=np.broadcast_to(feet, (64, 4, 3)))
-    uphill = BrakingState(foothold=level.foothold + 0.2 * level.foothold[..., :1] * np.array([0.0, 0.0, 1.0]))
+    uphill = BrakingState(
+        foothold=level.foothold + 0.2 * level.foothold[..., :1] * np.array([0.0, 0.0, 1.0])
+    )
     flat = BRAKING.reference(diagnostics, sensed.base_height, plan.heading, level)
     steep = BRAKING.reference(diagnostics, sensed.base_height, plan.heading, uphill)
     assert (flat.velocity[:, :2] == 0.0).all()
@@ -129,7 +146,9 @@ def test_asks_for_rest_and_pushes_against_the_slope(draw):
     )  # nose up
     np.testing.assert_allclose(BRAKING.catching(plan, level).foot_residual, 0.0, atol=1e-12)
     rise = BRAKING.catching(plan, uphill).foot_residual[..., 2]
-    np.testing.assert_allclose(rise, np.broadcast_to(0.2 * 0.1881 * np.array([1, 1, -1, -1]), (64, 4)))
+    np.testing.assert_allclose(
+        rise, np.broadcast_to(0.2 * 0.1881 * np.array([1, 1, -1, -1]), (64, 4))
+    )
 
 
 def test_a_standing_foot_is_where_it_is_and_a_swinging_one_stays_behind(draw):

@@ -82,7 +82,9 @@ def test_stands_for_three_seconds_without_plans():
 def test_lands_and_stands_when_plans_stop(phase):
     robot, loop = make_robot(seed=int(10 * phase)), ControlLoop(ROBOT)
     silent_s = FIRST_STAND_S + (2.0 + phase) / FREQUENCY_HZ
-    modes = drive(robot, loop, silent_s + 2.5, bounding, silent_s)  # lost 0.1 s, landing at most 1.1 s, blend 1 s
+    modes = drive(
+        robot, loop, silent_s + 2.5, bounding, silent_s
+    )  # lost 0.1 s, landing at most 1.1 s, blend 1 s
     assert modes == [
         ControllerMode.STAND,
         ControllerMode.RUN,
@@ -130,7 +132,11 @@ def test_a_reading_that_is_not_finite_damps_the_joints():
         loop = ControlLoop(ROBOT)
         loop.sense(good)
         bad = np.full_like(getattr(good.measurement, name), np.nan)
-        loop.sense(Reading(measurement=replace(good.measurement, **{name: bad}), joint_torque=good.joint_torque))
+        loop.sense(
+            Reading(
+                measurement=replace(good.measurement, **{name: bad}), joint_torque=good.joint_torque
+            )
+        )
         command = loop.act(None, np.inf)
         assert loop.mode == ControllerMode.DAMP
         assert (command.kp == 0.0).all()

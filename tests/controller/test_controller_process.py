@@ -81,7 +81,9 @@ class StandIns:
             if (truth := self._truths.wait(0.001)) is not None and "render" in self._alive:
                 step, now = truth.message.step, truth.message.time_ns
                 if self._hears("truth", step):
-                    self._done["render"].put(Done(time_ns=now, step=step, process="render", frame_id=step // 2))
+                    self._done["render"].put(
+                        Done(time_ns=now, step=step, process="render", frame_id=step // 2)
+                    )
             if (state := self._states.wait(0.001)) is not None:
                 step, now = state.message.step, state.message.time_ns
                 if not self._hears("state", step):
@@ -111,7 +113,12 @@ def run_controller(tmp_path, pace="lockstep", seed=3, stopped_at_ns=None, **stan
     bus = MemoryBus(PREFIX, hub)
     stream = bus.stream()
     config = RunConfig(
-        robot="go1", grid="line", terrain=TerrainConfig(terrain="flat"), seed=seed, time_limit_s=0.3, pace=pace
+        robot="go1",
+        grid="line",
+        terrain=TerrainConfig(terrain="flat"),
+        seed=seed,
+        time_limit_s=0.3,
+        pace=pace,
     )
     context = ProcessContext("controller", config, put_run(tmp_path, config), bus)
     if stopped_at_ns is not None:
@@ -141,13 +148,20 @@ def test_lockstep_run_is_complete_and_repeatable(tmp_path):
     assert json.loads(outcomes[0].detail)["cause"] == "time_limit"
     assert 80 <= len(steps) <= 85  # 0.3 s until the time limit, 0.5 s of standing
     for ours, theirs in zip(states, of(second, RobotState), strict=True):
-        for name in ("quaternion_base_in_world", "joint_position", "velocity_base_in_world", "joint_torque"):
+        for name in (
+            "quaternion_base_in_world",
+            "joint_position",
+            "velocity_base_in_world",
+            "joint_torque",
+        ):
             np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
 
 
 def test_a_robot_that_is_stopped_early_dates_what_it_says_until_it_rests(tmp_path):
     runs = [run_controller(tmp_path, stopped_at_ns=time_ns) for time_ns in (None, 50_000_000)]
-    whole, stopped = ([event.time_ns for event in of(run, Event) if event.code == "timeout"] for run in runs)
+    whole, stopped = (
+        [event.time_ns for event in of(run, Event) if event.code == "timeout"] for run in runs
+    )
     assert whole == stopped
 
 
@@ -167,7 +181,9 @@ def test_time_in_which_the_controller_itself_stood_still_is_nobodys_silence(tmp_
     monkeypatch.setattr(lockstep, "time", SimpleNamespace(monotonic=lambda: float(next(leaps))))
     monkeypatch.setattr(lockstep, "POLL_S", 0.01)
     samples = run_controller(tmp_path, deaf_to_first=True)
-    assert [event.code for event in of(samples, Event) if event.code in ("finished", "fell", "timeout")] == ["timeout"]
+    assert [
+        event.code for event in of(samples, Event) if event.code in ("finished", "fell", "timeout")
+    ] == ["timeout"]
 
 
 @pytest.mark.parametrize("silent", ["render", "heightmap", "policy"])
@@ -186,7 +202,9 @@ def test_realtime_run_ends_at_its_time_limit(tmp_path):
     assert [state.step for state in states] == list(range(len(states)))
     assert all(state.depth_due == -1 for state in states)
     assert all(state.mode == ControllerMode.STAND for state in states)
-    assert [event.code for event in of(samples, Event) if event.code in ("finished", "fell", "timeout")] == ["timeout"]
+    assert [
+        event.code for event in of(samples, Event) if event.code in ("finished", "fell", "timeout")
+    ] == ["timeout"]
 
 
 def test_plans_say_once_that_they_are_lost_and_back(tmp_path):
@@ -203,5 +221,7 @@ def test_plans_say_once_that_they_are_lost_and_back(tmp_path):
     plan, age_s = plans.newest(112_000_000, halt=True)
     assert plan is not None
     assert (plan.status, age_s) == (PlanStatus.STAND, 0.0)
-    events = [unpack(topic_of(raw.key), raw)[1] for raw in stream.drain() if raw.key.startswith("event")]
+    events = [
+        unpack(topic_of(raw.key), raw)[1] for raw in stream.drain() if raw.key.startswith("event")
+    ]
     assert [event.code for event in events] == ["plan_lost", "plan_back"]

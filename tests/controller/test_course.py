@@ -15,7 +15,9 @@ def follow(position_x, mode, contact_after_s=np.inf, limit_s=20.0):
     course = Course(TERRAIN, limit_s)
     for step in range(1, 4000):
         t = step * DT
-        state = course.step(t, np.array([position_x(t), 0.0, 0.27]), LEVEL, t > contact_after_s, mode(position_x(t)))
+        state = course.step(
+            t, np.array([position_x(t), 0.0, 0.27]), LEVEL, t > contact_after_s, mode(position_x(t))
+        )
         if state.over:
             return t, state
     raise AssertionError("the run never ended")
@@ -46,7 +48,9 @@ def test_a_finished_run_goes_on_past_the_finish_then_stands():
 def test_nothing_halts_before_the_finish():
     course = Course(TERRAIN, 20.0)
     for step in range(1, 500):
-        state = course.step(step * DT, np.array([0.01 * step, 0.0, 0.27]), LEVEL, False, ControllerMode.RUN)
+        state = course.step(
+            step * DT, np.array([0.01 * step, 0.0, 0.27]), LEVEL, False, ControllerMode.RUN
+        )
         assert state.outcome is None
         assert not state.halt
         assert not state.over

@@ -21,8 +21,12 @@ def walking(ticks, robots, feet_slip=0.0):
     quaternion = quaternion_from_roll_pitch_yaw(0.0 * yaw, 0.0 * yaw, yaw)
     rotation = rotation_matrix(quaternion)
     foot, jacobian = KINEMATICS.position_and_jacobian(joints)
-    foot_velocity = -((VELOCITY + feet_slip) @ rotation)  # what a foot at rest does in the base frame
-    velocity = np.linalg.solve(jacobian, np.broadcast_to(foot_velocity[:, None, :, None], (robots, 4, 3, 1)))
+    foot_velocity = -(
+        (VELOCITY + feet_slip) @ rotation
+    )  # what a foot at rest does in the base frame
+    velocity = np.linalg.solve(
+        jacobian, np.broadcast_to(foot_velocity[:, None, :, None], (robots, 4, 3, 1))
+    )
     measured = Sensed(
         quaternion_base_in_world=quaternion,
         angular_velocity_base=np.zeros((robots, 3)),
@@ -40,7 +44,9 @@ def test_converges_to_velocity_and_height():
     state = estimator.init((20,), measurements[0].joint_position)
     for measured in measurements:
         state = estimator.step(measured, trusted, state)
-    np.testing.assert_allclose(state.velocity_base_in_world, np.broadcast_to(VELOCITY, (20, 3)), atol=0.01)
+    np.testing.assert_allclose(
+        state.velocity_base_in_world, np.broadcast_to(VELOCITY, (20, 3)), atol=0.01
+    )
     np.testing.assert_allclose(state.base_height, height[:, :2].mean(axis=-1), atol=0.002)
 
 
@@ -52,7 +58,9 @@ def test_falls_freely_without_trusted_legs():
     for _ in range(100):
         state = estimator.step(flying, np.zeros((1, 4), dtype=bool), state)
     np.testing.assert_allclose(state.velocity_base_in_world, [[0.0, 0.0, -9.81 * 0.2]], atol=1e-9)
-    np.testing.assert_allclose(state.base_height, [ROBOT.stand_height - 9.81 * 0.2**2 / 2], atol=0.003)
+    np.testing.assert_allclose(
+        state.base_height, [ROBOT.stand_height - 9.81 * 0.2**2 / 2], atol=0.003
+    )
 
 
 def test_a_foot_that_flies_is_hardly_believed_but_no_error_lasts():

@@ -22,7 +22,12 @@ def runs(flags):
     edges = np.flatnonzero(np.diff(flags.astype(int)))
     starts = [e for e in edges if not flags[e]]
     ends = [e for e in edges if flags[e]]
-    return [end - start for start in starts for end in [next((e for e in ends if e > start), None)] if end is not None]
+    return [
+        end - start
+        for start in starts
+        for end in [next((e for e in ends if e > start), None)]
+        if end is not None
+    ]
 
 
 @pytest.mark.parametrize("frequency", [0.5, 1.0, 2.3, 3.999])
@@ -81,6 +86,8 @@ def test_state_is_not_changed_and_numpy_equals_torch():
     moved = GAIT.advance(state, np.full_like(phase, 2.0), TICK_S)
     np.testing.assert_array_equal(state.phase, phase)
     ours = GAIT.read(moved, np.full_like(phase, 2.0))
-    theirs = GAIT.read(GaitState(phase=torch.as_tensor(moved.phase)), torch.full((301,), 2.0, dtype=torch.float64))
+    theirs = GAIT.read(
+        GaitState(phase=torch.as_tensor(moved.phase)), torch.full((301,), 2.0, dtype=torch.float64)
+    )
     for name in ("contact", "progress", "trusted", "cycle", "stance_duration"):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name).numpy())

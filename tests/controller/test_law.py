@@ -33,14 +33,23 @@ def tensors(value):
 def test_numpy_equals_torch_through_all_modes(draw):
     rng = np.random.default_rng(11)
     _, sensed = draw(rng, (8,))
-    ours, theirs = LAW.init((8,), sensed.joint_position), LAW.init((8,), torch.as_tensor(sensed.joint_position))
+    ours, theirs = (
+        LAW.init((8,), sensed.joint_position),
+        LAW.init((8,), torch.as_tensor(sensed.joint_position)),
+    )
     for mode in MODES:
         plan, sensed = draw(rng, (8,))
         command, ours, diagnostics = LAW.step(plan, sensed, ours, mode)
-        command_torch, theirs, diagnostics_torch = LAW.step(tensors(plan), tensors(sensed), theirs, mode)
+        command_torch, theirs, diagnostics_torch = LAW.step(
+            tensors(plan), tensors(sensed), theirs, mode
+        )
         for name in COMMAND:
-            np.testing.assert_allclose(getattr(command_torch, name).numpy(), getattr(command, name), atol=1e-6)
-        np.testing.assert_array_equal(diagnostics_torch.gait.contact.numpy(), diagnostics.gait.contact)
+            np.testing.assert_allclose(
+                getattr(command_torch, name).numpy(), getattr(command, name), atol=1e-6
+            )
+        np.testing.assert_array_equal(
+            diagnostics_torch.gait.contact.numpy(), diagnostics.gait.contact
+        )
         np.testing.assert_allclose(
             diagnostics_torch.tracking_cost.numpy(), diagnostics.tracking_cost, rtol=1e-6, atol=1e-6
         )
@@ -93,7 +102,9 @@ def test_landing_legs_that_are_down_stay_down(draw):
     rng = np.random.default_rng(15)
     plan, sensed = draw(rng, (64,))
     state = LAW.init((64,), sensed.joint_position)
-    state = replace(LAW.step(plan, sensed, state)[1], gait=replace(state.gait, phase=rng.uniform(1.0, 2.0, 64)))
+    state = replace(
+        LAW.step(plan, sensed, state)[1], gait=replace(state.gait, phase=rng.uniform(1.0, 2.0, 64))
+    )
     down = np.zeros((64, 4), dtype=bool)
     for _ in range(int(0.35 / PHYSICS_DT)):  # swing and flight at 2 Hz last 0.3 s
         plan, sensed = draw(rng, (64,))
@@ -107,10 +118,14 @@ def test_landing_legs_that_are_down_stay_down(draw):
 def test_standing_goes_from_the_present_pose_to_one_on_the_slope_that_the_feet_give(draw, slope):
     plan, sensed = draw(np.random.default_rng(16), ())
     level = KINEMATICS.position(ROBOT.stand_pose)
-    feet = level + slope * level[:, :1] * np.array([0.0, 0.0, 0.5])  # within reach: the trunk is pitched by the rest
+    feet = level + slope * level[:, :1] * np.array(
+        [0.0, 0.0, 0.5]
+    )  # within reach: the trunk is pitched by the rest
     pitch = np.arctan(slope) - np.arctan(0.5 * slope)
     quaternion = quaternion_from_roll_pitch_yaw(np.zeros(()), np.asarray(-pitch), np.zeros(()))
-    sensed = replace(sensed, joint_position=KINEMATICS.inverse(feet), quaternion_base_in_world=quaternion)
+    sensed = replace(
+        sensed, joint_position=KINEMATICS.inverse(feet), quaternion_base_in_world=quaternion
+    )
     state = replace(LAW.init((), sensed.joint_position), mode=ControllerMode.LANDING)
     positions = []
     for _ in range(600):
@@ -120,7 +135,9 @@ def test_standing_goes_from_the_present_pose_to_one_on_the_slope_that_the_feet_g
     stood = KINEMATICS.position(positions[-1])
     ahead = stood[0] - stood[2]
     given = np.arctan(np.clip(slope, -0.8, 0.8))
-    np.testing.assert_allclose(np.arctan2(ahead[2], ahead[0]), 0.5 * given, atol=1e-6)  # the other half is pitch
+    np.testing.assert_allclose(
+        np.arctan2(ahead[2], ahead[0]), 0.5 * given, atol=1e-6
+    )  # the other half is pitch
     if slope == 0.0:
         np.testing.assert_allclose(positions[-1], ROBOT.stand_pose, atol=1e-9)
     assert np.abs(np.diff(positions, axis=0)).max() < 0.003
@@ -146,7 +163,9 @@ def test_yaw_is_turned_back_to_the_heading_the_short_way(draw, side):
     plan, sensed = draw(np.random.default_rng(18), (30,))
     yaw = np.linspace(-3.0, 3.0, 30)
     quaternion = np.stack([np.cos(yaw / 2), 0 * yaw, 0 * yaw, np.sin(yaw / 2)], -1)
-    still = replace(sensed, quaternion_base_in_world=quaternion, angular_velocity_base=np.zeros((30, 3)))
+    still = replace(
+        sensed, quaternion_base_in_world=quaternion, angular_velocity_base=np.zeros((30, 3))
+    )
     turned = replace(plan, heading=yaw + side * 0.3 + 2.0 * np.pi)
     _, _, diagnostics = LAW.step(turned, still, LAW.init((30,), yaw))
     np.testing.assert_allclose(diagnostics.angular_velocity_reference[:, 2], side * 0.3, atol=1e-9)

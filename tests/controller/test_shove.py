@@ -15,12 +15,15 @@ from saltus.wire.messages import OPERATOR, Event
 
 MASS_KG = 12.74  # of the Go1
 PUSHES = {
-    "15": 15.0, "-7.5": -7.5, "0": 0.0, "1e9": HARDEST_NS, "-inf": -HARDEST_NS, "nan": 0.0, "": 0.0, "hard": 0.0,
+    "15": 15.0, "-7.5": -7.5, "0": 0.0, "1e9": HARDEST_NS, "-inf": -HARDEST_NS, "nan": 0.0, "": 0.0,
+    "hard": 0.0,
 }  # fmt: skip
 
 
 def ask(bus: MemoryBus, code: str, detail: str) -> None:
-    bus.publisher("event", OPERATOR).put(Event(time_ns=0, process=OPERATOR, code=code, detail=detail))
+    bus.publisher("event", OPERATOR).put(
+        Event(time_ns=0, process=OPERATOR, code=code, detail=detail)
+    )
 
 
 @pytest.mark.parametrize(("detail", "impulse"), PUSHES.items())

@@ -51,10 +51,14 @@ def test_forces_obey_schedule_cone_and_limits(problems):
 def test_problem_is_the_tracking_cost(problems, draw):
     _, qp = problems
     force = np.random.default_rng(2).normal(scale=50.0, size=(PROBLEMS, 12))
-    quadratic = 0.5 * np.sum(force * (qp.hessian @ force[..., None])[..., 0], -1) + np.sum(qp.gradient * force, -1)
+    quadratic = 0.5 * np.sum(force * (qp.hessian @ force[..., None])[..., 0], -1) + np.sum(
+        qp.gradient * force, -1
+    )
     weight = np.asarray(CONFIG.acceleration_weight)
     constant = 0.5 * np.sum(qp.target**2 * weight, -1)
-    cost = 0.5 * STANCE.tracking_cost(qp, force) ** 2 + 0.5 * CONFIG.force_weight * np.sum(force**2, -1)
+    cost = 0.5 * STANCE.tracking_cost(qp, force) ** 2 + 0.5 * CONFIG.force_weight * np.sum(
+        force**2, -1
+    )
     np.testing.assert_allclose(quadratic + constant, cost, rtol=1e-9)
 
 
@@ -76,35 +80,47 @@ def test_torques_do_the_work_of_the_forces_and_keep_the_limits(problems):
     small = 0.02 * force
     velocity = np.random.default_rng(4).normal(size=(PROBLEMS, 4, 3))
     foot_velocity = (body.jacobian @ velocity[..., None])[..., 0] @ body.base_in_yaw.mT
-    joint_power = np.sum(STANCE.torque(body, small).reshape(PROBLEMS, 4, 3) * velocity, axis=(-1, -2))
+    joint_power = np.sum(
+        STANCE.torque(body, small).reshape(PROBLEMS, 4, 3) * velocity, axis=(-1, -2)
+    )
     foot_power = -np.sum(small.reshape(PROBLEMS, 4, 3) * foot_velocity, axis=(-1, -2))
     np.testing.assert_allclose(joint_power, foot_power, atol=1e-9)
 
 
 def test_torch_problems_give_the_same_forces(problems):
     _, qp = problems
-    tensors = StanceQP(**{name: torch.as_tensor(getattr(qp, name)) for name in StanceQP.__dataclass_fields__})
+    tensors = StanceQP(
+        **{name: torch.as_tensor(getattr(qp, name)) for name in StanceQP.__dataclass_fields__}
+    )
     np.testing.assert_array_equal(SOLVER.solve(tensors).numpy(), SOLVER.solve(qp))
 
 
 def test_forces_of_a_robot_of_another_size_grow_with_its_mass(draw):
     plan, sensed = draw(np.random.default_rng(5), (100,))
     contact = np.random.default_rng(6).random((100, 4)) < 0.6
-    reference, (length, mass) = _forces(ROBOT, plan, observe(sensed, KINEMATICS), contact), (1.7, 4.2)
+    reference, (length, mass) = (
+        _forces(ROBOT, plan, observe(sensed, KINEMATICS), contact),
+        (1.7, 4.2),
+    )
     robot = replace(
         ROBOT, thigh_length=ROBOT.thigh_length * length, calf_length=ROBOT.calf_length * length,
-        trunk_mass=ROBOT.trunk_mass * mass, link_mass=ROBOT.link_mass * mass, foot_force=ROBOT.foot_force * mass,
+        trunk_mass=ROBOT.trunk_mass * mass, link_mass=ROBOT.link_mass * mass,
+        foot_force=ROBOT.foot_force * mass,
         inertia=ROBOT.inertia * mass * length**2,
     )  # fmt: skip
     time = Similarity.of_robot(robot).time
     speed = length / time
-    plan = replace(plan, velocity=plan.velocity * speed, angular_velocity=plan.angular_velocity / time)
+    plan = replace(
+        plan, velocity=plan.velocity * speed, angular_velocity=plan.angular_velocity / time
+    )
     body = observe(sensed, KINEMATICS)
     larger = replace(
         body, velocity=body.velocity * speed, angular_velocity=body.angular_velocity / time,
         foot_base=body.foot_base * length, foot_yaw=body.foot_yaw * length,
     )  # fmt: skip
-    np.testing.assert_allclose(_forces(robot, plan, larger, contact), mass * reference, atol=1e-3 * mass)
+    np.testing.assert_allclose(
+        _forces(robot, plan, larger, contact), mass * reference, atol=1e-3 * mass
+    )
 
 
 def _forces(robot: Robot, plan: Reference, body: YawFrameBody, contact: np.ndarray) -> np.ndarray:

@@ -26,7 +26,9 @@ def demands(count, seed):
             quaternion_base_in_world=quaternion_from_roll_pitch_yaw(*angles),
             angular_velocity_base=rng.normal(0.0, 2.0, (count, 3)),
             joint_position=np.clip(
-                ROBOT.stand_pose + rng.normal(0.0, 0.35, (count, 12)), ROBOT.joint_lower, ROBOT.joint_upper
+                ROBOT.stand_pose + rng.normal(0.0, 0.35, (count, 12)),
+                ROBOT.joint_lower,
+                ROBOT.joint_upper,
             ),
             velocity_base_in_world=rng.normal(0.0, 1.0, (count, 3)),
         ),
@@ -44,7 +46,9 @@ def clipped_closed_form(qp):
     root = np.sqrt(np.array(CONFIG.acceleration_weight))
     A = (qp.model * root).swapaxes(-1, -2) * np.repeat(qp.contact, 3, -1)[:, None]
     right = A.swapaxes(-1, -2) @ (qp.target * root)[..., None]
-    force = np.linalg.solve(A.swapaxes(-1, -2) @ A + CONFIG.force_weight * np.eye(12), right).reshape(-1, 4, 3)
+    force = np.linalg.solve(
+        A.swapaxes(-1, -2) @ A + CONFIG.force_weight * np.eye(12), right
+    ).reshape(-1, 4, 3)
     fz = np.clip(force[..., 2], *ROBOT.foot_force) * qp.contact
     norm = np.linalg.norm(force[..., :2], axis=-1) + 1e-3
     scale = np.minimum(1.0, CONFIG.friction * fz / norm)
@@ -68,9 +72,14 @@ def test_cost_is_near_that_of_the_exact_solution():
     exact = ExactSolver(ROBOT, CONFIG).solve(qp)
 
     def excess(force):
-        return np.percentile(LEGS.tracking_cost(qp, force) - LEGS.tracking_cost(qp, exact), [50, 90])
+        return np.percentile(
+            LEGS.tracking_cost(qp, force) - LEGS.tracking_cost(qp, exact), [50, 90]
+        )
 
-    batched, clipped = excess(BatchedSolver(ROBOT, CONFIG).solve(qp)), excess(clipped_closed_form(qp))
+    batched, clipped = (
+        excess(BatchedSolver(ROBOT, CONFIG).solve(qp)),
+        excess(clipped_closed_form(qp)),
+    )
     assert batched[0] < 0.2  # of costs of which the median is 40
     assert batched[1] < 4.0
     assert (30.0 * batched < clipped).all()
@@ -79,15 +88,25 @@ def test_cost_is_near_that_of_the_exact_solution():
 def test_more_steps_bring_it_to_the_exact_forces():
     qp = demands(100, seed=3)
     exact = ExactSolver(ROBOT, CONFIG).solve(qp)
-    error = [np.abs(BatchedSolver(ROBOT, CONFIG, steps).solve(qp) - exact).max(-1) for steps in (16, 200, 3000)]
+    error = [
+        np.abs(BatchedSolver(ROBOT, CONFIG, steps).solve(qp) - exact).max(-1)
+        for steps in (16, 200, 3000)
+    ]
     assert np.median(error[1]) < np.median(error[0])
     assert np.median(error[2]) < 1e-3
 
 
 def test_torch_in_single_precision_agrees_with_numpy():
     qp = demands(200, seed=4)
-    single = {name: torch.tensor(getattr(qp, name), dtype=torch.float32) for name in ("hessian", "gradient", "model")}
-    given = StanceQP(contact=torch.tensor(qp.contact), target=torch.tensor(qp.target, dtype=torch.float32), **single)
+    single = {
+        name: torch.tensor(getattr(qp, name), dtype=torch.float32)
+        for name in ("hessian", "gradient", "model")
+    }
+    given = StanceQP(
+        contact=torch.tensor(qp.contact),
+        target=torch.tensor(qp.target, dtype=torch.float32),
+        **single,
+    )
     solver = BatchedSolver(ROBOT, CONFIG)
     np.testing.assert_allclose(solver.solve(given), solver.solve(qp), atol=0.05)
 
@@ -96,4 +115,6 @@ def test_torch_in_single_precision_agrees_with_numpy():
 def test_inverts_positive_definite_matrices(size):
     root = np.random.default_rng(size).normal(size=(50, size, size))
     matrix = root @ root.swapaxes(-1, -2) + 0.1 * np.eye(size)
-    np.testing.assert_allclose(invert(matrix) @ matrix, np.broadcast_to(np.eye(size), matrix.shape), atol=1e-9)
+    np.testing.assert_allclose(
+        invert(matrix) @ matrix, np.broadcast_to(np.eye(size), matrix.shape), atol=1e-9
+    )

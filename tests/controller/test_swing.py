@@ -17,7 +17,9 @@ def robots(draw):
 
 def path(body, sensed, progress, stance_s=0.2):
     duration = np.full(ROBOTS, stance_s)
-    return SWING.nominal_path(body, body.foot_yaw, np.full((ROBOTS, 4), progress), duration, sensed.base_height)
+    return SWING.nominal_path(
+        body, body.foot_yaw, np.full((ROBOTS, 4), progress), duration, sensed.base_height
+    )
 
 
 def test_path_goes_from_liftoff_under_the_hip_to_a_landing_on_the_ground(robots):
@@ -28,7 +30,9 @@ def test_path_goes_from_liftoff_under_the_hip_to_a_landing_on_the_ground(robots)
     middle, landing = path(body, sensed, 0.5), path(body, sensed, 1.0)
     np.testing.assert_allclose(middle[..., :2], hip[..., :2])
     for point in (middle, landing):
-        np.testing.assert_allclose(point[..., 2], np.broadcast_to(-sensed.base_height[:, None], (ROBOTS, 4)))
+        np.testing.assert_allclose(
+            point[..., 2], np.broadcast_to(-sensed.base_height[:, None], (ROBOTS, 4))
+        )
     step = landing - middle
     assert (np.abs(step[..., :2]) <= np.array([0.15, 0.08]) + 1e-12).all()
     velocity = body.velocity[:, None] + np.cross(body.angular_velocity[:, None], hip)
@@ -49,7 +53,9 @@ def test_path_is_continuous_and_at_rest_at_its_three_points(robots):
 
 def test_targets_keep_every_clip(robots):
     plan, sensed, body = robots
-    target = SWING.joint_target(body, path(body, sensed, 0.3) + plan.foot_residual, sensed.joint_position)
+    target = SWING.joint_target(
+        body, path(body, sensed, 0.3) + plan.foot_residual, sensed.joint_position
+    )
     assert (np.abs(target - sensed.joint_position) <= 0.5 + 1e-12).all()
     near = (sensed.joint_position > ROBOT.joint_lower) & (sensed.joint_position < ROBOT.joint_upper)
     assert (target[near] >= np.broadcast_to(ROBOT.joint_lower, target.shape)[near]).all()
@@ -59,11 +65,16 @@ def test_targets_keep_every_clip(robots):
 def test_reachable_targets_are_reached(robots):
     _, sensed, body = robots
     nearby = body.foot_yaw + np.random.default_rng(6).uniform(-0.01, 0.01, body.foot_yaw.shape)
-    foot = KINEMATICS.position(SWING.joint_target(body, nearby, sensed.joint_position)) @ body.base_in_yaw.mT
+    foot = (
+        KINEMATICS.position(SWING.joint_target(body, nearby, sensed.joint_position))
+        @ body.base_in_yaw.mT
+    )
     wanted = nearby @ body.base_in_yaw
     inside = (wanted[..., 2] > -0.4) & (wanted[..., 2] < -0.1)
     joints = SWING.joint_target(body, nearby, sensed.joint_position).reshape(ROBOTS, 4, 3)
-    limits = (joints > ROBOT.joint_lower.reshape(4, 3) + 2e-3) & (joints < ROBOT.joint_upper.reshape(4, 3) - 2e-3)
+    limits = (joints > ROBOT.joint_lower.reshape(4, 3) + 2e-3) & (
+        joints < ROBOT.joint_upper.reshape(4, 3) - 2e-3
+    )
     kept = inside & limits.all(axis=-1)
     assert kept.mean() > 0.5
     np.testing.assert_allclose(foot[kept], nearby[kept], atol=1e-9)

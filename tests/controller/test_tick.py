@@ -29,10 +29,15 @@ def compiled():
 
 
 def assert_near(one, other, where=""):
-    """Of each array, the largest difference is below 1e-9 of its greatest entry, or of 1; all else is equal."""
+    """Of each array, the largest difference is below 1e-9 of its greatest entry, or of 1.
+
+    All else is equal.
+    """
     if is_dataclass(one):
         for field in fields(one):
-            assert_near(getattr(one, field.name), getattr(other, field.name), f"{where}.{field.name}")
+            assert_near(
+                getattr(one, field.name), getattr(other, field.name), f"{where}.{field.name}"
+            )
     elif isinstance(one, np.ndarray | float):
         one, other = np.asarray(one), np.asarray(other)
         assert (one.shape, one.dtype) == (other.shape, other.dtype), where
@@ -89,7 +94,9 @@ def test_the_compiled_estimator_is_the_estimator(draw, compiled):
     together = TICK.sense(robots, trusted, estimate)
     for k in range(DRAWN):
         assert_near(
-            row_of(together, k), compiled.sense(row(robots, k), trusted[k], row_of(estimate, k)), f"robot {k}: "
+            row_of(together, k),
+            compiled.sense(row(robots, k), trusted[k], row_of(estimate, k)),
+            f"robot {k}: ",
         )
 
 
@@ -112,4 +119,6 @@ def test_readings_that_are_no_numbers_are_told(broken, draw, compiled):
     _, _, estimate = draw_states(rng, 1, ControllerMode.RUN)
     states = replace(row(robots, 0), joint_position=np.full(12, broken))
     with np.errstate(all="ignore"):
-        assert not np.isfinite(compiled.sense(states, np.ones(4, dtype=np.bool_), row_of(estimate, 0)).total)
+        assert not np.isfinite(
+            compiled.sense(states, np.ones(4, dtype=np.bool_), row_of(estimate, 0)).total
+        )

@@ -41,7 +41,9 @@ def lost(now):
 
 def expected(state, now):
     """The table of transitions, written as a list of rules of which the first that applies decides."""
-    upright = now.finite and abs(now.roll) <= math.radians(60) and abs(now.pitch) <= math.radians(60)
+    upright = (
+        now.finite and abs(now.roll) <= math.radians(60) and abs(now.pitch) <= math.radians(60)
+    )
     fresh_go = now.plan_status == PlanStatus.GO and now.plan_age_s <= 0.030
     over = now.settled or state.mode_time_s >= 1.1
     mode = ControllerMode
@@ -88,7 +90,13 @@ def test_faults_are_latched(mode):
 
 def now(age, status=PlanStatus.GO, settled=False):
     return WatchdogInput(
-        plan_age_s=age, plan_status=status, roll=0.0, pitch=0.0, finite=True, settled=settled, may_start=True
+        plan_age_s=age,
+        plan_status=status,
+        roll=0.0,
+        pitch=0.0,
+        finite=True,
+        settled=settled,
+        may_start=True,
     )
 
 

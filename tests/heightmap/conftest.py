@@ -23,7 +23,9 @@ def model() -> HeightmapModel:
     """A network that was never trained: the laws hold for any weights."""
     torch.manual_seed(0)
     n = len(PROPRIOCEPTION)
-    normal = Normalisation(torch.zeros(n), torch.ones(n), torch.full((30,), -0.27), torch.full((30,), 0.1))
+    normal = Normalisation(
+        torch.zeros(n), torch.ones(n), torch.full((30,), -0.27), torch.full((30,), 0.1)
+    )
     return HeightmapModel(ModelConfig(), normal).eval()
 
 
@@ -33,7 +35,14 @@ def model_path(model: HeightmapModel, tmp_path_factory: pytest.TempPathFactory) 
     export(
         model,
         path,
-        Origin(robot="go1", grid=LINE, camera=SHIPPED["d435i"], warmup_frames=WARMUP, dataset="none", seed=0),
+        Origin(
+            robot="go1",
+            grid=LINE,
+            camera=SHIPPED["d435i"],
+            warmup_frames=WARMUP,
+            dataset="none",
+            seed=0,
+        ),
     )
     return path
 

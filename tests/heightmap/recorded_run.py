@@ -20,7 +20,14 @@ from saltus.terrain.curriculum import make_terrain
 from saltus.wire import codec
 from saltus.wire.bus import RawSample
 from saltus.wire.codec import Envelope
-from saltus.wire.messages import ControllerMode, DepthFrame, GroundTruth, Heightmap, Message, RobotState
+from saltus.wire.messages import (
+    ControllerMode,
+    DepthFrame,
+    GroundTruth,
+    Heightmap,
+    Message,
+    RobotState,
+)
 
 MS = 1_000_000
 LATENCY_NS = 50 * MS
@@ -49,7 +56,11 @@ class Glide:
 
 
 def glide(
-    terrain: TerrainConfig, *, steps: int = 240, height_m: float = 0.4, camera: Intrinsics = MODEL_CAMERA
+    terrain: TerrainConfig,
+    *,
+    steps: int = 240,
+    height_m: float = 0.4,
+    camera: Intrinsics = MODEL_CAMERA,
 ) -> Glide:
     """A base that moves ahead at 1 m/s and nods, `height_m` above the start.
 
@@ -63,22 +74,32 @@ def glide(
     zero = np.zeros(steps)
     position = np.stack([x, zero, z], axis=-1)
     velocity = np.gradient(position, 0.01, axis=0)
-    quaternion = rotations.quaternion_from_roll_pitch_yaw(zero, 0.06 * np.sin(2 * np.pi * time_s / 0.3), zero)
-    joints = np.tile(ROBOT.stand_pose, (steps, 1))
-    images = EmbreeRenderer(ground, RobotCamera.on(ROBOT, camera, legs=False), threads=1).render_batch(
-        position[::2], quaternion[::2], joints[::2]
+    quaternion = rotations.quaternion_from_roll_pitch_yaw(
+        zero, 0.06 * np.sin(2 * np.pi * time_s / 0.3), zero
     )
+    joints = np.tile(ROBOT.stand_pose, (steps, 1))
+    images = EmbreeRenderer(
+        ground, RobotCamera.on(ROBOT, camera, legs=False), threads=1
+    ).render_batch(position[::2], quaternion[::2], joints[::2])
     heights = ground.height_at(x[:, None] + HEIGHTMAP_X, 0.0) - z[:, None]
     return Glide(
         terrain=terrain,
         states=[_state(k, quaternion[k], velocity[k], joints[k]) for k in range(steps)],
-        truths=[_truth(k, position[k], quaternion[k], velocity[k], joints[k], heights[k]) for k in range(steps)],
+        truths=[
+            _truth(k, position[k], quaternion[k], velocity[k], joints[k], heights[k])
+            for k in range(steps)
+        ],
         frames=[_frame(i, camera, image) for i, image in enumerate(images)],
     )
 
 
 def record(
-    path: Path, run: Glide, heightmaps: Sequence[Heightmap], *, truth: bool = True, config: RunConfig | None = None
+    path: Path,
+    run: Glide,
+    heightmaps: Sequence[Heightmap],
+    *,
+    truth: bool = True,
+    config: RunConfig | None = None,
 ) -> Recording:
     """Writes and reads a recording."""
     config = config or RunConfig(robot="go1", grid="line", terrain=run.terrain)
@@ -100,17 +121,25 @@ def _raw(key: str, message: Message, sequence: int, arrival_ns: int) -> RawSampl
 
 
 def _frame(frame_id: int, camera: Intrinsics, depth: np.ndarray) -> DepthFrame:
-    return depth_frame(camera, depth_in_millimetres(depth), time_ns=20 * MS * frame_id, frame_id=frame_id)
+    return depth_frame(
+        camera, depth_in_millimetres(depth), time_ns=20 * MS * frame_id, frame_id=frame_id
+    )
 
 
-def _state(step: int, quaternion: np.ndarray, velocity: np.ndarray, joints: np.ndarray) -> RobotState:
+def _state(
+    step: int, quaternion: np.ndarray, velocity: np.ndarray, joints: np.ndarray
+) -> RobotState:
     part = (step % CYCLE) / CYCLE  # front stance, flight, rear stance, flight
     contact = np.array([part < 0.25] * 2 + [0.5 <= part < 0.75] * 2)
     return RobotState(
-        time_ns=10 * MS * step, step=step, quaternion_base_in_world=quaternion, angular_velocity_base=np.zeros(3),
-        acceleration_base=np.array([0.0, 0.0, 9.81]), joint_position=joints, joint_velocity=np.zeros(12),
-        joint_torque=np.zeros(12), velocity_base_in_world=velocity, base_height=ROBOT.stand_height, leg_contact=contact,
-        leg_progress=np.full(4, 4 * part % 1), leg_trusted=np.zeros(4, np.bool_), cycle=step // CYCLE,
+        time_ns=10 * MS * step, step=step, quaternion_base_in_world=quaternion,
+        angular_velocity_base=np.zeros(3),
+        acceleration_base=np.array([0.0, 0.0, 9.81]), joint_position=joints,
+        joint_velocity=np.zeros(12),
+        joint_torque=np.zeros(12), velocity_base_in_world=velocity, base_height=ROBOT.stand_height,
+        leg_contact=contact,
+        leg_progress=np.full(4, 4 * part % 1), leg_trusted=np.zeros(4, np.bool_),
+        cycle=step // CYCLE,
         mode=ControllerMode.RUN, depth_due=-1,
     )  # fmt: skip
 
@@ -124,7 +153,8 @@ def _truth(
     height: np.ndarray,
 ) -> GroundTruth:
     return GroundTruth(
-        time_ns=10 * MS * step, step=step, position_base_in_world=position, quaternion_base_in_world=quaternion,
+        time_ns=10 * MS * step, step=step, position_base_in_world=position,
+        quaternion_base_in_world=quaternion,
         velocity_base_in_world=velocity, angular_velocity_base=np.zeros(3), joint_position=joints,
         foot_force=np.zeros(4), x=np.array(LINE.x), height=height,
     )  # fmt: skip

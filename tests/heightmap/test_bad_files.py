@@ -71,7 +71,9 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_checkpoints_models_and_recordings_that_are_none(
     kind: str, data: Path, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    checkpoint, model, run, bag = (broken(tmp_path, kind, suffix) for suffix in (".pt", ".onnx", ".mcap", ".bag"))
+    checkpoint, model, run, bag = (
+        broken(tmp_path, kind, suffix) for suffix in (".pt", ".onnx", ".mcap", ".bag")
+    )
     run_dir = tmp_path / "a run"
     run_dir.mkdir()
     put_robot(run_dir)
@@ -80,7 +82,10 @@ def test_checkpoints_models_and_recordings_that_are_none(
         (checkpoint, ["train", "--data", data, "--start", checkpoint, "--out", out]),
         (checkpoint, ["dagger", "--start", checkpoint, "--out", out]),
         (checkpoint, ["export", "--data", data, "--checkpoint", checkpoint, "--out", out]),
-        (checkpoint, ["collect", "gpu", "--device", "cpu", "--predictor", checkpoint, "--out", out]),
+        (
+            checkpoint,
+            ["collect", "gpu", "--device", "cpu", "--predictor", checkpoint, "--out", out],
+        ),
         (model, ["give", model, "--run-dir", run_dir]),
         (model, ["collect", "cpu", "--model", model, "--out", out]),
         (model, ["eval", "--runs", "1", "--heightmap-model", model]),
@@ -89,13 +94,19 @@ def test_checkpoints_models_and_recordings_that_are_none(
         (bag, ["serve", "--recording", bag, "--assume-level"]),
     ):
         refused(["heightmap", *arguments], capsys, path)
-    for arguments in (["replay", run], ["replay", bag, "--assume-level"], ["replay", recording, "--model", model]):
+    for arguments in (
+        ["replay", run],
+        ["replay", bag, "--assume-level"],
+        ["replay", recording, "--model", model],
+    ):
         refused(arguments, capsys, tmp_path)
     assert sorted(tmp_path.iterdir()) == before
 
 
 @pytest.mark.parametrize("kind", MANIFESTS)
-def test_datasets_that_are_none(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_datasets_that_are_none(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bad, out = tmp_path / "bad", tmp_path / "out"
     bad.mkdir()
     (bad / "manifest.json").write_bytes(MANIFESTS[kind])
@@ -113,7 +124,9 @@ def test_datasets_that_are_none(kind: str, tmp_path: Path, capsys: pytest.Captur
     assert [path.name for path in tmp_path.rglob("*")] == ["bad", "manifest.json"]
 
 
-def test_a_manifest_that_names_files_elsewhere(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_manifest_that_names_files_elsewhere(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     table = json.loads((data / "manifest.json").read_text())
     table["shards"][0]["file"] = "../round_000.h5"
     (tmp_path / "manifest.json").write_text(json.dumps(table))
@@ -137,7 +150,9 @@ def test_places_that_cannot_be_written(
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a file", "kept")]
 
 
-def test_a_full_disk(data: Path, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_full_disk(
+    data: Path, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """What is written goes to a device without room; what was there before is still there."""
     run, out = tmp_path / "run", tmp_path / "out"
     for folder, unfinished, whole in (
@@ -153,9 +168,9 @@ def test_a_full_disk(data: Path, recording: Path, tmp_path: Path, capsys: pytest
     (run / SETUP_FILE).unlink()
     refused(["heightmap", "report", recording, "--out", run], capsys, run, "No space left")
     refused(["heightmap", "dataset", "merge", data, "--out", out], capsys, out, "No space left")
-    assert {path.name: path.read_text() for path in (*run.iterdir(), *out.iterdir())} == dict.fromkeys(
-        ("heightmap.onnx", "report.html", "notes.txt"), "kept"
-    )
+    assert {
+        path.name: path.read_text() for path in (*run.iterdir(), *out.iterdir())
+    } == dict.fromkeys(("heightmap.onnx", "report.html", "notes.txt"), "kept")
 
 
 def test_folders_without_a_service(

@@ -56,7 +56,11 @@ class Hand:
 def motion() -> Trajectory:
     (trajectory,) = gliding_robots(np.random.default_rng(4), 1, ticks=TICKS, terrains=("flat",))
     floor = Box(low=(-2.0, -2.0, -1.0), high=(9.0, 2.0, 0.0))
-    posts = [Box(low=(x, y, 0.0), high=(x + 0.1, y + 0.1, 0.15)) for x in np.arange(0.5, 4.0, 0.4) for y in (-0.2, 0.1)]
+    posts = [
+        Box(low=(x, y, 0.0), high=(x + 0.1, y + 0.1, 0.15))
+        for x in np.arange(0.5, 4.0, 0.4)
+        for y in (-0.2, 0.1)
+    ]
     return replace(trajectory, terrain=Terrain(kind="posts", boxes=(floor, *posts), finish_x=8.0))
 
 
@@ -102,7 +106,9 @@ def of_dataset(profile: Profile, motion: Trajectory) -> Hand:
     (episode,) = filmed([motion], [view], IDEAL_CAMERA, profile, LINE, np.random.default_rng(7))
     frame = deliver([episode], DeliveryModel(), np.random.default_rng(0)).frame[0]
     taken = np.where(frame >= 0, episode.frame_tick[np.maximum(frame, 0)], NEVER)
-    return Hand(taken=taken, depth=dict(zip(episode.frame_tick.tolist(), episode.depth, strict=True)))
+    return Hand(
+        taken=taken, depth=dict(zip(episode.frame_tick.tolist(), episode.depth, strict=True))
+    )
 
 
 @dataclass(frozen=True)
@@ -122,7 +128,9 @@ def of_device(profile: Profile, motion: Trajectory) -> Hand:
     course: Any = OneCourse(motion)
     rng = np.random.default_rng(7)
     cameras = DeviceCameras(ROBOT, course, {"ideal": IDEAL_CAMERA}, profile, "cpu", rng)
-    images = late_images(1, DeliveryModel(), profile.camera_chain.latency, np.random.default_rng(0), "cpu")
+    images = late_images(
+        1, DeliveryModel(), profile.camera_chain.latency, np.random.default_rng(0), "cpu"
+    )
     columns = motion.position_base_in_world, motion.quaternion_base_in_world, motion.joint_position
     qpos = torch.tensor(np.concatenate(columns, -1)).float()
     taken, depth = np.full(TICKS, NEVER), {}
@@ -130,7 +138,9 @@ def of_device(profile: Profile, motion: Trajectory) -> Hand:
         fresh = torch.tensor([k == 0])
         exposed = cameras.expose(course, qpos[k : k + 1], k, fresh)
         new = images.step(exposed.get("ideal"), k * TICK_S, fresh)
-        assert bool(new) == bool(images.in_hand.time_s > (TICK_S * taken[k - 1] if k and taken[k - 1] >= 0 else -1.0))
+        assert bool(new) == bool(
+            images.in_hand.time_s > (TICK_S * taken[k - 1] if k and taken[k - 1] >= 0 else -1.0)
+        )
         if torch.isfinite(images.in_hand.time_s):
             taken[k] = round(float(images.in_hand.time_s) / TICK_S)
             depth[taken[k]] = images.in_hand.depth[0].numpy()
@@ -146,16 +156,25 @@ def test_robots_get_the_images_of_the_camera_process(
     effects: tuple[Effect[Any], ...], motion: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def where_it_should(robot: Any, rng: Any, count: int) -> Mount:
-        return Mount(position=np.tile(robot.camera_position, (count, 1)), pitch=np.full(count, robot.camera_pitch))
+        return Mount(
+            position=np.tile(robot.camera_position, (count, 1)),
+            pitch=np.full(count, robot.camera_pitch),
+        )
 
     monkeypatch.setattr(device_cameras, "random_mount", where_it_should)
     profile = with_latency(effects)
     plant, without = (of_process(p, motion) for p in (profile, with_latency(effects[:-1])))
     shared = plant.depth.keys() & without.depth.keys()
     changes = not np.array_equal(plant.taken, without.taken)
-    assert changes or any((plant.depth[k] != without.depth[k]).any() for k in shared), "the motion shows the effect"
-    # rays of Embree and of Warp differ in their last digits: by a millimetre where they are rounded, at edges by more
-    for found, room_mm, share in ((of_dataset(profile, motion), 0, 0.0), (of_device(profile, motion), 1, 0.01)):
+    assert changes or any((plant.depth[k] != without.depth[k]).any() for k in shared), (
+        "the motion shows the effect"
+    )
+    # rays of Embree and of Warp differ in their last digits: by a millimetre where they are
+    # rounded, at edges by more
+    for found, room_mm, share in (
+        (of_dataset(profile, motion), 0, 0.0),
+        (of_device(profile, motion), 1, 0.01),
+    ):
         np.testing.assert_array_equal(found.taken, plant.taken)
         off = [found.depth[k].astype(int) - plant.depth[k].astype(int) for k in plant.depth]
         assert (np.abs(off) > room_mm).mean() <= share

@@ -34,7 +34,19 @@ POLICY = Path(__file__).resolve().parents[2] / "models" / "checkpoints" / "polic
 def command(out: Path, camera: str, *more: str) -> list[str]:
     sizes = {"robots": ROBOTS, "courses": 1, "ticks": TICKS, "hardest": 0.2, "camera": camera}
     loop = [part for name, value in sizes.items() for part in (f"--loop.{name}", str(value))]
-    return ["heightmap", "collect", "cpu", "--out", str(out), "--batches", "2", "--processes", "1", *loop, *more]
+    return [
+        "heightmap",
+        "collect",
+        "cpu",
+        "--out",
+        str(out),
+        "--batches",
+        "2",
+        "--processes",
+        "1",
+        *loop,
+        *more,
+    ]
 
 
 def collected(out: Path, camera: str, *more: str) -> list[Episode]:
@@ -43,9 +55,13 @@ def collected(out: Path, camera: str, *more: str) -> list[Episode]:
 
 
 @pytest.mark.parametrize("camera", ["ideal", "d435i"])
-def test_a_seed_repeats_the_shard_and_a_profile_moves_the_camera(camera: str, tmp_path: Path) -> None:
+def test_a_seed_repeats_the_shard_and_a_profile_moves_the_camera(
+    camera: str, tmp_path: Path
+) -> None:
     profile = tmp_path / "tilted.toml"
-    profile.write_text(replace(PROFILE, camera=(*PROFILE.camera, CameraPitch(offset=0.17))).to_toml())
+    profile.write_text(
+        replace(PROFILE, camera=(*PROFILE.camera, CameraPitch(offset=0.17))).to_toml()
+    )
     first, again, tilted = (
         collected(tmp_path / name, camera, *more)
         for name, more in (("a", ()), ("b", ()), ("c", ("--profile", str(profile))))
@@ -61,8 +77,13 @@ def test_a_seed_repeats_the_shard_and_a_profile_moves_the_camera(camera: str, tm
         assert nearer < 0.97  # it looks further down
 
 
-def test_all_that_a_profile_says_of_robots_and_cameras_reaches_both_collections(tmp_path: Path) -> None:
-    path, said = tmp_path / "everything.toml", {effect.name for effect in EVERYTHING.effects.values()}
+def test_all_that_a_profile_says_of_robots_and_cameras_reaches_both_collections(
+    tmp_path: Path,
+) -> None:
+    path, said = (
+        tmp_path / "everything.toml",
+        {effect.name for effect in EVERYTHING.effects.values()},
+    )
     path.write_text(EVERYTHING.to_toml())
     plant = Body(setups_of([flat.make()], [Trial()], EVERYTHING))._plant
     held = (*plant._chain.effects, *plant._body.effects, *plant._imu_chain.effects)
@@ -75,13 +96,24 @@ def test_all_that_a_profile_says_of_robots_and_cameras_reaches_both_collections(
     )
     device = DeviceRollouts(loop, policy, None, device="cpu", seed=0, profile=str(path))
     env, cameras = device._env, device._cameras
-    held = (*env._drives.effects, *env._imu.effects, *env.episodes._body.effects, *cameras._view.effects)
+    held = (
+        *env._drives.effects,
+        *env._imu.effects,
+        *env.episodes._body.effects,
+        *cameras._view.effects,
+    )
     assert {effect.name for effect in (*held, *cameras._chain.effects, device._latency)} == said
     episodes += device.batch().episodes("ideal")
     for episode in episodes:
-        assert len(episode.frame_tick) < 0.3 * len(episode.height), "the camera holds images and loses some"
+        assert len(episode.frame_tick) < 0.3 * len(episode.height), (
+            "the camera holds images and loses some"
+        )
     known = hardware_table(str(path), "go1", load_camera("ideal"))
-    assert {CameraLatency(**known["latency"])} == {e.latency for e in episodes[: 2 * ROBOTS]} == {EVERYTHING.camera[-1]}
+    assert (
+        {CameraLatency(**known["latency"])}
+        == {e.latency for e in episodes[: 2 * ROBOTS]}
+        == {EVERYTHING.camera[-1]}
+    )
 
 
 def test_a_renderer_is_in_the_manifest_and_the_same_motion_is_not_collected_twice(
@@ -95,7 +127,10 @@ def test_a_renderer_is_in_the_manifest_and_the_same_motion_is_not_collected_twic
 
 @pytest.mark.parametrize("interrupted_at", [1, 2])
 def test_batches_that_were_whole_when_it_was_interrupted_are_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], interrupted_at: int
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    interrupted_at: int,
 ) -> None:
     calls, law = [], heightmap_collection.closed_loop_episodes
 

@@ -75,36 +75,46 @@ def test_rounds_alternate_between_the_loop_and_training(whole: Path) -> None:
     assert main(["heightmap", "dataset", "validate", str(whole / "dataset")]) == 0
 
 
-def test_a_run_that_was_killed_again_and_again_gives_the_same_data(whole: Path, tmp_path: Path) -> None:
+def test_a_run_that_was_killed_again_and_again_gives_the_same_data(
+    whole: Path, tmp_path: Path
+) -> None:
     for when in ("collect 0 1", "train 0", "collect 1 2", "train 1"):
         with pytest.raises(Killed):
             dagger(tmp_path, CONFIG, killed_at(when), processes=1)
     dagger(tmp_path, CONFIG, SILENT, processes=1)
     assert contents(tmp_path) == contents(whole)
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(path.name for path in whole.iterdir())
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        path.name for path in whole.iterdir()
+    )
     before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
     dagger(tmp_path, CONFIG, SILENT, processes=1)  # all is done: nothing is written again
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == before
 
 
-def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_data(whole: Path, tmp_path: Path) -> None:
+def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_data(
+    whole: Path, tmp_path: Path
+) -> None:
     code = (
         "from functools import partial; from saltus.heightmap.data import closed_loop\n"
         f"closed_loop.Loop = partial(closed_loop.Loop, stand_steps={SHORT_STAND_STEPS})\n"
         "if __name__ == '__main__':\n"  # the workers import this file, and need none of the rest
         "    import sys; from pathlib import Path; from saltus.heightmap.training.dagger import *\n"
         "    from saltus.heightmap.settings import *\n"
-        f"    told = Observer(collected=lambda i, done, ticks: print(done, flush=True), trained=lambda i, p: None)\n"
+        f"    told = Observer(collected=lambda i, done, ticks: print(done, flush=True), "
+        f"trained=lambda i, p: None)\n"
         f"    dagger(Path(sys.argv[1]), {CONFIG!r}, told, processes=2)\n"
     )
     script = tmp_path / "run.py"
     script.write_text(code)
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    run = subprocess.Popen([sys.executable, script, tmp_path / "run"], stdout=subprocess.PIPE, env=environment)
+    run = subprocess.Popen(
+        [sys.executable, script, tmp_path / "run"], stdout=subprocess.PIPE, env=environment
+    )
     assert run.stdout is not None
     assert run.stdout.readline() == b"1\n"  # one of two batches is done
     run.kill()
-    # The pipe ends when the last process that holds it is gone: the workers have died with the one who started them.
+    # The pipe ends when the last process that holds it is gone: the workers have died with the one
+    # who started them.
     run.communicate(timeout=20)
     assert run.returncode == -signal.SIGKILL
     assert contents(tmp_path / "run") == []
@@ -112,7 +122,9 @@ def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_dat
     assert contents(tmp_path / "run") == contents(whole)[:1]
 
 
-@pytest.mark.parametrize("field", ["batches", "updates", "seed", "profile", "loop", "start", "base"])
+@pytest.mark.parametrize(
+    "field", ["batches", "updates", "seed", "profile", "loop", "start", "base"]
+)
 def test_a_run_of_another_configuration_is_refused_by_name(whole: Path, field: str) -> None:
     changed: dict[str, dict[str, Any]] = {
         "loop": {"loop": ClosedLoop(robot="go1", grid="line", hardest=0.1)},
@@ -128,7 +140,9 @@ def test_a_run_of_another_configuration_is_refused_by_name(whole: Path, field: s
         dagger(whole, config, SILENT, **paths.get(field, {}))
 
 
-def test_a_base_with_the_rounds_of_this_seed_is_refused_before_anything_is_written(whole: Path, tmp_path: Path) -> None:
+def test_a_base_with_the_rounds_of_this_seed_is_refused_before_anything_is_written(
+    whole: Path, tmp_path: Path
+) -> None:
     with pytest.raises(DatasetError, match="another seed"):
         dagger(tmp_path / "run", CONFIG, SILENT, base=whole / "dataset", processes=1)
     assert not (tmp_path / "run").exists()
@@ -146,7 +160,9 @@ def test_a_run_goes_on_from_a_predictor_and_a_dataset(whole: Path, tmp_path: Pat
 
 def test_episodes_differ_with_what_the_robot_believes_and_nothing_else(whole: Path) -> None:
     model = whole / "round_000" / "heightmap.onnx"
-    true, predicted, again = (closed_loop_episodes(LOOP, path, (3, 0, 0)) for path in (None, model, model))
+    true, predicted, again = (
+        closed_loop_episodes(LOOP, path, (3, 0, 0)) for path in (None, model, model)
+    )
     for a, b in zip(predicted, again, strict=True):
         np.testing.assert_array_equal(a.depth, b.depth)
         np.testing.assert_array_equal(a.proprioception, b.proprioception)
@@ -155,7 +171,9 @@ def test_episodes_differ_with_what_the_robot_believes_and_nothing_else(whole: Pa
         assert len(a.height) >= MIN_TICKS
         assert np.isfinite(a.height).all()
     # Another belief moves the robots otherwise, from the same start.
-    assert any(not np.array_equal(a.height, b.height) for a, b in zip(true, predicted, strict=False))
+    assert any(
+        not np.array_equal(a.height, b.height) for a, b in zip(true, predicted, strict=False)
+    )
     np.testing.assert_array_equal(true[0].height[0], predicted[0].height[0])
 
 
@@ -175,7 +193,9 @@ def test_each_planner_leads_its_share(learned: float, name: PlannerName) -> None
     )
     observation = observe(states, KINEMATICS)
     heights = -0.27 + 0.05 * rng.normal(size=(count, len(HEIGHTMAP_X)))
-    mixed = MixedPlanner(ROBOT, LINE, rng, count, learned=learned, variation=0.0).step(observation, heights)
+    mixed = MixedPlanner(ROBOT, LINE, rng, count, learned=learned, variation=0.0).step(
+        observation, heights
+    )
     alone = make_planner(name, ROBOT, LINE).step(observation, heights)
     np.testing.assert_allclose(mixed.pitch_rate, alone.pitch_rate)
     np.testing.assert_allclose(mixed.velocity_z, alone.velocity_z)
@@ -199,6 +219,13 @@ def test_info_counts_what_is_there(whole: Path, capsys: pytest.CaptureFixture[st
     assert main(["heightmap", "dataset", "info", str(whole / "dataset"), "--json"]) == 0
     table = json.loads(capsys.readouterr().out.splitlines()[-1])
     records = read_manifest(whole / "dataset")
-    assert [shard["record"]["ticks"] for shard in table["shards"]] == [record.ticks for record in records]
-    assert [sum(shard["terrains"].values()) for shard in table["shards"]] == [r.episodes for r in records]
-    assert [shard["record"]["config"]["source"] for shard in table["shards"]] == ["dagger", "dagger"]
+    assert [shard["record"]["ticks"] for shard in table["shards"]] == [
+        record.ticks for record in records
+    ]
+    assert [sum(shard["terrains"].values()) for shard in table["shards"]] == [
+        r.episodes for r in records
+    ]
+    assert [shard["record"]["config"]["source"] for shard in table["shards"]] == [
+        "dagger",
+        "dagger",
+    ]

@@ -16,14 +16,18 @@ def episode(ticks: int = TICKS, **how: Any) -> Episode:
     taken = TAKEN[ticks > TAKEN]
     images = np.zeros((len(taken), 48, 16), np.uint16)
     rows = np.zeros((ticks, 30), np.float32)
-    return Episode(terrain="flat", proprioception=rows, height=rows, depth=images, frame_tick=taken, **how)
+    return Episode(
+        terrain="flat", proprioception=rows, height=rows, depth=images, frame_tick=taken, **how
+    )
 
 
 def test_without_faults_images_come_every_20_ms_and_are_50_ms_old() -> None:
     ((frame,), (age_s,), (new,)) = deliver([episode()], DeliveryModel(), np.random.default_rng(0))
     assert list(frame[:9]) == [-1, -1, -1, -1, -1, 0, 0, 1, 1]
     assert np.isinf(age_s[:5]).all()
-    np.testing.assert_allclose(age_s[5:], np.where(np.arange(5, TICKS) % 2 == 1, 0.05, 0.06), atol=1e-9)
+    np.testing.assert_allclose(
+        age_s[5:], np.where(np.arange(5, TICKS) % 2 == 1, 0.05, 0.06), atol=1e-9
+    )
     assert list(new[:9]) == [False] * 5 + [True, False, True, False]
 
 
@@ -37,18 +41,28 @@ def test_with_faults_time_never_runs_backwards_and_nothing_comes_early() -> None
         assert frame.max() < len(TAKEN[ticks > TAKEN])
         np.testing.assert_array_equal(new[1:], np.diff(frame) > 0)
         assert age_s[seen].min() >= TRAINING.latency_s[0] - 1e-9
-        np.testing.assert_allclose(age_s[seen], (np.arange(TICKS) - TAKEN[frame])[seen] * 0.01, atol=1e-9)
+        np.testing.assert_allclose(
+            age_s[seen], (np.arange(TICKS) - TAKEN[frame])[seen] * 0.01, atol=1e-9
+        )
         arrived.append(new.sum() / len(TAKEN[ticks > TAKEN]))
     assert 1.0 - TRAINING.loss - 0.02 < np.mean(arrived) < 0.99
 
 
-@pytest.mark.parametrize("known", [CameraLatency(latency=0.05), CameraLatency(latency=0.16, jitter=0.01)])
+@pytest.mark.parametrize(
+    "known", [CameraLatency(latency=0.05), CameraLatency(latency=0.16, jitter=0.01)]
+)
 @pytest.mark.parametrize("name", DELIVERIES)
-def test_images_are_as_late_as_the_name_says_around_what_is_known(name: DeliveryName, known: CameraLatency) -> None:
+def test_images_are_as_late_as_the_name_says_around_what_is_known(
+    name: DeliveryName, known: CameraLatency
+) -> None:
     """It is used at a whole tick."""
     model = DELIVERIES[name]
     low, high = model.range_s(known)
-    assert (low, high) == (0.0, 0.0) if name == "at-once" else high - low == pytest.approx(np.ptp(model.latency_s))
+    assert (
+        (low, high) == (0.0, 0.0)
+        if name == "at-once"
+        else high - low == pytest.approx(np.ptp(model.latency_s))
+    )
     jitter_s = 0.0 if name == "at-once" else float(known.jitter)
     delivered = deliver([episode(latency=known)] * 200, model, np.random.default_rng(0))
     arrived = delivered.age_s[delivered.new]

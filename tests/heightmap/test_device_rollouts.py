@@ -1,4 +1,7 @@
-"""Rollouts on one device follow the laws of those with processes; on a processor a seed repeats them to the bit."""
+"""Rollouts on one device follow the laws of those with processes.
+
+On a processor a seed repeats them to the bit.
+"""
 
 import subprocess
 import sys
@@ -50,9 +53,21 @@ def collected(folder: Path, *more: str) -> list[Episode]:
 
 
 def command(folder: Path) -> list[str]:
-    given = {"episodes": 2 * ROBOTS, "loop.robots": ROBOTS, "loop.ticks": TICKS, "seed": 3, "device": "cpu"}
-    files = {"policy": CHECKPOINTS / "policy.pt", "predictor": CHECKPOINTS.parent / "heightmap.onnx", "out": folder}
-    flags = (part for name, value in {**given, **files}.items() for part in (f"--{name}", str(value)))
+    given = {
+        "episodes": 2 * ROBOTS,
+        "loop.robots": ROBOTS,
+        "loop.ticks": TICKS,
+        "seed": 3,
+        "device": "cpu",
+    }
+    files = {
+        "policy": CHECKPOINTS / "policy.pt",
+        "predictor": CHECKPOINTS.parent / "heightmap.onnx",
+        "out": folder,
+    }
+    flags = (
+        part for name, value in {**given, **files}.items() for part in (f"--{name}", str(value))
+    )
     return ["heightmap", "collect", "gpu", *flags]
 
 
@@ -91,22 +106,36 @@ def test_episodes_are_what_robots_meet_from_a_start_to_the_next(datasets: dict[s
         assert (np.diff(episode.frame_tick) == FRAME_TICKS).all()
         assert np.isfinite(episode.proprioception).all()
         base_height = episode.proprioception[:, PROPRIOCEPTION.index("base_height")]
-        level = np.abs(episode.height[0] - episode.height[0, 0]) < 0.005  # ground under a robot that stands
+        level = (
+            np.abs(episode.height[0] - episode.height[0, 0]) < 0.005
+        )  # ground under a robot that stands
         assert level[:10].all()
         assert episode.height[0, 0] == pytest.approx(-base_height[0], abs=0.06)
 
 
-def test_plans_that_are_kept_are_the_policys_on_true_heights(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plans_that_are_kept_are_the_policys_on_true_heights(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A policy whose plan is the heights farthest ahead, of robots that are shown heights with errors."""
     loop = DeviceLoop(
-        robot="go1", grid="line", robots=3, ticks=MIN_TICKS, terrains=("stairs",), cameras=("ideal",), plans=True
+        robot="go1",
+        grid="line",
+        robots=3,
+        ticks=MIN_TICKS,
+        terrains=("stairs",),
+        cameras=("ideal",),
+        plans=True,
     )
-    rollouts = DeviceRollouts(loop, read_checkpoint(CHECKPOINTS / "policy.pt"), None, device="cpu", seed=0)
+    rollouts = DeviceRollouts(
+        loop, read_checkpoint(CHECKPOINTS / "policy.pt"), None, device="cpu", seed=0
+    )
     bounds = rollouts._env.config.bounds
     monkeypatch.setattr(
         rollouts,
         "_policy",
-        lambda shown: bounds.denormalised(shown[:, size_with(LINE) - len(ACTIONS) : size_with(LINE)]),
+        lambda shown: bounds.denormalised(
+            shown[:, size_with(LINE) - len(ACTIONS) : size_with(LINE)]
+        ),
     )
     recorded = rollouts.batch()
     assert recorded.state is not None
@@ -118,7 +147,9 @@ def test_plans_that_are_kept_are_the_policys_on_true_heights(monkeypatch: pytest
         np.testing.assert_allclose(recorded.state[..., place], known, atol=1e-5, err_msg=name)
 
 
-@pytest.mark.parametrize(("share", "robots"), [(0.0, (0, 0)), (0.5, (1, ROBOTS - 1)), (1.0, (ROBOTS, ROBOTS))])
+@pytest.mark.parametrize(
+    ("share", "robots"), [(0.0, (0, 0)), (0.5, (1, ROBOTS - 1)), (1.0, (ROBOTS, ROBOTS))]
+)
 def test_robots_are_led_by_whom_the_share_says(
     share: float, robots: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -133,7 +164,9 @@ def test_robots_are_led_by_whom_the_share_says(
         return step(env, output)
 
     monkeypatch.setattr(JumpEnv, "step", watched)
-    assert saltus([*command(tmp_path), "--loop.learned", str(share), "--loop.cameras", "ideal"]) == 130
+    assert (
+        saltus([*command(tmp_path), "--loop.learned", str(share), "--loop.cameras", "ideal"]) == 130
+    )
     rhythm = torch.stack(outputs)[..., ACTIONS.index("stepping_frequency_hz")]
     assert rhythm.shape == (LED_TICKS, ROBOTS)
     varies = rhythm.std(0) > 1e-6
@@ -148,10 +181,15 @@ def test_robots_differ_as_at_the_end_of_their_policys_training() -> None:
     config = from_toml(TrainConfig, policy["config"])
     wide = WideConfig(share=1.0, growth_msteps=(100.0, 400.0))
     randomisation = replace(config.env.randomisation, wide=wide)
-    policy["config"] = to_toml(replace(config, env=replace(config.env, randomisation=randomisation)))
+    policy["config"] = to_toml(
+        replace(config, env=replace(config.env, randomisation=randomisation))
+    )
     loop = DeviceLoop(robot="go1", grid="line", robots=16, ticks=MIN_TICKS, terrains=("flat",))
     memory = DeviceRollouts(loop, policy, None, device="cpu", seed=0)._env.memory
-    for drawn, most in ((memory.joint_damping, wide.joint_damping), (memory.joint_friction, wide.joint_friction)):
+    for drawn, most in (
+        (memory.joint_damping, wide.joint_damping),
+        (memory.joint_friction, wide.joint_friction),
+    ):
         assert 0.3 * most < float(drawn.mean()) <= float(drawn.max()) <= most
 
 
@@ -161,12 +199,18 @@ def test_late_and_lost_images_never_go_back_in_time() -> None:
     nobody, ages, fresh = torch.zeros(count, dtype=torch.bool), [], []
     for tick in range(200):
         now_s = torch.full((count,), TICK_S * tick, dtype=torch.float64)
-        exposed = DepthImage(depth=torch.full((count, 48, 16), 1000), time_s=now_s) if tick % FRAME_TICKS == 0 else None
+        exposed = (
+            DepthImage(depth=torch.full((count, 48, 16), 1000), time_s=now_s)
+            if tick % FRAME_TICKS == 0
+            else None
+        )
         fresh.append(images.step(exposed, TICK_S * tick, nobody))
         ages.append(now_s - images.in_hand.time_s)
     age, new = torch.stack(ages)[20:], torch.stack(fresh)[20:]
     step = age[1:] - age[:-1]
-    torch.testing.assert_close(step[~new[1:]], torch.full_like(step[~new[1:]], TICK_S), atol=1e-5, rtol=0.0)
+    torch.testing.assert_close(
+        step[~new[1:]], torch.full_like(step[~new[1:]], TICK_S), atol=1e-5, rtol=0.0
+    )
     assert age[new].min() >= TRAINING.latency_s[0] - 1e-6
     assert age[new].max() <= sum((TRAINING.latency_s[1], TRAINING.jitter_s, TICK_S))
     arrived = FRAME_TICKS * new.float().mean(0)
@@ -197,7 +241,11 @@ def test_heights_on_a_device_are_those_of_the_file(model: HeightmapModel, model_
         k = tick % ticks
         image = torch.tensor(episode.depth[k // 2].astype(np.int32))
         now_s = torch.full((2,), TICK_S * tick, dtype=torch.float64)
-        exposed = DepthImage(depth=image.expand(2, 48, 16), time_s=now_s) if k % FRAME_TICKS == 0 else None
+        exposed = (
+            DepthImage(depth=image.expand(2, 48, 16), time_s=now_s)
+            if k % FRAME_TICKS == 0
+            else None
+        )
         features = torch.tensor(episode.proprioception[k]).expand(2, -1)
         time_s, fresh = TICK_S * tick, torch.full((2,), k == 0)
         arrived = images.step(exposed, time_s, fresh)

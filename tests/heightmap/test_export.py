@@ -38,7 +38,10 @@ def episode(terrain: str, ticks: int, seed: int) -> Episode:
     )
 
 
-EPISODES = [episode(terrain, ticks, i) for i, (terrain, ticks) in enumerate(zip(TERRAINS, LENGTHS, strict=True))]
+EPISODES = [
+    episode(terrain, ticks, i)
+    for i, (terrain, ticks) in enumerate(zip(TERRAINS, LENGTHS, strict=True))
+]
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +50,10 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("export")
     write_shard(place / "data", EPISODES[:2], seed=0, config={})
     write_shard(place / "data", EPISODES[2:], seed=1, config={})
-    assert main(["heightmap", "dataset", "export", str(place / "data"), "--out", str(place / "out")]) == 0
+    assert (
+        main(["heightmap", "dataset", "export", str(place / "data"), "--out", str(place / "out")])
+        == 0
+    )
     return place / "out"
 
 
@@ -59,13 +65,19 @@ def test_rows_are_the_ticks_with_the_newest_image_of_each(exported: Path) -> Non
     for number, known in enumerate(EPISODES):
         own = [row for row in rows if row["episode_index"] == number]
         assert [row["frame_index"] for row in own] == list(range(LENGTHS[number]))
-        np.testing.assert_array_equal([row["observation.state"] for row in own], known.proprioception)
+        np.testing.assert_array_equal(
+            [row["observation.state"] for row in own], known.proprioception
+        )
         np.testing.assert_array_equal([row["label.height"] for row in own], known.height)
-        np.testing.assert_allclose([row["timestamp"] for row in own], 0.01 * np.arange(len(own)), rtol=1e-6)
+        np.testing.assert_allclose(
+            [row["timestamp"] for row in own], 0.01 * np.arange(len(own)), rtol=1e-6
+        )
         for tick, row in enumerate(own):
             image = (tick + 1) // 2 - 1  # taken at ticks 1, 3, 5, ...
             depth = np.array(row["observation.depth"])
-            np.testing.assert_array_equal(depth, known.depth[image] if image >= 0 else np.zeros((48, 16)))
+            np.testing.assert_array_equal(
+                depth, known.depth[image] if image >= 0 else np.zeros((48, 16))
+            )
             age_s = 0.01 * (tick - known.frame_tick[image]) if image >= 0 else NO_IMAGE_S
             assert row["observation.depth_age"] == pytest.approx(age_s)
 
@@ -84,11 +96,16 @@ def test_meta_says_what_lerobot_asks_for(exported: Path) -> None:
     assert [row["dataset_from_index"] for row in episodes] == [0, *ends[:-1]]
     assert [row["data/file_index"] for row in episodes] == [0, 0, 1]
     for row in episodes:
-        file = info["data_path"].format(chunk_index=row["data/chunk_index"], file_index=row["data/file_index"])
+        file = info["data_path"].format(
+            chunk_index=row["data/chunk_index"], file_index=row["data/file_index"]
+        )
         assert row["episode_index"] in pq.read_table(exported / file)["episode_index"].to_pylist()
     tasks = dict(
         zip(
-            *(pq.read_table(exported / TASKS_FILE)[name].to_pylist() for name in ("__index_level_0__", "task_index")),
+            *(
+                pq.read_table(exported / TASKS_FILE)[name].to_pylist()
+                for name in ("__index_level_0__", "task_index")
+            ),
             strict=True,
         )
     )
@@ -119,6 +136,20 @@ def test_croissant_names_each_column_and_the_files_that_are_there(exported: Path
     assert {field["source"]["fileSet"]["@id"] for field in records["field"]} == {files["@id"]}
 
 
-def test_a_folder_that_is_there_is_left_alone(exported: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["heightmap", "dataset", "export", str(exported.parent / "data"), "--out", str(exported)]) == 2
+def test_a_folder_that_is_there_is_left_alone(
+    exported: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        main(
+            [
+                "heightmap",
+                "dataset",
+                "export",
+                str(exported.parent / "data"),
+                "--out",
+                str(exported),
+            ]
+        )
+        == 2
+    )
     assert "already" in capsys.readouterr().err

@@ -11,7 +11,11 @@ from hypothesis import strategies as st
 from samples import KINEMATICS, ROBOT
 
 from saltus import rotations
-from saltus.heightmap.service.features import PROPRIOCEPTION, proprioception_of, proprioception_of_states
+from saltus.heightmap.service.features import (
+    PROPRIOCEPTION,
+    proprioception_of,
+    proprioception_of_states,
+)
 from saltus.robots.robot import LEGS
 
 INDEX = {name: i for i, name in enumerate(PROPRIOCEPTION)}
@@ -24,7 +28,9 @@ def vectors(**values: Any) -> Any:
 
 
 def build(roll: float, pitch: float, yaw: float, **changes: np.ndarray) -> np.ndarray:
-    quaternion = rotations.quaternion_from_roll_pitch_yaw(*(np.asarray(a) for a in (roll, pitch, yaw)))
+    quaternion = rotations.quaternion_from_roll_pitch_yaw(
+        *(np.asarray(a) for a in (roll, pitch, yaw))
+    )
     values: dict[str, np.ndarray] = {
         "quaternion_base_in_world": quaternion,
         "angular_velocity_base": np.zeros(3),
@@ -38,7 +44,9 @@ def build(roll: float, pitch: float, yaw: float, **changes: np.ndarray) -> np.nd
 
 @given(roll=ANGLE, pitch=ANGLE, yaw=st.floats(-3.1, 3.1))
 @settings(deadline=None, max_examples=50)
-def test_roll_and_pitch_come_back_and_yaw_has_no_effect(roll: float, pitch: float, yaw: float) -> None:
+def test_roll_and_pitch_come_back_and_yaw_has_no_effect(
+    roll: float, pitch: float, yaw: float
+) -> None:
     vector = build(roll, pitch, yaw)
     assert vector[INDEX["roll"]] == pytest.approx(roll, abs=1e-5)
     assert vector[INDEX["pitch"]] == pytest.approx(pitch, abs=1e-5)
@@ -57,7 +65,10 @@ def test_a_leg_that_is_not_trusted_says_nothing(leg: int) -> None:
     trusted = np.arange(4) != leg
     moved = ROBOT.stand_pose.copy()
     moved[3 * leg : 3 * leg + 3] = [0.3, 1.2, -2.0]
-    vector, other = (build(0.1, 0.2, 0.3, leg_trusted=trusted, joint_position=q) for q in (ROBOT.stand_pose, moved))
+    vector, other = (
+        build(0.1, 0.2, 0.3, leg_trusted=trusted, joint_position=q)
+        for q in (ROBOT.stand_pose, moved)
+    )
     np.testing.assert_array_equal(vector, other)
     assert vector[INDEX[f"{LEGS[leg]}_foot_z"]] == 0.0
     assert vector[INDEX[f"{LEGS[leg]}_trusted"]] == 0.0
@@ -98,7 +109,9 @@ def test_a_batch_equals_one_by_one() -> None:
 def test_tensors_give_the_same_vector() -> None:
     rng = np.random.default_rng(1)
     values = {
-        "quaternion_base_in_world": rotations.quaternion_from_roll_pitch_yaw(*rng.uniform(-1.0, 1.0, (3, 50))),
+        "quaternion_base_in_world": rotations.quaternion_from_roll_pitch_yaw(
+            *rng.uniform(-1.0, 1.0, (3, 50))
+        ),
         "angular_velocity_base": rng.normal(size=(50, 3)),
         "joint_position": rng.uniform(ROBOT.joint_lower, ROBOT.joint_upper, (50, 12)),
         "velocity_base_in_world": rng.normal(size=(50, 3)),
@@ -106,7 +119,10 @@ def test_tensors_give_the_same_vector() -> None:
         "leg_trusted": rng.uniform(size=(50, 4)) < 0.5,
     }
     tensors = {name: torch.as_tensor(value) for name, value in values.items()}
-    single = {name: value.float() if value.is_floating_point() else value for name, value in tensors.items()}
+    single = {
+        name: value.float() if value.is_floating_point() else value
+        for name, value in tensors.items()
+    }
     for arrays in (tensors, single):
         vector = vectors(**arrays)
         assert vector.dtype == torch.float32

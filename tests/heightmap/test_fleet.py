@@ -63,9 +63,13 @@ def alone(network: HeightmapNetwork, robot: int, steps: Iterable[int]) -> list[H
 
 
 def assert_same(found: list[Heightmap], expected: list[Heightmap]) -> None:
-    assert [(h.step, h.status, h.frame_id) for h in found] == [(h.step, h.status, h.frame_id) for h in expected]
+    assert [(h.step, h.status, h.frame_id) for h in found] == [
+        (h.step, h.status, h.frame_id) for h in expected
+    ]
     np.testing.assert_allclose([h.height for h in found], [h.height for h in expected], atol=1e-6)
-    np.testing.assert_allclose([h.half_width_90 for h in found], [h.half_width_90 for h in expected], atol=1e-6)
+    np.testing.assert_allclose(
+        [h.half_width_90 for h in found], [h.half_width_90 for h in expected], atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("count", [1, 3, 8])
@@ -99,7 +103,9 @@ def test_late_and_silent_robots_change_nothing_for_others(network: HeightmapNetw
         assert_same(found[robot], alone(network, robot, asked[robot]))
 
 
-def test_a_new_boot_empties_the_hidden_state_of_that_robot_and_of_no_other(network: HeightmapNetwork) -> None:
+def test_a_new_boot_empties_the_hidden_state_of_that_robot_and_of_no_other(
+    network: HeightmapNetwork,
+) -> None:
     fleet = FleetService(network, names(2))
     found: list[list[Heightmap]] = [[], []]
     again = 40
@@ -112,7 +118,9 @@ def test_a_new_boot_empties_the_hidden_state_of_that_robot_and_of_no_other(netwo
     assert_same(found[0][:again], alone(network, 0, range(again)))
     assert_same(found[0][again:], alone(network, 0, range(again, STEPS)))
     first_new = again + 1  # frames come with odd steps
-    assert {h.status for h in found[0][first_new : first_new + 2 * (WARMUP - 1)]} == {HeightmapStatus.WARMING}
+    assert {h.status for h in found[0][first_new : first_new + 2 * (WARMUP - 1)]} == {
+        HeightmapStatus.WARMING
+    }
     assert {h.status for h in found[0][first_new + 2 * (WARMUP - 1) :]} == {HeightmapStatus.OK}
 
 
@@ -120,20 +128,30 @@ def test_a_camera_that_takes_over_in_time_is_no_break(network: HeightmapNetwork)
     """As long as no image is missing, heights are those of one camera, to the bit."""
     fleet = FleetService(network, names(1))
     found = [
-        fleet.step({"robot/0": arrival(0, step, camera_boot=CAMERA if step < 40 else b"new")})["robot/0"]
+        fleet.step({"robot/0": arrival(0, step, camera_boot=CAMERA if step < 40 else b"new")})[
+            "robot/0"
+        ]
         for step in range(STEPS)
     ]
     assert_same(found, alone(network, 0, range(STEPS)))
 
 
-def test_a_camera_that_comes_after_a_long_pause_empties_the_hidden_state(network: HeightmapNetwork) -> None:
+def test_a_camera_that_comes_after_a_long_pause_empties_the_hidden_state(
+    network: HeightmapNetwork,
+) -> None:
     fleet, back = FleetService(network, names(1)), 40 + round(100 * LONGEST_GAP_S) + 2
     found = []
     for step in range(back + 2 * WARMUP + 2):
         asked = arrival(0, step, camera_boot=CAMERA if step < 40 else b"new")
-        found.append(fleet.step({"robot/0": replace(asked, frame=None) if 40 <= step < back else asked})["robot/0"])
+        found.append(
+            fleet.step({"robot/0": replace(asked, frame=None) if 40 <= step < back else asked})[
+                "robot/0"
+            ]
+        )
     assert {h.status for h in found[back - 5 : back]} == {HeightmapStatus.INVALID}
-    assert {h.status for h in found[back + 2 : back + 2 * (WARMUP - 1)]} == {HeightmapStatus.WARMING}
+    assert {h.status for h in found[back + 2 : back + 2 * (WARMUP - 1)]} == {
+        HeightmapStatus.WARMING
+    }
     assert found[-1].status == HeightmapStatus.OK
 
 
@@ -157,14 +175,20 @@ def test_a_state_that_was_answered_gets_the_same_answer(network: HeightmapNetwor
     assert again["robot/1"].step == 20
 
 
-def test_another_model_takes_over_without_a_gap(network: HeightmapNetwork, model_path: Path) -> None:
+def test_another_model_takes_over_without_a_gap(
+    network: HeightmapNetwork, model_path: Path
+) -> None:
     fleet, given = FleetService(network, names(2)), HeightmapNetwork(GO1, model_path)
     given.model_id = "another"
     found: list[Heightmap] = []
     for step in range(STEPS):
         if step == 40:
             fleet.use(given)
-        found.append(fleet.step({name: arrival(robot, step) for robot, name in enumerate(names(2))})["robot/0"])
+        found.append(
+            fleet.step({name: arrival(robot, step) for robot, name in enumerate(names(2))})[
+                "robot/0"
+            ]
+        )
     led = [heightmap.model_id == "another" for heightmap in found]
     taken = led.index(True)
     assert taken == 41 + 2 * (WARMUP - 1)
@@ -204,7 +228,11 @@ def test_no_model_takes_over_before_it_is_warm_however_poor_the_images(
                 assert found[-1].status == HeightmapStatus.DEGRADED
                 fleet.use(given)
             seen = see(0, step)
-            taken = arrival(0, step, given=seen) if seen is not None else replace(arrival(0, step), frame=None)
+            taken = (
+                arrival(0, step, given=seen)
+                if seen is not None
+                else replace(arrival(0, step), frame=None)
+            )
             found.append(fleet.step({"robot/0": taken})["robot/0"])
             images += step >= begin and seen is not None
             if found[-1].model_id == "another":

@@ -27,9 +27,14 @@ def heights(maps: list[Heightmap]) -> np.ndarray:
     return np.array([heightmap.height for heightmap in maps])
 
 
-def predict(run: Glide, states: list[RobotState] | None = None, foot_gain: float = 0.0) -> list[Heightmap]:
+def predict(
+    run: Glide, states: list[RobotState] | None = None, foot_gain: float = 0.0
+) -> list[Heightmap]:
     return replay_predictor(
-        GeometricHeightmap(ROBOT, LINE, foot_gain=foot_gain), run.frames, states or run.states, run.arrival_ns
+        GeometricHeightmap(ROBOT, LINE, foot_gain=foot_gain),
+        run.frames,
+        states or run.states,
+        run.arrival_ns,
     )
 
 
@@ -40,7 +45,9 @@ def step_run() -> Glide:
 
 @pytest.mark.parametrize("camera", [MODEL_CAMERA, FINE], ids=["model", "fine"])
 @pytest.mark.parametrize("terrain", [FLAT, STEP, STAIRS], ids=lambda t: t.terrain)
-def test_with_exact_odometry_heights_are_those_of_the_terrain(terrain: TerrainConfig, camera: Intrinsics) -> None:
+def test_with_exact_odometry_heights_are_those_of_the_terrain(
+    terrain: TerrainConfig, camera: Intrinsics
+) -> None:
     run = glide(terrain, camera=camera)
     maps = predict(run)[SETTLED:]
     assert {heightmap.status for heightmap in maps} == {HeightmapStatus.OK}
@@ -95,7 +102,14 @@ def test_pixels_without_depth_in_range_say_nothing(step_run: Glide, value: int) 
     sparse = [frame for frame in frames if frame.frame_id % 3 == 0]
     states = step_run.states[:80]
     a, b = (
-        heights(replay_predictor(GeometricHeightmap(ROBOT, LINE), kept, states, [f.time_ns + LATENCY_NS for f in kept]))
+        heights(
+            replay_predictor(
+                GeometricHeightmap(ROBOT, LINE),
+                kept,
+                states,
+                [f.time_ns + LATENCY_NS for f in kept],
+            )
+        )
         for kept in (dead, sparse)
     )
     np.testing.assert_array_equal(a, b)
@@ -117,11 +131,15 @@ def test_silence_is_told_and_a_long_pause_forgets(step_run: Glide) -> None:
     predictor = GeometricHeightmap(ROBOT, LINE)
     for state in step_run.states[:60]:
         predictor.step(state, _due(step_run, state), state.time_ns)
-    statuses = [predictor.step(state, None, state.time_ns).status for state in step_run.states[60:80]]
+    statuses = [
+        predictor.step(state, None, state.time_ns).status for state in step_run.states[60:80]
+    ]
     assert statuses == sorted(statuses)
     assert statuses[-1] == HeightmapStatus.INVALID
     late = replace(step_run.states[80], time_ns=step_run.states[79].time_ns + 1000 * MS)
-    assert predictor.step(late, None, late.time_ns).half_width_90 == pytest.approx(UNKNOWN_HALF_WIDTH_M)
+    assert predictor.step(late, None, late.time_ns).half_width_90 == pytest.approx(
+        UNKNOWN_HALF_WIDTH_M
+    )
 
 
 def test_standing_feet_take_away_vertical_drift() -> None:
@@ -130,10 +148,15 @@ def test_standing_feet_take_away_vertical_drift() -> None:
     drift = np.array([0.0, 0.0, -0.05])
     standing = np.ones(4, np.bool_)
     drifting = [
-        replace(state, velocity_base_in_world=state.velocity_base_in_world + drift, leg_trusted=standing)
+        replace(
+            state, velocity_base_in_world=state.velocity_base_in_world + drift, leg_trusted=standing
+        )
         for state in run.states
     ]
-    errors = [np.abs(heights(predict(run, drifting, gain)) - run.true_height)[SETTLED:] for gain in (0.0, FOOT_GAIN)]
+    errors = [
+        np.abs(heights(predict(run, drifting, gain)) - run.true_height)[SETTLED:]
+        for gain in (0.0, FOOT_GAIN)
+    ]
     assert errors[0].mean() > 0.015
     assert errors[1].mean() < 0.5 * errors[0].mean()
 

@@ -24,7 +24,8 @@ from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 from saltus.wire.topics import TOPICS
 
 PATIENCE_S = 5.0
-SPEED = 0.1  # of tests in real time: a busy computer stalls for less than the 0.5 s in which a state is answered
+# Of tests in real time: a busy computer stalls for less than the 0.5 s in which a state is answered
+SPEED = 0.1
 
 
 class House:
@@ -40,7 +41,9 @@ class House:
             heightmap_model=str(model_path),
             epoch_ns=time.monotonic_ns() - 10_000_000_000,
         )
-        self.context = ProcessContext("heightmap", config, put_run(run_dir, config), MemoryBus(config.prefix, self.hub))
+        self.context = ProcessContext(
+            "heightmap", config, put_run(run_dir, config), MemoryBus(config.prefix, self.hub)
+        )
         self.process = HeightmapProcess([self.context])
         self.clock = RunClock.of(config)
         self.bus = MemoryBus(config.prefix, self.hub)
@@ -48,7 +51,9 @@ class House:
         self.frames: Publisher = self.bus.publisher("camera/depth")
         self.heightmaps = self.bus.latest("heightmap/heightmap")
         self.done = self.bus.latest("done", "heightmap")
-        self.thread = threading.Thread(target=self.process.run, args=(lambda: self.context.stopped,))
+        self.thread = threading.Thread(
+            target=self.process.run, args=(lambda: self.context.stopped,)
+        )
 
     def ask(self, state: RobotState) -> Heightmap:
         """Sends a state and waits for its answer."""
@@ -86,11 +91,17 @@ def answers_alone(model_path: Path, steps: int) -> list[Heightmap]:
 
 
 @pytest.mark.parametrize("house", ["lockstep"], indirect=True)
-def test_lockstep_answers_are_those_of_the_service_whatever_comes_first(house: House, model_path: Path) -> None:
+def test_lockstep_answers_are_those_of_the_service_whatever_comes_first(
+    house: House, model_path: Path
+) -> None:
     for state, expected in zip(states(40), answers_alone(model_path, 40), strict=True):
         frame = on_time(state.step)
         late = state.step % 3 == 0
-        timer = threading.Timer(0.02, house.frames.put, (frame,)) if late and frame is not None else None
+        timer = (
+            threading.Timer(0.02, house.frames.put, (frame,))
+            if late and frame is not None
+            else None
+        )
         if timer is not None:
             timer.start()
         elif frame is not None:
@@ -98,7 +109,9 @@ def test_lockstep_answers_are_those_of_the_service_whatever_comes_first(house: H
         answer = house.ask(due(state))
         assert answer.frame_id == expected.frame_id
         assert answer.status == expected.status
-        np.testing.assert_array_equal(answer.height, np.asarray(expected.height, answer.height.dtype))
+        np.testing.assert_array_equal(
+            answer.height, np.asarray(expected.height, answer.height.dtype)
+        )
 
 
 @pytest.mark.parametrize("house", ["lockstep"], indirect=True)
@@ -113,7 +126,9 @@ def test_lockstep_asks_twice_and_gets_the_same(house: House) -> None:
 
 
 @pytest.mark.parametrize("house", ["lockstep"], indirect=True)
-def test_a_robot_that_starts_anew_gets_an_empty_hidden_state(house: House, model_path: Path) -> None:
+def test_a_robot_that_starts_anew_gets_an_empty_hidden_state(
+    house: House, model_path: Path
+) -> None:
     for state in states(3):
         house.ask(due(state))
     house.states = MemoryBus(house.context.config.prefix, house.hub).publisher("controller/state")
@@ -135,8 +150,14 @@ def test_a_robot_whose_clock_differs_is_not_answered_and_it_is_said_once_within_
 ) -> None:
     """As of a robot whose computer is not that of the service."""
     config, hub = RunConfig(robot="go1", grid="line", pace="realtime"), MemoryHub()
-    context = ProcessContext("heightmap", config, put_run(tmp_path, config), MemoryBus(config.prefix, hub))
-    link, bus, begin_ns = RobotLink(context, TOPICS["camera/depth"]), MemoryBus(config.prefix, hub), 10**15
+    context = ProcessContext(
+        "heightmap", config, put_run(tmp_path, config), MemoryBus(config.prefix, hub)
+    )
+    link, bus, begin_ns = (
+        RobotLink(context, TOPICS["camera/depth"]),
+        MemoryBus(config.prefix, hub),
+        10**15,
+    )
     publisher, events = bus.publisher("controller/state"), bus.latest("event", "heightmap")
     told_ns = []
     for step in range(200):
@@ -146,16 +167,23 @@ def test_a_robot_whose_clock_differs_is_not_answered_and_it_is_said_once_within_
         assert link.take() is None
         if (event := events.take()) is not None:
             assert event.message.code == "states_refused"
-            assert f"{abs(ahead_s):.3f} s {'ahead of' if ahead_s > 0 else 'behind'} the clock" in event.message.detail
+            assert (
+                f"{abs(ahead_s):.3f} s {'ahead of' if ahead_s > 0 else 'behind'} the clock"
+                in event.message.detail
+            )
             told_ns.append(now_ns - begin_ns)
     assert len(told_ns) == 1
     assert told_ns[0] <= 1e9
-    assert context.bus.rejected == {f"controller/state/{'future' if ahead_s > 0 else 'invalid'}": 200}
+    assert context.bus.rejected == {
+        f"controller/state/{'future' if ahead_s > 0 else 'invalid'}": 200
+    }
     publisher.put(replace(states(1)[0], step=200, time_ns=now_ns))
     assert link.take() is not None
 
 
-def test_of_what_waited_while_a_process_hung_only_the_newest_is_answered(model_path: Path, tmp_path: Path) -> None:
+def test_of_what_waited_while_a_process_hung_only_the_newest_is_answered(
+    model_path: Path, tmp_path: Path
+) -> None:
     house = House(model_path, tmp_path, "realtime")
     heard, now_ns = house.bus.stream(), house.clock.now_ns()
     for state in states(40):  # 0.4 s of the run: the last ones are fresh
@@ -173,7 +201,9 @@ def test_of_what_waited_while_a_process_hung_only_the_newest_is_answered(model_p
 
 
 @pytest.mark.parametrize("house", ["realtime"], indirect=True)
-def test_in_real_time_each_state_gets_the_answer_of_the_service_once(house: House, model_path: Path) -> None:
+def test_in_real_time_each_state_gets_the_answer_of_the_service_once(
+    house: House, model_path: Path
+) -> None:
     """States at the rate of the robot, then a pause in which nothing more may come."""
     heard = house.bus.stream()
     alone, count = HeightmapService(HeightmapNetwork(ROBOT, model_path)), 20
@@ -195,16 +225,23 @@ def test_in_real_time_each_state_gets_the_answer_of_the_service_once(house: Hous
     assert "done/heightmap" not in keys  # nobody waits for it
 
 
-def test_junk_on_the_keys_of_one_robot_does_not_touch_another(model_path: Path, tmp_path: Path) -> None:
+def test_junk_on_the_keys_of_one_robot_does_not_touch_another(
+    model_path: Path, tmp_path: Path
+) -> None:
     """Nor does a robot that has no camera: in lockstep its states wait for images that never come."""
     hub = MemoryHub()
     names = ("robot/0", "robot/1", "robot/2")
     configs = [
-        RunConfig(robot="go1", grid="line", prefix=name, pace="lockstep", heightmap_model=str(model_path))
+        RunConfig(
+            robot="go1", grid="line", prefix=name, pace="lockstep", heightmap_model=str(model_path)
+        )
         for name in names
     ]
     put_run(tmp_path, configs[0])
-    contexts = [ProcessContext("heightmap", config, tmp_path, MemoryBus(config.prefix, hub)) for config in configs]
+    contexts = [
+        ProcessContext("heightmap", config, tmp_path, MemoryBus(config.prefix, hub))
+        for config in configs
+    ]
     process = HeightmapProcess(contexts)
     stop = threading.Event()
     thread = threading.Thread(target=process.run, args=(stop.is_set,))

@@ -35,17 +35,22 @@ POINTS = len(HEIGHTMAP_X)
 STEPS = 400
 
 
-def synthetic_run(height: np.ndarray, half_width: np.ndarray, true: np.ndarray, view: np.ndarray) -> HeldOutRun:
+def synthetic_run(
+    height: np.ndarray, half_width: np.ndarray, true: np.ndarray, view: np.ndarray
+) -> HeldOutRun:
     prediction = Prediction(height=height, half_width_90=half_width)
     return HeldOutRun(
-        terrain="stairs", level=MASTERED, x=HEIGHTMAP_X, true_height=true, view=view.astype(np.int8),
+        terrain="stairs", level=MASTERED, x=HEIGHTMAP_X, true_height=true,
+        view=view.astype(np.int8),
         predictions={NETWORK: prediction}, way=Way(distance_m=1.0, edges=0, of_edges=2),
     )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory, model_path: Path) -> list[HeldOutRun]:
-    config = HeldOutRuns(robot="go1", grid="line", runs=COURSES, baselines=("geometric",), time_limit_s=1.4)
+    config = HeldOutRuns(
+        robot="go1", grid="line", runs=COURSES, baselines=("geometric",), time_limit_s=1.4
+    )
     assert config.batches == [(0, COURSES)]
     return config.measure(model_path, (0, COURSES))
 
@@ -71,10 +76,18 @@ def test_an_interval_that_holds_nine_of_ten_errors_is_said_to(law: str) -> None:
     rng = np.random.default_rng(1)
     true = np.zeros((STEPS, POINTS))
     half_width = rng.uniform(0.01, 0.08, true.shape)
-    draw = rng.normal(size=true.shape) / 1.645 if law == "normal" else rng.laplace(size=true.shape) / np.log(10.0)
-    found = score([synthetic_run(draw * half_width, half_width, true, np.zeros(true.shape))], NETWORK)
+    draw = (
+        rng.normal(size=true.shape) / 1.645
+        if law == "normal"
+        else rng.laplace(size=true.shape) / np.log(10.0)
+    )
+    found = score(
+        [synthetic_run(draw * half_width, half_width, true, np.zeros(true.shape))], NETWORK
+    )
     assert found.coverage90 == pytest.approx(0.9, abs=0.01)
-    worse = score([synthetic_run(draw * half_width, 3.0 * half_width, true, np.zeros(true.shape))], NETWORK)
+    worse = score(
+        [synthetic_run(draw * half_width, 3.0 * half_width, true, np.zeros(true.shape))], NETWORK
+    )
     assert worse.nll > found.nll
     if law == "laplace":  # the law by which it is judged: nothing scores better than the truth
         scale = half_width / np.log(10.0)
@@ -85,15 +98,21 @@ def test_edges_that_were_never_met_do_not_count() -> None:
     true = np.tile(np.where(HEIGHTMAP_X > 0.4, 0.1, 0.0), (STEPS, 1))
     late = np.roll(true, 1, axis=1)
     late[:, 0] = 0.0
-    seen = score([synthetic_run(late, np.full_like(true, 0.1), true, np.zeros(true.shape))], NETWORK)
+    seen = score(
+        [synthetic_run(late, np.full_like(true, 0.1), true, np.zeros(true.shape))], NETWORK
+    )
     assert seen.edge_error_m == pytest.approx(HEIGHTMAP_X[1] - HEIGHTMAP_X[0])
     assert seen.edges_found == 1.0
     ahead = np.where(HEIGHTMAP_X > 0.3, UNSEEN, VISIBLE) * np.ones_like(true)
-    assert np.isnan(score([synthetic_run(late, np.full_like(true, 0.1), true, ahead)], NETWORK).edge_error_m)
+    assert np.isnan(
+        score([synthetic_run(late, np.full_like(true, 0.1), true, ahead)], NETWORK).edge_error_m
+    )
 
 
 def test_runs_are_on_all_courses_and_repeatable(runs: list[HeldOutRun], model_path: Path) -> None:
-    assert {(run.terrain, run.level) for run in runs} == {(kind, level) for kind in PAPER for level in (MASTERED, HARD)}
+    assert {(run.terrain, run.level) for run in runs} == {
+        (kind, level) for kind in PAPER for level in (MASTERED, HARD)
+    }
     for run in runs:
         assert run.true_height.shape == run.view.shape
         assert set(run.predictions) == {NETWORK, "geometric"}
@@ -104,18 +123,41 @@ def test_runs_are_on_all_courses_and_repeatable(runs: list[HeldOutRun], model_pa
         ahead = run.view[:50, HEIGHTMAP_X > 0.6]
         assert (ahead != UNSEEN).mean() > 0.5
     table = scores(runs)
-    # Deprojection is right to a centimetre or two on flat ground; a network that was never trained is not.
+    # Deprojection is right to a centimetre or two on flat ground; a network that was never trained
+    # is not.
     assert table["baselines"]["geometric"]["by_terrain"]["flat"]["mae_m"] < 0.03 < table["mae_m"]
 
 
-def test_the_command_prints_what_is_asked_for(model_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    flags = ["--runs", "1", "--baselines", "geometric-feet", "--processes", "1", "--time-limit-s", "1.5", "--json"]
+def test_the_command_prints_what_is_asked_for(
+    model_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flags = [
+        "--runs",
+        "1",
+        "--baselines",
+        "geometric-feet",
+        "--processes",
+        "1",
+        "--time-limit-s",
+        "1.5",
+        "--json",
+    ]
     assert main(["heightmap", "eval", "--heightmap-model", str(model_path), *flags]) == 0
     told = capsys.readouterr()
     assert "nan" not in told.out  # flat ground has no edges
-    assert re.search(r" [1-9][0-9]?%.* 0 of 1 runs", told.err)  # it moves before the first batch is over
+    assert re.search(
+        r" [1-9][0-9]?%.* 0 of 1 runs", told.err
+    )  # it moves before the first batch is over
     table = json.loads(told.out.splitlines()[-1])
-    asked = {"mae_m", "mae_visible_m", "mae_remembered_m", "mae_unseen_m", "edge_error_m", "coverage90", "nll"}
+    asked = {
+        "mae_m",
+        "mae_visible_m",
+        "mae_remembered_m",
+        "mae_unseen_m",
+        "edge_error_m",
+        "coverage90",
+        "nll",
+    }
     assert asked | {"by_terrain", "baselines"} <= set(table)
     assert asked <= set(table["baselines"]["geometric-feet"])
     assert set(table["by_terrain"]) == {"flat"}
@@ -151,7 +193,9 @@ def test_runs_that_hardly_move_are_not_printed_as_good(
     flags = ["--runs", "1", "--baselines", "--processes", "1", "--time-limit-s", "1.2", "--json"]
     assert main(["heightmap", "eval", "--heightmap-model", str(model_path), *flags]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert re.match(r"1 robots went 0\.\d m \(median\) and met 0\.0 of 0\.0 edges; 0 % met one", lines[0])
+    assert re.match(
+        r"1 robots went 0\.\d m \(median\) and met 0\.0 of 0\.0 edges; 0 % met one", lines[0]
+    )
     assert lines[1].startswith("WARNING: these errors say little")
     assert any(line.startswith("network, hardly moved") for line in lines)
     assert "these errors say little" in json.loads(lines[-1])["warning"]

@@ -54,7 +54,9 @@ class Relay:
                 far.connect(self._router)
                 self._sockets += [near, far]
                 for source, target in ((near, far), (far, near)):
-                    threading.Thread(target=self._pass_on, args=(source, target), daemon=True).start()
+                    threading.Thread(
+                        target=self._pass_on, args=(source, target), daemon=True
+                    ).start()
 
     def _pass_on(self, source: socket.socket, target: socket.socket) -> None:
         with contextlib.suppress(OSError):
@@ -87,7 +89,9 @@ def service(model_path: Path, tmp_path: Path) -> Iterator[tuple[str, RunClock]]:
     endpoint, router = open_router()
     with contextlib.closing(router), ZenohBus(endpoint, config.prefix) as bus:
         context = ProcessContext("heightmap", config, put_run(tmp_path, config), bus)
-        thread = threading.Thread(target=HeightmapProcess([context]).run, args=(lambda: context.stopped,))
+        thread = threading.Thread(
+            target=HeightmapProcess([context]).run, args=(lambda: context.stopped,)
+        )
         thread.start()
         yield endpoint, RunClock.of(config)
         context.stopped = True
@@ -96,7 +100,9 @@ def service(model_path: Path, tmp_path: Path) -> Iterator[tuple[str, RunClock]]:
 
 
 @pytest.mark.parametrize(
-    ("held", "rate"), [(10, 0.0), (80, 0.0), (40, 5e3)], ids=["late", "until the link is given up", "slow"]
+    ("held", "rate"),
+    [(10, 0.0), (80, 0.0), (40, 5e3)],
+    ids=["late", "until the link is given up", "slow"],
 )
 def test_what_a_link_held_has_no_effect_and_heights_are_soon_good_again(
     held: int, rate: float, service: tuple[str, RunClock]
@@ -122,7 +128,9 @@ def test_what_a_link_held_has_no_effect_and_heights_are_soon_good_again(
             if state.step == BEFORE + held:
                 relay.rate = math.inf
                 released_ns = clock.now_ns()
-            time.sleep(max(0.0, clock.machine_s(1e-9 * (first_ns + state.step * TICK_NS - clock.now_ns()))))
+            time.sleep(
+                max(0.0, clock.machine_s(1e-9 * (first_ns + state.step * TICK_NS - clock.now_ns())))
+            )
             now_ns, frame = clock.now_ns(), on_time(state.step)
             if frame is not None:
                 captured_ns[frame.frame_id] = now_ns - 5 * TICK_NS
@@ -136,10 +144,15 @@ def test_what_a_link_held_has_no_effect_and_heights_are_soon_good_again(
             if isinstance(message, Heightmap):
                 answers.append((clock.of_monotonic(raw.arrival_ns), message))
     depth = TOPICS["camera/depth"]
-    assert max(1e-9 * (arrival_ns - answer.time_ns) for arrival_ns, answer in answers) < 1.1 * ANSWERED_S
+    assert (
+        max(1e-9 * (arrival_ns - answer.time_ns) for arrival_ns, answer in answers)
+        < 1.1 * ANSWERED_S
+    )
     for _, answer in answers:
         if answer.frame_id >= 0:
-            assert answer.depth_age_s == pytest.approx(1e-9 * (answer.time_ns - captured_ns[answer.frame_id]))
+            assert answer.depth_age_s == pytest.approx(
+                1e-9 * (answer.time_ns - captured_ns[answer.frame_id])
+            )
         if answer.status == HeightmapStatus.OK:
             assert answer.depth_age_s <= depth.degraded_age_s
     steps = [answer.step for _, answer in answers]
@@ -149,4 +162,7 @@ def test_what_a_link_held_has_no_effect_and_heights_are_soon_good_again(
     after = [answer for arrival_ns, answer in answers if arrival_ns > released_ns]
     assert HeightmapStatus.OK in before
     assert HeightmapStatus.OK in [answer.status for answer in after]
-    assert min(captured_ns[a.frame_id] for a in after if a.status == HeightmapStatus.OK) > released_ns - 20 * TICK_NS
+    assert (
+        min(captured_ns[a.frame_id] for a in after if a.status == HeightmapStatus.OK)
+        > released_ns - 20 * TICK_NS
+    )

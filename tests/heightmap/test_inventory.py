@@ -60,7 +60,10 @@ def shorten(name: str) -> Callable[[h5py.File], None]:
 
 ARRAYS = ("proprioception", "height", "depth", "frame_tick")
 DAMAGES: dict[str, tuple[Callable[[h5py.File], None], str]] = {
-    **{f"{name} missing": (remove(name), f"'{name}' is missing") for name in (*ARRAYS, "terrain", "ticks", "frames")},
+    **{
+        f"{name} missing": (remove(name), f"'{name}' is missing")
+        for name in (*ARRAYS, "terrain", "ticks", "frames")
+    },
     **{f"{name} short": (shorten(name), f"'{name}' is") for name in ARRAYS},
     "height nan": (put("height", 7, np.nan), "'height' is not finite"),
     "proprioception inf": (put("proprioception", 3, np.inf), "'proprioception' is not finite"),
@@ -104,7 +107,9 @@ def test_merging_joins_all_episodes_once(tmp_path: Path) -> None:
     assert [record.seed for record in read_manifest(tmp_path / "out")] == [0, 1, 2]
     assert len(read_dataset(tmp_path / "out")) == 9
     assert validate(tmp_path / "out") == []
-    assert info(tmp_path / "out").dataset == dataset_hash(read_manifest(dataset(tmp_path / "all", 0, 1, 2)))
+    assert info(tmp_path / "out").dataset == dataset_hash(
+        read_manifest(dataset(tmp_path / "all", 0, 1, 2))
+    )
     with pytest.raises(DatasetError, match="already is a dataset"):
         merge([left], tmp_path / "out")
 
@@ -145,11 +150,18 @@ def test_no_dataset_is_an_error(tmp_path: Path) -> None:
         assert main(["heightmap", "dataset", command, str(tmp_path / "nothing")]) == 2
 
 
-def test_a_dataset_names_the_camera_of_each_shard(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_dataset_names_the_camera_of_each_shard(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     own = replace(SHIPPED["d435i"], name="mine", camera_pitch=0.4)
     cameras = (SHIPPED["ideal"], SHIPPED["d435i"], own, replace(own, camera_pitch=0.5))
     for seed, camera in enumerate(cameras):
-        write_shard(tmp_path, episodes(1, seed), seed=seed, config={"source": "test", "camera": camera.record})
+        write_shard(
+            tmp_path,
+            episodes(1, seed),
+            seed=seed,
+            config={"source": "test", "camera": camera.record},
+        )
     named = [f"{camera.name} {camera.fingerprint}" for camera in cameras]
     assert len(set(named)) == len(cameras)
     assert main(["heightmap", "dataset", "info", str(tmp_path)]) == 0

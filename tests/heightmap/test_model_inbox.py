@@ -66,13 +66,19 @@ def wrong_grid(model: Any) -> None:
 
 def not_finite(model: Any) -> None:
     """Puts a NaN into the first weights."""
-    weights = next(w for w in model.graph.initializer if w.data_type == onnx.TensorProto.FLOAT and len(w.dims) > 1)
+    weights = next(
+        w
+        for w in model.graph.initializer
+        if w.data_type == onnx.TensorProto.FLOAT and len(w.dims) > 1
+    )
     values = onnx.numpy_helper.to_array(weights).copy()
     values.flat[0] = np.nan
     weights.CopyFrom(onnx.numpy_helper.from_array(values, weights.name))
 
 
-def test_a_good_model_is_handed_over_once(inbox: ModelInbox, model_path: Path, tmp_path: Path) -> None:
+def test_a_good_model_is_handed_over_once(
+    inbox: ModelInbox, model_path: Path, tmp_path: Path
+) -> None:
     assert inbox.poll() is None
     model_id = give(model_path, put_robot(tmp_path))
     assert verdict(inbox).model_id == model_id == HeightmapNetwork(ROBOT, model_path).model_id
@@ -87,8 +93,12 @@ def test_what_was_there_before_is_no_news(model_path: Path, tmp_path: Path) -> N
     inbox.close()
 
 
-@pytest.mark.parametrize("how", ["truncated", "empty", "grid", "not finite", "flipped", "no checksum"])
-def test_a_bad_model_is_refused_with_a_reason(inbox: ModelInbox, model_path: Path, tmp_path: Path, how: str) -> None:
+@pytest.mark.parametrize(
+    "how", ["truncated", "empty", "grid", "not finite", "flipped", "no checksum"]
+)
+def test_a_bad_model_is_refused_with_a_reason(
+    inbox: ModelInbox, model_path: Path, tmp_path: Path, how: str
+) -> None:
     good, place = model_path.read_bytes(), tmp_path / FILE
     reasons = {
         "truncated": "not a model that can be run",
@@ -117,7 +127,9 @@ def test_a_bad_model_is_refused_with_a_reason(inbox: ModelInbox, model_path: Pat
     assert inbox.poll() is None
 
 
-def test_after_a_bad_model_a_good_one_is_taken(inbox: ModelInbox, model_path: Path, tmp_path: Path) -> None:
+def test_after_a_bad_model_a_good_one_is_taken(
+    inbox: ModelInbox, model_path: Path, tmp_path: Path
+) -> None:
     put(b"not a model", tmp_path / FILE)
     with pytest.raises(ModelError, match="not a model"):
         verdict(inbox)
@@ -126,7 +138,9 @@ def test_after_a_bad_model_a_good_one_is_taken(inbox: ModelInbox, model_path: Pa
 
 
 @pytest.mark.parametrize("how", ["damaged", "no checksum"])
-def test_a_model_that_cannot_be_used_is_not_even_given(model_path: Path, tmp_path: Path, how: str) -> None:
+def test_a_model_that_cannot_be_used_is_not_even_given(
+    model_path: Path, tmp_path: Path, how: str
+) -> None:
     model, run_dir = tmp_path / "new.onnx", tmp_path / "run"
     run_dir.mkdir()
     put_robot(run_dir)
@@ -163,7 +177,9 @@ def test_a_check_that_cannot_begin_refuses_the_model(
         verdict(inbox)
 
 
-def test_a_check_that_is_killed_refuses_the_model(inbox: ModelInbox, model_path: Path, tmp_path: Path) -> None:
+def test_a_check_that_is_killed_refuses_the_model(
+    inbox: ModelInbox, model_path: Path, tmp_path: Path
+) -> None:
     """As it is when the runtime crashes or asks for too much memory."""
     give(model_path, put_robot(tmp_path))
     assert inbox.poll() is None
@@ -208,20 +224,32 @@ def test_the_command_fails_where_the_service_refuses(
     model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     put(changed(model_path, tmp_path, not_finite), tmp_path / "new.onnx")
-    assert main(["heightmap", "give", str(tmp_path / "new.onnx"), "--run-dir", str(put_robot(tmp_path))]) == 1
+    assert (
+        main(
+            ["heightmap", "give", str(tmp_path / "new.onnx"), "--run-dir", str(put_robot(tmp_path))]
+        )
+        == 1
+    )
     assert "is refused: " in capsys.readouterr().out
 
 
 def test_without_a_service_the_command_fails_and_leaves_nothing(
-    model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    model_path: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(heightmap_model_inbox, "HEARD_S", 0.3)
     assert main(["heightmap", "give", str(model_path), "--run-dir", str(put_robot(tmp_path))]) == 2
-    assert f"no heightmap service looks into '{tmp_path}'" in capsys.readouterr().err.splitlines()[-1]
+    assert (
+        f"no heightmap service looks into '{tmp_path}'" in capsys.readouterr().err.splitlines()[-1]
+    )
     assert [path.name for path in tmp_path.iterdir()] == [SETUP_FILE]
 
 
-def test_the_command_says_what_is_wrong_and_ends_with_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_says_what_is_wrong_and_ends_with_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     model = tmp_path / "new.onnx"
     put(b"not a model", model)
     assert main(["heightmap", "give", str(model), "--run-dir", str(put_robot(tmp_path))]) == 2

@@ -63,17 +63,23 @@ MUTATIONS = {
 }
 
 
-def test_a_tick_has_half_of_the_90_percent_interval(model: HeightmapModel, model_path: Path) -> None:
+def test_a_tick_has_half_of_the_90_percent_interval(
+    model: HeightmapModel, model_path: Path
+) -> None:
     (given,) = random_inputs(model, np.random.default_rng(0), 1)
     network = HeightmapNetwork(ROBOT, model_path)
     tick = network.tick(*given)
     session = onnxruntime.InferenceSession(model_path)
-    stated = session.run(["std"], {name: np.float32(a) for name, a in zip(INPUTS, given, strict=True)})
+    stated = session.run(
+        ["std"], {name: np.float32(a) for name, a in zip(INPUTS, given, strict=True)}
+    )
     np.testing.assert_allclose(tick.half_width_90, 1.645 * stated[0], rtol=1e-5)
 
 
 @pytest.mark.parametrize("field", MUTATIONS)
-def test_metadata_that_do_not_fit_are_refused_by_name(model_path: Path, tmp_path: Path, field: str) -> None:
+def test_metadata_that_do_not_fit_are_refused_by_name(
+    model_path: Path, tmp_path: Path, field: str
+) -> None:
     path = mutated(model_path, tmp_path / "changed.onnx", MUTATIONS[field])
     with pytest.raises(ModelError, match=f"'{field}'".replace("[", r"\[")) as caught:
         HeightmapNetwork(ROBOT, path, LINE)
@@ -82,7 +88,10 @@ def test_metadata_that_do_not_fit_are_refused_by_name(model_path: Path, tmp_path
 
 def test_a_model_is_refused_for_another_robot_or_another_camera(model_path: Path) -> None:
     for robot, field in (
-        (replace(ROBOT, name="longlegs"), "'robot' is 'go1', and heights are wanted for 'longlegs'"),
+        (
+            replace(ROBOT, name="longlegs"),
+            "'robot' is 'go1', and heights are wanted for 'longlegs'",
+        ),
         (_moved(pitch=0.027), "1.5 deg more down, and training covers 1 cm and 1.5 deg"),
         (_moved(-0.011), "-1.1 cm ahead"),
         (_moved(0.0, 0.0, 0.05), "5.0 cm up"),
@@ -90,8 +99,12 @@ def test_a_model_is_refused_for_another_robot_or_another_camera(model_path: Path
         with pytest.raises(ModelError, match=field) as caught:
             HeightmapNetwork(robot, model_path)
         assert "\n" not in str(caught.value)
-    HeightmapNetwork(_moved(0.009, -0.009, 0.009, pitch=-0.026), model_path)  # no more than training covers
-    HeightmapNetwork(replace(ROBOT, foot_radius=0.021), model_path)  # the same robot, measured again
+    HeightmapNetwork(
+        _moved(0.009, -0.009, 0.009, pitch=-0.026), model_path
+    )  # no more than training covers
+    HeightmapNetwork(
+        replace(ROBOT, foot_radius=0.021), model_path
+    )  # the same robot, measured again
 
 
 def _moved(*by: float, pitch: float = 0.0) -> Robot:
@@ -100,7 +113,8 @@ def _moved(*by: float, pitch: float = 0.0) -> Robot:
 
 
 @pytest.mark.parametrize(
-    "field", ["format", "robot", "grid_m", "camera", "proprioception", "warmup_frames", "nominal_delay_s"]
+    "field",
+    ["format", "robot", "grid_m", "camera", "proprioception", "warmup_frames", "nominal_delay_s"],
 )
 def test_missing_metadata_are_refused_by_name(model_path: Path, tmp_path: Path, field: str) -> None:
     path = mutated(model_path, tmp_path / "changed.onnx", without(field))
@@ -108,8 +122,12 @@ def test_missing_metadata_are_refused_by_name(model_path: Path, tmp_path: Path, 
         HeightmapNetwork(ROBOT, path)
 
 
-@pytest.mark.parametrize("name", ["image", "age", "proprioception", "hidden", "height", "std", "hidden_out"])
-def test_shapes_that_do_not_fit_are_refused_by_name(model_path: Path, tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    "name", ["image", "age", "proprioception", "hidden", "height", "std", "hidden_out"]
+)
+def test_shapes_that_do_not_fit_are_refused_by_name(
+    model_path: Path, tmp_path: Path, name: str
+) -> None:
     model = onnx.load(model_path)
     for value in (*model.graph.input, *model.graph.output):
         if value.name == name:
@@ -125,7 +143,9 @@ def test_shapes_that_do_not_fit_are_refused_by_name(model_path: Path, tmp_path: 
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00" * 100, b"not a model", "truncated"])
-def test_files_that_are_no_models_are_refused(model_path: Path, tmp_path: Path, content: bytes | str) -> None:
+def test_files_that_are_no_models_are_refused(
+    model_path: Path, tmp_path: Path, content: bytes | str
+) -> None:
     path = tmp_path / "broken.onnx"
     path.write_bytes(model_path.read_bytes()[:5000] if isinstance(content, str) else content)
     with pytest.raises(ModelError, match=r"broken\.onnx") as caught:
@@ -141,7 +161,13 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 def test_one_tick_depends_on_nothing_but_its_arguments(model_path: Path) -> None:
     network = HeightmapNetwork(ROBOT, model_path)
     rng = np.random.default_rng(0)
-    arguments = (rng.uniform(size=(1, 2, 48, 16)), [0.05], [True], rng.normal(size=(1, 21)), np.zeros((1, 256)))
+    arguments = (
+        rng.uniform(size=(1, 2, 48, 16)),
+        [0.05],
+        [True],
+        rng.normal(size=(1, 21)),
+        np.zeros((1, 256)),
+    )
     before = copy.deepcopy(arguments)
     first, second = network.tick(*arguments), network.tick(*arguments)
     assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
@@ -154,8 +180,14 @@ def test_answers_stay_what_they_were(model_path: Path) -> None:
     rng = np.random.default_rng(0)
     answers = []
     for robots in (1, 2, 1, 3, 2):
-        arguments = (rng.uniform(size=(robots, 2, 48, 16)), np.full(robots, 0.05), np.ones(robots, np.bool_))
-        answer = network.tick(*arguments, rng.normal(size=(robots, 21)), rng.uniform(size=(robots, 256)))
+        arguments = (
+            rng.uniform(size=(robots, 2, 48, 16)),
+            np.full(robots, 0.05),
+            np.ones(robots, np.bool_),
+        )
+        answer = network.tick(
+            *arguments, rng.normal(size=(robots, 21)), rng.uniform(size=(robots, 256))
+        )
         answers.append((answer, copy.deepcopy(answer)))
     for answer, as_it_was in answers:
         for array, kept in zip(answer, as_it_was, strict=True):

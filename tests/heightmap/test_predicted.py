@@ -41,7 +41,9 @@ GAPS = (FrameDrop(fraction=0.8),)
 
 def robot_state(step: Moment, robot: int) -> RobotState:
     states = step.states
-    return state_message(states, robot, time_ns=states.step * TICK_NS, step=states.step, mode=ControllerMode.RUN)
+    return state_message(
+        states, robot, time_ns=states.step * TICK_NS, step=states.step, mode=ControllerMode.RUN
+    )
 
 
 def ground_truth(step: Moment, robot: int) -> GroundTruth:
@@ -60,7 +62,10 @@ def ground_truth(step: Moment, robot: int) -> GroundTruth:
 
 
 def rollout(model: Path, profile: str = "shipped", stand_steps: int = 60) -> Loop:
-    planner, setups = make_planner("scripted", ROBOT, LINE), setups_of(TERRAINS, TRIALS, load_profile(profile, ROBOT))
+    planner, setups = (
+        make_planner("scripted", ROBOT, LINE),
+        setups_of(TERRAINS, TRIALS, load_profile(profile, ROBOT)),
+    )
     heights = PredictedHeightsFactory(model=model)(setups)
     return Loop(setups, planner, heights=heights, stand_steps=stand_steps)
 
@@ -83,7 +88,9 @@ def deployed(profile: str, folder: Path) -> list[CameraProcess]:
     return processes
 
 
-@pytest.mark.parametrize("effects", [PROFILE.camera, *CASES, GAPS], ids=lambda effects: effects[-1].name)
+@pytest.mark.parametrize(
+    "effects", [PROFILE.camera, *CASES, GAPS], ids=lambda effects: effects[-1].name
+)
 def test_they_are_those_of_the_deployed_processes(
     effects: tuple[Effect[Any], ...], model_path: Path, tmp_path: Path
 ) -> None:
@@ -105,8 +112,14 @@ def test_a_robot_that_starts_again_has_forgotten(model_path: Path) -> None:
     assert isinstance(source, PredictedHeights)
     steps = [batch.step() for _ in range(40)]
     everyone, nobody = np.ones(3, dtype=np.bool_), np.zeros(3, dtype=np.bool_)
-    first = [source.heights(s.states, s.truth, everyone if i == 0 else nobody) for i, s in enumerate(steps)]
-    again = [source.heights(s.states, s.truth, everyone if i == 0 else nobody) for i, s in enumerate(steps)]
+    first = [
+        source.heights(s.states, s.truth, everyone if i == 0 else nobody)
+        for i, s in enumerate(steps)
+    ]
+    again = [
+        source.heights(s.states, s.truth, everyone if i == 0 else nobody)
+        for i, s in enumerate(steps)
+    ]
     np.testing.assert_array_equal(first, again)
 
 
@@ -115,9 +128,15 @@ def test_a_robot_that_starts_again_has_forgotten(model_path: Path) -> None:
     [("ideal", {"terrain": "stairs"}), ("d435i", {"terrain": "stepping_stones", "gap_max_m": 0.5})],
     ids=["ideal", "d435i"],
 )
-def test_a_trial_does_not_depend_on_who_else_is_in_the_batch(camera: str, course: dict[str, Any]) -> None:
-    evaluation = Evaluation(robot="go1", grid="line", camera=camera, course=TerrainConfig(**course), time_limit_s=1.5)
-    run = partial(run_batch, evaluation, PredictedHeightsFactory(), partial(make_planner, "learned"))
+def test_a_trial_does_not_depend_on_who_else_is_in_the_batch(
+    camera: str, course: dict[str, Any]
+) -> None:
+    evaluation = Evaluation(
+        robot="go1", grid="line", camera=camera, course=TerrainConfig(**course), time_limit_s=1.5
+    )
+    run = partial(
+        run_batch, evaluation, PredictedHeightsFactory(), partial(make_planner, "learned")
+    )
     alone, together = run([4])[4], run([3, 4, 5])[4]
     assert alone.outcome == together.outcome
     for name, values in vars(alone.trace).items():

@@ -48,7 +48,9 @@ def test_the_page_runs_and_prints_what_it_says(
 
 def test_an_import_loads_nothing_but_the_package_itself() -> None:
     code = "import sys; before = set(sys.modules); import saltus; print(*sorted(set(sys.modules) - before))"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
     assert {name.split(".")[0] for name in loaded} - sys.stdlib_module_names == {"saltus"}
     assert [name for name in loaded if name.startswith("saltus.")] == []
 
@@ -60,7 +62,10 @@ def test_what_types_are_checked_by_is_what_is_there() -> None:
         if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
     ]
     typed = {
-        alias.asname: line.module for line in guarded.body if isinstance(line, ast.ImportFrom) for alias in line.names
+        alias.asname: line.module
+        for line in guarded.body
+        if isinstance(line, ast.ImportFrom)
+        for alias in line.names
     }
     assert sorted(typed) == sorted(saltus.__all__) == sorted(set(dir(saltus)) & set(saltus.__all__))
     for name, home in typed.items():
@@ -79,8 +84,10 @@ BAD_STATES = {
 @pytest.mark.parametrize("name", BAD_STATES)
 def test_arrays_that_do_not_fit_are_named(name: str) -> None:
     arrays = {
-        "quaternion_base_in_world": np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)), "angular_velocity_base": np.zeros((3, 3)),
-        "joint_position": np.zeros((3, 12)), "velocity_base_in_world": np.zeros((3, 3)), "base_height": np.zeros(3),
+        "quaternion_base_in_world": np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)),
+        "angular_velocity_base": np.zeros((3, 3)),
+        "joint_position": np.zeros((3, 12)), "velocity_base_in_world": np.zeros((3, 3)),
+        "base_height": np.zeros(3),
         "leg_trusted": np.ones((3, 4)),
     }  # fmt: skip
     saltus.robot_states([0.0, 0.01, 0.02], **arrays)
@@ -106,13 +113,28 @@ def test_images_that_do_not_fit_are_refused(depth_m: np.ndarray, said: str) -> N
 
 def test_a_trial_is_what_the_command_makes_of_its_seed(capsys: pytest.CaptureFixture[str]) -> None:
     course = TerrainConfig(terrain="step", height_m=1.0)  # a robot falls before it at once
-    words = ["--terrain", "step", "--height-m", "1.0", "--trials", "1", "--seed", "4", "--no-report", "--json"]
+    words = [
+        "--terrain",
+        "step",
+        "--height-m",
+        "1.0",
+        "--trials",
+        "1",
+        "--seed",
+        "4",
+        "--no-report",
+        "--json",
+    ]
     assert main(["policy", "eval", *words, "--processes", "1"]) == 1
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
     steps: list[saltus.Moment] = []
-    (outcome,) = saltus.roll_out(ROBOT, saltus.make_terrain(course), trials=1, seed=4, on_step=steps.append)
+    (outcome,) = saltus.roll_out(
+        ROBOT, saltus.make_terrain(course), trials=1, seed=4, on_step=steps.append
+    )
     assert vars(outcome) == told["outcomes"][0]
     start, *_, last = (step.truth.position_base_in_world[0, 0] for step in steps if step.running[0])
-    assert last - start == pytest.approx(outcome.distance_m, abs=0.05)  # a step further: 0.01 s at less than 5 m/s
+    assert last - start == pytest.approx(
+        outcome.distance_m, abs=0.05
+    )  # a step further: 0.01 s at less than 5 m/s
     with pytest.raises(saltus.SaltusError, match="trials = 0"):
         saltus.roll_out(ROBOT, saltus.make_terrain(course), trials=0)

@@ -46,7 +46,9 @@ def _environment() -> Iterator[None]:
 @pytest.fixture
 def cluster() -> Iterator[Cluster]:
     """Two hosts of one core each, as far as Ray can tell."""
-    hosts = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    hosts = Cluster(
+        initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False}
+    )
     hosts.add_node(num_cpus=1)
     yield hosts
     hosts.shutdown()
@@ -68,13 +70,19 @@ class Deadly:
 
 
 @pytest.mark.slow
-def test_hosts_give_the_data_of_processes_though_a_worker_and_a_host_are_lost(cluster: Cluster, tmp_path: Path) -> None:
+def test_hosts_give_the_data_of_processes_though_a_worker_and_a_host_are_lost(
+    cluster: Cluster, tmp_path: Path
+) -> None:
     deadly = Deadly(tmp_path / "killed")
 
     def lossy() -> Iterator[Episode]:
-        with closing(in_order_on_ray(deadly.episodes, MODEL, [*KEYS, HOPELESS], cluster.address)) as batches:
+        with closing(
+            in_order_on_ray(deadly.episodes, MODEL, [*KEYS, HOPELESS], cluster.address)
+        ) as batches:
             yield from next(batches)
-            cluster.remove_node(next(host for host in cluster.list_all_nodes() if host is not cluster.head_node))
+            cluster.remove_node(
+                next(host for host in cluster.list_all_nodes() if host is not cluster.head_node)
+            )
             for batch in islice(batches, len(KEYS) - 1):
                 yield from batch
             with pytest.raises(ModelError, match=r"^heightmap\.onnx is hopeless$"):
@@ -84,7 +92,9 @@ def test_hosts_give_the_data_of_processes_though_a_worker_and_a_host_are_lost(cl
     for name, episodes in (("ray", lossy()), ("processes", here)):
         write_shard(tmp_path / name, episodes, seed=3, config={})
     assert deadly.killed.exists()
-    assert (tmp_path / "ray" / "round_000.h5").read_bytes() == (tmp_path / "processes" / "round_000.h5").read_bytes()
+    assert (tmp_path / "ray" / "round_000.h5").read_bytes() == (
+        tmp_path / "processes" / "round_000.h5"
+    ).read_bytes()
 
 
 @pytest.mark.slow
@@ -92,11 +102,15 @@ def test_an_interrupted_run_leaves_no_process_and_no_shard(tmp_path: Path) -> No
     code = (
         "import sys; from pathlib import Path; from saltus.heightmap.training.dagger import *\n"
         "from saltus.heightmap.settings import *\n"
-        "told = Observer(collected=lambda i, done, ticks: print(done, flush=True), trained=lambda i, p: None)\n"
-        f"dagger(Path(sys.argv[1]), DaggerConfig(batches=50, loop={LOOP!r}), told, processes=1, cluster={LOCAL!r})\n"
+        "told = Observer(collected=lambda i, done, ticks: print(done, flush=True), trained=lambda "
+        "i, p: None)\n"
+        f"dagger(Path(sys.argv[1]), DaggerConfig(batches=50, loop={LOOP!r}), told, processes=1, "
+        f"cluster={LOCAL!r})\n"
     )
     command = [sys.executable, "-c", code, tmp_path / "run"]
-    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True)
+    run = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True
+    )
     assert run.stdout is not None
     assert run.stdout.readline() == b"1\n"  # one of fifty batches is done
     of_ray = psutil.Process(run.pid).children(recursive=True)

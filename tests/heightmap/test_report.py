@@ -30,7 +30,8 @@ from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus
 
 CELL = float(HEIGHTMAP_X[1] - HEIGHTMAP_X[0])
 TABLES: list[Callable[[Errors], list[ErrorRow]]] = [
-    Errors.by_distance, Errors.by_terrain, Errors.by_view, Errors.by_phase, Errors.by_speed, Errors.by_age,
+    Errors.by_distance, Errors.by_terrain, Errors.by_view, Errors.by_phase, Errors.by_speed,
+    Errors.by_age,
 ]  # fmt: skip
 
 
@@ -45,11 +46,15 @@ def geometric(run: Glide) -> list[Heightmap]:
 
 
 @pytest.fixture(scope="module")
-def recording(run: Glide, geometric: list[Heightmap], tmp_path_factory: pytest.TempPathFactory) -> Recording:
+def recording(
+    run: Glide, geometric: list[Heightmap], tmp_path_factory: pytest.TempPathFactory
+) -> Recording:
     return record(tmp_path_factory.mktemp("run") / "recording.mcap", run, geometric)
 
 
-def told(run: Glide, maps: list[Heightmap], error: np.ndarray, half_width: np.ndarray) -> list[Heightmap]:
+def told(
+    run: Glide, maps: list[Heightmap], error: np.ndarray, half_width: np.ndarray
+) -> list[Heightmap]:
     """Heightmaps that are wrong by what is given, shapes (steps, 30)."""
     return [
         replace(heightmap, height=truth + e, half_width_90=w)
@@ -77,7 +82,9 @@ def test_a_constant_error_is_found_in_every_group(
     run: Glide, geometric: list[Heightmap], tmp_path: Path, bias: float
 ) -> None:
     wrong = np.full_like(run.true_height, bias)
-    errors = Errors([compared(tmp_path / "bias.mcap", run, told(run, geometric, wrong, np.abs(wrong)))])
+    errors = Errors(
+        [compared(tmp_path / "bias.mcap", run, told(run, geometric, wrong, np.abs(wrong)))]
+    )
     for table in TABLES:
         for row in table(errors):
             np.testing.assert_allclose(
@@ -93,7 +100,9 @@ def test_groups_share_out_all_points(recording: Recording) -> None:
     for table in TABLES:
         rows = table(errors)
         assert sum(row.count for row in rows) == overall.count
-        assert sum(row.count * row.mae_m for row in rows) / overall.count == pytest.approx(overall.mae_m)
+        assert sum(row.count * row.mae_m for row in rows) / overall.count == pytest.approx(
+            overall.mae_m
+        )
     assert [row.group for row in errors.by_view()] == [VISIBLE, REMEMBERED]
     assert len(errors.by_distance()) == len(HEIGHTMAP_X)
 
@@ -114,10 +123,18 @@ def test_calibration_compares_what_is_stated_with_what_is(
         assert (calibration.coverage90 > 0.9) == (scale > 1.0)
 
 
-def test_the_true_spread_has_the_best_likelihood(run: Glide, geometric: list[Heightmap], tmp_path: Path) -> None:
+def test_the_true_spread_has_the_best_likelihood(
+    run: Glide, geometric: list[Heightmap], tmp_path: Path
+) -> None:
     wrong = np.random.default_rng(4).laplace(size=run.true_height.shape) * 0.02 / np.log(10.0)
     scores = [
-        Errors([compared(tmp_path / f"{s}.mcap", run, told(run, geometric, wrong, np.full_like(wrong, s)))])
+        Errors(
+            [
+                compared(
+                    tmp_path / f"{s}.mcap", run, told(run, geometric, wrong, np.full_like(wrong, s))
+                )
+            ]
+        )
         .calibration()
         .nll
         for s in (0.01, 0.02, 0.04)
@@ -135,7 +152,9 @@ def test_the_position_of_an_edge_is_measured(size: float, shift: int) -> None:
     np.testing.assert_allclose(result.error, shift * CELL, atol=1e-9)
     np.testing.assert_allclose(result.true_x, HEIGHTMAP_X[edge] - 0.5 * CELL, atol=1e-9)
     assert (result.found, result.false) == (1.0, 0)
-    assert edge_errors(-true, true, HEIGHTMAP_X).found == 0.0  # the other way round it is another edge
+    assert (
+        edge_errors(-true, true, HEIGHTMAP_X).found == 0.0
+    )  # the other way round it is another edge
     assert edge_errors(true, 0.0 * true, HEIGHTMAP_X).false == len(edge)
 
 
@@ -157,30 +176,47 @@ def test_in_view_is_what_pixels_look_at() -> None:
     rng = np.random.default_rng(1)
     rays = ray_directions(MODEL_CAMERA)
     for _ in range(20):
-        quaternion = rotations.quaternion_from_roll_pitch_yaw(*(np.asarray(a) for a in rng.uniform(-0.5, 0.5, 3)))
+        quaternion = rotations.quaternion_from_roll_pitch_yaw(
+            *(np.asarray(a) for a in rng.uniform(-0.5, 0.5, 3))
+        )
         position = rng.normal(size=3)
         origin, rotation = camera_pose(Mount.of(ROBOT), position, quaternion)
         inside = rays * rng.uniform(0.1, 0.99 * RANGE_M, (48, 16, 1))
         beside = inside * [1.0, 1.0, 0.0] * 3.0 + inside * [0.0, 0.0, 1.0] + [0.0, 10.0, 0.0]
-        for points, expected in ((inside, True), (-inside, False), (beside, False), (rays * 1.01 * RANGE_M, False)):
+        for points, expected in (
+            (inside, True),
+            (-inside, False),
+            (beside, False),
+            (rays * 1.01 * RANGE_M, False),
+        ):
             place = (points @ np.asarray(rotation).T + origin).reshape(-1, 3)
             assert (in_view(Mount.of(ROBOT), place, position, quaternion) == expected).all()
 
 
 def test_a_replayed_model_is_the_recorded_one(run: Glide, model_path: Path, tmp_path: Path) -> None:
-    maps = replay_frames(HeightmapNetwork(ROBOT, model_path), run.frames, run.states, run.arrival_ns)
-    recorded, replayed = compare(read_run(record(tmp_path / "m.mcap", run, maps)), [str(model_path)])
+    maps = replay_frames(
+        HeightmapNetwork(ROBOT, model_path), run.frames, run.states, run.arrival_ns
+    )
+    recorded, replayed = compare(
+        read_run(record(tmp_path / "m.mcap", run, maps)), [str(model_path)]
+    )
     np.testing.assert_array_equal(recorded.height, replayed.height)
     np.testing.assert_array_equal(recorded.visible, replayed.visible)
 
 
-def test_only_trusted_steps_of_a_running_robot_count(run: Glide, geometric: list[Heightmap], tmp_path: Path) -> None:
-    standing = [replace(state, mode=ControllerMode.STAND) for state in run.states[:100]] + run.states[100:]
+def test_only_trusted_steps_of_a_running_robot_count(
+    run: Glide, geometric: list[Heightmap], tmp_path: Path
+) -> None:
+    standing = [
+        replace(state, mode=ControllerMode.STAND) for state in run.states[:100]
+    ] + run.states[100:]
     maps = [replace(h, status=HeightmapStatus.DEGRADED) if h.step % 2 else h for h in geometric]
     comparison = compared(tmp_path / "s.mcap", replace(run, states=standing), maps)
     np.testing.assert_array_equal(comparison.step, np.arange(100, len(run.states), 2))
     with pytest.raises(RecordingError, match="status OK"):
-        compared(tmp_path / "none.mcap", run, [replace(h, status=HeightmapStatus.INVALID) for h in maps])
+        compared(
+            tmp_path / "none.mcap", run, [replace(h, status=HeightmapStatus.INVALID) for h in maps]
+        )
 
 
 def test_without_truth_predictions_are_measured_by_later_ones(
@@ -192,7 +228,9 @@ def test_without_truth_predictions_are_measured_by_later_ones(
     known = np.isfinite(exact.true_height)
     assert known[:100, HEIGHTMAP_X > 0.7].mean() > 0.9  # what has just come into view stays in view
     assert not known[:, HEIGHTMAP_X < 0.3].any()
-    assert np.quantile(np.abs(exact.error[known]), 0.8) < 0.002  # near an edge, a grid knows no better
+    assert (
+        np.quantile(np.abs(exact.error[known]), 0.8) < 0.002
+    )  # near an edge, a grid knows no better
     wrong = zero + np.where(HEIGHTMAP_X > 0.7, 0.03, 0.0)
     far = compared(tmp_path / "b.mcap", run, told(run, geometric, wrong, zero + 0.01), truth=False)
     new = far.error[:100, HEIGHTMAP_X > 0.75]
@@ -200,7 +238,9 @@ def test_without_truth_predictions_are_measured_by_later_ones(
 
 
 @pytest.mark.parametrize("kept", [0.3, 0.6, 0.95])
-def test_a_cut_recording_is_measured_and_says_what_is_lost(recording: Recording, tmp_path: Path, kept: float) -> None:
+def test_a_cut_recording_is_measured_and_says_what_is_lost(
+    recording: Recording, tmp_path: Path, kept: float
+) -> None:
     data = recording.path.read_bytes()
     path = tmp_path / "cut.mcap"
     path.write_bytes(data[: int(kept * len(data))])
@@ -211,9 +251,13 @@ def test_a_cut_recording_is_measured_and_says_what_is_lost(recording: Recording,
     assert "Lost in run" not in text
 
 
-def test_what_lies_between_is_missed(run: Glide, geometric: list[Heightmap], tmp_path: Path) -> None:
+def test_what_lies_between_is_missed(
+    run: Glide, geometric: list[Heightmap], tmp_path: Path
+) -> None:
     holed = [i for i in range(len(run.states)) if not 120 <= i < 140]
-    part = replace(run, states=[run.states[i] for i in holed], truths=[run.truths[i] for i in holed])
+    part = replace(
+        run, states=[run.states[i] for i in holed], truths=[run.truths[i] for i in holed]
+    )
     lost = read_run(record(tmp_path / "hole.mcap", part, [geometric[i] for i in holed])).lost
     assert f"20 of {len(run.states)} robot states" in lost
     assert any("depth images" in line for line in lost)
@@ -225,7 +269,9 @@ def test_nothing_to_compare_is_an_error(run: Glide, tmp_path: Path) -> None:
         measure([empty])
 
 
-def test_worst_moments_are_apart_and_worst_first(run: Glide, geometric: list[Heightmap], tmp_path: Path) -> None:
+def test_worst_moments_are_apart_and_worst_first(
+    run: Glide, geometric: list[Heightmap], tmp_path: Path
+) -> None:
     size = np.abs(np.random.default_rng(0).normal(0.0, 0.03, (len(run.states), 1)))
     maps = told(run, geometric, size * np.ones(30), size * np.ones(30) + 0.01)
     recording = record(tmp_path / "wrong.mcap", run, maps)
@@ -238,7 +284,9 @@ def test_worst_moments_are_apart_and_worst_first(run: Glide, geometric: list[Hei
         assert all(d is not c or abs(d.time_s[j] - c.time_s[i]) > APART_S for d, j in worst[:n])
 
 
-def test_good_moments_are_not_shown_as_worst(run: Glide, geometric: list[Heightmap], tmp_path: Path) -> None:
+def test_good_moments_are_not_shown_as_worst(
+    run: Glide, geometric: list[Heightmap], tmp_path: Path
+) -> None:
     """Nor is what nobody knows printed as a number: ground without edges has none that were found."""
     wrong = np.full_like(run.true_height, 0.9 * WORST_M)
     flat = [replace(truth, height=np.full(30, -0.3)) for truth in run.truths]
@@ -260,14 +308,29 @@ def test_the_page_has_every_part_and_numbers_are_json(
 ) -> None:
     out = tmp_path / "report"
     names = ("geometric", "geometric-feet")
-    assert Report(recordings=(recording.path, recording.path), model=names, out=out, json=True).run() == 0
+    assert (
+        Report(recordings=(recording.path, recording.path), model=names, out=out, json=True).run()
+        == 0
+    )
     numbers = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert list(numbers["predictors"]) == [RECORDED, *names]
-    assert [row["name"] for row in numbers["runs"]] == [f"{recording.path.parent.name} ({n})" for n in (1, 2)]
+    assert [row["name"] for row in numbers["runs"]] == [
+        f"{recording.path.parent.name} ({n})" for n in (1, 2)
+    ]
     # The recorded heights are the geometric ones: the two must agree in every number.
     assert numbers["predictors"][RECORDED] == numbers["predictors"]["geometric"]
     text = (out / "report.html").read_text()
-    for title in ("distance", "gait phase", "speed", "age", "terrain", "remembered", "Edges", "intervals", "worst"):
+    for title in (
+        "distance",
+        "gait phase",
+        "speed",
+        "age",
+        "terrain",
+        "remembered",
+        "Edges",
+        "intervals",
+        "worst",
+    ):
         assert title in text
     opens_without_a_network(out / "report.html")
 

@@ -15,4 +15,6 @@ def test_true_heights_are_the_terrain_along_the_yaw(kind: str) -> None:
     for i in (0, 20, 49):
         ahead = rotations.rotation_matrix(quaternion[i])[:2, 0]
         points = position[i, 0] + HEIGHTMAP_X * ahead[0] / np.linalg.norm(ahead)
-        np.testing.assert_allclose(heights[i], trajectory.terrain.height_at(points, 0.0) - position[i, 2], atol=1e-12)
+        np.testing.assert_allclose(
+            heights[i], trajectory.terrain.height_at(points, 0.0) - position[i, 2], atol=1e-12
+        )

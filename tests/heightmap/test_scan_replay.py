@@ -30,7 +30,9 @@ PATIENCE_S = 60.0
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("run") / "recording.mcap"
-    config = RunConfig(robot="go1", grid="line", terrain=TerrainConfig(terrain="stairs", difficulty=0.2))
+    config = RunConfig(
+        robot="go1", grid="line", terrain=TerrainConfig(terrain="stairs", difficulty=0.2)
+    )
     setup = named_setup(config)
     counts: dict[str, int] = {}
     with Recorder(path, config, setup) as file:
@@ -46,8 +48,10 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 write("camera/depth", tick.frame, now_ns)
             truth = GroundTruth(
                 time_ns=now_ns, step=tick.state.step, position_base_in_world=tick.position,
-                quaternion_base_in_world=tick.state.quaternion_base_in_world, velocity_base_in_world=np.zeros(3),
-                angular_velocity_base=np.zeros(3), joint_position=tick.state.joint_position, foot_force=np.zeros(4),
+                quaternion_base_in_world=tick.state.quaternion_base_in_world,
+                velocity_base_in_world=np.zeros(3),
+                angular_velocity_base=np.zeros(3), joint_position=tick.state.joint_position,
+                foot_force=np.zeros(4),
                 x=np.zeros(1), height=np.zeros(1),
             )  # fmt: skip
             write("plant/truth", truth, now_ns)
@@ -59,7 +63,9 @@ def test_figures_and_the_picture_are_those_of_the_ground_of_the_run(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     picture = tmp_path / "scan.png"
-    assert main(["replay", str(recording), "--grid", "scan", "--picture", str(picture), "--json"]) == 0
+    assert (
+        main(["replay", str(recording), "--grid", "scan", "--picture", str(picture), "--json"]) == 0
+    )
     image = cv2.imread(str(picture))
     assert image is not None
     width = image.shape[1]
@@ -70,15 +76,28 @@ def test_figures_and_the_picture_are_those_of_the_ground_of_the_run(
     assert sum(found["status"].values()) == STEPS
     assert found["seen"]["mean_mm"] < 17.0  # docs/scan.md
     assert found["seen"]["share"] + found["never"]["share"] == pytest.approx(1.0, abs=2e-3)
-    assert found["visible"]["share"] + found["remembered"]["share"] == pytest.approx(found["seen"]["share"], abs=2e-3)
+    assert found["visible"]["share"] + found["remembered"]["share"] == pytest.approx(
+        found["seen"]["share"], abs=2e-3
+    )
 
 
 def test_it_is_served_with_states_and_images(recording: Path) -> None:
     endpoint, router = open_router()
-    command = ["heightmap", "serve", "--recording", str(recording), "--grid", "scan", "--dialect", "mjlab"]
+    command = [
+        "heightmap",
+        "serve",
+        "--recording",
+        str(recording),
+        "--grid",
+        "scan",
+        "--dialect",
+        "mjlab",
+    ]
     with contextlib.closing(router), ZenohBus(endpoint, "robot/0") as bus:
         heights, states = bus.latest("heightmap/heightmap"), bus.latest("controller/state")
-        with subprocess.Popen([sys.executable, "-m", "saltus.cli.main", *command, "--endpoint", endpoint]) as serve:
+        with subprocess.Popen(
+            [sys.executable, "-m", "saltus.cli.main", *command, "--endpoint", endpoint]
+        ) as serve:
             sample = heights.wait(PATIENCE_S)
             assert sample is not None
             assert sample.message.dialect == "mjlab"

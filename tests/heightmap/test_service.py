@@ -21,7 +21,9 @@ OK, WARMING = HeightmapStatus.OK, HeightmapStatus.WARMING
 DEGRADED, INVALID = HeightmapStatus.DEGRADED, HeightmapStatus.INVALID
 
 
-def run(service: HeightmapService, frames: dict[int, DepthFrame | None], steps: int) -> list[Heightmap]:
+def run(
+    service: HeightmapService, frames: dict[int, DepthFrame | None], steps: int
+) -> list[Heightmap]:
     return [service.step(state, frames.get(state.step), state.time_ns) for state in states(steps)]
 
 
@@ -31,7 +33,9 @@ def clean(steps: int) -> dict[int, DepthFrame | None]:
 
 def same(left: list[Heightmap], right: list[Heightmap]) -> bool:
     return all(
-        np.array_equal(a.height, b.height) and np.array_equal(a.half_width_90, b.half_width_90) and a.status == b.status
+        np.array_equal(a.height, b.height)
+        and np.array_equal(a.half_width_90, b.half_width_90)
+        and a.status == b.status
         for a, b in zip(left, right, strict=True)
     )
 
@@ -70,9 +74,12 @@ def test_bad_pixels_do_not_poison(model_path: Path, value: float, pixels: int) -
 
 
 @pytest.mark.parametrize(
-    ("share", "status"), [(0.0, OK), (0.25, OK), (0.35, DEGRADED), (0.75, DEGRADED), (0.85, INVALID)]
+    ("share", "status"),
+    [(0.0, OK), (0.25, OK), (0.35, DEGRADED), (0.75, DEGRADED), (0.85, INVALID)],
 )
-def test_invalid_pixels_are_counted(model_path: Path, share: float, status: HeightmapStatus) -> None:
+def test_invalid_pixels_are_counted(
+    model_path: Path, share: float, status: HeightmapStatus
+) -> None:
     frames = clean(41)
     depth = np.full(768, 900, np.uint16)
     depth[: int(share * 768)] = 0
@@ -121,7 +128,9 @@ def test_loss_is_told_within_60_and_110_ms_of_the_last_arrival(model_path: Path)
 
 @pytest.mark.parametrize("camera_ms", [0, 50, 165])
 @pytest.mark.parametrize("extra_ms", range(0, 200, 10))
-def test_late_frames_switch_the_status_at_the_thresholds(model_path: Path, extra_ms: int, camera_ms: int) -> None:
+def test_late_frames_switch_the_status_at_the_thresholds(
+    model_path: Path, extra_ms: int, camera_ms: int
+) -> None:
     usual_ms = max(50, camera_ms)
     depth = Profile(camera=(CameraLatency(latency=1e-3 * camera_ms),)).depth_topic
     frames = {step: on_time(step - (usual_ms - 50 + extra_ms) // 10) for step in range(110)}
@@ -175,7 +184,11 @@ class Faulty:
 
 
 def bad_tick(where: str, value: float) -> Tick:
-    arrays = {"height": np.zeros((1, 30)), "half_width_90": np.full((1, 30), 0.1), "hidden": np.zeros((1, 256))}
+    arrays = {
+        "height": np.zeros((1, 30)),
+        "half_width_90": np.full((1, 30), 0.1),
+        "hidden": np.zeros((1, 256)),
+    }
     arrays[where][0, 3] = value
     return Tick(**arrays)
 
@@ -197,7 +210,9 @@ def test_a_bad_output_is_bridged_and_its_hidden_state_dropped(model_path: Path, 
 
 def test_three_bad_outputs_are_invalid_and_reset(model_path: Path) -> None:
     service = service_of(model_path)
-    service._network = faulty = Faulty(service, {50 + i: bad_tick("height", np.nan) for i in range(5)})  # type: ignore[assignment]
+    service._network = faulty = Faulty(
+        service, {50 + i: bad_tick("height", np.nan) for i in range(5)}
+    )  # type: ignore[assignment]
     statuses = [h.status for h in run(service, clean(80), 80)]
     assert statuses[50:55] == [DEGRADED, DEGRADED, INVALID, INVALID, INVALID]
     assert not faulty.hidden_seen[53].any()
@@ -251,8 +266,12 @@ def without(lost: Callable[[int], bool], steps: int) -> dict[int, DepthFrame | N
     return {step: f for step, f in clean(steps).items() if f is None or not lost(f.frame_id)}
 
 
-@pytest.mark.parametrize(("period", "status"), [(20, OK), (5, OK), (4, DEGRADED), (3, DEGRADED), (2, DEGRADED)])
-def test_more_than_a_fifth_of_lost_frames_is_told(model_path: Path, period: int, status: HeightmapStatus) -> None:
+@pytest.mark.parametrize(
+    ("period", "status"), [(20, OK), (5, OK), (4, DEGRADED), (3, DEGRADED), (2, DEGRADED)]
+)
+def test_more_than_a_fifth_of_lost_frames_is_told(
+    model_path: Path, period: int, status: HeightmapStatus
+) -> None:
     frames = without(lambda number: number > 60 and number % period == 0, 400)
     statuses = [h.status for h in run(service_of(model_path), frames, 400)]
     assert set(statuses[20:120]) == {OK}
@@ -289,7 +308,9 @@ def test_a_model_with_one_bad_output_fails_its_check(
 ) -> None:
     faulty = Faulty(service_of(model_path), {tick: bad_tick("height", np.nan)})
     monkeypatch.setattr(model_check, "HeightmapNetwork", lambda *_: faulty)
-    with pytest.raises(ModelError, match=f"after {tick} good images the heightmap is (not plausible|DEGRADED)"):
+    with pytest.raises(
+        ModelError, match=f"after {tick} good images the heightmap is (not plausible|DEGRADED)"
+    ):
         model_check.checked_model(ROBOT, model_path)
 
 
@@ -298,7 +319,9 @@ def test_no_fault_hides_that_a_hidden_state_is_too_young(model_path: Path, seed:
     """Whatever else is wrong: a planner goes on with DEGRADED heights."""
     rng, service = np.random.default_rng(seed), service_of(model_path)
     poor = rng.choice(400, 150)
-    service._network = Faulty(service, {step: bad_tick("height", np.nan) for step in poor[:10].tolist()})  # type: ignore[assignment]
+    service._network = Faulty(
+        service, {step: bad_tick("height", np.nan) for step in poor[:10].tolist()}
+    )  # type: ignore[assignment]
     young = set()
     for state in states(400):
         image = on_time(state.step - (4 if state.step in poor else 0))
@@ -333,10 +356,15 @@ def test_disorder_is_as_if_the_overtaken_frames_were_missing(model_path: Path, s
 
 @pytest.mark.parametrize("count", range(1, 12, 2))
 def test_an_image_of_nothing_is_not_shown_to_the_network(model_path: Path, count: int) -> None:
-    """The heightmaps are those of a run without it; the status says so until the camera sees again."""
+    """The heightmaps are those of a run without it.
+
+    The status says so until the camera sees again.
+    """
     blind = {20 + i for i in range(count)}
     spoilt = {
-        step: replace(good, depth=np.zeros_like(good.depth)) if good is not None and good.frame_id in blind else good
+        step: replace(good, depth=np.zeros_like(good.depth))
+        if good is not None and good.frame_id in blind
+        else good
         for step, good in clean(120).items()
     }
     answers = run(service_of(model_path), spoilt, 120)
@@ -346,7 +374,11 @@ def test_an_image_of_nothing_is_not_shown_to_the_network(model_path: Path, count
     first, back = 2 * 20 + 5, 2 * (20 + count) + 5
     assert {h.status for h in answers[first:back]} == {INVALID}
     after = [h.status for h in answers[back:]]
-    assert after == ([OK] * len(after) if count <= 5 else [WARMING] * (2 * (WARMUP - 1)) + [OK] * (len(after) - 6))
+    assert after == (
+        [OK] * len(after)
+        if count <= 5
+        else [WARMING] * (2 * (WARMUP - 1)) + [OK] * (len(after) - 6)
+    )
 
 
 def test_a_camera_that_never_sees_anything_is_invalid(model_path: Path) -> None:
@@ -361,7 +393,9 @@ def test_a_camera_that_never_sees_anything_is_invalid(model_path: Path) -> None:
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 3000), (48, 15), (240, 424), (720, 1280)])
 @pytest.mark.parametrize("focal", [1.0, 42.0, 1e4])
-def test_images_of_any_size_and_lens_are_survived(model_path: Path, size: tuple[int, int], focal: float) -> None:
+def test_images_of_any_size_and_lens_are_survived(
+    model_path: Path, size: tuple[int, int], focal: float
+) -> None:
     service = service_of(model_path)
     rng = np.random.default_rng(0)
     for state in states(60):

@@ -10,7 +10,13 @@ import pytest
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shard_columns import CHUNK, ShardColumn, read_column
-from saltus.heightmap.data.shards import DatasetError, dataset_hash, read_dataset, read_manifest, write_shard
+from saltus.heightmap.data.shards import (
+    DatasetError,
+    dataset_hash,
+    read_dataset,
+    read_manifest,
+    write_shard,
+)
 
 
 def episodes(count: int, seed: int, *, plans: bool = False) -> Iterator[Episode]:
@@ -37,7 +43,9 @@ def same(left: Episode, right: Episode) -> bool:
 
 def test_rounds_add_up_and_come_back(tmp_path: Path) -> None:
     for seed in range(3):
-        write_shard(tmp_path, episodes(4, seed, plans=seed == 1), seed=seed, config={"source": "test"})
+        write_shard(
+            tmp_path, episodes(4, seed, plans=seed == 1), seed=seed, config={"source": "test"}
+        )
     written = [e for seed in range(3) for e in episodes(4, seed, plans=seed == 1)]
     back = read_dataset(tmp_path)
     assert len(back) == len(written)
@@ -48,9 +56,17 @@ def test_rounds_add_up_and_come_back(tmp_path: Path) -> None:
     assert validate(tmp_path) == []
 
 
-@pytest.mark.parametrize("change", [{}, {"episodes": 9}, {"batches": 2}, {"camera": "ideal"}, {"cameras": ("ideal",)}])
+@pytest.mark.parametrize(
+    "change", [{}, {"episodes": 9}, {"batches": 2}, {"camera": "ideal"}, {"cameras": ("ideal",)}]
+)
 def test_episodes_do_not_come_twice(tmp_path: Path, change: dict[str, Any]) -> None:
-    config = {"source": "test", "episodes": 4, "batches": 1, "camera": "d435i", "cameras": ("d435i",)}
+    config = {
+        "source": "test",
+        "episodes": 4,
+        "batches": 1,
+        "camera": "d435i",
+        "cameras": ("d435i",),
+    }
     write_shard(tmp_path, episodes(4, 0), seed=0, config=config)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     with pytest.raises(DatasetError, match=r"round_000\.h5 holds the episodes of seed 0"):
@@ -59,7 +75,11 @@ def test_episodes_do_not_come_twice(tmp_path: Path, change: dict[str, Any]) -> N
     write_shard(tmp_path, episodes(4, 0), seed=0, config={**config, "source": "other"})
     write_shard(tmp_path, episodes(4, 1), seed=1, config=config)
     assert len(read_manifest(tmp_path)) == 3
-    assert [damage for damage in validate(tmp_path) if "round_001.h5 holds the episodes of round_000.h5" in damage]
+    assert [
+        damage
+        for damage in validate(tmp_path)
+        if "round_001.h5 holds the episodes of round_000.h5" in damage
+    ]
 
 
 @pytest.mark.parametrize("after", range(4))
@@ -99,7 +119,9 @@ def test_a_damaged_manifest_is_refused(tmp_path: Path, text: str) -> None:
 def test_the_hash_of_a_dataset_names_its_content(tmp_path: Path) -> None:
     write_shard(tmp_path / "a", episodes(2, 0), seed=0, config={})
     write_shard(tmp_path / "b", episodes(2, 1), seed=0, config={})
-    assert dataset_hash(read_manifest(tmp_path / "a")) != dataset_hash(read_manifest(tmp_path / "b"))
+    assert dataset_hash(read_manifest(tmp_path / "a")) != dataset_hash(
+        read_manifest(tmp_path / "b")
+    )
 
 
 def test_no_episodes_are_an_error(tmp_path: Path) -> None:
@@ -110,7 +132,9 @@ def test_no_episodes_are_an_error(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rows", [1, 255, 256, 257, 40_000])
 @pytest.mark.parametrize("kind", ["plain", "noise"])
-def test_columns_are_what_hdf5_itself_reads_and_writes(tmp_path: Path, rows: int, kind: str) -> None:
+def test_columns_are_what_hdf5_itself_reads_and_writes(
+    tmp_path: Path, rows: int, kind: str
+) -> None:
     """Noise gets longer by compression: HDF5 then leaves a chunk as it is."""
     rng = np.random.default_rng(rows)
     given = np.arange(3 * rows, dtype=np.uint32).reshape(-1, 3)
@@ -122,7 +146,12 @@ def test_columns_are_what_hdf5_itself_reads_and_writes(tmp_path: Path, rows: int
             ours.append(part)
         ours.close()
         file.create_dataset(
-            "theirs", data=given, maxshape=(None, 3), chunks=(CHUNK, 3), compression="gzip", shuffle=True
+            "theirs",
+            data=given,
+            maxshape=(None, 3),
+            chunks=(CHUNK, 3),
+            compression="gzip",
+            shuffle=True,
         )
         file.create_dataset("fast", data=given, chunks=True, compression="lzf")
         np.testing.assert_array_equal(file["ours"][:], given)

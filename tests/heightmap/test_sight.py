@@ -60,7 +60,8 @@ def drawn_moments(seed: int) -> list[Moment]:
         together = {
             name: np.stack([getattr(stands, name)] * ROBOTS)
             for name in vars(stands)
-            if name not in ("time_ns", "step", "joint_position", "joint_torque", "mode", "depth_due")
+            if name
+            not in ("time_ns", "step", "joint_position", "joint_torque", "mode", "depth_due")
         }
         valid = rng.uniform(size=(ROBOTS, 48, 16)) < rng.choice([0.1, 0.9], (ROBOTS, 1, 1))
         moments.append(

@@ -39,8 +39,16 @@ STAMPS: dict[str, tuple[list[int], int, float]] = {
     "back twice": (shifted(5, -50 * S)[:8] + shifted(8, -90 * S)[8:], 2, -49.967),
     "on by 2 s": (shifted(5, 2 * S), 1, 2.033),
     "on by two hours": (shifted(5, 7200 * S), 1, 7200.033),
-    "from the start of a computer to the clock on the wall": (shifted(5, 1_700_000_000 * S), 1, 1.7e9),
-    "from the clock on the wall to zero": ([stamp + 1_700_000_000 * S for stamp in EVEN[:6]] + EVEN[6:], 1, -1.7e9),
+    "from the start of a computer to the clock on the wall": (
+        shifted(5, 1_700_000_000 * S),
+        1,
+        1.7e9,
+    ),
+    "from the clock on the wall to zero": (
+        [stamp + 1_700_000_000 * S for stamp in EVEN[:6]] + EVEN[6:],
+        1,
+        -1.7e9,
+    ),
     "one is zero": (one(6, 0), 2, 100.231),
     "the first is zero": (one(0, 0), 1, 100.033),
     "one is far ahead": (one(6, 2_000_000_000 * S), 2, 2e9),
@@ -77,7 +85,9 @@ def test_a_recording_is_served_at_its_own_pace_without_a_longer_sleep(
     monkeypatch.setattr(time, "sleep", slept.append)
     assert main(["heightmap", "serve", "--recording", str(bag), "--assume-level"]) == 0
     steps_s = [1e-9 * step for step in np.diff(stamps_ns) if 0 < step <= S]
-    period_s = max(np.median(steps_s), 0.033) if steps_s else 0.02  # the first is taken before others are known
+    period_s = (
+        max(np.median(steps_s), 0.033) if steps_s else 0.02
+    )  # the first is taken before others are known
     assert max(slept) <= period_s + 1e-9
     assert len(slept) == len(stamps_ns) - 1
     told = capsys.readouterr()
@@ -85,11 +95,15 @@ def test_a_recording_is_served_at_its_own_pace_without_a_longer_sleep(
     assert told.err.count("\n") == (count > 0)
     if count:
         assert f"jump {count} times" in told.err
-        assert float(told.err.split(", by ")[1].split(" s ")[0]) == pytest.approx(largest_s, rel=1e-4)
+        assert float(told.err.split(", by ")[1].split(" s ")[0]) == pytest.approx(
+            largest_s, rel=1e-4
+        )
 
 
 @pytest.mark.parametrize("name", ["even", "one is zero", "on by two hours"])
-def test_a_replay_tells_them_too(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_replay_tells_them_too(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     stamps_ns, count, largest_s = STAMPS[name]
     bag = write_bag(tmp_path / "desk.bag", stamps_ns=stamps_ns)
     assert main(["replay", str(bag), "--assume-level", "--json"]) == 0

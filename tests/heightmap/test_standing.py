@@ -1,4 +1,7 @@
-"""Heights of a robot that stands are trusted, unless something is wrong; then that is named, and nothing else."""
+"""Heights of a robot that stands are trusted, unless something is wrong.
+
+Then that is named, and nothing else.
+"""
 
 import json
 from collections.abc import Callable
@@ -20,7 +23,14 @@ from saltus.robots.robot import Robot
 from saltus.wire import codec
 from saltus.wire.bus import RawSample
 from saltus.wire.codec import Envelope
-from saltus.wire.messages import ControllerMode, DepthFrame, Heightmap, HeightmapStatus, Message, RobotState
+from saltus.wire.messages import (
+    ControllerMode,
+    DepthFrame,
+    Heightmap,
+    HeightmapStatus,
+    Message,
+    RobotState,
+)
 from saltus.wire.topics import TOPICS
 
 MS = 1_000_000
@@ -31,12 +41,24 @@ Change = Callable[[Any, int], "Message | None"]
 def standing(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     """A robot stands for a second before it jumps."""
     folder = tmp_path_factory.mktemp("standing")
-    course = ("--terrain", "flat", "--planner", "scripted", "--camera", "d435i", "--time-limit-s", "0.5", "--no-video")
+    course = (
+        "--terrain",
+        "flat",
+        "--planner",
+        "scripted",
+        "--camera",
+        "d435i",
+        "--time-limit-s",
+        "0.5",
+        "--no-video",
+    )
     assert main(["demo", *course, "--out", str(folder)]) == 1  # it is far from the finish by then
     return read_recording(folder / "recording.mcap")
 
 
-def changed(recording: Recording, path: Path, kind: type[Message], change: Change, robot: Robot | None) -> Recording:
+def changed(
+    recording: Recording, path: Path, kind: type[Message], change: Change, robot: Robot | None
+) -> Recording:
     """The recording with other messages of a kind, and with what the robot claims."""
     config = recording.config
     assert config is not None
@@ -48,9 +70,13 @@ def changed(recording: Recording, path: Path, kind: type[Message], change: Chang
                 message = change(message, index)
             if message is not None:
                 again = Envelope(envelope.sequence, message.time_ns, envelope.boot_id)
-                samples.append(RawSample(topic, codec.encode(message), again.to_bytes(), arrival_ns))
+                samples.append(
+                    RawSample(topic, codec.encode(message), again.to_bytes(), arrival_ns)
+                )
     samples.sort(key=lambda sample: sample.arrival_ns)
-    with Recorder(path, config, setup_of(recording.terrain, robot=robot or recording.robot)) as file:
+    with Recorder(
+        path, config, setup_of(recording.terrain, robot=robot or recording.robot)
+    ) as file:
         for sample in samples:
             file.write(sample)
     return read_recording(path)
@@ -107,7 +133,9 @@ FAULTS: dict[str, tuple[type[Message], Change, list[str]]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_what_is_wrong_is_named_and_nothing_else(standing: Recording, tmp_path: Path, fault: str) -> None:
+def test_what_is_wrong_is_named_and_nothing_else(
+    standing: Recording, tmp_path: Path, fault: str
+) -> None:
     kind, change, names = FAULTS[fault]
     assert bad(changed(standing, tmp_path / "changed.mcap", kind, change, None)) == names
 
@@ -118,7 +146,9 @@ def test_a_camera_that_sits_elsewhere_than_claimed_is_named(
 ) -> None:
     robot = standing.robot
     place = robot.camera_position + np.array([0.0, 0.0, off.get("z", 0.0)])
-    claims = replace(robot, camera_pitch=robot.camera_pitch + off.get("pitch", 0.0), camera_position=place)
+    claims = replace(
+        robot, camera_pitch=robot.camera_pitch + off.get("pitch", 0.0), camera_position=place
+    )
     assert bad(changed(standing, tmp_path / "changed.mcap", Heightmap, same, claims)) == [PLACE]
 
 
@@ -138,7 +168,9 @@ def test_the_command_ends_as_its_verdict_says(
 def test_what_is_not_there_is_said_in_one_line(
     standing: Recording, tmp_path: Path, missing: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = changed(standing, tmp_path / "some.mcap", TOPICS[missing].message, lambda *_: None, None).path
+    path = changed(
+        standing, tmp_path / "some.mcap", TOPICS[missing].message, lambda *_: None, None
+    ).path
     assert main(["heightmap", "check", str(path)]) == 2
     assert f"no messages of {missing}" in capsys.readouterr().err
 
@@ -148,7 +180,9 @@ def test_a_clock_of_its_own_is_named_for_which_no_service_answers(
     standing: Recording, tmp_path: Path, ahead_s: float, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, begin_ns = tmp_path / "own.mcap", 10**15
-    config = replace(standing.config or RunConfig(robot="go1", grid="line"), pace="realtime", epoch_ns=1)
+    config = replace(
+        standing.config or RunConfig(robot="go1", grid="line"), pace="realtime", epoch_ns=1
+    )
     with Recorder(path, config, setup_of(standing.terrain, robot=standing.robot)) as file:
         for topic in ("controller/state", "camera/depth"):
             for arrival_ns, envelope, payload in standing.payloads(topic):
@@ -178,7 +212,8 @@ def test_a_scan_is_judged_where_it_was_seen(
         ages = np.full(187, 0.06)
         ages[100:], heights[100:] = np.inf, 5.0
         return replace(
-            message, x=np.array(SCAN.x), y=np.array(SCAN.y), height=heights, half_width_90=np.full(187, 0.02),
+            message, x=np.array(SCAN.x), y=np.array(SCAN.y), height=heights,
+            half_width_90=np.full(187, 0.02),
             age_s=ages, seen_share=100 / 187,
         )  # fmt: skip
 

@@ -38,30 +38,43 @@ def motion() -> list[Trajectory]:
 
 
 def taken(
-    motion: list[Trajectory], views: list[RobotCamera], camera: DepthCamera, renderer: str = "embree"
+    motion: list[Trajectory],
+    views: list[RobotCamera],
+    camera: DepthCamera,
+    renderer: str = "embree",
 ) -> list[NDArray[np.uint16]]:
     """Images of each robot [mm]."""
     rng = np.random.default_rng(2)
-    return [episode.depth for episode in filmed(motion, views, camera, Profile(), LINE, rng, renderer)]
+    return [
+        episode.depth for episode in filmed(motion, views, camera, Profile(), LINE, rng, renderer)
+    ]
 
 
 def test_images_are_true_depth_with_the_errors_of_a_camera(motion: list[Trajectory]) -> None:
     rng = np.random.default_rng(1)
-    views = [replace(RobotCamera.on(ROBOT, SAMPLED), mount=random_mount(ROBOT, rng)) for _ in motion]
+    views = [
+        replace(RobotCamera.on(ROBOT, SAMPLED), mount=random_mount(ROBOT, rng)) for _ in motion
+    ]
     images, again = (taken(motion, views, D435I) for _ in range(2))
     exact = [replace(view, intrinsics=MODEL_CAMERA) for view in views]
     truth, off_mm = taken(motion, exact, replace(D435I, ideal=True)), []
     for trajectory, image, same, true in zip(motion, images, again, truth, strict=True):
-        assert image.shape == true.shape == (-(-len(trajectory.joint_position) // 2), 48, 16)  # 50 Hz
+        assert (
+            image.shape == true.shape == (-(-len(trajectory.joint_position) // 2), 48, 16)
+        )  # 50 Hz
         np.testing.assert_array_equal(image, same)
         assert (image == 0).mean() < 0.1
         near = (true < 1000) & (image > 0)
         off_mm.append(np.abs(image.astype(int) - true)[near])
-    assert 0.3 < np.median(np.concatenate(off_mm)) < 10.0  # D435i: 1.9 mm a pixel at 0.5 m, 7.6 mm at 1 m
+    assert (
+        0.3 < np.median(np.concatenate(off_mm)) < 10.0
+    )  # D435i: 1.9 mm a pixel at 0.5 m, 7.6 mm at 1 m
 
 
 def test_cameras_differ_in_how_bad_they_are() -> None:
-    sigma = np.asarray(drawn_cameras(200, np.random.default_rng(0), StereoConfig()).disparity_noise.sigma)
+    sigma = np.asarray(
+        drawn_cameras(200, np.random.default_rng(0), StereoConfig()).disparity_noise.sigma
+    )
     assert sigma.shape == (200,)
     assert 0.03 < sigma.min() < 0.04 < 0.15 < sigma.max() < 0.16  # 0.4 to 2 times 0.08 px
 
@@ -101,7 +114,9 @@ def test_a_stereo_camera_without_errors_takes_true_images() -> None:
     setups = setups_of(terrains, [Trial.draw(seed) for seed in range(3)])
     rollout = Loop(setups, make_planner("scripted", ROBOT, LINE))
     ideal, stereo = (
-        robot_cameras([replace(each, camera=camera, profile=Profile()) for each in setups], IDEAL_STEREO)[0]
+        robot_cameras(
+            [replace(each, camera=camera, profile=Profile()) for each in setups], IDEAL_STEREO
+        )[0]
         for camera in (SHIPPED["ideal"], D435I)
     )
     for i in range(5):

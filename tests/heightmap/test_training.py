@@ -48,7 +48,10 @@ def told() -> list[TrainingProgress]:
 
 @pytest.fixture(scope="module")
 def trained(
-    data: Path, told: list[TrainingProgress], tmp_path_factory: pytest.TempPathFactory, short_calibration: None
+    data: Path,
+    told: list[TrainingProgress],
+    tmp_path_factory: pytest.TempPathFactory,
+    short_calibration: None,
 ) -> Path:
     """Checkpoint of a whole training, small as it is."""
     path = tmp_path_factory.mktemp("trained") / "a.pt"
@@ -57,14 +60,20 @@ def trained(
 
 
 @pytest.fixture(scope="module")
-def released(data: Path, begun: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Release, Path]:
+def released(
+    data: Path, begun: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Release, Path]:
     """What the release of the training of one update measured, and its folder, which tests leave as it is."""
     folder = tmp_path_factory.mktemp("released")
     return release(begun, data, folder / "m.onnx"), folder
 
 
 def test_training_lowers_the_error_and_the_release_measures_it(
-    data: Path, released: tuple[Release, Path], trained: Path, told: list[TrainingProgress], tmp_path: Path
+    data: Path,
+    released: tuple[Release, Path],
+    trained: Path,
+    told: list[TrainingProgress],
+    tmp_path: Path,
 ) -> None:
     assert told[-1].update == CONFIG.updates
     before, _ = released
@@ -75,7 +84,9 @@ def test_training_lowers_the_error_and_the_release_measures_it(
     assert after.model_id in (tmp_path / "b.md").read_text()
 
 
-def test_a_model_is_measured_on_what_it_was_not_trained_on(data: Path, begun: Path, tmp_path: Path) -> None:
+def test_a_model_is_measured_on_what_it_was_not_trained_on(
+    data: Path, begun: Path, tmp_path: Path
+) -> None:
     manifest, unseen = tmp_path / "elsewhere", tmp_path / "unseen"
     manifest.mkdir()
     shutil.copy(data / "manifest.json", manifest)  # the shards stayed on the machine that trained
@@ -94,8 +105,18 @@ def test_what_the_start_of_a_training_saw_and_twins_of_it_are_not_unseen(
     data: Path, begun: Path, tmp_path: Path
 ) -> None:
     further, twin = tmp_path / "further", tmp_path / "twin"
-    write_shard(further, gliding_episodes(10, seed=2), seed=2, config={"source": "synthetic", "camera": "ideal"})
-    write_shard(twin, gliding_episodes(11, seed=2), seed=2, config={"source": "synthetic", "camera": "d435i"})
+    write_shard(
+        further,
+        gliding_episodes(10, seed=2),
+        seed=2,
+        config={"source": "synthetic", "camera": "ideal"},
+    )
+    write_shard(
+        twin,
+        gliding_episodes(11, seed=2),
+        seed=2,
+        config={"source": "synthetic", "camera": "d435i"},
+    )
     train(further, tmp_path / "b.pt", ONE, start=begun)
     for known in (data, twin):
         with pytest.raises(DatasetError, match="was trained on"):
@@ -105,7 +126,9 @@ def test_what_the_start_of_a_training_saw_and_twins_of_it_are_not_unseen(
 def test_the_command_measures_on_unseen_data_and_says_so(
     data: Path, begun: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_shard(tmp_path / "unseen", gliding_episodes(3, seed=77), seed=77, config={"source": "synthetic"})
+    write_shard(
+        tmp_path / "unseen", gliding_episodes(3, seed=77), seed=77, config={"source": "synthetic"}
+    )
     out = tmp_path / "new folder" / "heightmap.onnx"
     files = ["--checkpoint", str(begun), "--out", str(out.parent)]
     command = ["heightmap", "export", "--data", str(data), *files]
@@ -144,7 +167,9 @@ def test_an_export_that_ends_early_leaves_the_model_that_was_there(
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_a_moment_of_further_training_from_the_shipped_network_is_exported(data: Path, tmp_path: Path) -> None:
+def test_a_moment_of_further_training_from_the_shipped_network_is_exported(
+    data: Path, tmp_path: Path
+) -> None:
     config = PredictorTraining(updates=3, batch=4, window=30, device="cpu")
     train(data, tmp_path / "a.pt", config, start=resource("models/heightmap.onnx"))
     assert release(tmp_path / "a.pt", data, tmp_path / "a.onnx").parity < 1e-5
@@ -166,7 +191,11 @@ def _scaled(model: HeightmapModel) -> None:
 
 @pytest.mark.parametrize("damage", [_gates_swapped, _weight_changed, _scaled])
 def test_a_file_of_another_network_is_refused(
-    data: Path, trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damage: Callable[[HeightmapModel], None]
+    data: Path,
+    trained: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    damage: Callable[[HeightmapModel], None],
 ) -> None:
     law = heightmap_release.export
 
@@ -218,7 +247,10 @@ def test_what_was_learned_before_an_interruption_is_kept(
         train(data, checkpoint, config)
     assert [path.name for path in tmp_path.iterdir()] == ["c.pt"]
     # With the last update the calibration is made again.
-    assert load_checkpoint(checkpoint)[1]["update"] == {"run_window": 4, "calibrate": config.updates - 1}[where]
+    assert (
+        load_checkpoint(checkpoint)[1]["update"]
+        == {"run_window": 4, "calibrate": config.updates - 1}[where]
+    )
     train(data, checkpoint, config)
     assert load_checkpoint(checkpoint)[1]["update"] == config.updates
     assert len(calls) == {"run_window": config.updates + 1, "calibrate": 2}[where]
@@ -241,7 +273,9 @@ def test_an_interruption_while_it_is_kept_loses_nothing(
     assert load_checkpoint(checkpoint)[1]["update"] == 1
 
 
-def test_a_checkpoint_of_another_training_is_left_alone(data: Path, begun: Path, trained: Path, tmp_path: Path) -> None:
+def test_a_checkpoint_of_another_training_is_left_alone(
+    data: Path, begun: Path, trained: Path, tmp_path: Path
+) -> None:
     path = tmp_path / "c.pt"
     train(data, path, ONE, start=begun)
     before = path.read_bytes()
@@ -256,7 +290,8 @@ def test_a_checkpoint_of_another_training_is_left_alone(data: Path, begun: Path,
 
 
 @pytest.mark.parametrize(
-    "content", ["missing", "text", "words", "empty", "folder", "another table", "another origin", "cut"]
+    "content",
+    ["missing", "text", "words", "empty", "folder", "another table", "another origin", "cut"],
 )
 def test_what_is_no_checkpoint_is_refused_before_any_work(
     data: Path, begun: Path, tmp_path: Path, content: str, capsys: pytest.CaptureFixture[str]
@@ -270,12 +305,35 @@ def test_what_is_no_checkpoint_is_refused_before_any_work(
         torch.save({"model": {}, "origin": {}, "update": 1, "optimiser": {}}, path)
     elif content != "missing":
         path.write_bytes(
-            {"text": b"not a checkpoint\n", "words": b"hello\n", "empty": b"", "cut": whole[: len(whole) // 2]}[content]
+            {
+                "text": b"not a checkpoint\n",
+                "words": b"hello\n",
+                "empty": b"",
+                "cut": whole[: len(whole) // 2],
+            }[content]
         )
-    given = ["heightmap", "train", "--data", str(data), "--out", str(tmp_path / "b"), "--updates", "1"]
+    given = [
+        "heightmap",
+        "train",
+        "--data",
+        str(data),
+        "--out",
+        str(tmp_path / "b"),
+        "--updates",
+        "1",
+    ]
     for command in (
         [*given, "--start", str(path)],
-        ["heightmap", "export", "--data", str(data), "--checkpoint", str(path), "--out", str(tmp_path / "m")],
+        [
+            "heightmap",
+            "export",
+            "--data",
+            str(data),
+            "--checkpoint",
+            str(path),
+            "--out",
+            str(tmp_path / "m"),
+        ],
         ["heightmap", "dagger", "--start", str(path), "--out", str(tmp_path / "run")],
     ):
         assert saltus(command) == 2
@@ -285,7 +343,9 @@ def test_what_is_no_checkpoint_is_refused_before_any_work(
     assert {item.name for item in tmp_path.iterdir()} <= {"a.pt"}
 
 
-def test_a_checkpoint_that_cannot_be_written_is_said_before_any_work(data: Path, tmp_path: Path) -> None:
+def test_a_checkpoint_that_cannot_be_written_is_said_before_any_work(
+    data: Path, tmp_path: Path
+) -> None:
     (tmp_path / "file").write_text("no folder")
     told: list[TrainingProgress] = []
     with pytest.raises(SaltusError, match="folder"):
@@ -294,14 +354,18 @@ def test_a_checkpoint_that_cannot_be_written_is_said_before_any_work(data: Path,
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"updates": 0}, {"batch": -2}, {"forgets": -0.1}, {"forgets": 1.5}, {"forgets": math.nan}], ids=str
+    "wrong",
+    [{"updates": 0}, {"batch": -2}, {"forgets": -0.1}, {"forgets": 1.5}, {"forgets": math.nan}],
+    ids=str,
 )
 def test_a_training_that_cannot_be_is_refused_by_name(wrong: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
         PredictorTraining(**{**vars(CONFIG), **wrong})
 
 
-def test_a_training_forgets_as_often_as_it_is_told(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_training_forgets_as_often_as_it_is_told(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     shares: list[float] = []
     windows = EpisodeStore.windows
 
@@ -316,7 +380,9 @@ def test_a_training_forgets_as_often_as_it_is_told(data: Path, tmp_path: Path, m
     assert shares == [0.25, PredictorTraining().forgets]
 
 
-def test_a_window_that_starts_knows_nothing_of_what_was_before(store: EpisodeStore, model: HeightmapModel) -> None:
+def test_a_window_that_starts_knows_nothing_of_what_was_before(
+    store: EpisodeStore, model: HeightmapModel
+) -> None:
     window = next(store.windows(4, 20, TRAINING, ImageNoise(), np.random.default_rng(0)))
     window = window._replace(starts=torch.tensor([True, False, True, False]))
     rng = torch.Generator().manual_seed(0)
@@ -327,7 +393,9 @@ def test_a_window_that_starts_knows_nothing_of_what_was_before(store: EpisodeSto
     assert same.tolist() == window.starts.tolist()
 
 
-def test_a_further_round_begins_with_what_was_learned(data: Path, trained: Path, tmp_path: Path) -> None:
+def test_a_further_round_begins_with_what_was_learned(
+    data: Path, trained: Path, tmp_path: Path
+) -> None:
     told: list[TrainingProgress] = []
     further = PredictorTraining(**{**vars(ONE), "learning_rate": 0.0, "seed": 5})
     model = train(data, tmp_path / "e.pt", further, told.append, start=trained)
@@ -339,7 +407,18 @@ def test_a_further_round_begins_with_what_was_learned(data: Path, trained: Path,
 
 def quick(data: Path, out: Path) -> list[str]:
     """The command of a training of one update."""
-    small = ["--updates", "1", "--batch", "2", "--window", "50", "--device", "cpu", "--model.hidden", "32"]
+    small = [
+        "--updates",
+        "1",
+        "--batch",
+        "2",
+        "--window",
+        "50",
+        "--device",
+        "cpu",
+        "--model.hidden",
+        "32",
+    ]
     return ["heightmap", "train", "--data", str(data), "--out", str(out), *small]
 
 
@@ -354,7 +433,9 @@ def test_a_file_changes_what_it_names_a_flag_wins_and_both_are_told(
     assert (config["noise"], config["delivery"], config["batch"]) == (False, "at-once", 2)
     assert model.config == ModelConfig(hidden=32, head=(16,))
     said = capsys.readouterr().err.splitlines()[0]
-    assert said.startswith("settings other than by default: updates = 1 (1500), batch = 2 (32), window = 50 (100), ")
+    assert said.startswith(
+        "settings other than by default: updates = 1 (1500), batch = 2 (32), window = 50 (100), "
+    )
     assert "model.head = (16,) ((256, 256))" in said
     assert "forgets" not in said
 
@@ -365,16 +446,24 @@ def test_a_training_goes_on_with_its_own_settings_on_another_device(
     assert saltus([*quick(data, tmp_path), "--seed", "3", "--forgets", "0.1"]) == 0
     before = (tmp_path / "heightmap.pt").read_bytes()
     again = ["heightmap", "train", "--data", str(data), "--out", str(tmp_path)]
-    for more, told in (([], "as of the run that goes on"), (["--save-every-s", "5"], "save_every_s = 5.0 (60.0)")):
+    for more, told in (
+        ([], "as of the run that goes on"),
+        (["--save-every-s", "5"], "save_every_s = 5.0 (60.0)"),
+    ):
         capsys.readouterr()
         assert saltus([*again, *more]) == 0
         assert told in capsys.readouterr().err.splitlines()[0]
     assert saltus([*again, "--forgets", "0.2"]) == 2
-    assert "another training (config.forgets = 0.1, not 0.2)" in capsys.readouterr().err.splitlines()[-1]
+    assert (
+        "another training (config.forgets = 0.1, not 0.2)"
+        in capsys.readouterr().err.splitlines()[-1]
+    )
     assert (tmp_path / "heightmap.pt").read_bytes() == before
 
 
-@pytest.mark.parametrize("text", ["updates = 0", "update = 5", "updates = [", "batch = 'many'", "seed = -1", "\xff"])
+@pytest.mark.parametrize(
+    "text", ["updates = 0", "update = 5", "updates = [", "batch = 'many'", "seed = -1", "\xff"]
+)
 def test_a_file_that_cannot_be_used_is_refused_by_name(
     tmp_path: Path, text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,7 +8,14 @@ from saltus import rotations
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.grid import HEIGHTMAP_X, LINE
-from saltus.heightmap.evaluation.visibility import BIN_M, REMEMBERED, UNSEEN, VISIBLE, seen_by_rays, visibility
+from saltus.heightmap.evaluation.visibility import (
+    BIN_M,
+    REMEMBERED,
+    UNSEEN,
+    VISIBLE,
+    seen_by_rays,
+    visibility,
+)
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.embree import EmbreeRenderer
 from saltus.robots.mount import Mount
@@ -34,19 +41,23 @@ def test_what_a_ray_hits_is_met_and_what_is_met_is_hit(kind: str) -> None:
     ground = np.arange(-1.0, 6.0, BIN_M)
     seen = seen_by_rays(terrain, Mount.of(ROBOT), ground, position, quaternion)
     joints = np.tile(ROBOT.stand_pose, (PLACES, 1))
-    depth = EmbreeRenderer(terrain, RobotCamera.on(ROBOT, MODEL_CAMERA, legs=False), threads=1).render_batch(
-        position, quaternion, joints
-    )
+    depth = EmbreeRenderer(
+        terrain, RobotCamera.on(ROBOT, MODEL_CAMERA, legs=False), threads=1
+    ).render_batch(position, quaternion, joints)
     origin, rotation = camera_pose(Mount.of(ROBOT), position, quaternion)
     rays = ray_directions(MODEL_CAMERA)[:, 7:9].mean(1) @ np.swapaxes(np.asarray(rotation), -1, -2)
     hit = np.asarray(origin)[:, None] + depth[:, :, 7:9].mean(-1)[..., None] * rays
     for i in range(PLACES):
-        up = np.abs(hit[i, :, 2] - terrain.height_at(hit[i, :, 0], hit[i, :, 1])) < 1e-3  # on the ground, not on a wall
+        up = (
+            np.abs(hit[i, :, 2] - terrain.height_at(hit[i, :, 0], hit[i, :, 1])) < 1e-3
+        )  # on the ground, not on a wall
         up &= depth[i, :, 7:9].max(-1) < RANGE_M
         nearest = np.abs(hit[i, up, 0][:, None] - ground).argmin(-1)
         around = seen[i, nearest] | seen[i, np.maximum(nearest - 1, 0)] | seen[i, nearest + 1]
         assert around.mean() > 0.95  # but for a ray that passes within a bin of an edge
-        places = ground[seen[i] & (ground < position[i, 0] + HEIGHTMAP_X[-1])]  # farther away pixels are far apart
+        places = ground[
+            seen[i] & (ground < position[i, 0] + HEIGHTMAP_X[-1])
+        ]  # farther away pixels are far apart
         assert (np.abs(places[:, None] - hit[i, :, 0]).min(-1, initial=np.inf) < 0.2).all()
 
 
@@ -56,11 +67,15 @@ def test_ground_is_visible_then_remembered_and_never_met_before() -> None:
     position = np.tile([0.0, 0.0, ROBOT.stand_height], (ticks, 1))
     position[:, 0] = np.linspace(0.0, 3.0, ticks)
     quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1))
-    captured_s = np.where(np.arange(ticks) < 10, -np.inf, np.floor(0.5 * (np.arange(ticks) - 10)) * 0.02)
+    captured_s = np.where(
+        np.arange(ticks) < 10, -np.inf, np.floor(0.5 * (np.arange(ticks) - 10)) * 0.02
+    )
     view = visibility(terrain, Mount.of(ROBOT), LINE, position, quaternion, captured_s)
     assert (view[:10] == UNSEEN).all()
     assert (view[12:, HEIGHTMAP_X > 0.7] == VISIBLE).all()
     assert (view[12, HEIGHTMAP_X < 0.2] == UNSEEN).all()
     assert (view[-1, HEIGHTMAP_X < 0.0] == REMEMBERED).all()
-    blind = visibility(terrain, Mount.of(ROBOT), LINE, position, quaternion, np.minimum(captured_s, 0.5))
+    blind = visibility(
+        terrain, Mount.of(ROBOT), LINE, position, quaternion, np.minimum(captured_s, 0.5)
+    )
     assert (blind[-1] != VISIBLE).all()

@@ -12,7 +12,13 @@ from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.quantiles import INTERVAL90
-from saltus.heightmap.training.dataset import TRAINING_NOISE, EpisodeStore, ImageNoise, run_window, with_noise
+from saltus.heightmap.training.dataset import (
+    TRAINING_NOISE,
+    EpisodeStore,
+    ImageNoise,
+    run_window,
+    with_noise,
+)
 from saltus.heightmap.training.validate import run_episode
 
 
@@ -31,7 +37,9 @@ def test_windows_tell_the_story_of_an_episode_in_order(store: EpisodeStore) -> N
     assert first.starts.all()
     entered = []
     for robot in np.flatnonzero(~second.starts.numpy()):
-        whole = torch.cat([w.height[:, robot][w.valid[:, robot] > 0] for w in (first, second)]).numpy()
+        whole = torch.cat(
+            [w.height[:, robot][w.valid[:, robot] > 0] for w in (first, second)]
+        ).numpy()
         entered.append(found(store, whole)[1])
     assert any(begin == 0 for begin in entered)
     assert any(begin > 0 for begin in entered)
@@ -41,11 +49,15 @@ def test_windows_tell_the_story_of_an_episode_in_order(store: EpisodeStore) -> N
 def test_a_share_of_the_windows_begins_with_an_empty_state_and_goes_on_all_the_same(
     store: EpisodeStore, share: float
 ) -> None:
-    windows = store.windows(200, 20, TRAINING, ImageNoise(), np.random.default_rng(0), forgets=share)
+    windows = store.windows(
+        200, 20, TRAINING, ImageNoise(), np.random.default_rng(0), forgets=share
+    )
     first, second = next(windows), next(windows)
     forgot = []
     for robot, starts in enumerate(second.starts.tolist()):
-        whole = torch.cat([w.height[:, robot][w.valid[:, robot] > 0] for w in (first, second)]).numpy()
+        whole = torch.cat(
+            [w.height[:, robot][w.valid[:, robot] > 0] for w in (first, second)]
+        ).numpy()
         try:
             found(store, whole)
         except AssertionError:
@@ -66,7 +78,9 @@ def test_a_window_gives_what_the_file_gives_tick_by_tick(
     episode, _ = found(store, window.height[:, 0].numpy())
     height, half_width = run_episode(HeightmapNetwork(ROBOT, model_path), episode, DeliveryModel())
     np.testing.assert_allclose(estimate.height[:, 0].numpy(), height, atol=1e-4)
-    np.testing.assert_allclose(INTERVAL90 * estimate.log_std[:, 0].exp().numpy(), half_width, atol=1e-4)
+    np.testing.assert_allclose(
+        INTERVAL90 * estimate.log_std[:, 0].exp().numpy(), half_width, atol=1e-4
+    )
 
 
 def test_noise_keeps_images_what_they_are(store: EpisodeStore) -> None:

@@ -24,7 +24,17 @@ from saltus.recordings.recording import read_recording
 from saltus.wire.messages import ControllerMode, RobotState
 
 TIME_LIMIT_S = "2.5"
-FLAGS = ["demo", "--terrain", "flat", "--time-limit-s", TIME_LIMIT_S, "--no-video", "--json", "--camera", "ideal"]
+FLAGS = [
+    "demo",
+    "--terrain",
+    "flat",
+    "--time-limit-s",
+    TIME_LIMIT_S,
+    "--no-video",
+    "--json",
+    "--camera",
+    "ideal",
+]
 REPEATED = ("success", "distance_m", "time_s", "mean_speed_mps", "heightmap_mae_m", "digest")
 PATIENCE_S = 60.0
 BEGIN_STEPS = 20
@@ -58,7 +68,10 @@ def hold_one_after_another(run: psutil.Process) -> None:
 @contextlib.contextmanager
 def nobody_else_runs() -> Iterator[None]:
     """Threads of this process wait every other half second, as for a collection of much garbage."""
-    over, holding = threading.Event(), ctypes.PyDLL(None)  # keeps Python's lock where others give it up
+    over, holding = (
+        threading.Event(),
+        ctypes.PyDLL(None),
+    )  # keeps Python's lock where others give it up
 
     def hold() -> None:
         while not over.wait(HELD_S):
@@ -92,7 +105,16 @@ def test_two_lockstep_runs_of_a_seed_are_equal_and_another_seed_differs(
 ) -> None:
     """Also where the processes of one stand still for longer than a link of real time bears, again and again."""
     folder, table = first
-    command = [sys.executable, "-m", "saltus.cli.main", *FLAGS, "--seed", "3", "--out", str(tmp_path / "second")]
+    command = [
+        sys.executable,
+        "-m",
+        "saltus.cli.main",
+        *FLAGS,
+        "--seed",
+        "3",
+        "--out",
+        str(tmp_path / "second"),
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as run:
         hold_one_after_another(psutil.Process(run.pid))
         second = json.loads(run.communicate()[0].splitlines()[-1])
@@ -104,11 +126,18 @@ def test_two_lockstep_runs_of_a_seed_are_equal_and_another_seed_differs(
     assert load(RunConfig, folder / "run.toml").planner == "learned"
     assert table["distance_m"] > 1.0  # 1 s of standing, then at more than 1 m/s
     assert table["rejected"] == {}
-    rates = {"camera/depth": 50, "controller/state": 100, "heightmap/heightmap": 100, "policy/plan": 100}
+    rates = {
+        "camera/depth": 50,
+        "controller/state": 100,
+        "heightmap/heightmap": 100,
+        "policy/plan": 100,
+    }
     assert {topic: pytest.approx(rate, rel=0.02) for topic, rate in rates.items()} == {
         topic: table["rates_hz"][topic] for topic in rates
     }
-    assert table["age_ms"]["camera/depth"]["p99"] <= 50 + 20 + 10 + 10  # late by 60 ms at most, held for 20, 10 a step
+    assert (
+        table["age_ms"]["camera/depth"]["p99"] <= 50 + 20 + 10 + 10
+    )  # late by 60 ms at most, held for 20, 10 a step
 
 
 def test_recording_and_report_are_there_and_whole(first: tuple[Path, dict[str, Any]]) -> None:
@@ -136,8 +165,21 @@ def test_replay_of_a_lockstep_run_gives_the_same_heightmaps(
 
 @pytest.mark.slow
 def test_up_says_how_it_went(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """It crosses on the images of a stereo camera by pyrender; by Embree it does in test_feed_networks.py."""
-    up = ["up", "--pace", "lockstep", "--terrain", "gap", "--camera", "d435i", "--renderer", "pyrender"]
+    """It crosses on the images of a stereo camera by pyrender.
+
+    By Embree it does in test_feed_networks.py.
+    """
+    up = [
+        "up",
+        "--pace",
+        "lockstep",
+        "--terrain",
+        "gap",
+        "--camera",
+        "d435i",
+        "--renderer",
+        "pyrender",
+    ]
     assert main([*up, "--out", str(tmp_path)]) == 0
     joined, verdict, recording = capsys.readouterr().out.splitlines()
     assert str(tmp_path / "client.json5") in joined
@@ -148,8 +190,20 @@ def test_up_says_how_it_went(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 @contextlib.contextmanager
 def running(folder: Path, *command: str) -> Iterator[subprocess.Popen[str]]:
     """A command that has recorded some of its run."""
-    saltus = [sys.executable, "-P", "-m", "saltus.cli.main", *command, "--terrain", "flat", "--out", str(folder)]
-    with subprocess.Popen(saltus, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+    saltus = [
+        sys.executable,
+        "-P",
+        "-m",
+        "saltus.cli.main",
+        *command,
+        "--terrain",
+        "flat",
+        "--out",
+        str(folder),
+    ]
+    with subprocess.Popen(
+        saltus, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
         recording, deadline_s = folder / "recording.mcap", time.monotonic() + PATIENCE_S
         while not recording.exists() or recording.stat().st_size < 400_000:
             assert time.monotonic() < deadline_s, "there is no run"
@@ -165,7 +219,10 @@ def check_landed(folder: Path) -> None:
 
 
 def test_a_demo_that_is_ended_lands_closes_the_recording_and_says_by_what(tmp_path: Path) -> None:
-    """Of the family of signals, SIGTERM here and SIGINT below; tests/saltus/test_signals.py has them all."""
+    """Of the family of signals, SIGTERM here and SIGINT below.
+
+    Tests/saltus/test_signals.py has them all.
+    """
     with running(tmp_path, "demo", "--no-video") as demo:
         demo.send_signal(signal.SIGTERM)
         assert demo.wait(PATIENCE_S) == -signal.SIGTERM

@@ -44,7 +44,11 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 def own_heights(example: SimpleNamespace, recording: Recording) -> np.ndarray:
     """What the example makes of a run's states and images, shape (steps, 2, 30)."""
     frames = {frame.frame_id: frame for frame in recording.of(DepthFrame)}
-    heights, last, found = example.Heights(onnxruntime.InferenceSession(MODELS["heightmap"])), -1, []
+    heights, last, found = (
+        example.Heights(onnxruntime.InferenceSession(MODELS["heightmap"])),
+        -1,
+        [],
+    )
     for state in recording.of(RobotState):
         given = ()
         if state.depth_due != last:
@@ -84,11 +88,17 @@ def test_plans_are_those_of_the_planner(example: SimpleNamespace, recording: Rec
 
 
 def test_the_example_needs_no_saltus_and_runs() -> None:
-    nodes = [node for node in ast.walk(ast.parse(EXAMPLE.read_text())) if isinstance(node, ast.Import | ast.ImportFrom)]
+    nodes = [
+        node
+        for node in ast.walk(ast.parse(EXAMPLE.read_text()))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+    ]
     names = {getattr(node, "module", None) or alias.name for node in nodes for alias in node.names}
     assert names - set(sys.stdlib_module_names) == {"numpy", "onnxruntime"}
     command = [sys.executable, "-I", str(EXAMPLE), str(MODELS["heightmap"]), str(MODELS["policy"])]
-    heights, plan = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    heights, plan = subprocess.run(
+        command, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
     level = np.array(heights.split("[")[1].split("]")[0].split(), dtype=float)
     np.testing.assert_allclose(level, -0.285, atol=0.005)
     assert plan.startswith("plan [")
@@ -97,5 +107,7 @@ def test_the_example_needs_no_saltus_and_runs() -> None:
 def test_the_cards_say_what_the_code_does() -> None:
     heightmap, policy = (resource(f"models/{name}.md").read_text() for name in MODELS)
     hidden = onnxruntime.InferenceSession(MODELS["heightmap"]).get_inputs()[-1].shape[1]
-    assert interface(ROBOT, LINE, load_camera("d435i"), NOMINAL_LATENCY, hidden, TRAINING) in heightmap
+    assert (
+        interface(ROBOT, LINE, load_camera("d435i"), NOMINAL_LATENCY, hidden, TRAINING) in heightmap
+    )
     assert frames_and_feet(ROBOT) in policy

@@ -28,7 +28,10 @@ def outputs(notebook: Path) -> list[list[str]]:
     """What each cell gives, in order: text, whose numbers may differ from computer to computer, and pictures."""
     number = r" *[-+]?\d+(\.\d+)?(e[-+]?\d+)?"
     return [
-        [re.sub(number, "#", "".join(each["text"])) if "text" in each else "a picture" for each in cell["outputs"]]
+        [
+            re.sub(number, "#", "".join(each["text"])) if "text" in each else "a picture"
+            for each in cell["outputs"]
+        ]
         for cell in cells(notebook)
         if cell["cell_type"] == "code"
     ]
@@ -37,7 +40,10 @@ def outputs(notebook: Path) -> list[list[str]]:
 def pictures(notebook: Path) -> list[np.ndarray]:
     given = [each for cell in cells(notebook) for each in cell.get("outputs", ())]
     found = [each["data"]["image/png"] for each in given if "data" in each]
-    return [cv2.imdecode(np.frombuffer(base64.b64decode(each), np.uint8), cv2.IMREAD_GRAYSCALE) for each in found]
+    return [
+        cv2.imdecode(np.frombuffer(base64.b64decode(each), np.uint8), cv2.IMREAD_GRAYSCALE)
+        for each in found
+    ]
 
 
 def test_there_are_three() -> None:
@@ -47,7 +53,15 @@ def test_there_are_three() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_and_gives_what_its_file_holds(notebook: Path, tmp_path: Path) -> None:
-    tool = [sys.executable, "-W", "error", str(ROOT / "tools" / "notebooks.py"), str(notebook), "--out", str(tmp_path)]
+    tool = [
+        sys.executable,
+        "-W",
+        "error",
+        str(ROOT / "tools" / "notebooks.py"),
+        str(notebook),
+        "--out",
+        str(tmp_path),
+    ]
     environment = {**os.environ, "TMPDIR": str(tmp_path)}  # what cells write goes there
     subprocess.run(tool, env=environment, check=True)
     made = tmp_path / notebook.name

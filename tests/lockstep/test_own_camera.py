@@ -43,7 +43,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory, short_calibration: None) ->
 def run(folder: Path) -> tuple[Path, dict[str, Any]]:
     """The folder of a run with what they made, and the table that it printed."""
     models = f"--heightmap-model {folder}/heightmap.onnx --policy-model {folder}/policy.onnx"
-    command = f"demo --camera {CAMERA} --terrain {COURSE} {models} --no-video --json --time-limit-s 1.2"
+    command = (
+        f"demo --camera {CAMERA} --terrain {COURSE} {models} --no-video --json --time-limit-s 1.2"
+    )
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         assert main([*command.split(), "--out", f"{folder}/run"]) in (0, 1)
     return folder / "run", json.loads(printed.getvalue().splitlines()[-1])
@@ -54,7 +56,9 @@ def test_the_data_are_those_of_the_camera_and_the_model_says_so(folder: Path) ->
     camera, model = load_camera(CAMERA), ModelFile(folder / "heightmap.onnx")
     for episode in read_dataset(folder / "data"):
         np.testing.assert_array_equal(episode.frame_tick, camera.exposures(len(episode.height)))
-        assert not episode.depth[:, [0, -1]].any()  # the camera looks 58 degrees up and down, the network 59
+        assert not episode.depth[
+            :, [0, -1]
+        ].any()  # the camera looks 58 degrees up and down, the network 59
         assert episode.depth[:, 1:-1].all(-1).mean() > 0.9
     assert model.field("camera")["position_m"] == list(camera.camera_position or ())
     assert model.field("camera")["pitch_rad"] == camera.camera_pitch
@@ -69,7 +73,9 @@ def test_all_of_it_runs_together_to_a_verdict_and_report_and_recording_say_what_
     out, table = run
     camera, recording = load_camera(CAMERA), read_recording(out / "recording.mcap")
     assert table["success"] or table["cause"] in ("time_limit", "not_upright", "trunk_contact")
-    assert table["models"] == {kind: ModelFile(folder / f"{kind}.onnx").model_id for kind in ("heightmap", "policy")}
+    assert table["models"] == {
+        kind: ModelFile(folder / f"{kind}.onnx").model_id for kind in ("heightmap", "policy")
+    }
     assert table["camera"] == f"camera {camera.fingerprint}"
     assert table["terrain"] == recording.terrain.kind
     report = (out / "report.html").read_text()
@@ -83,7 +89,9 @@ def test_all_of_it_runs_together_to_a_verdict_and_report_and_recording_say_what_
     times_ns = [state.time_ns for state in recording.of(RobotState)]
     ran_s = 1e-9 * (times_ns[-1] - times_ns[0])
     assert ran_s > 1.2
-    assert len(frames) == pytest.approx(camera.rate_hz * ran_s, abs=7)  # less those under way at the end
+    assert len(frames) == pytest.approx(
+        camera.rate_hz * ran_s, abs=7
+    )  # less those under way at the end
     assert {(*frame.depth.shape, frame.fx, frame.cy) for frame in frames} == {
         (480, 640, camera.image.fx, camera.image.cy)
     }
@@ -98,7 +106,9 @@ def test_it_is_measured_and_replayed_with_the_same_camera(
     assert main(["replay", f"{out}/recording.mcap", "--model", str(model), "--json"]) == 0
     table = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert table["max_difference_m"] < 1e-6
-    evaluation = f"policy eval --terrain flat --trials 1 --heightmap predicted --heightmap-model {model}"
+    evaluation = (
+        f"policy eval --terrain flat --trials 1 --heightmap predicted --heightmap-model {model}"
+    )
     assert main([*evaluation.split(), "--camera", CAMERA, "--no-report", "--json"]) in (0, 1)
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["camera"] == CAMERA
 
@@ -107,8 +117,13 @@ def test_it_is_measured_and_replayed_with_the_same_camera(
 def test_images_are_as_late_as_the_profile_says_and_not_lost(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    profile, out = EXAMPLES / "late_camera.toml", tmp_path / "run"  # 160 ms, where others are lost after 170 ms
-    assert main(f"demo --profile {profile} --terrain flat --no-video --out {out} --time-limit-s 1.5".split()) in (0, 1)
+    profile, out = (
+        EXAMPLES / "late_camera.toml",
+        tmp_path / "run",
+    )  # 160 ms, where others are lost after 170 ms
+    assert main(
+        f"demo --profile {profile} --terrain flat --no-video --out {out} --time-limit-s 1.5".split()
+    ) in (0, 1)
     answers = read_recording(out / "recording.mcap").of(Heightmap)[100:]
     assert min(answer.depth_age_s for answer in answers) > 0.13
     assert {answer.status for answer in answers} == {HeightmapStatus.OK}

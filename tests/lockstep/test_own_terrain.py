@@ -37,7 +37,8 @@ BAD = {
     "broken": "def make(difficulty, rng): return 1 / 0",
     "listed": "def make(difficulty, rng): return [1]",
     "high": "from beams import make as beams\nfrom dataclasses import replace\n"
-    "def make(difficulty, rng): return replace(t := beams(difficulty, rng), start_x=t.boxes[1].low[0] + 0.06)",
+    "def make(difficulty, rng): return replace(t := beams(difficulty, rng), "
+    "start_x=t.boxes[1].low[0] + 0.06)",
 }
 
 
@@ -53,7 +54,9 @@ def installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
         entries[name] = f"{name}:make"
     about = folder / f"{project['name']}-{project['version']}.dist-info"
     about.mkdir()
-    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
+    (about / "METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
+    )
     lines = [f"{name} = {value}" for name, value in entries.items()]
     (about / "entry_points.txt").write_text("\n".join(["[saltus.terrains]", *lines, ""]))
     monkeypatch.syspath_prepend(str(folder))
@@ -100,7 +103,16 @@ def test_it_has_no_sizes() -> None:
 def test_it_is_looked_at_and_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     course = ("--terrain", "beams", "--difficulty", "0.2", "--layout-seed", "3")
     assert main(["render", "preview", *course, "--out", str(tmp_path / "preview")]) == 0
-    flags = ("--camera", "ideal", "--time-limit-s", "0.3", "--no-video", "--json", "--out", tmp_path / "run")
+    flags = (
+        "--camera",
+        "ideal",
+        "--time-limit-s",
+        "0.3",
+        "--no-video",
+        "--json",
+        "--out",
+        tmp_path / "run",
+    )
     table = run(capsys, "demo", *course, *flags)
     assert table["terrain"] == "beams"
     assert read_recording(tmp_path / "run" / "recording.mcap").terrain == make_terrain(BEAMS)
@@ -108,27 +120,62 @@ def test_it_is_looked_at_and_run(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 @pytest.mark.slow
 def test_each_trial_draws_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    flags = ("--terrain", "beams", "--difficulty", "0", "--trials", "2", "--json", "--out", tmp_path)
+    flags = (
+        "--terrain",
+        "beams",
+        "--difficulty",
+        "0",
+        "--trials",
+        "2",
+        "--json",
+        "--out",
+        tmp_path,
+    )
     table = run(capsys, "policy", "eval", *flags)
     assert (table["terrain"], table["trials"], table["params"]) == ("beams", 2, {"difficulty": 0.0})
 
 
-def test_predictors_are_measured_and_trained_on_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_predictors_are_measured_and_trained_on_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     flags = ("--terrains", "beams", "--runs", "1", "--baselines", "--time-limit-s", "1.2", "--json")
     table = run(capsys, "heightmap", "eval", *flags, "--processes", "1")
     assert table["by_terrain"].keys() == {"beams"}  # type: ignore[attr-defined]
     loop = {"terrains": "beams", "robots": "1", "courses": "1", "ticks": "70", "camera": "ideal"}
     words = [part for name, value in loop.items() for part in (f"--loop.{name}", value)]
-    command = ["heightmap", "collect", "cpu", "--batches", "1", "--processes", "1", "--out", str(tmp_path), *words]
+    command = [
+        "heightmap",
+        "collect",
+        "cpu",
+        "--batches",
+        "1",
+        "--processes",
+        "1",
+        "--out",
+        str(tmp_path),
+        *words,
+    ]
     assert main(command) == 0
     assert {episode.terrain for episode in read_dataset(tmp_path)} == {"beams"}
 
 
 def test_a_policy_is_trained_on_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("saltus.policy.training.training_record.REPORT_S", 0.0)
-    others = [word for kind in KINDS for word in (f"--env.curriculum.{kind.replace('_', '-')}", "0")]
+    others = [
+        word for kind in KINDS for word in (f"--env.curriculum.{kind.replace('_', '-')}", "0")
+    ]
     tiny = ("--device", "cpu", "--robots", "8", "--learning.hidden", "8", "--learning.horizon", "2")
-    flags = (*tiny, *others, "--env.curriculum.own", "beams", "1", "--iterations", "2", "--out", str(tmp_path))
+    flags = (
+        *tiny,
+        *others,
+        "--env.curriculum.own",
+        "beams",
+        "1",
+        "--iterations",
+        "2",
+        "--out",
+        str(tmp_path),
+    )
     assert main(["policy", "train", *flags]) == 0
     assert "beams L" in (tmp_path / "log.txt").read_text()
     more = tmp_path / "more"
@@ -143,11 +190,15 @@ def test_a_table_holds_the_courses(library: Callable[..., object]) -> None:
     table = CourseTable.of(("beams",), 3, 0.6, BOXES)
     assert table.boxes == BOXES
     level = np.repeat(np.arange(3.0), VARIANTS)
-    place = table.draw(np.zeros(len(level)), level, np.tile((np.arange(VARIANTS) + 0.5) / VARIANTS, 3))
+    place = table.draw(
+        np.zeros(len(level)), level, np.tile((np.arange(VARIANTS) + 0.5) / VARIANTS, 3)
+    )
     assert place.tolist() == list(range(3 * VARIANTS))
     rng = np.random.default_rng(0)
     x, y = rng.uniform(-1.0, 8.0, (len(place), 40)), rng.uniform(-2.0, 2.0, (len(place), 40))
-    heights = table.like(library(x)).ground.of_robot(library(place)).height_at(library(x), library(y))
+    heights = (
+        table.like(library(x)).ground.of_robot(library(place)).height_at(library(x), library(y))
+    )
     tops = np.array([terrain_of(table, i).height_at(x[i], y[i]) for i in place])
     np.testing.assert_allclose(np.asarray(heights), tops, atol=1e-12)
 
@@ -160,9 +211,16 @@ def terrain_of(table: CourseTable, course: int) -> Terrain:
 
 
 def test_robots_stand_on_their_own_courses_and_on_those_of_saltus() -> None:
-    curriculum = CurriculumConfig(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0, own={"beams": 1.0})
+    curriculum = CurriculumConfig(
+        flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0, own={"beams": 1.0}
+    )
     assert curriculum.share("beams") == 0.5
-    env = JumpEnv(BatchEngine(ROBOT, 8, curriculum.boxes, threads=1), EnvConfig(curriculum=curriculum), LINE, seed=0)
+    env = JumpEnv(
+        BatchEngine(ROBOT, 8, curriculum.boxes, threads=1),
+        EnvConfig(curriculum=curriculum),
+        LINE,
+        seed=0,
+    )
     x = torch.linspace(0.0, 6.0, 500).expand(8, -1)
     highest = env.courses().height_at(x, torch.zeros_like(x)).amax(-1)
     assert (highest[:4] == 0.0).all()
@@ -180,4 +238,7 @@ def test_rollouts_on_a_device_take_the_same_families() -> None:
         _curriculum(DeviceLoop(robot="go1", grid="line", terrains=("beams", "beams", "gap"))),
     )
     assert usual.shares == dict.fromkeys(KINDS, 1.0) | {"stairs": 2.0, "stepping_stones": 2.0}
-    assert {kind: share for kind, share in own.shares.items() if share} == {"gap": 1.0, "beams": 2.0}
+    assert {kind: share for kind, share in own.shares.items() if share} == {
+        "gap": 1.0,
+        "beams": 2.0,
+    }

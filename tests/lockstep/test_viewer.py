@@ -44,7 +44,21 @@ def crossed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
     course = folder / "course.toml"
     shutil.copy(EXAMPLE, course)
-    assert main(["demo", "--terrain", str(course), "--camera", "ideal", "--no-video", "--out", str(folder)]) == 0
+    assert (
+        main(
+            [
+                "demo",
+                "--terrain",
+                str(course),
+                "--camera",
+                "ideal",
+                "--no-video",
+                "--out",
+                str(folder),
+            ]
+        )
+        == 0
+    )
     course.unlink()
     return folder / "recording.mcap"
 
@@ -76,7 +90,9 @@ def test_depth_images_lie_on_the_terrain(crossed: Path) -> None:
         depth = image.data.view(np.uint16).reshape(image.height, image.width)
         v, u = np.nonzero((depth > 1e3 * LEGS_REACH_M) & (depth < 65535))
         z = 1e-3 * depth[v, u]
-        points = np.stack([(u - info.k[2]) / info.k[0] * z, (v - info.k[5]) / info.k[4] * z, z], axis=-1)
+        points = np.stack(
+            [(u - info.k[2]) / info.k[0] * z, (v - info.k[5]) / info.k[4] * z, z], axis=-1
+        )
         world = (points @ camera_turn.T + camera) @ base_turn.T + base
         off.append(distance_to_boxes(world, terrain.markers))
     distances = np.concatenate(off)
@@ -90,6 +106,9 @@ def distance_to_boxes(points: np.ndarray, markers: list[Any]) -> np.ndarray:
     for marker in markers:
         center, size = (np.array([v.x, v.y, v.z]) for v in (marker.pose.position, marker.scale))
         beyond = np.abs((points - center) @ rotation(marker.pose.orientation)) - 0.5 * size
-        outside, inside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1), np.minimum(beyond.max(axis=1), 0.0)
+        outside, inside = (
+            np.linalg.norm(np.maximum(beyond, 0.0), axis=1),
+            np.minimum(beyond.max(axis=1), 0.0),
+        )
         nearest = np.minimum(nearest, np.abs(outside + inside))
     return nearest

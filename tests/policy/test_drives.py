@@ -1,4 +1,6 @@
-"""Every effect in every simulator of robots: held as the plant holds it, or refused by name; none is dropped.
+"""Every effect in every simulator of robots: held as the plant holds it, or refused by name.
+
+None is dropped.
 
 Those of cameras have their own simulators and laws, in tests/heightmap/test_camera_family.py.
 """
@@ -58,7 +60,8 @@ SHIFT = HeightmapShift(x=0.1, z=-0.07)
 STEPS = 56
 HIGH = 2.0  # above the ground [m]: the robot falls for longer
 BATCH_RAD, TRAINING_RAD = 1e-8, 1e-5
-"""How far what robots sense in the batch, and in a training in single precision, may be from that of the plant."""
+"""How far what robots sense in the batch, and in a training in single precision, may be from that
+of the plant."""
 SHOWS_RAD = 4e-3  # at least, of each effect
 USUAL = RandomisationConfig(
     friction=(NOMINAL_FRICTION,) * 2,
@@ -77,7 +80,11 @@ def commands() -> list[JointCommand]:
         if k % 8 == 0:
             position, torque = ROBOT.stand_pose + rng.normal(0.0, 0.3, 12), rng.normal(0.0, 6.0, 12)
         zero = np.zeros(12)
-        told.append(JointCommand(position=position, velocity=zero, kp=zero + 60.0, kd=zero + 1.0, torque=torque))
+        told.append(
+            JointCommand(
+                position=position, velocity=zero, kp=zero + 60.0, kd=zero + 1.0, torque=torque
+            )
+        )
     return told
 
 
@@ -122,10 +129,14 @@ def of_batch(profile: Profile) -> np.ndarray:
     return np.array([(plant.step(command), angles(plant.sensed)[1])[1] for command in told])
 
 
-def env_of(profile: Profile, path: Any, engine: Any = None, randomisation: RandomisationConfig = USUAL) -> JumpEnv:
+def env_of(
+    profile: Profile, path: Any, engine: Any = None, randomisation: RandomisationConfig = USUAL
+) -> JumpEnv:
     path.write_text(profile.to_toml())
     config = EnvConfig(profile=str(path), randomisation=randomisation)
-    engine = engine or BatchEngine(ROBOT, 2, BOXES, dimensions=config.contact_dimensions(profile), threads=1)
+    engine = engine or BatchEngine(
+        ROBOT, 2, BOXES, dimensions=config.contact_dimensions(profile), threads=1
+    )
     return JumpEnv(engine, config, LINE, seed=0)
 
 
@@ -139,7 +150,9 @@ def of_training(profile: Profile, path: Any) -> np.ndarray:
     engine.qpos[:], engine.qvel[:] = start.data.qpos, 0.0
     engine.trunk_wrench[:] = 0.0
     if env._imu.effects:
-        env.memory.imu = env._imu.step(_reading(engine_states(engine, env.memory)), env._time_s(), env._imu.blank)
+        env.memory.imu = env._imu.step(
+            _reading(engine_states(engine, env.memory)), env._time_s(), env._imu.blank
+        )
     sensed = []
     for told in commands():
 
@@ -177,7 +190,9 @@ def test_every_simulator_has_the_robots_of_the_plant(profile: Profile, tmp_path:
 
 
 @pytest.mark.parametrize("effect", OF_STANDS, ids=lambda effect: effect.name)
-def test_what_holds_a_robot_shows_where_one_is_held_and_nowhere_else(effect: Any, tmp_path: Any) -> None:
+def test_what_holds_a_robot_shows_where_one_is_held_and_nowhere_else(
+    effect: Any, tmp_path: Any
+) -> None:
     profile, nothing = Profile(body=(effect,)), Profile()
     assert np.abs(of_plant(profile, held=True) - of_plant(nothing, held=True)).max() > SHOWS_RAD
     free = of_plant(Profile(body=(PayloadMass(),)))
@@ -188,12 +203,16 @@ def test_what_holds_a_robot_shows_where_one_is_held_and_nowhere_else(effect: Any
 
 def test_true_heights_are_shifted_alike_in_rollouts_and_in_training(tmp_path: Any) -> None:
     profile, terrain = Profile(heightmap=(SHIFT,)), make_terrain(TerrainConfig(terrain="stairs"))
-    rollout = Loop(setups_of([terrain], [Trial(position_x=1.2)], profile), ScriptedPlanner(ROBOT, LINE))
+    rollout = Loop(
+        setups_of([terrain], [Trial(position_x=1.2)], profile), ScriptedPlanner(ROBOT, LINE)
+    )
     step = rollout.step()
     position = step.truth.position_base_in_world[0]
     seen = terrain.height_at(position[0] + HEIGHTMAP_X + SHIFT.x, 0.0) - position[2] + SHIFT.z
     np.testing.assert_allclose(step.heights[0], seen, atol=1e-9)
-    drawn = env_of(profile, tmp_path / "p.toml", BatchEngine(ROBOT, 64, BOXES, threads=1)).memory.height_shift
+    drawn = env_of(
+        profile, tmp_path / "p.toml", BatchEngine(ROBOT, 64, BOXES, threads=1)
+    ).memory.height_shift
     spread = (drawn - torch.tensor([SHIFT.x, SHIFT.z])).abs().amax(0)
     np.testing.assert_allclose(spread, RandomisationConfig().height_shift_m, rtol=0.1)
     assert (spread <= torch.tensor(RandomisationConfig().height_shift_m) + 1e-6).all()
@@ -225,8 +244,15 @@ def test_who_has_no_true_heights_refuses_their_shift_by_name(
 
 def test_draws_are_around_what_the_profile_says(tmp_path: Any) -> None:
     ranges = RandomisationConfig(wide=WideConfig(share=1.0))
-    found = Profile(actuator=(FeedforwardDelay(delay=0.04), CommandDelay(delay=0.003), TorqueGain(gain=0.7)))
-    env = env_of(found, tmp_path / "found.toml", BatchEngine(ROBOT, 64, BOXES, dimensions=6, threads=1), ranges)
+    found = Profile(
+        actuator=(FeedforwardDelay(delay=0.04), CommandDelay(delay=0.003), TorqueGain(gain=0.7))
+    )
+    env = env_of(
+        found,
+        tmp_path / "found.toml",
+        BatchEngine(ROBOT, 64, BOXES, dimensions=6, threads=1),
+        ranges,
+    )
     effects: dict[str, Any] = {effect.name: effect for effect in env._drives.effects}
     like = torch.zeros(64, 12)
     for name, parameter, low, high in (
@@ -251,7 +277,12 @@ def test_where_a_profile_has_no_delay_none_is_drawn(tmp_path: Any) -> None:
 def test_no_stage_asks_what_its_numbers_are(tmp_path: Any) -> None:
     """With all effects of drives, bodies and IMUs each stage is one graph for a GPU to replay."""
     ranges = RandomisationConfig(wide=WideConfig(share=0.5))
-    env = env_of(EVERYTHING, tmp_path / "all.toml", WarpEngine(ROBOT, 2, BOXES, dimensions=6, device="cpu"), ranges)
+    env = env_of(
+        EVERYTHING,
+        tmp_path / "all.toml",
+        WarpEngine(ROBOT, 2, BOXES, dimensions=6, device="cpu"),
+        ranges,
+    )
     env.step(torch.zeros(2, 10))  # what is computed once and kept is not to be traced
     for stage in env.stages:
         stage.compiled("eager")()
@@ -267,7 +298,9 @@ def test_a_process_compiles_the_stages_of_any_number_of_environments() -> None:
         def step(self) -> None:
             self.count += self.by
 
-    counters = [Counter(float(i)) for i in range(20)]  # what is traced holds for its own numbers alone
+    counters = [
+        Counter(float(i)) for i in range(20)
+    ]  # what is traced holds for its own numbers alone
     for counter in counters:
         Stage(counter.step, torch.device("cpu")).compiled("eager")()
     assert all(counter.count == counter.by for counter in counters)
@@ -293,7 +326,9 @@ def test_what_a_training_cannot_hold_is_refused_by_name(tmp_path: Any) -> None:
 
 def test_contacts_are_drawn_around_those_of_the_profile(tmp_path: Any) -> None:
     soft = Profile(body=(ContactCompliance(time_constant=0.01), SoftFeet(touch=0.5)))
-    env = env_of(soft, tmp_path / "soft.toml", randomisation=RandomisationConfig(wide=WideConfig(share=1.0)))
+    env = env_of(
+        soft, tmp_path / "soft.toml", randomisation=RandomisationConfig(wide=WideConfig(share=1.0))
+    )
     bodies, softness = env.episodes._bodies(), env.memory.softness
     assert torch.allclose(bodies.contact_time_constant.float(), 2.0 * (0.005 + 0.015 * softness))
     assert torch.allclose(bodies.touch_impedance.float(), 0.5 / 0.95 * (0.95 - 0.93 * softness))
@@ -315,5 +350,7 @@ def test_gains_of_the_default_profile_cost_what_they_did() -> None:
     """Of the shipped profile only feed-forward torque is remembered: a training keeps no other state of its drives."""
     chain = PROFILE.actuator_chain.fitted(ROBOT)
     _, state = chain.step(commands()[0], ROBOT.stand_pose, np.zeros(12), 0.0, chain.blank)
-    assert [memory is not None for memory in state] == [effect.name == "feedforward_delay" for effect in chain.effects]
+    assert [memory is not None for memory in state] == [
+        effect.name == "feedforward_delay" for effect in chain.effects
+    ]
     assert state[0].shape == (int(0.010 / PHYSICS_DT) + 2, 1, 12)

@@ -17,7 +17,9 @@ FLAT = TerrainConfig(terrain="flat")
 
 
 def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
-    evaluation = Evaluation(robot="go1", grid="line", course=FLAT, trials=3, seed=7, time_limit_s=1.2)
+    evaluation = Evaluation(
+        robot="go1", grid="line", course=FLAT, trials=3, seed=7, time_limit_s=1.2
+    )
     together = merged(evaluate(evaluation, exact_heights, processes=1))
     assert together.seeds == (7, 8, 9)
     assert together.successes == 0
@@ -29,13 +31,18 @@ def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
     assert all(share >= 0.0 for share in heard)
     assert sum(heard) == pytest.approx(3.0)
     alone = merged(
-        evaluate(Evaluation(robot="go1", grid="line", course=FLAT, trials=1, seed=8, time_limit_s=1.2), exact_heights)
+        evaluate(
+            Evaluation(robot="go1", grid="line", course=FLAT, trials=1, seed=8, time_limit_s=1.2),
+            exact_heights,
+        )
     )
     for name, value in asdict(alone.outcomes[0]).items():
         assert asdict(together.outcomes[1])[name] == pytest.approx(value, abs=1e-6)
 
 
-@pytest.mark.parametrize("wrong", [{"trials": 0}, {"seed": -1}, {"plan_delay_s": -0.002}, {"plan_delay_s": 0.2}])
+@pytest.mark.parametrize(
+    "wrong", [{"trials": 0}, {"seed": -1}, {"plan_delay_s": -0.002}, {"plan_delay_s": 0.2}]
+)
 def test_what_cannot_be_evaluated_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
         Evaluation(robot="go1", grid="line", course=FLAT, **wrong)
@@ -51,6 +58,8 @@ def test_images_travel_as_long_as_their_camera_says(tmp_path: Path) -> None:
 def test_drawn_courses_differ_from_trial_to_trial_and_repeat_with_the_seed() -> None:
     drawn = TerrainConfig(terrain="stepping_stones", gap_m=0.1, gap_max_m=0.5)
     first, second = courses_of(drawn, (7, 8)), courses_of(drawn, (7, 8))
-    assert [terrain.edges_x.tolist() for terrain in first] == [terrain.edges_x.tolist() for terrain in second]
+    assert [terrain.edges_x.tolist() for terrain in first] == [
+        terrain.edges_x.tolist() for terrain in second
+    ]
     assert first[0].finish_x != first[1].finish_x
     assert len(set(map(id, courses_of(FLAT, (7, 8))))) == 1

@@ -20,7 +20,10 @@ from saltus.policy.training.learner import FIRST_ACTION, Learner, make_actor, re
 from saltus.policy.training.train import Rank, make_engine, train
 
 CONFIG = TrainConfig(
-    robot="go1", grid="line", robots=16, learning=LearningConfig(hidden=(32, 16), horizon=4, epochs=1, minibatches=2)
+    robot="go1",
+    grid="line",
+    robots=16,
+    learning=LearningConfig(hidden=(32, 16), horizon=4, epochs=1, minibatches=2),
 )
 
 
@@ -42,8 +45,15 @@ def test_goes_on_from_one_file(checkpoint, tmp_path):
     assert (first["iteration"], second["iteration"]) == (3, 5)
     assert second["steps"] == 5 * 4 * 16
     assert second["seconds"] > first["seconds"]
-    assert second["optimizer_state_dict"]["state"][0]["step"] > first["optimizer_state_dict"]["state"][0]["step"]
-    assert {path.name for path in checkpoint.parent.iterdir()} >= {"checkpoint.pt", "config.toml", "commit.txt"}
+    assert (
+        second["optimizer_state_dict"]["state"][0]["step"]
+        > first["optimizer_state_dict"]["state"][0]["step"]
+    )
+    assert {path.name for path in checkpoint.parent.iterdir()} >= {
+        "checkpoint.pt",
+        "config.toml",
+        "commit.txt",
+    }
 
 
 def test_the_same_seed_learns_the_same(checkpoint, tmp_path):
@@ -72,7 +82,11 @@ def test_the_exported_policy_equals_the_trained_one(checkpoint, tmp_path):
 
 def test_an_untrained_policy_bounds_slowly():
     bounds = ActionBounds()
-    actor = make_actor(TensorDict({"policy": torch.zeros(1, size_with(LINE))}, batch_size=[1]), CONFIG.learning, bounds)
+    actor = make_actor(
+        TensorDict({"policy": torch.zeros(1, size_with(LINE))}, batch_size=[1]),
+        CONFIG.learning,
+        bounds,
+    )
     plan = bounds.denormalised(
         actor(TensorDict({"policy": torch.randn(50, size_with(LINE))}, batch_size=[50])).detach()
     )
@@ -82,20 +96,29 @@ def test_an_untrained_policy_bounds_slowly():
 def test_other_bounds_change_no_action(checkpoint):
     state = torch.load(checkpoint, weights_only=True)
     old = ActionBounds()
-    new = ActionBounds(low=tuple(2.0 * v - 0.1 for v in old.low), high=tuple(1.5 * v + 0.2 for v in old.high))
+    new = ActionBounds(
+        low=tuple(2.0 * v - 0.1 for v in old.low), high=tuple(1.5 * v + 0.2 for v in old.high)
+    )
     given = TensorDict({"policy": torch.randn(20, size_with(LINE))}, batch_size=[20])
     actor = make_actor(given, CONFIG.learning, old)
     actor.load_state_dict(state["actor_state_dict"])
-    half = torch.tensor(old.high) - torch.tensor(old.low), torch.tensor(new.high) - torch.tensor(new.low)
+    half = (
+        torch.tensor(old.high) - torch.tensor(old.low),
+        torch.tensor(new.high) - torch.tensor(new.low),
+    )
     plan, spread = old.denormalised(actor(given)), actor.distribution.std_param * half[0]
     rebase(actor, old, new)
     np.testing.assert_allclose(new.denormalised(actor(given)).detach(), plan.detach(), atol=1e-5)
-    np.testing.assert_allclose((actor.distribution.std_param * half[1]).detach(), spread.detach(), rtol=1e-5)
+    np.testing.assert_allclose(
+        (actor.distribution.std_param * half[1]).detach(), spread.detach(), rtol=1e-5
+    )
 
 
 def test_actions_vary_as_much_as_is_asked_at_least():
     learning = replace(CONFIG.learning, std_range=(0.6, 1.0))  # it begins with less
-    env = JumpEnv(make_engine(ROBOT, CONFIG.robots, CONFIG.env, "cpu", threads=1), CONFIG.env, LINE, seed=0)
+    env = JumpEnv(
+        make_engine(ROBOT, CONFIG.robots, CONFIG.env, "cpu", threads=1), CONFIG.env, LINE, seed=0
+    )
     learner = Learner(env, learning)
     assert learner.std == pytest.approx(0.6)
     actions = torch.stack([learner.act() for _ in range(200)])
@@ -106,19 +129,34 @@ def test_a_training_goes_on_with_other_bounds(checkpoint, tmp_path):
     old = ActionBounds()
     wider = ActionBounds(low=old.low, high=(*old.high[:9], 0.9))
     config = replace(CONFIG, env=replace(CONFIG.env, bounds=wider))
-    train(config, tmp_path, minutes=1.0, rank=Rank(), resume=checkpoint, iterations=3)  # none is left to do
+    train(
+        config, tmp_path, minutes=1.0, rank=Rank(), resume=checkpoint, iterations=3
+    )  # none is left to do
     path = tmp_path / "policy.onnx"
     assert export(tmp_path / "checkpoint.pt", path) < 1e-5
     given = np.random.default_rng(0).normal(0.0, 0.3, (5, size_with(LINE)))
     first = tmp_path / "first.onnx"
     export(checkpoint, first)
     np.testing.assert_allclose(
-        PolicyActor(ROBOT, LINE, path).values(given), PolicyActor(ROBOT, LINE, first).values(given), atol=1e-4
+        PolicyActor(ROBOT, LINE, path).values(given),
+        PolicyActor(ROBOT, LINE, first).values(given),
+        atol=1e-4,
     )
 
 
 @pytest.mark.parametrize(
-    "name", ["format", "features", "actions", "robot", "grid_m", "swing_foot_z_range_m", "low", "high", "past_steps"]
+    "name",
+    [
+        "format",
+        "features",
+        "actions",
+        "robot",
+        "grid_m",
+        "swing_foot_z_range_m",
+        "low",
+        "high",
+        "past_steps",
+    ],
 )
 def test_a_policy_for_another_program_is_refused(checkpoint, tmp_path, name):
     path = tmp_path / "policy.onnx"

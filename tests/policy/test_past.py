@@ -48,14 +48,20 @@ def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     checkpoint = folder / "checkpoint.pt"
     state = torch.load(checkpoint, weights_only=True)
     last = [name for name in state["actor_state_dict"] if name.endswith("weight")][-1]
-    state["actor_state_dict"][last] *= 30.0  # an untrained network says nearly the same whatever it sees
+    state["actor_state_dict"][last] *= (
+        30.0  # an untrained network says nearly the same whatever it sees
+    )
     torch.save(state, checkpoint)
     assert export(checkpoint, folder / "policy.onnx") < 1e-4
     return folder / "policy.onnx"
 
 
-def test_a_policys_file_drives_on_a_device_as_its_checkpoint_does(policy: Path, tmp_path: Path) -> None:
-    one, other = (DeployedPolicy(read_policy(path)) for path in (policy, policy.with_name("checkpoint.pt")))
+def test_a_policys_file_drives_on_a_device_as_its_checkpoint_does(
+    policy: Path, tmp_path: Path
+) -> None:
+    one, other = (
+        DeployedPolicy(read_policy(path)) for path in (policy, policy.with_name("checkpoint.pt"))
+    )
     given = torch.randn(100, one.size)
     with torch.no_grad():
         torch.testing.assert_close(one(given), other(given))
@@ -70,13 +76,18 @@ def test_a_policys_file_drives_on_a_device_as_its_checkpoint_does(policy: Path, 
     config.value = known
     file.graph.initializer[1].name += "x"
     for node in file.graph.node:
-        node.input[:] = [f"{name}x" if f"{name}x" == file.graph.initializer[1].name else name for name in node.input]
+        node.input[:] = [
+            f"{name}x" if f"{name}x" == file.graph.initializer[1].name else name
+            for name in node.input
+        ]
     onnx.save(file, tmp_path / "other.onnx")
     with pytest.raises(ModelError, match="another network than this program exports"):
         read_policy(tmp_path / "other.onnx")
 
 
-def trained(outputs: Callable[[int, Tensor], Tensor], steps: int) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
+def trained(
+    outputs: Callable[[int, Tensor], Tensor], steps: int
+) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
     """What a training showed its policy, who began, and the plans, as shares of their ranges."""
     engine = BatchEngine(ROBOT, N, BOXES, threads=1)
     env = JumpEnv(engine, CONFIG.env, LINE, seed=0)
@@ -101,7 +112,9 @@ def test_each_instant_is_what_was_felt_and_planned_so_many_steps_ago() -> None:
             found = shown[now][robot, size_with(LINE) + place * RECALLED :][:RECALLED]
             ago = max(now - steps, begun)
             plan = plans[ago][robot] if now - steps >= begun else torch.zeros(10)
-            torch.testing.assert_close(found, torch.cat([shown[ago][robot, :PROPRIOCEPTION_SIZE], plan]))
+            torch.testing.assert_close(
+                found, torch.cat([shown[ago][robot, :PROPRIOCEPTION_SIZE], plan])
+            )
     assert again > 20, "robots also began in the midst of the run"
 
 
@@ -109,7 +122,10 @@ def test_the_deployed_planner_recalls_what_the_training_does(policy: Path) -> No
     actor = PolicyActor(ROBOT, LINE, policy)
     outputs = CONFIG.env.bounds.normalised
     shown, fresh, plans = trained(
-        lambda _, vector: outputs(torch.as_tensor(actor.values(vector.numpy()), dtype=torch.float32)), 40
+        lambda _, vector: outputs(
+            torch.as_tensor(actor.values(vector.numpy()), dtype=torch.float32)
+        ),
+        40,
     )
     together, one = PolicyActor(ROBOT, LINE, policy), PolicyActor(ROBOT, LINE, policy)
     for now, plan in enumerate(plans):

@@ -18,7 +18,9 @@ from saltus.policy.scripted import ScriptedPlanner
 from saltus.resources import resource
 
 
-@pytest.mark.parametrize(("name", "kind"), [("scripted", ScriptedPlanner), ("learned", PolicyActor)])
+@pytest.mark.parametrize(
+    ("name", "kind"), [("scripted", ScriptedPlanner), ("learned", PolicyActor)]
+)
 def test_planners_come_by_name_and_plan_at_once(name: PlannerName, kind: type) -> None:
     planner = make_planner(name, ROBOT, LINE)
     assert isinstance(planner, kind)

@@ -14,7 +14,14 @@ from saltus.plan import Plan
 from saltus.policy.process import LOST_NS, STAND_NS, PlannerProcess
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.states import standing_state
-from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
+from saltus.wire.messages import (
+    ControllerMode,
+    Heightmap,
+    HeightmapStatus,
+    MotionPlan,
+    PlanStatus,
+    RobotState,
+)
 
 STEP_NS = 10_000_000
 STATE = replace(standing_state(ROBOT), base_height=0.27)
@@ -54,14 +61,20 @@ def run(
 
 def going() -> tuple[PlannerProcess, int]:
     """A planner that has just said GO, and its next step."""
-    process, steps = PlannerProcess(ROBOT, LINE, ScriptedPlanner(ROBOT, LINE)), STAND_NS // STEP_NS + 1
+    process, steps = (
+        PlannerProcess(ROBOT, LINE, ScriptedPlanner(ROBOT, LINE)),
+        STAND_NS // STEP_NS + 1,
+    )
     assert run([HeightmapStatus.OK] * steps, process)[-1].status == PlanStatus.GO
     return process, steps
 
 
 def test_stands_until_it_has_stood_and_sees() -> None:
     stand_steps = STAND_NS // STEP_NS
-    plans = run([HeightmapStatus.OK] * (stand_steps + 5), PlannerProcess(ROBOT, LINE, ScriptedPlanner(ROBOT, LINE)))
+    plans = run(
+        [HeightmapStatus.OK] * (stand_steps + 5),
+        PlannerProcess(ROBOT, LINE, ScriptedPlanner(ROBOT, LINE)),
+    )
     assert [plan.status for plan in plans] == [PlanStatus.STAND] * stand_steps + [PlanStatus.GO] * 5
     assert all(plan.reason for plan in plans[:stand_steps])
     assert not any(plan.reason for plan in plans[stand_steps:])
@@ -105,7 +118,10 @@ def test_every_history_of_four_heightmaps_while_the_robot_stands() -> None:
             assert plan.status == (PlanStatus.GO if going_on else PlanStatus.STAND), history
             assert bool(plan.reason) != going_on
         assert not process.notices
-        assert run([HeightmapStatus.OK], process, first + 4, ControllerMode.STAND)[0].status == PlanStatus.GO
+        assert (
+            run([HeightmapStatus.OK], process, first + 4, ControllerMode.STAND)[0].status
+            == PlanStatus.GO
+        )
 
 
 def test_says_within_110_ms_that_heightmaps_have_ended() -> None:
@@ -141,7 +157,9 @@ def test_the_same_step_again_gets_the_same_plan() -> None:
 
 def test_plans_name_the_state_that_they_answer() -> None:
     process, first = going()
-    for plan, step in zip(run([HeightmapStatus.OK] * 5, process, first), range(first, first + 5), strict=True):
+    for plan, step in zip(
+        run([HeightmapStatus.OK] * 5, process, first), range(first, first + 5), strict=True
+    ):
         assert (plan.step, plan.time_ns) == (step, step * STEP_NS)
         assert plan.foot_residual_front.shape == plan.foot_residual_rear.shape == (3,)
         assert 0.5 <= plan.stepping_frequency_hz <= 4.0
@@ -163,6 +181,11 @@ def test_the_planner_forgets_whenever_the_robot_begins_to_go() -> None:
     planner, steps = Recalling(), STAND_NS // STEP_NS + 1
     process = PlannerProcess(ROBOT, LINE, planner)
     run([HeightmapStatus.OK] * steps, process, mode=ControllerMode.STAND)
-    run([HeightmapStatus.INVALID] + 3 * [HeightmapStatus.OK], process, first=steps, mode=ControllerMode.STAND)
+    run(
+        [HeightmapStatus.INVALID] + 3 * [HeightmapStatus.OK],
+        process,
+        first=steps,
+        mode=ControllerMode.STAND,
+    )
     run([HeightmapStatus.OK] * 3, process, first=steps + 4)
     assert planner.begun == [True, True, *5 * [False]]

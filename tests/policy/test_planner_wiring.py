@@ -47,7 +47,9 @@ class PlannerStage(Stage):
         return time.monotonic_ns() - self.epoch_ns
 
 
-@pytest.mark.parametrize(("planner", "heightmap_first"), [("scripted", True), ("scripted", False), ("learned", True)])
+@pytest.mark.parametrize(
+    ("planner", "heightmap_first"), [("scripted", True), ("scripted", False), ("learned", True)]
+)
 def test_lockstep_waits_for_the_heightmap_of_each_step(
     tmp_path: Path, planner: PlannerName, heightmap_first: bool
 ) -> None:

@@ -20,7 +20,10 @@ def body(pitch: float) -> YawFrameBody:
     """A robot with its legs in the standing pose."""
     flat, legs = np.zeros(1), ROBOT.stand_pose[None]
     level = quaternion_from_roll_pitch_yaw(flat, flat + pitch, flat)
-    return observe(replace(standing_state(ROBOT), quaternion_base_in_world=level, joint_position=legs), KINEMATICS)
+    return observe(
+        replace(standing_state(ROBOT), quaternion_base_in_world=level, joint_position=legs),
+        KINEMATICS,
+    )
 
 
 def highest_sole(lift: float, base_height: float, pitch: float) -> float:
@@ -30,7 +33,9 @@ def highest_sole(lift: float, base_height: float, pitch: float) -> float:
     path = swing.nominal_path(robot, robot.foot_yaw, np.full((1, 4), 0.6), np.array([0.2]), height)
     for _ in range(12):  # a tick moves a joint's target by 0.5 rad at most
         joints = swing.joint_target(robot, path + np.array([0.05, 0.0, lift]), joints)
-    rotation = rotation_matrix(quaternion_from_roll_pitch_yaw(np.zeros(1), np.array([pitch]), np.zeros(1)))
+    rotation = rotation_matrix(
+        quaternion_from_roll_pitch_yaw(np.zeros(1), np.array([pitch]), np.zeros(1))
+    )
     foot = KINEMATICS.position(joints) @ rotation.mT
     return float(base_height + foot[0, 0, 2] - ROBOT.foot_radius)
 
@@ -49,7 +54,9 @@ def test_no_sole_within_reach_comes_higher_than_its_lift(lift: float, pitch: flo
 def test_outputs_of_one_are_the_bounds() -> None:
     bounds = ActionBounds()
     for sign, limit in ((-1.0, bounds.low), (1.0, bounds.high)):
-        np.testing.assert_allclose(bounds.denormalised(np.full(len(ACTIONS), sign)), limit, atol=1e-12)
+        np.testing.assert_allclose(
+            bounds.denormalised(np.full(len(ACTIONS), sign)), limit, atol=1e-12
+        )
         np.testing.assert_allclose(bounds.normalised(np.array(limit)), sign, atol=1e-12)
 
 

@@ -18,7 +18,17 @@ STONES = ("--terrain", "stepping_stones", "--steps", "1", "--gap-m", "0.05", "--
 def test_eval_crosses_easy_stones_and_reports(
     heightmap: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    flags = ["--planner", "learned", "--trials", "2", "--heightmap", heightmap, "--out", str(tmp_path), "--json"]
+    flags = [
+        "--planner",
+        "learned",
+        "--trials",
+        "2",
+        "--heightmap",
+        heightmap,
+        "--out",
+        str(tmp_path),
+        "--json",
+    ]
     assert main(["policy", "eval", *STONES, *flags, "--processes", "1"]) == 0
     table = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert table.keys() >= KEYS
@@ -30,8 +40,21 @@ def test_eval_crosses_easy_stones_and_reports(
     opens_without_a_network(tmp_path / "report.html")
 
 
-def test_eval_without_a_success_names_no_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    high = ("--terrain", "step", "--height-m", "1.0", "--planner", "scripted", "--trials", "1", "--out", str(tmp_path))
+def test_eval_without_a_success_names_no_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    high = (
+        "--terrain",
+        "step",
+        "--height-m",
+        "1.0",
+        "--planner",
+        "scripted",
+        "--trials",
+        "1",
+        "--out",
+        str(tmp_path),
+    )
     assert main(["policy", "eval", *high, "--processes", "1"]) == 1
     last = capsys.readouterr().out.splitlines()[-2]
     assert last.startswith("0 of 1 succeeded (0 to 79 %); failed: 1 ")
@@ -39,7 +62,16 @@ def test_eval_without_a_success_names_no_time(tmp_path: Path, capsys: pytest.Cap
 
 
 def test_train_and_export_make_a_policy_that_loads(tmp_path: Path) -> None:
-    flags = ["--robots", "16", "--iterations", "1", "--device", "cpu", "--out", str(tmp_path / "run")]
+    flags = [
+        "--robots",
+        "16",
+        "--iterations",
+        "1",
+        "--device",
+        "cpu",
+        "--out",
+        str(tmp_path / "run"),
+    ]
     assert main(["policy", "train", *flags]) == 0
     checkpoint, out = tmp_path / "run/checkpoint.pt", tmp_path / "exported"
     assert main(["policy", "export", "--checkpoint", str(checkpoint), "--out", str(out)]) == 0

@@ -51,7 +51,9 @@ def observations(rng: np.random.Generator, count: int = COUNT) -> Observation:
 
 
 def terrains(rng: np.random.Generator, count: int = COUNT) -> Floats:
-    steps = np.cumsum(rng.choice([0.0, 0.0, 0.0, 0.0, 0.06, 0.2, -0.4], (count, len(HEIGHTMAP_X))), axis=-1)
+    steps = np.cumsum(
+        rng.choice([0.0, 0.0, 0.0, 0.0, 0.06, 0.2, -0.4], (count, len(HEIGHTMAP_X))), axis=-1
+    )
     return steps - rng.uniform(0.2, 0.35, (count, 1))
 
 
@@ -60,7 +62,9 @@ def arrays(plan: Plan) -> list[Floats]:
 
 
 def pick(observation: Observation, i: int) -> Observation:
-    return Observation(**{f.name: np.asarray(getattr(observation, f.name))[i] for f in fields(observation)})
+    return Observation(
+        **{f.name: np.asarray(getattr(observation, f.name))[i] for f in fields(observation)}
+    )
 
 
 def test_a_batch_gets_what_each_robot_gets_alone() -> None:
@@ -121,7 +125,9 @@ def test_a_foot_in_mid_swing_clears_a_step_on_its_way(rise: float, progress: flo
     # where the rear feet stand they feel the ground exactly where the heightmap has it
     heights = heights + base_height + observation.foot[2, 2] - ROBOT.foot_radius
     plan = ScriptedPlanner(ROBOT, LINE).step(observation, heights)
-    sole = -base_height + plan.foot_residual_front[2] - ROBOT.foot_radius  # the nominal swing is at -base_height
+    sole = (
+        -base_height + plan.foot_residual_front[2] - ROBOT.foot_radius
+    )  # the nominal swing is at -base_height
     assert sole >= heights[HEIGHTMAP_X < 0.4].max() + 0.02
 
 
@@ -142,7 +148,12 @@ def _landing_x(planner: ScriptedPlanner, observation: Observation) -> float:
     p = planner.parameters
     speed, frequency = float(observation.velocity[0]), float(p.stepping_frequency_hz)
     remaining = (1.0 - float(observation.progress[0])) * 0.6 / frequency
-    return float(ROBOT.hip_anchor[0, 0] + 0.5 * speed * 0.4 / frequency + p.front_landing_x + speed * remaining)
+    return float(
+        ROBOT.hip_anchor[0, 0]
+        + 0.5 * speed * 0.4 / frequency
+        + p.front_landing_x
+        + speed * remaining
+    )
 
 
 def test_reading_a_profile() -> None:
@@ -166,7 +177,10 @@ def test_reading_a_profile() -> None:
 def test_numpy_and_torch_plan_alike() -> None:
     rng = np.random.default_rng(5)
     observation, heights = observations(rng), terrains(rng)
-    tensors = {f.name: torch.as_tensor(np.asarray(getattr(observation, f.name))) for f in fields(observation)}
+    tensors = {
+        f.name: torch.as_tensor(np.asarray(getattr(observation, f.name)))
+        for f in fields(observation)
+    }
     planner = ScriptedPlanner(ROBOT, LINE)
     expected = arrays(planner.step(observation, heights))
     got = arrays(planner.step(Observation(**tensors), torch.as_tensor(heights)))
@@ -199,4 +213,6 @@ def test_a_larger_robot_bounds_alike_in_proportion() -> None:
     np.testing.assert_allclose(got.velocity_x, expected.velocity_x * speed)
     np.testing.assert_allclose(got.velocity_z, expected.velocity_z * speed, atol=1e-12)
     np.testing.assert_allclose(got.pitch_rate[free], expected.pitch_rate[free] / time, atol=1e-12)
-    np.testing.assert_allclose(got.foot_residual_rear[:, 0], expected.foot_residual_rear[:, 0] * length, atol=1e-12)
+    np.testing.assert_allclose(
+        got.foot_residual_rear[:, 0], expected.foot_residual_rear[:, 0] * length, atol=1e-12
+    )

@@ -30,16 +30,26 @@ CONFIG = TrainConfig(
     learning=LearningConfig(hidden=(8,), horizon=2, epochs=1, minibatches=1),
 )
 ROW = EvaluationRow(
-    iteration=7, steps=9, course="gap_0.40", trials=2, success_rate=0.5, way_share=0.75, mean_speed_mps=1.5,
+    iteration=7, steps=9, course="gap_0.40", trials=2, success_rate=0.5, way_share=0.75,
+    mean_speed_mps=1.5,
     time_p50_s=math.inf, failures="edge_hit 1",
 )  # fmt: skip
 
 
 def make_record(folder: Path, said: list[str], evaluate_s: float) -> tuple[Learner, TrainingRecord]:
-    env = JumpEnv(make_engine(ROBOT, CONFIG.robots, CONFIG.env, "cpu", threads=1), CONFIG.env, LINE, seed=0)
+    env = JumpEnv(
+        make_engine(ROBOT, CONFIG.robots, CONFIG.env, "cpu", threads=1), CONFIG.env, LINE, seed=0
+    )
     learner = Learner(env, CONFIG.learning)
     record = TrainingRecord(
-        folder, CONFIG, env, learner, commit="abc", start_s=0.0, evaluate_s=evaluate_s, say=said.append
+        folder,
+        CONFIG,
+        env,
+        learner,
+        commit="abc",
+        start_s=0.0,
+        evaluate_s=evaluate_s,
+        say=said.append,
     )
     return learner, record
 
@@ -93,8 +103,12 @@ def test_one_that_still_runs_ends_with_the_training(tmp_path: Path) -> None:
     assert evaluation.due(12.0)
 
 
-def test_a_machine_that_cannot_deploy_trains_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("saltus.policy.training.background_evaluation.NEEDED", ("onnx", "no_such_solver"))
+def test_a_machine_that_cannot_deploy_trains_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "saltus.policy.training.background_evaluation.NEEDED", ("onnx", "no_such_solver")
+    )
     said: list[str] = []
     _, record = make_record(tmp_path, said, evaluate_s=1.0)
     record.close()

@@ -75,7 +75,9 @@ def test_every_cause_is_told_apart(failure: Failure) -> None:
 @pytest.mark.parametrize("case", CASES)
 def test_a_success_has_no_cause_and_a_timeout_needs_no_trace(case: str) -> None:
     trace, terrain = CASES[case]
-    late = Outcome(success=False, cause="time_limit", time_s=20.0, distance_m=1.0, mean_speed_mps=0.1)
+    late = Outcome(
+        success=False, cause="time_limit", time_s=20.0, distance_m=1.0, mean_speed_mps=0.1
+    )
     arrived = Outcome(success=True, cause="", time_s=3.0, distance_m=5.0, mean_speed_mps=1.5)
     assert failure_of(ROBOT, late, trace, terrain) == "timeout"
     assert failure_of(ROBOT, arrived, trace, terrain) == ""
@@ -131,8 +133,12 @@ def test_who_has_jumped_over_a_wall_is_not_in_a_trench_before_the_next() -> None
 @pytest.mark.parametrize("level", [-0.3, 0.0, 0.4])
 @pytest.mark.parametrize("beyond", [-0.2, 0.0, 0.2])
 @pytest.mark.parametrize(("width", "depth"), [(0.3, 0.15), (0.5, 0.4), (1.2, 0.4)])
-def test_a_trench_is_one_in_ground_of_any_level(level: float, beyond: float, width: float, depth: float) -> None:
-    terrain = course((2.0, level), (width, level + min(0.0, beyond) - depth), last_top=level + beyond)
+def test_a_trench_is_one_in_ground_of_any_level(
+    level: float, beyond: float, width: float, depth: float
+) -> None:
+    terrain = course(
+        (2.0, level), (width, level + min(0.0, beyond) - depth), last_top=level + beyond
+    )
     rim = FIRST_EDGE_X + 2.0
     for inside in np.linspace(0.02, width - 0.05, 5):
         fallen = going(terrain, rim - 0.1, rim + inside)

@@ -23,7 +23,10 @@ from saltus.policy.training.checkpoint import NEEDED, read_checkpoint
 
 TINY = ("--device", "cpu", "--robots", "8", "--learning.hidden", "8", "--learning.horizon", "2")
 RESUMED = replace(
-    for_cpu("go1", "line"), robots=40, seed=7, learning=LearningConfig(hidden=(16, 8), epochs=2, desired_kl=0.003)
+    for_cpu("go1", "line"),
+    robots=40,
+    seed=7,
+    learning=LearningConfig(hidden=(16, 8), epochs=2, desired_kl=0.003),
 )
 
 
@@ -31,7 +34,9 @@ def leaves(config: Any, path: tuple[str, ...] = ()) -> list[tuple[tuple[str, ...
     """Every value of a configuration with its place."""
     if not is_dataclass(config):
         return [(path, config)]
-    return [leaf for f in fields(config) for leaf in leaves(getattr(config, f.name), (*path, f.name))]
+    return [
+        leaf for f in fields(config) for leaf in leaves(getattr(config, f.name), (*path, f.name))
+    ]
 
 
 FAMILY = leaves(TrainConfig(robot="go1", grid="line"))
@@ -65,7 +70,10 @@ def changed(before: TrainConfig, now: TrainConfig) -> list[str]:
 
 
 def table_of(config: Any) -> dict[str, Any]:
-    return {f.name: table_of(v) if is_dataclass(v := getattr(config, f.name)) else v for f in fields(config)}
+    return {
+        f.name: table_of(v) if is_dataclass(v := getattr(config, f.name)) else v
+        for f in fields(config)
+    }
 
 
 @pytest.fixture
@@ -80,7 +88,9 @@ def resumed(tmp_path: Path) -> Path:
 def begun(request: pytest.FixtureRequest, resumed: Path) -> tuple[TrainConfig, Train]:
     """What a training begins with, and its command."""
     goes_on = request.param == "goes on"
-    return (RESUMED if goes_on else for_cpu("go1", "line")), Train(device="cpu", resume=resumed if goes_on else None)
+    return (RESUMED if goes_on else for_cpu("go1", "line")), Train(
+        device="cpu", resume=resumed if goes_on else None
+    )
 
 
 each_value = pytest.mark.parametrize("path", [path for path, _ in FAMILY], ids=".".join)
@@ -103,21 +113,38 @@ def test_a_flag_changes_its_value_alone(path: tuple[str, ...], resumed: Path) ->
     items = [word for pair in new.items() for word in pair] if isinstance(new, dict) else new
     words = [str(item) for item in items] if isinstance(items, tuple | list) else [str(items)]
     flag = "--profile" if path[-1] == "profile" else "--" + ".".join(path).replace("_", "-")
-    check_changed(RESUMED, parse(["--device", "cpu", "--resume", str(resumed), flag, *words]).training, path, new)
+    check_changed(
+        RESUMED,
+        parse(["--device", "cpu", "--resume", str(resumed), flag, *words]).training,
+        path,
+        new,
+    )
 
 
 def check_changed(before: TrainConfig, after: TrainConfig, path: tuple[str, ...], new: Any) -> None:
     """This value is new, and no other."""
-    assert at(after, path) == pytest.approx(new) if not isinstance(new, str) else at(after, path) == new
+    assert (
+        at(after, path) == pytest.approx(new)
+        if not isinstance(new, str)
+        else at(after, path) == new
+    )
     assert changed(before, after) == [".".join((*path, *new) if isinstance(new, dict) else path)]
 
 
-def test_the_command_line_changes_nothing_of_a_file(begun: tuple[TrainConfig, Train], tmp_path: Path) -> None:
+def test_the_command_line_changes_nothing_of_a_file(
+    begun: tuple[TrainConfig, Train], tmp_path: Path
+) -> None:
     """Nor of what is resumed: values of all fields come through it as they are."""
     before, command = begun
     file, values = tmp_path / "changes.toml", to_table(before)
     file.write_text(tomli_w.dumps(values))
-    flags = ["--device", "cpu", "--config", str(file), *(["--resume", str(command.resume)] if command.resume else [])]
+    flags = [
+        "--device",
+        "cpu",
+        "--config",
+        str(file),
+        *(["--resume", str(command.resume)] if command.resume else []),
+    ]
     after = parse(flags).training
     assert after == replace(command, config=file).defaults().training
     assert len(changed(before, after)) >= len(FAMILY)
@@ -130,19 +157,25 @@ def to_table(config: Any) -> dict[str, Any]:
     return {name: list(v) if isinstance(v, tuple) else v for name, v in others.items()}
 
 
-def test_a_flag_wins_over_the_file_and_both_over_the_resumed_training(resumed: Path, tmp_path: Path) -> None:
+def test_a_flag_wins_over_the_file_and_both_over_the_resumed_training(
+    resumed: Path, tmp_path: Path
+) -> None:
     file = tmp_path / "changes.toml"
     file.write_text("seed = 3\n[learning]\nepochs = 4\n")
     after = parse(["--resume", str(resumed), "--config", str(file), "--seed", "11"]).training
     assert (after.seed, after.learning.epochs, after.robots) == (11, 4, RESUMED.robots)
-    assert parse(["--resume", str(resumed), "--seed", "0"]).training.seed == 0  # a default that is said aloud
+    assert (
+        parse(["--resume", str(resumed), "--seed", "0"]).training.seed == 0
+    )  # a default that is said aloud
 
 
 def train(*flags: str) -> int:
     return main(["policy", "train", *TINY, *flags])
 
 
-def test_a_second_training_writes_over_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_second_training_writes_over_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "run"
     assert train("--iterations", "1", "--out", str(out)) == 0
     assert "differs from the defaults: robots = 8 (there 256)" in (out / "log.txt").read_text()
@@ -156,7 +189,9 @@ def test_a_second_training_writes_over_nothing(tmp_path: Path, capsys: pytest.Ca
     assert (out / "checkpoint.pt").read_bytes() == before
 
 
-def test_without_a_folder_each_training_gets_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_folder_each_training_gets_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     for _ in range(2):
         assert train("--iterations", "1") == 0
@@ -171,10 +206,25 @@ def test_a_resumed_training_goes_on_with_log_and_tables(
     first, second = tmp_path / "first", tmp_path / ("second" if elsewhere else "first")
     assert train("--iterations", "2", "--out", str(first)) == 0
     log = (first / "log.txt").read_text()
-    lost = replace_iteration(first / "progress.csv", "2", "9")  # as of a training that was killed after its last save
+    lost = replace_iteration(
+        first / "progress.csv", "2", "9"
+    )  # as of a training that was killed after its last save
     resume = ("--resume", str(first / "checkpoint.pt"), "--out", str(second))
     assert (
-        main(["policy", "train", "--device", "cpu", "--iterations", "4", "--env.curriculum.gap", "0.5", *resume]) == 0
+        main(
+            [
+                "policy",
+                "train",
+                "--device",
+                "cpu",
+                "--iterations",
+                "4",
+                "--env.curriculum.gap",
+                "0.5",
+                *resume,
+            ]
+        )
+        == 0
     )
     text = (second / "log.txt").read_text()
     assert text.startswith(log)
@@ -212,13 +262,20 @@ def test_an_interruption_saves_and_says_so(program: str, number: int, tmp_path: 
     assert process.returncode == 130
     (line,) = [line for line in said.splitlines() if "interrupted" in line]
     iteration = int(read_checkpoint(out / "checkpoint.pt")["iteration"])
-    assert line == f"interrupted: what was learned until iteration {iteration} is in {out / 'checkpoint.pt'}"
+    assert (
+        line
+        == f"interrupted: what was learned until iteration {iteration} is in {out / 'checkpoint.pt'}"
+    )
     assert "Traceback" not in error
 
 
 def test_networks_of_another_size_do_not_go_on(resumed: Path, tmp_path: Path) -> None:
-    command = parse(["--resume", str(resumed), "--learning.hidden", "4", "--out", str(tmp_path / "run")])
-    with pytest.raises(SaltusError, match=r"learning.hidden = \(4,\): the networks of .* have \(16, 8\)"):
+    command = parse(
+        ["--resume", str(resumed), "--learning.hidden", "4", "--out", str(tmp_path / "run")]
+    )
+    with pytest.raises(
+        SaltusError, match=r"learning.hidden = \(4,\): the networks of .* have \(16, 8\)"
+    ):
         command.run()
 
 

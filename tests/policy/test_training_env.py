@@ -88,16 +88,25 @@ def test_the_policy_is_shown_what_the_deployed_stack_shows_it():
         leg_progress=memory.progress.numpy(),
     )
     heights = transition.actor[:, -layout(LINE)["heights"] :].numpy()
-    np.testing.assert_allclose(transition.actor, features(observe(states, KINEMATICS), heights), atol=2e-4)
-    assert (np.abs(heights[:, :14] + qpos[:, 2:3]) < 1e-5).all()  # level ground until 0.6 m ahead of the start
+    np.testing.assert_allclose(
+        transition.actor, features(observe(states, KINEMATICS), heights), atol=2e-4
+    )
+    assert (
+        np.abs(heights[:, :14] + qpos[:, 2:3]) < 1e-5
+    ).all()  # level ground until 0.6 m ahead of the start
 
 
 @pytest.mark.parametrize("steps", [1, 2])
 def test_a_delay_of_plans_by_whole_steps_is_a_policy_that_answers_later(steps):
-    outputs = [bound(make_env()) + 0.1 * torch.randn(N, 10, generator=torch.manual_seed(k)) for k in range(12)]
+    outputs = [
+        bound(make_env()) + 0.1 * torch.randn(N, 10, generator=torch.manual_seed(k))
+        for k in range(12)
+    ]
     runs = []
     for delay_s, late in ((0.010 * steps, 0), (0.0, steps)):
-        env = make_env(config=EnvConfig(randomisation=RandomisationConfig(plan_delay_s=(delay_s, delay_s))))
+        env = make_env(
+            config=EnvConfig(randomisation=RandomisationConfig(plan_delay_s=(delay_s, delay_s)))
+        )
         for k in range(12):
             assert not env.step(outputs[max(0, k - late)]).done.any()
         runs.append(np.array(env._engine.qpos))
@@ -108,7 +117,9 @@ def test_each_two_milliseconds_of_delay_change_what_is_obeyed():
     tracks = []
     for ticks in range(6):
         delay_s = 0.002 * ticks
-        env = make_env(config=EnvConfig(randomisation=RandomisationConfig(plan_delay_s=(delay_s, delay_s))))
+        env = make_env(
+            config=EnvConfig(randomisation=RandomisationConfig(plan_delay_s=(delay_s, delay_s)))
+        )
         for k in range(8):
             env.step(bound(env) * (-1.0) ** k)
         tracks.append(np.array(env._engine.qpos).tobytes())
@@ -117,13 +128,17 @@ def test_each_two_milliseconds_of_delay_change_what_is_obeyed():
 
 def test_robots_that_fall_start_again_on_their_course():
     env = make_env()
-    torch.as_tensor(env._engine.qpos)[: N // 2, 3:7] = torch.tensor([0.0, 1.0, 0.0, 0.0], dtype=torch.float64)
+    torch.as_tensor(env._engine.qpos)[: N // 2, 3:7] = torch.tensor(
+        [0.0, 1.0, 0.0, 0.0], dtype=torch.float64
+    )
     transition = env.step(bound(env))
     assert transition.done[: N // 2].all()
     assert not transition.timed_out[: N // 2].any()
     assert (env.memory.time_s[: N // 2] == 0.0).all()
     blank = Estimator(ROBOT).init((), np.zeros(1)).mean
-    np.testing.assert_allclose(env.memory.estimate[: N // 2], np.tile(blank, (N // 2, 1)), atol=1e-6)
+    np.testing.assert_allclose(
+        env.memory.estimate[: N // 2], np.tile(blank, (N // 2, 1)), atol=1e-6
+    )
     tally = dict(zip(TALLY, env.episodes.tally.sum(0).tolist(), strict=True))
     assert tally["tilted"] >= N // 2
     assert torch.as_tensor(env._engine.qpos)[: N // 2, 3].min() > 0.99
@@ -137,7 +152,13 @@ def test_a_state_that_is_not_finite_ends_the_episode_and_leaves_no_trace():
     for _ in range(3):
         transition = env.step(bound(env))
     drives = [state for state in env.memory.actuators if state is not None]
-    for array in (transition.actor, transition.critic, transition.reward, env.memory.variance, *drives):
+    for array in (
+        transition.actor,
+        transition.critic,
+        transition.reward,
+        env.memory.variance,
+        *drives,
+    ):
         assert torch.isfinite(array).all()
 
 
@@ -162,7 +183,12 @@ def test_every_kind_of_terrain_gets_its_share():
 def test_ramps_are_trained_on_up_and_down():
     none = dict.fromkeys(("flat", "stairs", "stepping_stones", "step", "gap"), 0.0)
     curriculum = CurriculumConfig(**none, own={"ramp_up": 1.0, "ramp_down": 1.0})
-    env = JumpEnv(BatchEngine(ROBOT, N, curriculum.boxes, threads=1), EnvConfig(curriculum=curriculum), LINE, seed=0)
+    env = JumpEnv(
+        BatchEngine(ROBOT, N, curriculum.boxes, threads=1),
+        EnvConfig(curriculum=curriculum),
+        LINE,
+        seed=0,
+    )
     env.set_levels(torch.full((N,), 5.0))
     x = torch.linspace(0.0, 6.0, 100).expand(N, -1)
     heights = env.courses().height_at(x, torch.zeros_like(x))
@@ -191,7 +217,9 @@ def test_a_share_of_courses_is_of_any_level(share):
     config = CurriculumConfig(any_level=share)
     draw = np.random.default_rng(4).random(20_000)
     failed = np.ones(len(draw), dtype=bool)
-    moved = next_level(config, np.full(len(draw), 2.0), np.full(len(draw), 3.0), failed, ~failed, draw)
+    moved = next_level(
+        config, np.full(len(draw), 2.0), np.full(len(draw), 3.0), failed, ~failed, draw
+    )
     found = np.bincount(moved.astype(int), minlength=config.levels) / len(draw)
     expected = np.full(config.levels, share / config.levels)
     expected[2] += 1.0 - share
@@ -225,7 +253,11 @@ def test_robots_that_are_told_to_stand_do_so_and_then_begin_to_step():
 def test_the_leg_controller_knows_the_drives_of_its_profile(tmp_path):
     weak = IDEAL.having(TorqueGain(gain=0.65), ViscousFriction(coefficient=0.5))
     tracks = {}
-    for name, profile, known in (("strong", IDEAL, IDEAL), ("known", weak, weak), ("unknown", weak, IDEAL)):
+    for name, profile, known in (
+        ("strong", IDEAL, IDEAL),
+        ("known", weak, weak),
+        ("unknown", weak, IDEAL),
+    ):
         (tmp_path / f"{name}.toml").write_text(profile.to_toml())
         env = make_env(config=EnvConfig(profile=str(tmp_path / f"{name}.toml")))
         if known is not profile:
@@ -234,5 +266,7 @@ def test_the_leg_controller_knows_the_drives_of_its_profile(tmp_path):
         for _ in range(12):
             env.step(bound(env))
             tracks[name].append(np.array(env._engine.qpos))
-    off = {name: np.abs(np.array(track) - tracks["strong"]).mean() for name, track in tracks.items()}
+    off = {
+        name: np.abs(np.array(track) - tracks["strong"]).mean() for name, track in tracks.items()
+    }
     assert off["known"] < 0.2 * off["unknown"]

@@ -83,7 +83,13 @@ def test_a_share_of_the_robots_is_drawn_for(share: float) -> None:
 
 def test_ranges_grow_with_the_steps_of_the_training() -> None:
     wide = WideConfig(share=1.0, growth_msteps=(100.0, 300.0))
-    assert [wide.grown(1e6 * m) for m in (0.0, 100.0, 150.0, 300.0, 900.0)] == [0.0, 0.0, 0.25, 1.0, 1.0]
+    assert [wide.grown(1e6 * m) for m in (0.0, 100.0, 150.0, 300.0, 900.0)] == [
+        0.0,
+        0.0,
+        0.25,
+        1.0,
+        1.0,
+    ]
     env = env_of(wide)
     for steps, grown in ((0.0, 0.0), (2e8, 0.5), (4e8, 1.0)):
         env.episodes.grow(steps)
@@ -102,7 +108,11 @@ def test_the_engine_gets_what_was_drawn(kind: type[Engine]) -> None:
     layout = engine._layout if kind is WarpEngine else engine.layout
     soft, foot = env.memory.softness.numpy()[:, None], layout.robot.stop - 1
     usual, rubber = np.array(tuple(SOFT_RUBBER.values())).T
-    assert usual[:3].tolist() == [scene.CONTACT_SOLREF[0], scene.CONTACT_SOLIMP[0], scene.CONTACT_SOLIMP[2]]
+    assert usual[:3].tolist() == [
+        scene.CONTACT_SOLREF[0],
+        scene.CONTACT_SOLIMP[0],
+        scene.CONTACT_SOLIMP[2],
+    ]
     contact = (
         field("geom_solref")[:, foot, :1],
         field("geom_solimp")[:, foot, :3:2],
@@ -121,13 +131,20 @@ def test_the_engine_gets_what_was_drawn(kind: type[Engine]) -> None:
     for _ in range(5):
         transition = env.step(bound(env))
     assert transition.critic.shape == (N, size_with(LINE) + PRIVILEGED + ALL.draws)
-    assert all(torch.isfinite(a).all() for a in (transition.actor, transition.critic, transition.reward))
+    assert all(
+        torch.isfinite(a).all() for a in (transition.actor, transition.critic, transition.reward)
+    )
 
 
 def test_where_nothing_is_drawn_robots_move_as_with_the_usual_ranges() -> None:
-    """Before the ranges have grown; the numbers of the usual draws are other ones, as there are more in a row."""
+    """Before the ranges have grown.
+
+    The numbers of the usual draws are other ones, as there are more in a row.
+    """
     env = env_of(WideConfig(share=1.0, growth_msteps=(1.0, 2.0)))
-    usual = JumpEnv(BatchEngine(ROBOT, N, BOXES, dimensions=6, threads=1), config(WideConfig()), LINE, seed=0)
+    usual = JumpEnv(
+        BatchEngine(ROBOT, N, BOXES, dimensions=6, threads=1), config(WideConfig()), LINE, seed=0
+    )
     usual.memory.time_s.zero_()
     for each in (env, usual):
         for f in fields(each.memory):
@@ -147,6 +164,11 @@ def test_where_nothing_is_drawn_robots_move_as_with_the_usual_ranges() -> None:
 
 
 def test_refuses_what_means_nothing() -> None:
-    for bad in ({"share": 1.5}, {"growth_msteps": (3.0, 2.0)}, {"softness": 2.0}, {"command_delay_s": -0.1}):
+    for bad in (
+        {"share": 1.5},
+        {"growth_msteps": (3.0, 2.0)},
+        {"softness": 2.0},
+        {"command_delay_s": -0.1},
+    ):
         with pytest.raises(ConfigError):
             WideConfig(**bad)

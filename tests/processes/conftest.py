@@ -15,10 +15,12 @@ from saltus.runtime.stack import Stack
 MEASURED_S = 4.0  # of standing and running; the machine's time
 TRIED = (0.7, 0.5)
 """The speeds at which it is measured, the second where a run does not keep the first: at full speed a run alone fills
-two cores, and its own stalls say little about a slower one. None is faster, although a larger computer could."""
+two cores, and its own stalls say little about a slower one. None is faster, although a larger
+computer could."""
 KEPT = 0.98  # of a speed: such a run is not held up
 LATE_S = 0.003
-"""A test's limits are a policy step or two beyond what the processes need: stalls of the computer must be shorter."""
+"""A test's limits are a policy step or two beyond what the processes need: stalls of the computer
+must be shorter."""
 RESERVE = 0.5  # another moment may be twice as busy
 SPIN = """import time
 begin = time.perf_counter()
@@ -31,13 +33,18 @@ STEPS = (*TRIED, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What asks for a speed has limits in real time, and comes alone."""
     for item in items:
-        if Path(__file__).parent in item.path.parents and "speed" in getattr(item, "fixturenames", ()):
+        if Path(__file__).parent in item.path.parents and "speed" in getattr(
+            item, "fixturenames", ()
+        ):
             item.add_marker("realtime")
 
 
 @pytest.fixture(scope="session")
 def speed(tmp_path_factory: pytest.TempPathFactory) -> float:
-    """Seconds of a run for each second of this computer; told, as the tests' length depends on it."""
+    """Seconds of a run for each second of this computer.
+
+    Told, as the tests' length depends on it.
+    """
     for tried in TRIED:
         factor, share = measured(tmp_path_factory.mktemp("speed"), tried)
         if factor.share > KEPT:
@@ -69,7 +76,8 @@ def measured(directory: Path, speed: float) -> tuple[RealTimeFactor, float]:
 def processor_share() -> float:
     """Of the time of its processors, what this session gets: 1 where it is alone, rounded up from 0.9.
 
-    The processes of a run may be preferred; a test's own thread, which starts, ends and dates things, is not.
+    The processes of a run may be preferred; a test's own thread, which starts, ends and dates
+    things, is not.
     """
     spinning = [
         subprocess.Popen([sys.executable, "-c", SPIN], stdout=subprocess.PIPE, text=True)

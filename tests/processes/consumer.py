@@ -7,7 +7,10 @@ from saltus.wire.topics import TOPICS
 
 
 def body(context: ProcessContext) -> None:
-    slots = [context.bus.latest(name, "probe" if t.publisher == "*" else "") for name, t in TOPICS.items()]
+    slots = [
+        context.bus.latest(name, "probe" if t.publisher == "*" else "")
+        for name, t in TOPICS.items()
+    ]
     context.ready()
     ticks = 0
     while not context.stopped:

@@ -15,7 +15,13 @@ def body(context: ProcessContext) -> None:
     while not context.stopped and ticker.ticks < 100 * context.config.time_limit_s:
         ticker.wait()
         context.beat(ticks=ticker.ticks, overruns=ticker.overruns)
-        states.put(replace(standing_state(context.setup.robot), step=ticker.ticks, time_ns=context.clock.now_ns()))
+        states.put(
+            replace(
+                standing_state(context.setup.robot),
+                step=ticker.ticks,
+                time_ns=context.clock.now_ns(),
+            )
+        )
 
 
 if __name__ == "__main__":

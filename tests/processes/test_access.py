@@ -29,9 +29,17 @@ SPEAKERS = (*PROCESSES, "operator")
 MAY_PUT, MAY_READ = dict[str, set[str]](), dict[str, set[str]]()
 for topic in TOPICS.values():
     for role in SPEAKERS if topic.publisher == "*" else (topic.publisher,):
-        key = f"{PREFIX}/{topic.name}/{role}" if topic.publisher == "*" else f"{PREFIX}/{topic.name}"
+        key = (
+            f"{PREFIX}/{topic.name}/{role}" if topic.publisher == "*" else f"{PREFIX}/{topic.name}"
+        )
         MAY_PUT[key], MAY_READ[key] = {"owner", role}, {"owner", *LISTENERS, *topic.readers}
-for key in (f"{PREFIX}/{SHARED}", f"{PREFIX}/status", f"{PREFIX}/other", "robot/1/policy/plan", "elsewhere"):
+for key in (
+    f"{PREFIX}/{SHARED}",
+    f"{PREFIX}/status",
+    f"{PREFIX}/other",
+    "robot/1/policy/plan",
+    "elsewhere",
+):
     MAY_PUT[key] = {"owner"}
     MAY_READ[key] = {"owner", *LISTENERS} if key.startswith(PREFIX) else {"owner"}
 EVERYTHING = ("**", f"**/{SHARED}")
@@ -59,7 +67,10 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         address = f"127.0.0.1:{port.getsockname()[1]}"
     assert main(["keys", "init", "--address", address, "--keys", str(keys)]) == 0
     files = {role: issue(keys, role, days=1) for role in ROLES}
-    files["revoked"], files["expired"] = issue(keys, "policy", days=1), issue(keys, "policy", days=0)
+    files["revoked"], files["expired"] = (
+        issue(keys, "policy", days=1),
+        issue(keys, "policy", days=0),
+    )
     assert main(["keys", "revoke", files["revoked"].stem, "--keys", str(keys)]) == 0
     command = ["router", "--listen", address, "--keys", str(keys), "--out", str(run_dir)]
     with subprocess.Popen(
@@ -92,10 +103,16 @@ def until(condition: Callable[[], bool]) -> None:
 def test_each_role_puts_to_its_own_keys_alone(sessions: dict[str, Any]) -> None:
     met: set[tuple[str, str]] = set()
     for expression in EVERYTHING:
-        sessions["owner"].declare_subscriber(expression, lambda it: met.add((str(it.key_expr), it.payload.to_string())))
+        sessions["owner"].declare_subscriber(
+            expression, lambda it: met.add((str(it.key_expr), it.payload.to_string()))
+        )
     expected = {(key, who) for key, some in MAY_PUT.items() for who in some}
 
-    publishers = [(who, session.declare_publisher(key)) for who, session in sessions.items() for key in MAY_PUT]
+    publishers = [
+        (who, session.declare_publisher(key))
+        for who, session in sessions.items()
+        for key in MAY_PUT
+    ]
 
     def put() -> bool:
         for who, publisher in publishers:
@@ -113,18 +130,26 @@ def test_each_role_puts_to_its_own_keys_alone(sessions: dict[str, Any]) -> None:
 
 def test_a_role_that_comes_back_may_what_it_might(site: Site, sessions: dict[str, Any]) -> None:
     met: set[str] = set()
-    sessions["heightmap"].declare_subscriber(f"{PREFIX}/camera/depth", lambda it: met.add(it.payload.to_string()))
+    sessions["heightmap"].declare_subscriber(
+        f"{PREFIX}/camera/depth", lambda it: met.add(it.payload.to_string())
+    )
     for time_ in range(3):
         with contextlib.closing(open_session("client", str(site.files["render"]))) as session:
             publisher = session.declare_publisher(f"{PREFIX}/camera/depth")
-            until(lambda publisher=publisher, time_=time_: publisher.put(str(time_)) or str(time_) in met)
+            until(
+                lambda publisher=publisher, time_=time_: (
+                    publisher.put(str(time_)) or str(time_) in met
+                )
+            )
 
 
 def test_each_role_reads_its_own_keys_alone(sessions: dict[str, Any]) -> None:
     met: set[tuple[str, str]] = set()
 
     def listener(who: str) -> Callable[[Any], None]:
-        return lambda it: met.add((str(it.key_expr), who)) if it.payload.to_string() == "read" else None
+        return lambda it: (
+            met.add((str(it.key_expr), who)) if it.payload.to_string() == "read" else None
+        )
 
     for who, session in sessions.items():
         for expression in (*MAY_READ, *EVERYTHING, f"{PREFIX}/**"):
@@ -148,7 +173,9 @@ def test_no_role_gets_or_answers(site: Site, sessions: dict[str, Any]) -> None:
     with contextlib.closing(open_session("client", str(site.run_dir / "client.json5"))) as other:
         for who, session in {**sessions, "other": other}.items():
             for expression in EVERYTHING:
-                session.declare_queryable(expression, lambda query, who=who: query.reply(query.key_expr, who))
+                session.declare_queryable(
+                    expression, lambda query, who=who: query.reply(query.key_expr, who)
+                )
         until(lambda: answers(other, "elsewhere") == {"owner", "other"})
         for key in MAY_PUT:
             assert answers(other, key) == {"owner", "other"}
@@ -170,7 +197,10 @@ def test_who_has_no_certificate_that_holds_does_not_join(site: Site, tmp_path: P
     create(tmp_path / "other", site.address, days=1)
     foreign = issue(tmp_path / "other", "policy", days=1)
     whole = json.loads(site.files["policy"].read_text())
-    strangers = {"expired": json.loads(site.files["expired"].read_text()), "foreign": json.loads(foreign.read_text())}
+    strangers = {
+        "expired": json.loads(site.files["expired"].read_text()),
+        "foreign": json.loads(foreign.read_text()),
+    }
     for name in ("no certificate", "plain"):
         strangers[name] = json.loads(json.dumps(whole))
     for part in ("certificate", "private_key"):
@@ -180,7 +210,10 @@ def test_who_has_no_certificate_that_holds_does_not_join(site: Site, tmp_path: P
     joined = []
     for name, settings in strangers.items():
         settings["connect"]["timeout_ms"] = 500
-        with contextlib.suppress(zenoh.ZError), zenoh.open(zenoh.Config.from_json5(json.dumps(settings))):
+        with (
+            contextlib.suppress(zenoh.ZError),
+            zenoh.open(zenoh.Config.from_json5(json.dumps(settings))),
+        ):
             joined.append(name)
     assert not joined
 
@@ -195,7 +228,12 @@ def test_names_and_serials_never_return(tmp_path: Path) -> None:
     for _ in range(3):
         revoke(tmp_path / "keys", issue(tmp_path / "keys", "viewer", days=1).stem)
     issued = load(tmp_path / "keys").issued
-    assert len({each.serial for each in issued}) == len({each.name for each in issued}) == len(issued) == 4
+    assert (
+        len({each.serial for each in issued})
+        == len({each.name for each in issued})
+        == len(issued)
+        == 4
+    )
     assert not load(tmp_path / "keys").names
     with pytest.raises(ConfigError, match="no certificate"):
         revoke(tmp_path / "keys", issued[-1].name)

@@ -20,7 +20,9 @@ ROOM = 900_000  # bytes: a second or two of a run
 ENDED_S = 10.0
 
 
-def up(run_dir: Path, *flags: str, limit: Callable[[], None] | None = None) -> "subprocess.Popen[str]":
+def up(
+    run_dir: Path, *flags: str, limit: Callable[[], None] | None = None
+) -> "subprocess.Popen[str]":
     """A run on flat ground that another process hosts."""
     course = ("--terrain", "flat", "--planner", "scripted", "--camera", "ideal")
     return subprocess.Popen(
@@ -42,7 +44,12 @@ def stands(seen: Recording) -> bool:
 def test_a_full_disk_lands_the_robot_and_is_said_in_one_line(tmp_path: Path) -> None:
     """The disk is full for files of more than a size: so the system refuses to write, without any right to a disk."""
     limit = (ROOM, resource.getrlimit(resource.RLIMIT_FSIZE)[1])
-    process = up(tmp_path / "run", "--pace", "lockstep", limit=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit))
+    process = up(
+        tmp_path / "run",
+        "--pace",
+        "lockstep",
+        limit=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit),
+    )
     seen = witness(process, tmp_path / "run", tmp_path / "seen.mcap", float("inf"), lambda: None)
     _, told = process.communicate()
     path = tmp_path / "run" / "recording.mcap"
@@ -53,11 +60,15 @@ def test_a_full_disk_lands_the_robot_and_is_said_in_one_line(tmp_path: Path) -> 
     recording = repair(path, tmp_path / "repaired.mcap")
     assert not recording.complete
     assert len(recording.of(RobotState)) > 100
-    assert len(read_recording(tmp_path / "repaired.mcap").of(RobotState)) == len(recording.of(RobotState))
+    assert len(read_recording(tmp_path / "repaired.mcap").of(RobotState)) == len(
+        recording.of(RobotState)
+    )
 
 
 @pytest.mark.slow
-def test_processes_of_a_killed_supervisor_land_the_robot_and_end(speed: float, tmp_path: Path) -> None:
+def test_processes_of_a_killed_supervisor_land_the_robot_and_end(
+    speed: float, tmp_path: Path
+) -> None:
     process = up(tmp_path / "run", "--speed", str(speed))
     children: list[psutil.Process] = []
 

@@ -1,4 +1,7 @@
-"""One heightmap process serves several robots; one falls silent, bad and good models are given to it while it runs."""
+"""One heightmap process serves several robots.
+
+One falls silent, bad and good models are given to it while it runs.
+"""
 
 import os
 import subprocess
@@ -41,16 +44,24 @@ class Robot:
         self.events: list[str] = []
         self.refused = 0
         self.clock, self._step = clock, 0
-        self._states, self._frames = self.bus.publisher("controller/state"), self.bus.publisher("camera/depth")
+        self._states, self._frames = (
+            self.bus.publisher("controller/state"),
+            self.bus.publisher("camera/depth"),
+        )
         self._heightmaps = self.bus.latest("heightmap/heightmap")
-        self._status, self._event = self.bus.latest("status", "heightmap"), self.bus.latest("event", "heightmap")
+        self._status, self._event = (
+            self.bus.latest("status", "heightmap"),
+            self.bus.latest("event", "heightmap"),
+        )
         self._rng = np.random.default_rng(0)
 
     def step(self) -> None:
         frame = DepthFrame(
             time_ns=self.clock.now_ns() - 50_000_000,
             frame_id=self._step // 2,
-            depth=self._rng.integers(300, 2500, (MODEL_CAMERA.height, MODEL_CAMERA.width)).astype(np.uint16),
+            depth=self._rng.integers(300, 2500, (MODEL_CAMERA.height, MODEL_CAMERA.width)).astype(
+                np.uint16
+            ),
             depth_unit_m=MILLIMETRE,
             fx=MODEL_CAMERA.fx,
             fy=MODEL_CAMERA.fy,
@@ -66,7 +77,9 @@ class Robot:
     def listen(self) -> None:
         heightmap, status, event = self._heightmaps.take(), self._status.take(), self._event.take()
         if heightmap is not None:
-            self.answered[heightmap.message.model_id, HeightmapStatus(heightmap.message.status)] += 1
+            self.answered[
+                heightmap.message.model_id, HeightmapStatus(heightmap.message.status)
+            ] += 1
         if status is not None:
             self.refused = status.message.rejected.get("model/refused", 0)
         if event is not None:
@@ -77,7 +90,14 @@ class Robot:
 def robots(speed: float, tmp_path: Path) -> Iterator[list[Robot]]:
     endpoint, router = open_router()
     began_ns = time.monotonic_ns() - round(1e9 / speed)
-    config = RunConfig(robot="go1", grid="line", pace="realtime", epoch_ns=began_ns, time_limit_s=600.0, speed=speed)
+    config = RunConfig(
+        robot="go1",
+        grid="line",
+        pace="realtime",
+        epoch_ns=began_ns,
+        time_limit_s=600.0,
+        speed=speed,
+    )
     (put_run(tmp_path, config) / RUN_FILE).write_text(to_toml(config))
     clock = RunClock.of(config)
     robots = [Robot(endpoint, prefix, clock) for prefix in ROBOTS]
@@ -111,7 +131,9 @@ def run_until(robots: list[Robot], event: str, models: set[str]) -> None:
     """Robots send until the first of them is told of an event, and each has been answered by exactly these models."""
     clock = robots[0].clock
     ticker, deadline_s = Ticker(100.0, clock=clock), clock.elapsed_s() + PATIENCE_S
-    while event not in robots[0].events or any({model for model, _ in each.answered} != models for each in robots):
+    while event not in robots[0].events or any(
+        {model for model, _ in each.answered} != models for each in robots
+    ):
         told = [(robot.events, robot.answered) for robot in robots]
         assert clock.elapsed_s() < deadline_s, f"no {event} or not by {models}: {told}"
         ticker.wait()
@@ -129,7 +151,9 @@ def another_model(folder: Path) -> Path:
     return path
 
 
-def test_a_fleet_is_served_whoever_is_silent_and_whatever_model_is_given(robots: list[Robot], tmp_path: Path) -> None:
+def test_a_fleet_is_served_whoever_is_silent_and_whatever_model_is_given(
+    robots: list[Robot], tmp_path: Path
+) -> None:
     shipped = ModelFile(resource("models/heightmap.onnx")).model_id
     run_until(robots, "heightmap_ok", {shipped})
     active, silent = robots[:2], robots[2]

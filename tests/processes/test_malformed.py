@@ -85,9 +85,18 @@ def malformed(kind: type[Message], boot_id: bytes, time_ns: int) -> Iterator[Mal
             yield Malformed(reason, payload, envelope)
     name = "depth_unit_m" if kind is schemas.messages.DepthFrame else first_float(kind)
     for reason, value in (("not_finite", np.nan), ("not_finite", -np.inf), ("range", 1e300)):
-        value = value if np.isscalar(getattr(message, name)) else np.full_like(getattr(message, name), value)
+        value = (
+            value
+            if np.isscalar(getattr(message, name))
+            else np.full_like(getattr(message, name), value)
+        )
         yield Malformed(reason, codec.encode(replace(message, **{name: value})), envelope)
-    for attachment in (b"", envelope[:-1], envelope + b"\0", Envelope(0, time_ns, boot_id).to_bytes()):
+    for attachment in (
+        b"",
+        envelope[:-1],
+        envelope + b"\0",
+        Envelope(0, time_ns, boot_id).to_bytes(),
+    ):
         yield Malformed("envelope", good, attachment)
     yield Malformed("capture_time", good, Envelope(10**6, time_ns + 1, boot_id).to_bytes())
 
@@ -159,7 +168,9 @@ def endpoint() -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def victims(endpoint: str, speed: float, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Victim]]:
+def victims(
+    endpoint: str, speed: float, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[dict[str, Victim]]:
     """All processes at once: they load at the same time."""
     root = tmp_path_factory.mktemp("victims")
     victims = {name: Victim(name, endpoint, root / name, speed) for name in SUBSCRIBED}
@@ -178,11 +189,17 @@ def attacker(endpoint: str) -> Iterator[Any]:
         yield session
 
 
-def test_every_malformed_message_is_counted_and_nobody_dies(victims: dict[str, Victim], attacker: Any) -> None:
+def test_every_malformed_message_is_counted_and_nobody_dies(
+    victims: dict[str, Victim], attacker: Any
+) -> None:
     for victim in victims.values():
         wait_until_ready(victim)
     attacks = [
-        (victim, topic, list(malformed(TOPICS[topic].message, victim.bus.boot_id, victim.clock.now_ns())))
+        (
+            victim,
+            topic,
+            list(malformed(TOPICS[topic].message, victim.bus.boot_id, victim.clock.now_ns())),
+        )
         for victim in victims.values()
         for topic in SUBSCRIBED[victim.name]
     ]
@@ -192,10 +209,13 @@ def test_every_malformed_message_is_counted_and_nobody_dies(victims: dict[str, V
     for start in range(0, kinds, BATCH):
         for victim, topic, attack in attacks:
             for item in attack[start : start + BATCH]:
-                # Behind the 5 MB of one of them a message that may be dropped would be: each must arrive to be counted.
+                # Behind the 5 MB of one of them a message that may be dropped would be: each must
+                # arrive to be counted.
                 block = zenoh.CongestionControl.BLOCK
                 key = f"{victim.prefix}/{topic}"
-                attacker.put(key, item.payload, attachment=item.attachment, congestion_control=block)
+                attacker.put(
+                    key, item.payload, attachment=item.attachment, congestion_control=block
+                )
                 expected[victim.name][f"{topic}/{item.reason}"] += 1
         wait_until_counted(victims, expected)
 
@@ -205,7 +225,9 @@ def wait_until_ready(victim: Victim) -> None:
     while victim.status.wait(0.1) is None:
         dead = victim.process.poll() is not None
         assert not dead, f"{victim.name} died before it was ready:\n{victim.log.read_text()}"
-        assert victim.clock.elapsed_s() < deadline_s, f"{victim.name} is not ready:\n{victim.log.read_text()}"
+        assert victim.clock.elapsed_s() < deadline_s, (
+            f"{victim.name} is not ready:\n{victim.log.read_text()}"
+        )
 
 
 def wait_until_counted(victims: dict[str, Victim], expected: dict[str, Counter[str]]) -> None:
@@ -218,4 +240,6 @@ def wait_until_counted(victims: dict[str, Victim], expected: dict[str, Counter[s
         for victim in victims.values():
             victim.trigger()
         time.sleep(clock.machine_s(TRIGGER_S))
-        counted = {name: victim.counted(victim.status) or counted[name] for name, victim in victims.items()}
+        counted = {
+            name: victim.counted(victim.status) or counted[name] for name, victim in victims.items()
+        }

@@ -53,7 +53,15 @@ def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def test_a_robot_without_saltus_is_told_what_saltus_is_told(run_dir: Path) -> None:
     built_in: dict[int, Heightmap] = {}
     told = run_dir / "told.jsonl"
-    command = [sys.executable, "-I", str(EXAMPLE), str(run_dir / CLIENT_FILE), "--seconds", "3", "--json"]
+    command = [
+        sys.executable,
+        "-I",
+        str(EXAMPLE),
+        str(run_dir / CLIENT_FILE),
+        "--seconds",
+        "3",
+        "--json",
+    ]
     with ZenohBus(endpoint_of(run_dir), "robot/0") as bus, told.open("w") as file:
         heightmaps = bus.latest("heightmap/heightmap")
         with subprocess.Popen(command, stdout=file) as robot:
@@ -67,20 +75,31 @@ def test_a_robot_without_saltus_is_told_what_saltus_is_told(run_dir: Path) -> No
     assert len(both) > 20
     for step in both:
         for name in ("x", "height", "half_width_90"):
-            np.testing.assert_allclose(own[step][name], getattr(built_in[step], name), rtol=0.0, atol=1e-6)
+            np.testing.assert_allclose(
+                own[step][name], getattr(built_in[step], name), rtol=0.0, atol=1e-6
+            )
         assert own[step]["status"] == built_in[step].status
     seen = [row for row in own.values() if row["status"] == HeightmapStatus.OK]
     assert seen
     ahead = np.array(seen[-1]["x"]) > 0.5
-    np.testing.assert_allclose(np.array(seen[-1]["height"])[ahead], -0.285, atol=0.01)  # level ground below the feet
+    np.testing.assert_allclose(
+        np.array(seen[-1]["height"])[ahead], -0.285, atol=0.01
+    )  # level ground below the feet
 
 
-def test_a_robot_that_stands_is_checked_while_it_runs(run_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot_that_stands_is_checked_while_it_runs(
+    run_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """How often and how late its messages come is up to this computer; the rest is good."""
-    robot = subprocess.Popen([sys.executable, "-I", str(EXAMPLE), str(run_dir / CLIENT_FILE), "--seconds", "60"])
+    robot = subprocess.Popen(
+        [sys.executable, "-I", str(EXAMPLE), str(run_dir / CLIENT_FILE), "--seconds", "60"]
+    )
     with ZenohBus(endpoint_of(run_dir), "robot/0") as bus:
         assert bus.latest("heightmap/heightmap").wait(PATIENCE_S) is not None
-    assert main(["heightmap", "check", "--run-dir", str(run_dir), "--seconds", "2", "--json"]) in (0, 1)
+    assert main(["heightmap", "check", "--run-dir", str(run_dir), "--seconds", "2", "--json"]) in (
+        0,
+        1,
+    )
     robot.kill()
     robot.wait()
     begun, *_, table = capsys.readouterr().out.splitlines()
@@ -107,7 +126,9 @@ def test_a_router_says_what_runs(run_dir: Path) -> None:
     assert sample.message.time_ns >= before_ns - 10**9  # the run's clock is that of the machine
 
 
-def test_any_robot_without_saltus_is_told_187_heights_and_its_policys_observation(tmp_path: Path) -> None:
+def test_any_robot_without_saltus_is_told_187_heights_and_its_policys_observation(
+    tmp_path: Path,
+) -> None:
     """Whether images come in time is up to this computer: they are looked at all the same."""
     examples = EXAMPLE.parent
     camera = ("--camera", str(examples / "scan_camera.toml"))
@@ -119,7 +140,11 @@ def test_any_robot_without_saltus_is_told_187_heights_and_its_policys_observatio
             flags = ("--dialect", "isaaclab", "--body", "none")
             with running("heightmap", "serve", "--run-dir", str(tmp_path), *flags):
                 assert status.wait(PATIENCE_S) is not None
-                command = [sys.executable, str(examples / "scan_robot.py"), str(tmp_path / CLIENT_FILE)]
+                command = [
+                    sys.executable,
+                    str(examples / "scan_robot.py"),
+                    str(tmp_path / CLIENT_FILE),
+                ]
                 with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as robot:
                     assert robot.stdout is not None
                     assert ": 187 heights, " in robot.stdout.readline()
@@ -133,4 +158,6 @@ def test_any_robot_without_saltus_is_told_187_heights_and_its_policys_observatio
     assert told.seen_share >= 0.3
     seen = np.isfinite(told.age_s)
     np.testing.assert_allclose(told.height[seen], -0.4, atol=0.03)
-    np.testing.assert_allclose(told.observation, DIALECTS["isaaclab"].observation(told.height, SCAN), atol=1e-9)
+    np.testing.assert_allclose(
+        told.observation, DIALECTS["isaaclab"].observation(told.height, SCAN), atol=1e-9
+    )

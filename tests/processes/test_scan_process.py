@@ -27,8 +27,11 @@ from saltus.wire.zenoh_bus import ZenohBus
 PATIENCE_S = 120.0
 STEPS, SETTLED = 170, 110
 SEEN_M, INSIDE = 0.017, 0.85
-"""The network's error on all kinds of ground where seen (docs/scan.md), and somewhat less than its share inside."""
-LONG = replace(ROBOT, name="long", thigh_length=0.25, calf_length=0.24, stand_height=0.34, camera_yaw=0.2)
+"""The network's error on all kinds of ground where seen (docs/scan.md), and somewhat less than its
+share inside."""
+LONG = replace(
+    ROBOT, name="long", thigh_length=0.25, calf_length=0.24, stand_height=0.34, camera_yaw=0.2
+)
 """Legs and a camera that no shipped robot has."""
 
 
@@ -65,7 +68,8 @@ def test_a_robot_that_is_carried_up_stairs_is_told_the_ground(robot: Robot, tmp_
     errors, widths, seen = (
         np.array(rows)
         for rows in zip(
-            *((np.abs(a.height - t), a.half_width_90, np.isfinite(a.age_s)) for a, t in settled), strict=True
+            *((np.abs(a.height - t), a.half_width_90, np.isfinite(a.age_s)) for a, t in settled),
+            strict=True,
         )
     )
     assert seen.mean() > 0.2

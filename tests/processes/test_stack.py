@@ -67,7 +67,11 @@ SILENT = """
 
 def children_of_run(directory: Path) -> list[psutil.Process]:
     """Processes of a run that are still there; the test's process may have other children."""
-    return [child for child in psutil.Process().children() if str(directory) in " ".join(child.cmdline())]
+    return [
+        child
+        for child in psutil.Process().children()
+        if str(directory) in " ".join(child.cmdline())
+    ]
 
 
 @pytest.fixture(autouse=True)
@@ -75,7 +79,9 @@ def importable(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{PROCESSES}")
 
 
-def run_config(pace: Pace = "realtime", time_limit_s: float = 60.0, speed: float = 1.0) -> RunConfig:
+def run_config(
+    pace: Pace = "realtime", time_limit_s: float = 60.0, speed: float = 1.0
+) -> RunConfig:
     return RunConfig(robot="go1", grid="line", pace=pace, time_limit_s=time_limit_s, speed=speed)
 
 
@@ -148,7 +154,11 @@ def test_a_run_goes_on_where_no_spare_can_be_started_and_has_one_once_it_can(
                 poll_until(stack, lambda before=tried_s: child.tried_s > before, 10.0)  # type: ignore[misc]
         poll_until(stack, lambda: child.has_spare, 10.0)
         assert stack.poll()
-    told = [m.detail for _, _, m in read_recording(stack.recording).messages("event") if m.code == "no_spare"]  # type: ignore[union-attr]
+    told = [
+        m.detail
+        for _, _, m in read_recording(stack.recording).messages("event")
+        if m.code == "no_spare"
+    ]  # type: ignore[union-attr]
     assert told == ["consumer cannot be started: Too many open files"] * 2
 
 
@@ -160,11 +170,17 @@ def test_a_process_whose_status_does_not_come_lives_while_it_says_anything(
     monkeypatch.setattr(module, "HUNG_S", hung_s)
     (tmp_path / "silent.py").write_text(textwrap.dedent(SILENT.format(hung_s=hung_s)))
     with Stack(
-        run_config(speed=0.2), tmp_path / "run", (Program(name="render", module="silent", restart=True), STATES)
+        run_config(speed=0.2),
+        tmp_path / "run",
+        (Program(name="render", module="silent", restart=True), STATES),
     ) as stack:
         lived_s = poll_until(stack, lambda: stack.restarts["render"] == 1, 4.0 * hung_s)
     assert lived_s > 2.5 * hung_s
-    (died,) = [m.detail for _, _, m in read_recording(stack.recording).messages("event") if m.code == "process_died"]  # type: ignore[union-attr]
+    (died,) = [
+        m.detail
+        for _, _, m in read_recording(stack.recording).messages("event")
+        if m.code == "process_died"
+    ]  # type: ignore[union-attr]
     assert died == f"render: hung: no sign of life for {hung_s:g} s"
 
 
@@ -183,7 +199,9 @@ def test_a_process_that_cannot_start_is_named_with_its_last_words(tmp_path: Path
     (tmp_path / "broken.py").write_text(textwrap.dedent(BROKEN))
     broken = Program(name="consumer", module="broken", restart=True)
     with (
-        pytest.raises(StackError, match=r"(?s)consumer died .exit code 2.*the model file is damaged"),
+        pytest.raises(
+            StackError, match=r"(?s)consumer died .exit code 2.*the model file is damaged"
+        ),
         Stack(run_config(), tmp_path / "run", (broken,)),
     ):
         pass
@@ -191,7 +209,9 @@ def test_a_process_that_cannot_start_is_named_with_its_last_words(tmp_path: Path
     assert [e.code for e in sorted(events, key=lambda e: e.time_ns)] == ["error", "process_died"]
 
 
-def test_a_process_that_is_never_ready_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_that_is_never_ready_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "idle.py").write_text("import time\ntime.sleep(60)\n")
     monkeypatch.setattr(module, "READY_TIMEOUT_S", 0.3)
     idle = Program(name="idle", module="idle", restart=True)
@@ -212,7 +232,10 @@ def test_who_is_interrupted_while_a_recording_begins_has_one_that_ends(
         return recorder
 
     monkeypatch.setattr(module, "Recorder", begun)
-    with pytest.raises(KeyboardInterrupt), Stack(RunConfig(robot="go1", grid="line"), tmp_path, (CONSUMER, STATES)):
+    with (
+        pytest.raises(KeyboardInterrupt),
+        Stack(RunConfig(robot="go1", grid="line"), tmp_path, (CONSUMER, STATES)),
+    ):
         pass
     assert read_recording(tmp_path / "recording.mcap").complete
 
@@ -222,7 +245,8 @@ def test_processes_do_not_outlive_a_killed_supervisor(tmp_path: Path) -> None:
         "import sys\nfrom pathlib import Path\nfrom saltus.runtime.child import Program\n"
         "from saltus.config import RunConfig\nfrom saltus.runtime.stack import Stack\n"
         "programs = (Program(name='consumer', module='consumer', restart=True),)\n"
-        "with Stack(RunConfig(robot='go1', grid='line', pace='realtime'), Path(sys.argv[1]), programs) as stack:\n"
+        "with Stack(RunConfig(robot='go1', grid='line', pace='realtime'), Path(sys.argv[1]), "
+        "programs) as stack:\n"
         "    sys.stdout.write(f'{stack.pid(\"consumer\")}\\n')\n"
         "    sys.stdout.flush()\n"
         "    stack.wait()\n"

@@ -24,7 +24,9 @@ sys.stdin.read()
 """
 
 
-def test_who_connects_says_nothing_and_stays_takes_no_files_that_a_run_needs(tmp_path: Path) -> None:
+def test_who_connects_says_nothing_and_stays_takes_no_files_that_a_run_needs(
+    tmp_path: Path,
+) -> None:
     """More of them than a process may usually open files: each holds one of the router's process, the supervisor."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         host, port = server.getsockname()
@@ -32,7 +34,10 @@ def test_who_connects_says_nothing_and_stays_takes_no_files_that_a_run_needs(tmp
     with file_numbers_below(FILES):
         endpoint, router = open_router(network_of(tmp_path / "keys", f"{host}:{port}", "saltus"))
         arguments = [sys.executable, "-c", CONNECT, host, str(port), str(STRANGERS)]
-        with router, subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as strangers:
+        with (
+            router,
+            subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as strangers,
+        ):
             assert strangers.stdout is not None
             assert strangers.stdout.readline() == b"there\n"
             while psutil.Process().num_fds() < STRANGERS:  # which opens a file itself
@@ -43,7 +48,9 @@ def test_who_connects_says_nothing_and_stays_takes_no_files_that_a_run_needs(tmp
 
 def heard(endpoint: str) -> list[bytes]:
     """What one client of a router receives that another sends."""
-    config = zenoh.Config.from_json5(f'{{mode: "client", connect: {{endpoints: ["{endpoint}"], timeout_ms: 5000}}}}')
+    config = zenoh.Config.from_json5(
+        f'{{mode: "client", connect: {{endpoints: ["{endpoint}"], timeout_ms: 5000}}}}'
+    )
     with zenoh.open(config) as sender, zenoh.open(config) as receiver:
         told = receiver.declare_subscriber("saltus/key", zenoh.handlers.FifoChannel(4))
         publisher = sender.declare_publisher("saltus/key")

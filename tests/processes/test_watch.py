@@ -26,7 +26,10 @@ def wait_for(tab: Tab, *said: str) -> None:
 
 
 LASTS_S = {"0.25": "3", "0.1": "2.5"}
-"""Of a demo at these speeds: a click has 8 s of the machine, on a slow page over 10; its recording comes in time."""
+"""Of a demo at these speeds: a click has 8 s of the machine, on a slow page over 10.
+
+Its recording comes in time.
+"""
 
 
 def watched(speed: float) -> str:
@@ -35,26 +38,41 @@ def watched(speed: float) -> str:
 
 
 def test_a_run_is_started_disturbed_and_stopped_on_the_page(speed: float, tmp_path: Path) -> None:
-    """Four faults of a robot that runs, and what is said of each; then the recording shows that it stands."""
-    with page_of("watch", "--port", "0", folder=tmp_path) as (address, page), browser(WIDTH, HEIGHT) as tab:
+    """Four faults of a robot that runs, and what is said of each.
+
+    Then the recording shows that it stands.
+    """
+    with (
+        page_of("watch", "--port", "0", folder=tmp_path) as (address, page),
+        browser(WIDTH, HEIGHT) as tab,
+    ):
         tab.open(address)
         wait_for(tab, "no run: start one")
         tab.choose("0.5", watched(speed))
-        tab.choose("stairs", "flat")  # where a blinded robot lands on its feet, however late the click comes
+        tab.choose(
+            "stairs", "flat"
+        )  # where a blinded robot lands on its feet, however late the click comes
         tab.click("Start")
         wait_for(tab, "live", "mode_run")
         (up,) = psutil.Process(page.pid).children()
         threads = [thread.id for thread in up.threads()]  # none has the page's own, which is lower
-        assert max(os.getpriority(os.PRIO_PROCESS, thread) for thread in threads) <= os.getpriority(os.PRIO_PROCESS, 0)
+        assert max(os.getpriority(os.PRIO_PROCESS, thread) for thread in threads) <= os.getpriority(
+            os.PRIO_PROCESS, 0
+        )
         tab.click("Blind the camera 1 s")
         before = tab.picture()[GROUND].astype(int)
         wait_for(tab, "blind 1", "heightmap_invalid", "mode_stopped")
-        assert np.abs(tab.picture()[GROUND] - before).max(axis=-1).mean() > 1.0  # the robot has gone on
+        assert (
+            np.abs(tab.picture()[GROUND] - before).max(axis=-1).mean() > 1.0
+        )  # the robot has gone on
         for label, process in (
-            ("Kill the camera", "render"), ("Kill the heightmap service", "heightmap"), ("Kill the planner", "policy"),
+            ("Kill the camera", "render"), ("Kill the heightmap service", "heightmap"),
+            ("Kill the planner", "policy"),
         ):  # fmt: skip
             tab.click(label)
-            wait_for(tab, f"kill {process}", f"process_died {process}", f"process_ready {process}: after")
+            wait_for(
+                tab, f"kill {process}", f"process_died {process}", f"process_ready {process}: after"
+            )
         tab.click("Stop")
         wait_for(tab, "recording", "Pause")
         assert "Stop" not in tab.text()
@@ -63,15 +81,35 @@ def test_a_run_is_started_disturbed_and_stopped_on_the_page(speed: float, tmp_pa
     assert recording.of(RobotState)[-1].mode in (ControllerMode.STAND, ControllerMode.STOPPED)
     asked = [(event.code, event.detail) for event in recording.of(Event, "event/operator")]
     assert asked[0] == ("blind", "1")
-    assert asked[1:] == [("kill", "render"), ("kill", "heightmap"), ("kill", "policy"), ("stop", "")]
+    assert asked[1:] == [
+        ("kill", "render"),
+        ("kill", "heightmap"),
+        ("kill", "policy"),
+        ("stop", ""),
+    ]
 
 
-def test_a_demo_is_watched_and_pushed_and_then_its_recording_is_shown(speed: float, tmp_path: Path) -> None:
+def test_a_demo_is_watched_and_pushed_and_then_its_recording_is_shown(
+    speed: float, tmp_path: Path
+) -> None:
     """Whether the robot withstands the push is a question for benchmarks."""
     slowed = watched(speed)
-    demo = ("demo", "--watch", "--terrain", "flat", "--time-limit-s", LASTS_S[slowed], "--no-video", "--out", "run")
+    demo = (
+        "demo",
+        "--watch",
+        "--terrain",
+        "flat",
+        "--time-limit-s",
+        LASTS_S[slowed],
+        "--no-video",
+        "--out",
+        "run",
+    )
     paced = ("--pace", "realtime", "--speed", slowed)
-    with page_of(*demo, *paced, folder=tmp_path) as (address, process), browser(WIDTH, HEIGHT) as tab:
+    with (
+        page_of(*demo, *paced, folder=tmp_path) as (address, process),
+        browser(WIDTH, HEIGHT) as tab,
+    ):
         tab.open(address)
         wait_for(tab, "flat, seed 0", "plant/truth", "mode_run")
         tab.click("Push it to the left, 15 Ns")
@@ -82,5 +120,9 @@ def test_a_demo_is_watched_and_pushed_and_then_its_recording_is_shown(speed: flo
     recording = read_recording(tmp_path / "run" / "recording.mcap")
     assert recording.complete
     time_ns = recording.of(Event, "event/operator")[0].time_ns
-    sideways = [t.velocity_base_in_world[1] for t in recording.of(GroundTruth) if 0 < t.time_ns - time_ns < 3e8]
+    sideways = [
+        t.velocity_base_in_world[1]
+        for t in recording.of(GroundTruth)
+        if 0 < t.time_ns - time_ns < 3e8
+    ]
     assert max(sideways) > 0.5  # 15 Ns on 13 kg

@@ -20,7 +20,10 @@ FLOOR_NOISE = 1.3e-3
 FLAT: tuple[Any, ...] = ()
 STEP = ({"center": [1.6, 0.0, 0.06], "size": [1.0, 4.0, 0.12]},)
 WALL = ({"center": [1.9, 0.0, 0.5], "size": [0.2, 4.0, 1.0]},)
-POST = ({"center": [1.0, -0.05, 0.3], "size": [0.1, 0.16, 0.6]}, {"center": [2.2, 0.0, 0.5], "size": [0.2, 6.0, 1.0]})
+POST = (
+    {"center": [1.0, -0.05, 0.3], "size": [0.1, 0.16, 0.6]},
+    {"center": [2.2, 0.0, 0.5], "size": [0.2, 6.0, 1.0]},
+)
 
 Motion = Callable[[Floats], tuple[Floats, Floats, Floats]]
 """Time [s] to x [m], height above standing [m] and pitch [rad]."""
@@ -76,7 +79,8 @@ class Recipe:
     seed: int = 0
     has_capture: bool = False
     is_rough: bool = False
-    """Noise that is correlated in the image and in time, mixed pixels at edges, a base that is measured with noise."""
+    """Noise that is correlated in the image and in time, mixed pixels at edges, a base that is
+    measured with noise."""
 
 
 def camera_log(recipe: Recipe) -> RunLog:
@@ -94,7 +98,9 @@ def camera_log(recipe: Recipe) -> RunLog:
         base[:, :7] += 3e-4 * rng.standard_normal((len(base_s), 7))
     return RunLog(
         meta=meta(recipe),
-        joints=JointTable(time_s=joints_s, q=np.zeros((len(joints_s), 12)), q_des=np.zeros((len(joints_s), 12))),
+        joints=JointTable(
+            time_s=joints_s, q=np.zeros((len(joints_s), 12)), q_des=np.zeros((len(joints_s), 12))
+        ),
         base=Table(time_s=base_s, values=base),
         depth=DepthTable(
             arrival_s=arrival_s[kept],
@@ -115,7 +121,8 @@ def meta(recipe: Recipe) -> dict[str, Any]:
         "joints": [f"j{i}" for i in range(12)],
         "terrain": list(recipe.boxes) or "flat",
         "segments": [
-            {"name": f"s{k}", "t0": edges[k], "t1": edges[k + 1], "condition": f"c{k // 2}"} for k in range(count)
+            {"name": f"s{k}", "t0": edges[k], "t1": edges[k + 1], "condition": f"c{k // 2}"}
+            for k in range(count)
         ],
         "camera": {
             "fx": FOCAL,
@@ -149,14 +156,25 @@ def rendered(recipe: Recipe, capture_s: Floats) -> Floats:
     axes = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
     v, u = np.meshgrid(np.arange(HEIGHT) + 0.5, np.arange(WIDTH) + 0.5, indexing="ij")
     looks = np.stack(
-        [truth.fov * (u - WIDTH / 2) / FOCAL, truth.fov * (v - HEIGHT / 2) / FOCAL, np.ones_like(u)], axis=-1
+        [
+            truth.fov * (u - WIDTH / 2) / FOCAL,
+            truth.fov * (v - HEIGHT / 2) / FOCAL,
+            np.ones_like(u),
+        ],
+        axis=-1,
     )
     position, quaternion = pose(recipe.motion, capture_s)
     rotation = rotation_matrix(quaternion)
     origin = position + rotation @ (np.array(POSITION) + np.array([0, 0, truth.height]))
     direction = np.einsum("nij,jk,hwk->nhwi", rotation, axes, looks)
-    rays = np.concatenate([np.broadcast_to(origin[:, None, None], direction.shape), direction], axis=-1)
-    return scene.cast_rays(open3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy().astype(np.float64)
+    rays = np.concatenate(
+        [np.broadcast_to(origin[:, None, None], direction.shape), direction], axis=-1
+    )
+    return (
+        scene.cast_rays(open3d.core.Tensor(rays.astype(np.float32)))["t_hit"]
+        .numpy()
+        .astype(np.float64)
+    )
 
 
 def corners(box: dict[str, Any]) -> tuple[Floats, Floats]:

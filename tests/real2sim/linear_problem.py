@@ -39,12 +39,18 @@ class LinearProblem(Problem):
         self.blocks = blocks
         self.places = tuple({where: f"{block}_{where}" for where in WHERES} for block in blocks)
         self.candidates = (
-            *(_candidate(f"e{i}", where, 0.0, 50.0, 0.5) for i in range(effects) for where in WHERES),
+            *(
+                _candidate(f"e{i}", where, 0.0, 50.0, 0.5)
+                for i in range(effects)
+                for where in WHERES
+            ),
             _candidate("clock", "hip", -5.0, 5.0, 0.0),
         )
         length = ROWS * ROW_S
         self.segments = tuple(
-            Segment(name=f"s{i}", start_s=i * length, end_s=(i + 1) * length, condition=f"c{i // 2}")
+            Segment(
+                name=f"s{i}", start_s=i * length, end_s=(i + 1) * length, condition=f"c{i // 2}"
+            )
             for i in range(SEGMENTS)
         )
         rows = SEGMENTS * ROWS
@@ -69,7 +75,11 @@ class LinearProblem(Problem):
 
     def keep_rows(self, rows: Any) -> None:
         """Forgets the other residuals."""
-        self.time_s, self.segment, self.signal = self.time_s[rows], self.segment[rows], self.signal[rows]
+        self.time_s, self.segment, self.signal = (
+            self.time_s[rows],
+            self.segment[rows],
+            self.signal[rows],
+        )
         self.measured, self._signatures = self.measured[:, rows], self._signatures[:, rows]
 
     def keep_unknowns(self, unknowns: slice) -> None:
@@ -84,7 +94,9 @@ class ChoiceProblem(LinearProblem):
         super().__init__(hidden, alike=alike, effects=7)
         side = Unknown(name="side", low=0.0, high=1.0, scale=0.5, is_shape=True, is_choice=True)
         self.candidates = tuple(
-            replace(c, unknowns=(*c.unknowns, side), starts=((0.5, 0.0), (0.5, 1.0))) if c.effect == "e1" else c
+            replace(c, unknowns=(*c.unknowns, side), starts=((0.5, 0.0), (0.5, 1.0)))
+            if c.effect == "e1"
+            else c
             for c in self.candidates
             if c.effect != "e6"
         )
@@ -94,7 +106,9 @@ class ChoiceProblem(LinearProblem):
         size, side = unknowns[..., names == "e1.size"], np.round(unknowns[..., names == "e1.side"])
         plain = unknowns[..., names != "e1.side"].copy()
         plain[..., 2:4] = size * (1.0 - side)  # e1 comes after the two places of e0
-        return super().residuals(np.concatenate([plain[..., :-1], size * side, plain[..., -1:]], axis=-1))
+        return super().residuals(
+            np.concatenate([plain[..., :-1], size * side, plain[..., -1:]], axis=-1)
+        )
 
 
 def _signatures(effects: int, alike: float | None) -> Floats:
@@ -103,12 +117,16 @@ def _signatures(effects: int, alike: float | None) -> Floats:
     waves = []
     for _ in range(effects):
         strength = np.repeat(np.repeat(rng.uniform(0.3, 1.5, SEGMENTS // 2), 2), ROWS)
-        waves.append(strength * np.sin(2.0 * np.pi * rng.uniform(0.5, 4.0) * t + rng.uniform(0.0, 6.3)))
+        waves.append(
+            strength * np.sin(2.0 * np.pi * rng.uniform(0.5, 4.0) * t + rng.uniform(0.0, 6.3))
+        )
     if alike is not None:
         a, b = waves[1], waves[2]
         b = b - a * (a @ b) / (a @ a)
         waves[2] = alike * a + np.sqrt(1.0 - alike**2) * b * np.linalg.norm(a) / np.linalg.norm(b)
     rows = [
-        np.concatenate([wave, 0.1 * wave] if where == 0 else [0.1 * wave, wave]) for wave in waves for where in (0, 1)
+        np.concatenate([wave, 0.1 * wave] if where == 0 else [0.1 * wave, wave])
+        for wave in waves
+        for where in (0, 1)
     ]
     return np.array([*rows, np.tile(0.3 * np.cos(2.0 * np.pi * 1.3 * t), 2)])

@@ -37,9 +37,16 @@ STEP_NS = TICK_NS * POLICY_STEPS
 
 
 def jumping_log(folder: Path, seconds: float = 4.5, profile: Profile = IDEAL) -> RunLog:
-    """The log of a run onto a step; the robot sets out after a second. Effects of `profile` are not claimed."""
+    """The log of a run onto a step; the robot sets out after a second.
+
+    Effects of `profile` are not claimed.
+    """
     config = RunConfig(
-        robot="go1", grid="line", seed=1, profile="ideal", terrain=TerrainConfig(terrain="step", height_m=0.15)
+        robot="go1",
+        grid="line",
+        seed=1,
+        profile="ideal",
+        terrain=TerrainConfig(terrain="step", height_m=0.15),
     )
     setup = named_setup(config)
     with Recorder(folder / "recording.mcap", config, setup) as file:
@@ -53,10 +60,16 @@ def jumping_log(folder: Path, seconds: float = 4.5, profile: Profile = IDEAL) ->
 def _run(setup: Setup, steps: int) -> Iterator[tuple[str, Message]]:
     robot = MujocoRobot(setup)
     robot.reset()
-    loop, planner = ControlLoop(ROBOT), PlannerProcess(ROBOT, LINE, make_planner("scripted", ROBOT, LINE))
+    loop, planner = (
+        ControlLoop(ROBOT),
+        PlannerProcess(ROBOT, LINE, make_planner("scripted", ROBOT, LINE)),
+    )
     renderer = make_renderer("embree", setup.terrain, RobotCamera.on(ROBOT))
     camera = CameraProcess(
-        load_camera("ideal"), PerfectExposure(renderer, MODEL_CAMERA), IDEAL.camera_chain, np.random.default_rng(0)
+        load_camera("ideal"),
+        PerfectExposure(renderer, MODEL_CAMERA),
+        IDEAL.camera_chain,
+        np.random.default_rng(0),
     )
     for step in range(steps):
         now_ns = step * STEP_NS

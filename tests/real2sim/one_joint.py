@@ -15,7 +15,9 @@ STALL = 40.0  # Nm, of the pendulum that has a torque-speed limit
 WHERES = ("hip", "calf")
 
 
-def _candidate(effect: str, where: str, high: float, scale: float, start: float, *, low: float = 0.0) -> Candidate:
+def _candidate(
+    effect: str, where: str, high: float, scale: float, start: float, *, low: float = 0.0
+) -> Candidate:
     return Candidate(
         effect=effect,
         where=where,
@@ -96,12 +98,18 @@ class OneJoint(Problem):
     ) -> None:
         self.name = "joints"
         self.blocks = ("FR", "FL")
-        self.places = tuple({where: f"{block}_{where}" for where in WHERES} for block in self.blocks)
-        self._all = tuple(c for w in WHERES for c in (*_library(w), *((_speed_limit(w),) if fast else ())))
+        self.places = tuple(
+            {where: f"{block}_{where}" for where in WHERES} for block in self.blocks
+        )
+        self._all = tuple(
+            c for w in WHERES for c in (*_library(w), *((_speed_limit(w),) if fast else ()))
+        )
         self._fast = fast
         self.candidates = tuple(c for c in self._all if c.effect not in without)
         self.segments = tuple(
-            Segment(name=m.name, start_s=i * SEGMENT_S, end_s=(i + 1) * SEGMENT_S, condition=m.condition)
+            Segment(
+                name=m.name, start_s=i * SEGMENT_S, end_s=(i + 1) * SEGMENT_S, condition=m.condition
+            )
             for i, m in enumerate(MOTIONS)
         )
         self.signals = tuple(f"{kind}_{where}" for where in WHERES for kind in ("q", "dq"))
@@ -143,9 +151,9 @@ class OneJoint(Problem):
         n, blocks, _ = unknowns.shape
         # (n, blocks, joints, windows)
         value = {
-            name: np.stack([unknowns[..., self._columns(effect, where)[k]] for where in WHERES], axis=2)[
-                ..., np.newaxis
-            ]
+            name: np.stack(
+                [unknowns[..., self._columns(effect, where)[k]] for where in WHERES], axis=2
+            )[..., np.newaxis]
             for name, effect, k in (
                 ("delay", "command_delay", 0),
                 ("lag", "actuator_lag", 0),
@@ -155,16 +163,24 @@ class OneJoint(Problem):
                 ("armature", "armature", 0),
                 ("loss", "torque_saturation", 0),
                 ("knee", "torque_saturation", 1),
-                *((name, "torque_speed_limit", k) for k, name in enumerate(("weight", "corner", "span")) if self._fast),
+                *(
+                    (name, "torque_speed_limit", k)
+                    for k, name in enumerate(("weight", "corner", "span"))
+                    if self._fast
+                ),
             )
         }
         starts = np.arange(self._windows) * WINDOW_S
-        q = np.concatenate([motion(starts) for motion in MOTIONS]) * np.ones((n, blocks, len(WHERES), 1))
+        q = np.concatenate([motion(starts) for motion in MOTIONS]) * np.ones(
+            (n, blocks, len(WHERES), 1)
+        )
         dq, torque = np.zeros_like(q), np.zeros_like(q)
         steps = round(WINDOW_S / STEP_S)
         kept = np.zeros((2, steps // ROWS_EVERY, *q.shape))
         blend = 1.0 - np.exp(-STEP_S / np.maximum(value["lag"], 1e-6))
-        delays, which = np.unique(value["delay"][..., 0], return_inverse=True)  # few, and the same at most sets
+        delays, which = np.unique(
+            value["delay"][..., 0], return_inverse=True
+        )  # few, and the same at most sets
         t = np.maximum(0.0, starts + STEP_S * np.arange(steps)[:, None, None] - delays[:, None])
         goals = np.concatenate([motion(t) for motion in MOTIONS], axis=-1)
         saturates, rubs = value["loss"].any(), value["coulomb"].any()
@@ -177,7 +193,9 @@ class OneJoint(Problem):
                 given = given - np.sign(given) * excess
             if self._fast:
                 share = np.clip(
-                    (value["corner"] + value["span"] - np.abs(dq)) / np.maximum(value["span"], 0.1), 0.0, 1.0
+                    (value["corner"] + value["span"] - np.abs(dq)) / np.maximum(value["span"], 0.1),
+                    0.0,
+                    1.0,
                 )
                 cut = np.maximum(0.0, np.sign(dq) * given - STALL * share)
                 given = given - value["weight"] * np.sign(dq) * cut
@@ -191,6 +209,9 @@ class OneJoint(Problem):
             dq = dq + STEP_S * total / inertia
             q = q + STEP_S * dq
             if step % ROWS_EVERY == ROWS_EVERY - 1:
-                kept[0, step // ROWS_EVERY], kept[1, step // ROWS_EVERY] = q / NOISE_Q, dq / NOISE_DQ
+                kept[0, step // ROWS_EVERY], kept[1, step // ROWS_EVERY] = (
+                    q / NOISE_Q,
+                    dq / NOISE_DQ,
+                )
         # (kind, sample, n, block, joint, window) -> (n, block, joint, kind, window, sample)
         return kept.transpose(2, 3, 4, 0, 5, 1).reshape(n, blocks, -1)

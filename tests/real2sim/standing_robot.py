@@ -19,7 +19,16 @@ from saltus.terrain import flat
 
 KP, KD = 100.0, 2.0
 DT = PHYSICS_DT
-NOISE = {"q": 1e-3, "dq": 0.05, "tau": 0.2, "position": 1e-3, "tilt": 2e-3, "velocity": 0.02, "gyro": 0.01, "acc": 0.1}
+NOISE = {
+    "q": 1e-3,
+    "dq": 0.05,
+    "tau": 0.2,
+    "position": 1e-3,
+    "tilt": 2e-3,
+    "velocity": 0.02,
+    "gyro": 0.01,
+    "acc": 0.1,
+}
 STAND_FEET = np.asarray(KINEMATICS.position(ROBOT.stand_pose))
 
 
@@ -41,11 +50,19 @@ class Motion:
     def commands(self) -> np.ndarray:
         """Desired joint angles, shape (n, 12)."""
         t = DT * np.arange(round(self.duration_s / DT))
-        wave = np.sin(2.0 * np.pi * self.frequency_hz * t) * np.minimum(1.0, np.minimum(t, t[-1] - t) / 0.3)
+        wave = np.sin(2.0 * np.pi * self.frequency_hz * t) * np.minimum(
+            1.0, np.minimum(t, t[-1] - t) / 0.3
+        )
         if self.hops:
-            wave = np.interp(t % 1.0, [0.0, 0.15, 0.3, 0.4, 0.48, 0.58, 0.75, 1.0], [0, -0.5, -1, -1, 0.6, 0.6, 0, 0])
+            wave = np.interp(
+                t % 1.0,
+                [0.0, 0.15, 0.3, 0.4, 0.48, 0.58, 0.75, 1.0],
+                [0, -0.5, -1, -1, 0.6, 0.6, 0, 0],
+            )
         shift = wave[:, None] * np.array([self.x, self.y, self.z])
-        rotation = rotation_matrix(quaternion_from_roll_pitch_yaw(self.roll * wave, self.pitch * wave, 0.0 * wave))
+        rotation = rotation_matrix(
+            quaternion_from_roll_pitch_yaw(self.roll * wave, self.pitch * wave, 0.0 * wave)
+        )
         feet = (STAND_FEET - shift[:, None, :]) @ rotation
         return np.asarray(KINEMATICS.inverse(feet))
 
@@ -120,13 +137,22 @@ def run_log(
         for q_des in motion.commands():
             step(q_des)
         segments.append(
-            {"name": f"{motion.name} {len(segments)}", "t0": start * DT, "t1": len(rows) * DT, "condition": motion.name}
+            {
+                "name": f"{motion.name} {len(segments)}",
+                "t0": start * DT,
+                "t1": len(rows) * DT,
+                "condition": motion.name,
+            }
         )
     return _noisy(np.array(rows), segments, np.random.default_rng(seed), noise, base)
 
 
 def _noisy(
-    rows: np.ndarray, segments: list[dict[str, Any]], rng: np.random.Generator, scale: float, base: bool
+    rows: np.ndarray,
+    segments: list[dict[str, Any]],
+    rng: np.random.Generator,
+    scale: float,
+    base: bool,
 ) -> RunLog:
     time_s = DT * np.arange(len(rows))
     q, dq, q_des, tau, imu_q, gyro, acc, position, quaternion, velocity, feet = np.split(
@@ -138,7 +164,10 @@ def _noisy(
 
     def turned(values: np.ndarray) -> np.ndarray:
         angle = scale * NOISE["tilt"] * rng.standard_normal((len(values), 3))
-        return _normalised(values + 0.5 * _times(values, np.concatenate([np.zeros((len(values), 1)), angle], axis=1)))
+        return _normalised(
+            values
+            + 0.5 * _times(values, np.concatenate([np.zeros((len(values), 1)), angle], axis=1))
+        )
 
     meta = {
         "schema": "saltus-run/1",
@@ -162,7 +191,9 @@ def _noisy(
         tau_est=noisy(tau, "tau"),
     )
     imu = np.concatenate([turned(imu_q), noisy(gyro, "gyro"), noisy(acc, "acc")], axis=1)
-    motion = np.concatenate([noisy(position, "position"), turned(quaternion), noisy(velocity, "velocity")], axis=1)
+    motion = np.concatenate(
+        [noisy(position, "position"), turned(quaternion), noisy(velocity, "velocity")], axis=1
+    )
     return RunLog(
         meta=meta,
         joints=joints,
@@ -175,7 +206,9 @@ def _noisy(
 def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Hamilton product of quaternions, shape (n, 4)."""
     w = a[:, :1] * b[:, :1] - np.sum(a[:, 1:] * b[:, 1:], axis=1, keepdims=True)
-    return np.concatenate([w, a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])], axis=1)
+    return np.concatenate(
+        [w, a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])], axis=1
+    )
 
 
 def _normalised(values: np.ndarray) -> np.ndarray:

@@ -14,8 +14,14 @@ def check_stated_values(problem: Problem) -> None:
         if candidate.is_nuisance or candidate.effect == "torque_saturation":
             continue
         for share in (0.0, 0.3, 1.0):
-            unknowns = np.array([u.stated or u.low + share * (u.high - u.low) for u in candidate.unknowns])
-            parameters = {name: found.value for name, found in candidate.parameters(unknowns).items()}
+            unknowns = np.array(
+                [u.stated or u.low + share * (u.high - u.low) for u in candidate.unknowns]
+            )
+            parameters = {
+                name: found.value for name, found in candidate.parameters(unknowns).items()
+            }
             told = np.where([u.is_told for u in candidate.unknowns], unknowns, 0.0)
             told = np.where([u.is_choice for u in candidate.unknowns], np.round(told), told)
-            np.testing.assert_allclose(candidate.unknowns_of(parameters), told, rtol=1e-6, atol=1e-9)
+            np.testing.assert_allclose(
+                candidate.unknowns_of(parameters), told, rtol=1e-6, atol=1e-9
+            )

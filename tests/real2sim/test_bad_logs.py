@@ -76,7 +76,10 @@ def column(name: str, value: str, index: int = 1) -> Damage:
 
     def damage(log: Path) -> None:
         head, *lines = (log / name).read_text().splitlines()
-        rows = [",".join([*v[:index], value, *v[index + 1 :]]) for v in (line.split(",") for line in lines)]
+        rows = [
+            ",".join([*v[:index], value, *v[index + 1 :]])
+            for v in (line.split(",") for line in lines)
+        ]
         (log / name).write_text("\n".join([head, *rows, ""]))
 
     return damage
@@ -182,8 +185,14 @@ NOT_READ: dict[str, tuple[Damage, str]] = {
     "box of negative size": (claim(terrain=[{"center": [0, 0, 0], "size": [-1, 1, 1]}]), "size"),
     "segments is text": (claim(segments="all"), "segments"),
     "segment without end": (claim(segments=[{"name": "a", "t0": 0.0, "condition": "c"}]), "t1"),
-    "segment backwards": (claim(segments=[{"name": "a", "t0": 1.0, "t1": 0.0, "condition": "c"}]), "t0 < t1"),
-    "segment not a number": (claim(segments=[{"name": "a", "t0": float("nan"), "t1": 1, "condition": "c"}]), "t0 < t1"),
+    "segment backwards": (
+        claim(segments=[{"name": "a", "t0": 1.0, "t1": 0.0, "condition": "c"}]),
+        "t0 < t1",
+    ),
+    "segment not a number": (
+        claim(segments=[{"name": "a", "t0": float("nan"), "t1": 1, "condition": "c"}]),
+        "t0 < t1",
+    ),
     "camera is text": (claim(camera="D435i"), "camera"),
     "camera without fx": (camera(fx=...), "fx"),
     "camera fx is text": (camera(fx="wide"), "fx"),
@@ -225,7 +234,9 @@ NOT_READ: dict[str, tuple[Damage, str]] = {
 
 
 @pytest.mark.parametrize("case", NOT_READ)
-def test_what_is_no_run_log_is_refused_in_one_line(case: str, log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_run_log_is_refused_in_one_line(
+    case: str, log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     damage, named = NOT_READ[case]
     damage(log)
     assert main(["real2sim", "find", "log", "--out", "out", "--no-report"]) == 2
@@ -253,7 +264,10 @@ NOT_USED: dict[str, tuple[Damage, str]] = {
     "one rate is huge": (cell("imu.csv", "1e200", column=5), "imu"),
     "base is not a number": (column("base.csv", "nan"), "base"),
     "base is huge": (column("base.csv", "-1e200", 3), "base"),
-    "images are blind": (lambda log: archive(depth=np.zeros((95, 48, 64), np.uint16))(log), "depth"),
+    "images are blind": (
+        lambda log: archive(depth=np.zeros((95, 48, 64), np.uint16))(log),
+        "depth",
+    ),
     "arrivals are not numbers": (lambda log: archive(t_arrival=np.full(95, np.nan))(log), "depth"),
     "arrivals are huge": (lambda log: archive(t_arrival=np.full(95, 1e300))(log), "depth"),
     "ids are huge": (lambda log: archive(frame_id=np.arange(95)[::-1] + 2**62)(log), "depth"),
@@ -275,7 +289,11 @@ def test_a_log_that_contradicts_itself_is_not_fitted_and_not_a_success(
     assert any(fault.startswith(named) for fault in said["log_faults"])
     assert "Traceback" not in captured.err
     assert json.loads(Path("out/verdict.json").read_text()) == said
-    assert sorted(path.name for path in Path("out").iterdir()) == ["baselines.json", "patch.toml", "verdict.json"]
+    assert sorted(path.name for path in Path("out").iterdir()) == [
+        "baselines.json",
+        "patch.toml",
+        "verdict.json",
+    ]
 
 
 PLACES: dict[str, tuple[list[str], str]] = {

@@ -86,12 +86,16 @@ def test_a_simulator_with_what_drives_have_leaves_noise(effect: Effect) -> None:
 def test_feet_that_resist_rolling_close_the_gap() -> None:
     """But for what the choice of the contact solver leaves, which is made before anything is fitted."""
     problem = BodyProblem(run_log([SoftFeet(rolling=0.01)], motions=SHORT[:1]))
-    gap, less, closed = (np.mean(at(problem, soft_feet__rolling=value) ** 2) for value in (0.0, 0.007, 0.01))
+    gap, less, closed = (
+        np.mean(at(problem, soft_feet__rolling=value) ** 2) for value in (0.0, 0.007, 0.01)
+    )
     assert closed < less < gap
     assert closed - 1.0 < 0.05 * (gap - 1.0)
 
 
-def test_a_profile_whose_feet_stiffen_as_no_replay_does_is_not_dropped_silently(claimed: BodyProblem) -> None:
+def test_a_profile_whose_feet_stiffen_as_no_replay_does_is_not_dropped_silently(
+    claimed: BodyProblem,
+) -> None:
     feet = [SoftFeet(rolling=0.01), SoftFeet(rolling=0.01, touch=0.1)]
     held, lost = (RebasedProblem(claimed, Profile(body=(each,))) for each in feet)
     assert "soft_feet" not in set(held.untestable) - set(claimed.untestable)
@@ -123,7 +127,9 @@ def test_a_robot_that_is_carried_poses_no_body_problem() -> None:
     log = run_log(motions=STAND)
     assert carried_by(log) == pytest.approx(1.0, abs=0.1)
     assert not lacks("body", log)
-    carried = dataclasses.replace(log, joints=dataclasses.replace(log.joints, q_des=log.joints.q, dq=None))
+    carried = dataclasses.replace(
+        log, joints=dataclasses.replace(log.joints, q_des=log.joints.q, dq=None)
+    )
     assert "0% of its weight" in lacks("body", carried)
     assert lacks("joints", log)
     assert lacks("joints", carried)
@@ -136,7 +142,9 @@ def test_effects_on_the_ground_count_from_what_the_log_claims() -> None:
     by_name = {c.effect: c for c in problem.candidates}
     none = np.zeros(1)
     assert by_name["foot_friction"].parameters(none)["coefficient"].value == pytest.approx(0.6)
-    assert by_name["contact_compliance"].parameters(none)["time_constant"].value == pytest.approx(0.01)
+    assert by_name["contact_compliance"].parameters(none)["time_constant"].value == pytest.approx(
+        0.01
+    )
 
 
 def lacks(name: str, log: RunLog) -> str:

@@ -63,7 +63,9 @@ def test_what_is_left_of_single_holes_tells_how_far_a_filter_reaches(reach: floa
     assert reach_px(pixels * left, pixels, lost) == pytest.approx(reach, abs=1e-6)
 
 
-@pytest.mark.parametrize(("end_m", "found"), [(1.55, 1.55), (1.601, None), (4.0, None), (9.0, None)])
+@pytest.mark.parametrize(
+    ("end_m", "found"), [(1.55, 1.55), (1.601, None), (4.0, None), (9.0, None)]
+)
 def test_an_end_of_the_range_is_a_pile_of_equal_depths(end_m: float, found: float | None) -> None:
     # at 1.601 m there is nothing left to cut but noise, and 4 m are claimed
     depth = noisy("white", np.random.default_rng(9)) + (end_m == 4.0) * 3.0
@@ -77,7 +79,9 @@ def test_a_repeat_in_the_place_of_a_lost_image_is_lost_once() -> None:
     source = np.maximum.accumulate(np.where(kept, np.arange(300), 0))
     images = np.random.default_rng(6).integers(500, 900, (300, 4, 5)).astype(np.uint16)
     # a temporal filter has changed the repeats: only their numbers tell
-    table = DepthTable(arrival_s=0.02 * np.arange(300), capture_s=None, frame_id=source, depth_mm=images)
+    table = DepthTable(
+        arrival_s=0.02 * np.arange(300), capture_s=None, frame_id=source, depth_mm=images
+    )
     frames = frames_of(table)
     np.testing.assert_array_equal(frames.lost, ~kept)
     np.testing.assert_array_equal(frames.index[frames.shown], source)

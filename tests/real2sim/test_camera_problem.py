@@ -49,12 +49,19 @@ def claimed() -> CameraProblem:
     return problem(boxes=STEP, motion=rocking, duration_s=8.0)
 
 
-def columns(of: CameraProblem, effects: tuple[str, ...]) -> tuple[list[int], Floats, Floats, Floats]:
+def columns(
+    of: CameraProblem, effects: tuple[str, ...]
+) -> tuple[list[int], Floats, Floats, Floats]:
     """Places of unknowns of effects and nuisances; starts, scales and bounds of all."""
     unknowns = [(c, u) for c in of.candidates for u in c.unknowns]
     start = np.concatenate([c.starts[0] for c in of.candidates])
     free = [i for i, (c, _) in enumerate(unknowns) if c.effect in effects or c.is_nuisance]
-    return free, start, np.array([u.scale for _, u in unknowns]), np.array([(u.low, u.high) for _, u in unknowns])
+    return (
+        free,
+        start,
+        np.array([u.scale for _, u in unknowns]),
+        np.array([(u.low, u.high) for _, u in unknowns]),
+    )
 
 
 def derivatives(of: CameraProblem, at: Floats, free: list[int], scale: Floats) -> Floats:
@@ -75,7 +82,9 @@ def fitted(of: CameraProblem, *effects: str) -> tuple[dict[str, float], Floats]:
         slope = derivatives(of, at, free, scale)
         normal = slope @ slope.T
         trial = at.copy()
-        trial[free] -= np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), slope @ left)
+        trial[free] -= np.linalg.solve(
+            normal + damping * np.diag(np.diag(normal) + 1e-12), slope @ left
+        )
         trial = np.clip(trial, *bounds.T)
         rest = of.residuals(trial[None, None])[0, 0]
         better = left @ left - rest @ rest
@@ -101,20 +110,35 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, tuple[float, float]]]] = {
         {"truth": Truth(latency=0.1), "motion": rocking, "has_capture": True},
         {"camera_latency": (0.1, 5e-4)},
     ),
-    "smear": ({"truth": Truth(alpha=0.5), "motion": rocking, "boxes": STEP}, {"temporal_smear": (0.5, 0.01)}),
+    "smear": (
+        {"truth": Truth(alpha=0.5), "motion": rocking, "boxes": STEP},
+        {"temporal_smear": (0.5, 0.01)},
+    ),
     "both": (
         {"truth": Truth(latency=0.07, alpha=0.6), "boxes": STEP},
         {"camera_latency": (0.07, 2e-3), "temporal_smear": (0.6, 0.02)},
     ),
-    "pitch": ({"truth": Truth(pitch=0.03), "motion": still, "boxes": WALL}, {"camera_pitch": (0.03, 5e-4)}),
+    "pitch": (
+        {"truth": Truth(pitch=0.03), "motion": still, "boxes": WALL},
+        {"camera_pitch": (0.03, 5e-4)},
+    ),
     "height": ({"truth": Truth(height=-0.01), "boxes": STEP}, {"camera_height": (-0.01, 5e-4)}),
     "fov": ({"truth": Truth(fov=1.02), "boxes": WALL}, {"camera_fov": (1.02, 1e-3)}),
-    "scale": ({"truth": Truth(scale=0.98), "motion": still, "boxes": WALL}, {"depth_scale": (0.98, 1e-3)}),
-    "bias": ({"truth": Truth(bias=0.01), "motion": still, "boxes": WALL}, {"depth_bias": (0.01, 5e-4)}),
+    "scale": (
+        {"truth": Truth(scale=0.98), "motion": still, "boxes": WALL},
+        {"depth_scale": (0.98, 1e-3)},
+    ),
+    "bias": (
+        {"truth": Truth(bias=0.01), "motion": still, "boxes": WALL},
+        {"depth_bias": (0.01, 5e-4)},
+    ),
     "clip": ({"truth": Truth(clip=1.5)}, {"range_clip": (1.5, 0.01)}),
     "noise": ({"truth": Truth(subpixel=0.01)}, {"depth_noise": (0.01, 6e-4)}),
     "holes": ({"truth": Truth(holes=5), "boxes": POST}, {"edge_holes": (5.0, 0.3)}),
-    "filled": ({"truth": Truth(holes=6, fill=3), "boxes": POST}, {"edge_holes": (6.0, 0.6), "hole_fill": (3.0, 0.4)}),
+    "filled": (
+        {"truth": Truth(holes=6, fill=3), "boxes": POST},
+        {"edge_holes": (6.0, 0.6), "hole_fill": (3.0, 0.4)},
+    ),
     "drops": ({"truth": Truth(drop=0.1), "duration_s": 20.0}, {"frame_drop": (0.1, 0.04)}),
     "jitter": ({"truth": Truth(latency=0.06, jitter=0.006)}, {"camera_latency": (0.06, 1e-3)}),
 }
@@ -123,7 +147,9 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, tuple[float, float]]]] = {
 ROUGH = ("nothing", "both", "pitch", "clip", "filled")
 
 
-@pytest.mark.parametrize(("case", "is_rough"), [*((case, False) for case in CASES), *((case, True) for case in ROUGH)])
+@pytest.mark.parametrize(
+    ("case", "is_rough"), [*((case, False) for case in CASES), *((case, True) for case in ROUGH)]
+)
 def test_what_is_hidden_is_found_and_leaves_noise(case: str, is_rough: bool) -> None:
     recipe, truth = CASES[case]
     hidden = problem(**{"duration_s": 10.0, "rate_hz": 20.0, **recipe}, is_rough=is_rough)
@@ -132,7 +158,9 @@ def test_what_is_hidden_is_found_and_leaves_noise(case: str, is_rough: bool) -> 
         assert found[name] == pytest.approx(value, abs=tolerance), name
     depth = hidden.signal == hidden.signals.index("depth")
     # clipped pixels have no noise; noise that neighbours share shows less between them than it is
-    assert np.mean(left[depth] ** 2) == pytest.approx(1.0, abs=0.2 if is_rough or case == "clip" else 0.1)
+    assert np.mean(left[depth] ** 2) == pytest.approx(
+        1.0, abs=0.2 if is_rough or case == "clip" else 0.1
+    )
     assert abs(np.mean(left[depth])) < 0.02
     assert np.mean(left[~depth] ** 2) < 2.0
 
@@ -147,13 +175,23 @@ def likeness(of: CameraProblem, one: str, other: str) -> float:
 
 
 def test_a_single_sine_cannot_tell_latency_from_smear_and_a_chirp_can() -> None:
-    assert likeness(problem(motion=sine, duration_s=10.0), "camera_latency", "temporal_smear") > 0.95
-    assert likeness(problem(motion=chirp, boxes=STEP, duration_s=10.0), "camera_latency", "temporal_smear") < 0.95
+    assert (
+        likeness(problem(motion=sine, duration_s=10.0), "camera_latency", "temporal_smear") > 0.95
+    )
+    assert (
+        likeness(
+            problem(motion=chirp, boxes=STEP, duration_s=10.0), "camera_latency", "temporal_smear"
+        )
+        < 0.95
+    )
 
 
 def test_a_flat_floor_cannot_tell_scale_from_height_and_a_wall_can() -> None:
     assert likeness(problem(motion=still, duration_s=12.0), "depth_scale", "camera_height") > 0.95
-    assert likeness(problem(motion=still, boxes=WALL, duration_s=12.0), "depth_scale", "camera_height") < 0.95
+    assert (
+        likeness(problem(motion=still, boxes=WALL, duration_s=12.0), "depth_scale", "camera_height")
+        < 0.95
+    )
 
 
 def test_what_a_log_cannot_show_is_said_with_numbers() -> None:
@@ -168,7 +206,9 @@ def test_what_a_log_cannot_show_is_said_with_numbers() -> None:
 
 def test_residuals_are_finite_at_every_bound_and_sets_do_not_mix() -> None:
     _, start, _, bounds = columns(claimed(), ())
-    sets = np.concatenate([start[None], bounds.T, np.where(np.eye(len(start)) > 0, bounds[:, 1], start)])[:, None]
+    sets = np.concatenate(
+        [start[None], bounds.T, np.where(np.eye(len(start)) > 0, bounds[:, 1], start)]
+    )[:, None]
     together = claimed().residuals(sets)
     assert together.shape == (len(sets), 1, len(claimed().signal))
     assert np.all(np.isfinite(together))
@@ -194,8 +234,13 @@ def test_every_residual_has_a_place() -> None:
 def test_the_ground_may_be_a_box_or_go_without_saying(has_ground_box: bool) -> None:
     log = camera_log(Recipe(boxes=STEP, duration_s=8.0))
     if has_ground_box:
-        log.meta["terrain"] = [*log.meta["terrain"], {"center": [0.0, 0.0, -0.5], "size": [20.0, 20.0, 1.0]}]
-    residual = CameraProblem(log).residuals(np.zeros((1, 1, len(columns(CameraProblem(log), ())[1]))))
+        log.meta["terrain"] = [
+            *log.meta["terrain"],
+            {"center": [0.0, 0.0, -0.5], "size": [20.0, 20.0, 1.0]},
+        ]
+    residual = CameraProblem(log).residuals(
+        np.zeros((1, 1, len(columns(CameraProblem(log), ())[1])))
+    )
     assert np.mean(residual**2) == pytest.approx(1.0, abs=0.1)
 
 
@@ -220,7 +265,10 @@ def test_images_of_no_claimed_camera_pose_no_problem(claim: dict[str, float] | N
 
 def test_rays_are_those_of_a_ray_caster() -> None:
     rng = np.random.default_rng(1)
-    boxes = [{"center": rng.uniform(-2, 2, 3).tolist(), "size": rng.uniform(0.1, 1.0, 3).tolist()} for _ in range(6)]
+    boxes = [
+        {"center": rng.uniform(-2, 2, 3).tolist(), "size": rng.uniform(0.1, 1.0, 3).tolist()}
+        for _ in range(6)
+    ]
     scene = claimed_scenes(Boxes.from_tables(boxes))[1]
     reference = open3d.t.geometry.RaycastingScene(nthreads=1)
     for low, high in map(corners, boxes):
@@ -228,11 +276,15 @@ def test_rays_are_those_of_a_ray_caster() -> None:
         reference.add_triangles(mesh.translate(open3d.core.Tensor(low.astype(np.float32))))
     origin = rng.uniform(3.0, 4.0, (5, 3))
     direction = rng.uniform(-1.0, -0.6, (5, 3, 400))
-    rays = np.concatenate([np.broadcast_to(origin[:, None], (5, 400, 3)), direction.transpose(0, 2, 1)], axis=-1)
+    rays = np.concatenate(
+        [np.broadcast_to(origin[:, None], (5, 400, 3)), direction.transpose(0, 2, 1)], axis=-1
+    )
     expected = reference.cast_rays(open3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
     ours = scene.depth(origin, direction)
     assert np.isfinite(ours).sum() > 100
-    assert np.mean(np.isfinite(ours) == np.isfinite(expected)) > 0.999  # rays along an edge may go either way
+    assert (
+        np.mean(np.isfinite(ours) == np.isfinite(expected)) > 0.999
+    )  # rays along an edge may go either way
     both = np.isfinite(ours) & np.isfinite(expected)
     np.testing.assert_allclose(ours[both], expected[both], rtol=1e-4)
 
@@ -244,7 +296,10 @@ def table(count: int, kept: Floats, repeats: bool = False, numbered: bool = True
     if repeats:
         source = np.maximum.accumulate(np.where(kept, np.arange(count), 0))
         return DepthTable(
-            arrival_s=0.02 * np.arange(count), capture_s=None, frame_id=np.arange(count), depth_mm=images[source]
+            arrival_s=0.02 * np.arange(count),
+            capture_s=None,
+            frame_id=np.arange(count),
+            depth_mm=images[source],
         )
     index = np.flatnonzero(kept)
     return DepthTable(
@@ -282,7 +337,9 @@ def test_holes_and_copies_at_edges_are_counted(holes: int, copies: int) -> None:
 
 
 def test_no_edge_counts_on_flat_ground() -> None:
-    assert not edge_counts(np.full((2, 8, 40), 1.5), np.full((2, 8, 40), 1500, dtype=np.uint16), 3.0).frame.size
+    assert not edge_counts(
+        np.full((2, 8, 40), 1.5), np.full((2, 8, 40), 1500, dtype=np.uint16), 3.0
+    ).frame.size
     assert claimed_scenes(Boxes.from_tables([]))[0].has_ground
     assert FLAT == ()
 

@@ -34,7 +34,9 @@ from saltus.trial import Trial
 FAMILIES = ("joints", "weak joints", "body and camera", "tour", "camera", "jumps")
 LENGTHS = (0.02, 0.05, 0.35, 0.7, 1.39, 3.9)
 EFFECT = FoundEffect(
-    name="camera_latency", where="camera", params={"latency": Interval(value=0.06, ci90=(0.05, 0.07), unit="s")}
+    name="camera_latency",
+    where="camera",
+    params={"latency": Interval(value=0.06, ci90=(0.05, 0.07), unit="s")},
 )
 TESTED = SignalGap(signal="q", residuals=100, before=5.0, after=1.5, floor=1.0)
 
@@ -76,15 +78,21 @@ def test_a_log_that_is_too_short_names_nothing_and_says_what_it_lacks(
     steps = next_steps(judgement)
     said = "\n".join(lines(judgement, Path()))
     for missing in verdict.missing:
-        amount, least = (float(word) for word in missing.why.split() if word.replace(".", "").isdigit())
+        amount, least = (
+            float(word) for word in missing.why.split() if word.replace(".", "").isdigit()
+        )
         assert amount <= seconds + 0.005
         assert least == NAMED_FROM_S
         assert missing.why in said
         assert any(
-            step.command.startswith(f"saltus real2sim experiments --run {missing.experiment} ") for step in steps
+            step.command.startswith(f"saltus real2sim experiments --run {missing.experiment} ")
+            for step in steps
         )
         assert missing.experiment in EXPERIMENTS
-    assert set(next(s for s in SENSORS if s.name == verdict.missing[0].sensor).effects) <= verdict.untestable.keys()
+    assert (
+        set(next(s for s in SENSORS if s.name == verdict.missing[0].sensor).effects)
+        <= verdict.untestable.keys()
+    )
 
 
 @pytest.mark.parametrize("rows", [3, 10, 30, 60, 100, 149, 200, 260, 301, 420, 600, 1200])
@@ -172,11 +180,15 @@ def test_what_only_the_end_of_a_log_shows_is_told_and_not_fatal() -> None:
 
 
 @pytest.mark.parametrize("seconds", [0.5, 3.0, 20.0])
-def test_a_run_log_that_ends_before_its_segments_is_said_to_be_cut(logs: dict[str, RunLog], seconds: float) -> None:
+def test_a_run_log_that_ends_before_its_segments_is_said_to_be_cut(
+    logs: dict[str, RunLog], seconds: float
+) -> None:
     assert screen(logs["tour"]) == []
     (fault,) = (fault for fault in screen(cut(logs["tour"], seconds)) if fault.name == "cut")
     assert not fault.is_fatal
-    assert f"ends at {seconds:.2f} s" in fault.text or f"ends at {seconds - 0.002:.2f} s" in fault.text
+    assert (
+        f"ends at {seconds:.2f} s" in fault.text or f"ends at {seconds - 0.002:.2f} s" in fault.text
+    )
     assert "segments are missing" in fault.text
 
 
@@ -184,7 +196,9 @@ def test_a_table_that_ends_early_is_said(logs: dict[str, RunLog]) -> None:
     log = logs["jumps"]
     short = replace(log, imu=cut(log, 3.0).imu)
     assert [fault.name for fault in screen(short)] == ["cut"]
-    assert screen(short)[0].text.startswith("imu: ends 1.4") or screen(short)[0].text.startswith("imu: ends 1.5")
+    assert screen(short)[0].text.startswith("imu: ends 1.4") or screen(short)[0].text.startswith(
+        "imu: ends 1.5"
+    )
 
 
 @pytest.mark.parametrize("share", [0.1, 0.6, 0.95])
@@ -197,7 +211,19 @@ def test_a_recording_without_its_end_is_said_to_be_cut(
     text = (tmp_path / "log" / "meta.json").read_text()
     assert '"cut"' in text
     if share < 0.5:  # what is longer is searched
-        assert main(["real2sim", "find", str(tmp_path / "log"), "--out", str(tmp_path / "out"), "--no-report"]) == 0
+        assert (
+            main(
+                [
+                    "real2sim",
+                    "find",
+                    str(tmp_path / "log"),
+                    "--out",
+                    str(tmp_path / "out"),
+                    "--no-report",
+                ]
+            )
+            == 0
+        )
         assert "note: the recording is cut: " in capsys.readouterr().out
 
 
@@ -209,12 +235,16 @@ def test_a_log_says_how_long_it_moves(logs: dict[str, RunLog]) -> None:
     for name in still:
         if name != "time_s":
             still[name][rows:] = still[name][rows]
-    assert moving_s(replace(log, joints=replace(log.joints, **still))) == pytest.approx(3.5, abs=0.2)
+    assert moving_s(replace(log, joints=replace(log.joints, **still))) == pytest.approx(
+        3.5, abs=0.2
+    )
 
 
 def _judgement(log: RunLog, verdict: Verdict) -> Judgement:
     judgement = judge(examine([cut(log, 0.35)]), ())
-    return replace(judgement, verdict=verdict, patch=replace(judgement.patch, effects=verdict.effects))
+    return replace(
+        judgement, verdict=verdict, patch=replace(judgement.patch, effects=verdict.effects)
+    )
 
 
 TOUR = "saltus real2sim experiments --run joint_tour "
@@ -225,7 +255,11 @@ GAP = Gap(before=4.0, after=1.2, floor=1.0)
 @pytest.mark.parametrize(
     ("family", "verdict", "first"),
     [
-        ("joints", Verdict(verdict="named", effects=(EFFECT,), gap=GAP), "saltus real2sim apply found/patch.toml "),
+        (
+            "joints",
+            Verdict(verdict="named", effects=(EFFECT,), gap=GAP),
+            "saltus real2sim apply found/patch.toml ",
+        ),
         ("joints", Verdict(verdict="no_gap", gap=GAP), None),
         ("joints", Verdict(verdict="bad_log", log_faults=("t runs backwards",)), None),
         ("camera", Verdict(verdict="unexplained", nearest=(EFFECT,), gap=GAP), TOUR),
@@ -239,7 +273,9 @@ def test_the_terminal_says_the_word_the_values_and_the_next_command(
     said = lines(_judgement(logs[family], verdict), Path("found"))
     assert said[0].startswith(f"{verdict.verdict}: ")
     for _ in (*verdict.effects, *verdict.nearest):
-        assert any("camera_latency at camera: latency 0.06 (0.05 to 0.07) s" in line for line in said)
+        assert any(
+            "camera_latency at camera: latency 0.06 (0.05 to 0.07) s" in line for line in said
+        )
     steps = [line.removeprefix("next: ") for line in said if line.startswith("next: ")]
     assert steps[0].startswith(first) if first else not steps, steps
 
@@ -251,13 +287,17 @@ def test_what_the_seed_of_a_run_drew_is_told_from_what_is_unknown(logs: dict[str
     time_constant = Interval(value=0.004, ci90=(0.003, 0.005), unit="s")
     lag = FoundEffect(name="actuator_lag", where="all", params={"time_constant": time_constant})
     late = replace(log, meta={**log.meta, "config": {**log.meta["config"], "profile": "go1"}})
-    judgement = _judgement(late, Verdict(verdict="unexplained", effects=(drawn,), nearest=(lag,), gap=GAP))
+    judgement = _judgement(
+        late, Verdict(verdict="unexplained", effects=(drawn,), nearest=(lag,), gap=GAP)
+    )
     said = "\n".join(drawn_lines(judgement))
     assert f"payload {trial.payload_kg:.3g} kg" in said
     assert "camera_latency" in said.splitlines()[1]
     assert "not drawn by the seed" in said.splitlines()[2]
     assert "actuator_lag" in said.splitlines()[2]
-    assert not any("apply" in step.command for step in next_steps(judgement)), "the draw of a seed is none of the robot"
+    assert not any("apply" in step.command for step in next_steps(judgement)), (
+        "the draw of a seed is none of the robot"
+    )
     assert drawn_lines(_judgement(logs["joints"], Verdict(verdict="no_gap", gap=GAP))) == []
 
 

@@ -13,7 +13,9 @@ BLOCKS = ("FR", "FL", "RR", "RL")
 @pytest.mark.parametrize(("hip", "thigh"), [(3.0, 6.0), (7.0, 4.0)])
 def test_kinds_of_joints_that_differ_are_stated_apart(hip: float, thigh: float) -> None:
     size = {"hip": hip, "thigh": thigh}
-    hidden = {("e4", where, block): size[where] for where, block in itertools.product(WHERES, BLOCKS)}
+    hidden = {
+        ("e4", where, block): size[where] for where, block in itertools.product(WHERES, BLOCKS)
+    }
     findings = search(LinearProblem(hidden, blocks=BLOCKS))
     found = {effect.where: effect.params["size"].value for effect in findings.effects}
     places = {where: tuple(f"{block}_{where}" for block in BLOCKS) for where in WHERES}

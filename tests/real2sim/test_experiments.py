@@ -25,21 +25,29 @@ from saltus.recordings.run_log import read_run_log, write_run_log
 BRIEF = {
     "fixed": dataclasses.replace(
         EXPERIMENTS["joint_chirp"],
-        sections=lambda robot: motions.repeated("chirp", 2, motions.sweep(robot, 1.0, 1.0, 5.0, 0.3)),
+        sections=lambda robot: motions.repeated(
+            "chirp", 2, motions.sweep(robot, 1.0, 1.0, 5.0, 0.3)
+        ),
     ),
     "free": dataclasses.replace(
         EXPERIMENTS["heave_and_pitch"],
-        sections=lambda robot: motions.repeated("rock", 2, motions.body_sine(robot, 1.5, 2.0, 0.02, 0.08)),
+        sections=lambda robot: motions.repeated(
+            "rock", 2, motions.body_sine(robot, 1.5, 2.0, 0.02, 0.08)
+        ),
     ),
 }
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
-def test_every_motion_begins_and_ends_where_it_can_be_repeated_and_stays_within_its_limits(name: str) -> None:
+def test_every_motion_begins_and_ends_where_it_can_be_repeated_and_stays_within_its_limits(
+    name: str,
+) -> None:
     experiment = EXPERIMENTS[name]
     sections = experiment.sections(ROBOT)
     assert set(experiment.shows) <= set(EFFECTS)
-    assert experiment.duration_s(ROBOT) == pytest.approx(sum(len(s.commands.q_des) for s in sections) * PHYSICS_DT)
+    assert experiment.duration_s(ROBOT) == pytest.approx(
+        sum(len(s.commands.q_des) for s in sections) * PHYSICS_DT
+    )
     for section in sections:
         experiment.limits.check_commands(ROBOT, section.commands, experiment.gains(ROBOT)[0])
         for values in vars(section.commands).values():
@@ -48,7 +56,9 @@ def test_every_motion_begins_and_ends_where_it_can_be_repeated_and_stays_within_
         ends = section.commands.q_des[[0, -1]]
         np.testing.assert_allclose(ends, np.tile(ROBOT.stand_pose, (2, 1)), atol=0.01)
     repeats = [section.condition for section in sections]
-    assert len(set(repeats)) < len(repeats), "nothing is repeated: noise cannot be told from what is missing"
+    assert len(set(repeats)) < len(repeats), (
+        "nothing is repeated: noise cannot be told from what is missing"
+    )
 
 
 @pytest.mark.parametrize(
@@ -56,11 +66,15 @@ def test_every_motion_begins_and_ends_where_it_can_be_repeated_and_stays_within_
     [({"q_des": 3.0}, "angle"), ({"dq_des": 35.0}, "speed"), ({"tau_ff": 40.0}, "torque")],
     ids=str,
 )
-def test_commands_beyond_limits_are_refused_before_anything_moves(change: dict[str, float], what: str) -> None:
+def test_commands_beyond_limits_are_refused_before_anything_moves(
+    change: dict[str, float], what: str
+) -> None:
     commands = motions.rest(ROBOT, 0.1)
     for name, value in change.items():
         getattr(commands, name)[20, 5] = value
-    with pytest.raises(UnsafeMotionError, match=f"FL_calf is asked for a {what}|FL_calf is asked for an {what}"):
+    with pytest.raises(
+        UnsafeMotionError, match=f"FL_calf is asked for a {what}|FL_calf is asked for an {what}"
+    ):
         Limits().check_commands(ROBOT, commands, kp=1.0)
 
 
@@ -76,10 +90,16 @@ def test_a_robot_that_leaves_its_limits_is_stopped() -> None:
     with pytest.raises(UnsafeMotionError, match="the base tilts"):
         run(careful, ROBOT, IDEAL)
     with pytest.raises(UnsafeMotionError, match="FR_thigh moves at"):
-        Limits().check_state(ROBOT, 0.0, np.array([1.0, 0.0, 0.0, 0.0]), ROBOT.stand_pose, 50.0 * np.eye(12)[1])
+        Limits().check_state(
+            ROBOT, 0.0, np.array([1.0, 0.0, 0.0, 0.0]), ROBOT.stand_pose, 50.0 * np.eye(12)[1]
+        )
     with pytest.raises(UnsafeMotionError, match="RL_calf is at"):
         Limits().check_state(
-            ROBOT, 0.0, np.array([1.0, 0.0, 0.0, 0.0]), ROBOT.stand_pose + 2.0 * np.eye(12)[11], np.zeros(12)
+            ROBOT,
+            0.0,
+            np.array([1.0, 0.0, 0.0, 0.0]),
+            ROBOT.stand_pose + 2.0 * np.eye(12)[11],
+            np.zeros(12),
         )
 
 
@@ -106,7 +126,9 @@ def test_a_held_robot_moves_by_the_law_of_its_drives() -> None:
     law = kp * (joints.q_des - joints.q) + kd * (joints.dq_des - joints.dq)
     np.testing.assert_allclose(joints.tau_est, law, atol=1e-9)
     np.testing.assert_allclose(np.diff(joints.q, axis=0), PHYSICS_DT * joints.dq[:-1], atol=2e-3)
-    stuck = run(experiment, ROBOT, Profile(actuator=(CoulombFriction(torque=20.0),)), noise=silent).joints
+    stuck = run(
+        experiment, ROBOT, Profile(actuator=(CoulombFriction(torque=20.0),)), noise=silent
+    ).joints
     assert np.ptp(stuck.q, axis=0).max() < 0.02, "friction above every torque must hold the joints"
 
 
@@ -121,16 +143,26 @@ def test_the_same_seed_makes_the_same_log_and_another_seed_another() -> None:
 
 def test_the_camera_is_late_by_the_latency_of_its_profile_not_by_its_claim() -> None:
     late = run(
-        BRIEF["free"], ROBOT, Profile(camera=(CameraLatency(latency=0.04),)), camera=FootageCamera.on(ROBOT, 0.01)
+        BRIEF["free"],
+        ROBOT,
+        Profile(camera=(CameraLatency(latency=0.04),)),
+        camera=FootageCamera.on(ROBOT, 0.01),
     )
     assert late.depth is not None
     assert late.meta["camera"]["latency"] == 0.01
     np.testing.assert_allclose(late.depth.arrival_s, 0.02 * late.depth.frame_id + 0.04, atol=1e-9)
 
 
-def test_a_robot_that_saltus_does_not_ship_comes_with_its_model_and_is_replayed_with_it(tmp_path: Path) -> None:
-    """Its log names the model beside it; from there it has its own mass, and positive angles are those of the log."""
-    heavy = dataclasses.replace(ROBOT, name="heavy", mjcf=ROBOT.mjcf.replace("mass='5.204'", "mass='9'"))
+def test_a_robot_that_saltus_does_not_ship_comes_with_its_model_and_is_replayed_with_it(
+    tmp_path: Path,
+) -> None:
+    """Its log names the model beside it.
+
+    From there it has its own mass, and positive angles are those of the log.
+    """
+    heavy = dataclasses.replace(
+        ROBOT, name="heavy", mjcf=ROBOT.mjcf.replace("mass='5.204'", "mass='9'")
+    )
     experiment = dataclasses.replace(BRIEF["free"], camera=False)
     write_run_log(run(experiment, heavy, IDEAL), tmp_path / "log", heavy)
     (log,) = load_rigs([tmp_path / "log"])
@@ -140,8 +172,12 @@ def test_a_robot_that_saltus_does_not_ship_comes_with_its_model_and_is_replayed_
     assert not body.lacks(log)
     reversed_legs = {**log.meta, "joints": log.meta["joints"][::-1]}
     assert "in this order" in body.lacks(dataclasses.replace(log, meta=reversed_legs))
-    (tmp_path / "box.xml").write_text("<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>")
-    assert "no quadruped" in body.lacks(dataclasses.replace(log, meta={**log.meta, "robot": str(tmp_path / "box.xml")}))
+    (tmp_path / "box.xml").write_text(
+        "<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>"
+    )
+    assert "no quadruped" in body.lacks(
+        dataclasses.replace(log, meta={**log.meta, "robot": str(tmp_path / "box.xml")})
+    )
 
 
 def test_an_unknown_experiment_is_told_with_the_nearest() -> None:

@@ -69,7 +69,9 @@ def judged(case: str) -> Judgement:
 
 def judgement(verdict: Verdict, examined: Examination) -> Judgement:
     patch = Patch(effects=verdict.effects, evidence=(LOG,), range=Applicability())
-    return Judgement(verdict=verdict, patch=patch, examinations=(examined,), evidence=(LOG,), profile=IDEAL)
+    return Judgement(
+        verdict=verdict, patch=patch, examinations=(examined,), evidence=(LOG,), profile=IDEAL
+    )
 
 
 def page(of: Judgement, folder: Path) -> str:
@@ -93,10 +95,15 @@ def test_every_verdict_has_a_page_that_says_it(case: str, tmp_path: Path) -> Non
         assert re.search(f"<td>{name}</td><td>[^<]*</td><td>{size.value:.4g}</td>", text)
     for effect in of.verdict.effects:
         for value in effect.params.values():
-            assert f"<td>{value.value:.4g}</td><td>{value.ci90[0]:.4g} to {value.ci90[1]:.4g}</td>" in text
+            assert (
+                f"<td>{value.value:.4g}</td><td>{value.ci90[0]:.4g} to {value.ci90[1]:.4g}</td>"
+                in text
+            )
     for effect in of.verdict.nearest:
         assert f"the nearest is {effect.name} (" in said
-        assert text.count("<td>nearest, not named</td>") == sum(len(each.params) for each in of.verdict.nearest)
+        assert text.count("<td>nearest, not named</td>") == sum(
+            len(each.params) for each in of.verdict.nearest
+        )
     if case == "set":
         assert "experiments --run joint_chirp" in text
         assert escape(NEXT.why) in text
@@ -125,7 +132,11 @@ def test_what_is_left_is_told_of_the_chosen_model(tmp_path: Path) -> None:
 @pytest.mark.parametrize("values", ["normal", "few", "one"])
 def test_bins_lose_no_power(values: str) -> None:
     rng = np.random.default_rng(0)
-    at = {"normal": rng.normal(size=999), "few": rng.integers(0, 3, 999) + 0.0, "one": np.ones(999)}[values]
+    at = {
+        "normal": rng.normal(size=999),
+        "few": rng.integers(0, 3, 999) + 0.0,
+        "one": np.ones(999),
+    }[values]
     residual = rng.normal(size=999) * (1.0 + at**2)
     x, y = figures.rms_by(ExplanatoryVariable(name="tau", unit="Nm", values=at), residual)
     assert np.all(np.diff(x) > 0.0)
@@ -142,7 +153,9 @@ def test_the_signals_that_are_farthest_off_come_first() -> None:
     channels = channels_of(problem, rig_log(), findings.residuals.before)
     worst = [channels[i] for i in figures.worst_channels(channels)]
     assert (worst[0].signal, worst[0].place) == ("q", "FR_hip")
-    assert len({(channel.signal, channel.place.rpartition("_")[2]) for channel in worst}) == len(worst)
+    assert len({(channel.signal, channel.place.rpartition("_")[2]) for channel in worst}) == len(
+        worst
+    )
 
 
 def test_the_trace_shows_where_the_residual_is_largest() -> None:
@@ -171,7 +184,11 @@ def test_a_camera_s_residuals_are_shown_over_the_image(tmp_path: Path) -> None:
         assert np.isnan(variable.values[~is_depth]).all()
         assert variable.values[is_depth].min() >= 0.0
     residuals = Residuals(
-        before=left, after=left, unknowns=np.zeros((1, 0)), effects=(), is_test=np.ones(len(problem.signal), dtype=bool)
+        before=left,
+        after=left,
+        unknowns=np.zeros((1, 0)),
+        effects=(),
+        is_test=np.ones(len(problem.signal), dtype=bool),
     )
     findings = Findings(problem="camera", verdict="no_gap", residuals=residuals)
     compared = SensorResult(problem=problem, findings=findings, log=log)

@@ -16,7 +16,9 @@ def evenly(hz: float, seed: int = 0, share: float = 0.0) -> np.ndarray:
     return np.flatnonzero(kept) / hz
 
 
-@pytest.mark.parametrize("hz", [200, 333, 500, 600, 667, 700, 750, 800, 850, 900, 950, 980, 990, 1000, 1200, 2000])
+@pytest.mark.parametrize(
+    "hz", [200, 333, 500, 600, 667, 700, 750, 800, 850, 900, 950, 980, 990, 1000, 1200, 2000]
+)
 @pytest.mark.parametrize("into_s", [0.0, 3.7e-4])
 def test_whole_milliseconds_lose_no_rows(hz: float, into_s: float) -> None:
     time_s = np.floor(1e3 * (evenly(hz) + into_s) + 1e-6) / 1e3
@@ -24,7 +26,9 @@ def test_whole_milliseconds_lose_no_rows(hz: float, into_s: float) -> None:
     assert period_of(time_s) == pytest.approx(1.0 / hz, rel=0.02)
 
 
-@pytest.mark.parametrize(("hz", "jitter_s"), [(500, 9e-4), (500, 5e-4), (200, 2e-3), (1000, 4e-4), (100, 4e-3)])
+@pytest.mark.parametrize(
+    ("hz", "jitter_s"), [(500, 9e-4), (500, 5e-4), (200, 2e-3), (1000, 4e-4), (100, 4e-3)]
+)
 @pytest.mark.parametrize("seed", range(3))
 def test_jitter_loses_no_rows(hz: float, jitter_s: float, seed: int) -> None:
     late = np.random.default_rng(seed).uniform(-jitter_s, jitter_s, ROWS)
@@ -46,7 +50,9 @@ def test_lost_rows_are_counted(hz: float, jitter: float, share: float) -> None:
     lost = ROWS - len(time_s)
     noisy = time_s + np.random.default_rng(4).uniform(-jitter, jitter, len(time_s)) / hz
     found, longest_s = lost_rows(noisy)
-    assert found == pytest.approx(lost, rel=0.35, abs=1.5)  # two that follow each other closely may look like one
+    assert found == pytest.approx(
+        lost, rel=0.35, abs=1.5
+    )  # two that follow each other closely may look like one
     assert longest_s == pytest.approx(np.diff(time_s).max(), abs=0.5 / hz)
 
 

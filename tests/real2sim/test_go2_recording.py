@@ -38,7 +38,9 @@ def _leg(leg: str, front: int, left: int) -> str:
 
 @pytest.fixture
 def go2(tmp_path: Path) -> Robot:
-    legs = "".join(_leg(leg, 1 if leg[0] == "F" else -1, 1 if leg[1] == "L" else -1) for leg in LEGS)
+    legs = "".join(
+        _leg(leg, 1 if leg[0] == "F" else -1, 1 if leg[1] == "L" else -1) for leg in LEGS
+    )
     (tmp_path / "go2").mkdir()
     (tmp_path / "go2" / "go2.xml").write_text(f"""<mujoco><worldbody><body name="base"><freejoint/>
       <inertial pos="0 0 0" mass="6.9" diaginertia="0.02 0.1 0.1"/> <geom type="box" size="0.19 0.05 0.06"/>
@@ -50,7 +52,11 @@ def go2(tmp_path: Path) -> Robot:
 
 def _record(q: np.ndarray, dq: np.ndarray, path: Path) -> Path:
     """A recording in the form of the Go2's."""
-    header = [f"jpos{j}" for j in range(12)] + [f"jvel{j}" for j in range(12)] + [f"jpos{j}_des" for j in range(12)]
+    header = (
+        [f"jpos{j}" for j in range(12)]
+        + [f"jvel{j}" for j in range(12)]
+        + [f"jpos{j}_des" for j in range(12)]
+    )
     rows = np.column_stack([q, dq, q[np.arange(len(q)) // 4 * 4]])
     np.savetxt(path, rows, delimiter=",", header=",".join(header), comments="")
     return path
@@ -68,7 +74,9 @@ def _motion(seconds: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("loop_jitter_s", [0.0, 0.0005])
 @pytest.mark.parametrize("scale", [1.0, 1.14])
-def test_the_states_that_passed_between_rows_are_counted(loop_jitter_s: float, scale: float) -> None:
+def test_the_states_that_passed_between_rows_are_counted(
+    loop_jitter_s: float, scale: float
+) -> None:
     rng = np.random.default_rng(3)
     q, dq = _motion(20.0)
     loop_s = 0.005 * np.arange(1, 3900) + rng.normal(0, loop_jitter_s, 3899)
@@ -82,8 +90,12 @@ def test_the_states_that_passed_between_rows_are_counted(loop_jitter_s: float, s
     even, rate = evenly(found, seen_q, seen_dq / scale, 0.005 * np.arange(len(state)))
     rows_s = 0.005 * np.arange(len(state)) + 0.002 * state[0]
     exact = np.stack([np.interp(rows_s, 0.002 * np.arange(len(q)), joint) for joint in q.T], axis=1)
-    assert np.sqrt(np.mean((even - exact)[10:-10] ** 2)) < 0.3 * np.sqrt(np.mean((seen_q - exact)[10:-10] ** 2))
-    true_rate = np.stack([np.interp(rows_s, 0.002 * np.arange(len(q)), joint) for joint in dq.T], axis=1)
+    assert np.sqrt(np.mean((even - exact)[10:-10] ** 2)) < 0.3 * np.sqrt(
+        np.mean((seen_q - exact)[10:-10] ** 2)
+    )
+    true_rate = np.stack(
+        [np.interp(rows_s, 0.002 * np.arange(len(q)), joint) for joint in dq.T], axis=1
+    )
     assert np.sqrt(np.mean((rate - true_rate)[10:-10] ** 2)) < 0.15  # rad/s; noise is 0.1 of them
 
 
@@ -102,11 +114,15 @@ def test_every_leg_has_a_log_without_what_its_end_stop_disturbs(go2: Robot, tmp_
         assert all(segment.end_s - segment.start_s >= 1.0 for segment in segments_of(log))
         assert log.joints.q[:, 2].max() <= -0.93
         assert log.joints.dq is not None
-        assert Path(log.meta["robot"]).name == "go2.xml"  # not the shipped one, of which it has the name
+        assert (
+            Path(log.meta["robot"]).name == "go2.xml"
+        )  # not the shipped one, of which it has the name
         model = (path / "go2.xml").read_text()
         assert not any(word in model for word in ("damping", "frictionloss"))
         bare = load_robot(str(path / "go2.xml"))
-        np.testing.assert_allclose(bare.armature, np.tile([0.00448, 0.00448, 0.01646], 4), rtol=1e-3)
+        np.testing.assert_allclose(
+            bare.armature, np.tile([0.00448, 0.00448, 0.01646], 4), rtol=1e-3
+        )
 
 
 @pytest.fixture(scope="module")
@@ -116,8 +132,12 @@ def recording() -> Path:
     return RECORDINGS / "go2_motor_response_200hz.csv"
 
 
-def test_gravity_tells_left_from_right_in_the_recording(recording: Path, go2: Robot, tmp_path: Path) -> None:
-    for path in import_recording(recording, tmp_path / "logs", load(Description, GO2 / "log.toml"), go2).logs:
+def test_gravity_tells_left_from_right_in_the_recording(
+    recording: Path, go2: Robot, tmp_path: Path
+) -> None:
+    for path in import_recording(
+        recording, tmp_path / "logs", load(Description, GO2 / "log.toml"), go2
+    ).logs:
         (log,) = load_rigs([path])
         assert not any(fault.is_fatal for fault in screen(log)), path.name
         mirror = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}[path.name]

@@ -32,7 +32,11 @@ def claims_of(log: RunLog) -> dict[str, Any]:
     """What a bag or a table does not say of itself."""
     claims = {key: log.meta[key] for key in ("base", "kp", "kd", "terrain")}
     camera = log.meta.get("camera")
-    return claims if camera is None else claims | {"camera": {key: camera[key] for key in NOT_OF_A_BAG}}
+    return (
+        claims
+        if camera is None
+        else claims | {"camera": {key: camera[key] for key in NOT_OF_A_BAG}}
+    )
 
 
 def same(log: RunLog, other: RunLog) -> None:
@@ -68,23 +72,38 @@ def test_a_bag_of_ros_becomes_the_log_that_it_was_made_of(
     description = {"claims": claims_of(log), "topics": {"joints": "/joint_states"}}
     (tmp_path / "mine.toml").write_text(tomli_w.dumps(description))
     out = tmp_path / "log"
-    words = ["--description", str(tmp_path / "mine.toml"), "--topics.commands", "/joint_commands", "--out", str(out)]
+    words = [
+        "--description",
+        str(tmp_path / "mine.toml"),
+        "--topics.commands",
+        "/joint_commands",
+        "--out",
+        str(out),
+    ]
     assert main(["real2sim", "import", str(bag), *words]) == 0
     assert capsys.readouterr().out.endswith(f"\n{out}\n")
     same(log, read_run_log(out))
 
 
-def test_joints_are_found_by_the_names_that_are_given_and_others_are_left_out(tmp_path: Path) -> None:
+def test_joints_are_found_by_the_names_that_are_given_and_others_are_left_out(
+    tmp_path: Path,
+) -> None:
     log = joints_log(seconds=0.5)
-    log = replace(log, joints=replace(log.joints, time_s=log.joints.time_s + 1_763_740_800.0))  # seconds since 1970
+    log = replace(
+        log, joints=replace(log.joints, time_s=log.joints.time_s + 1_763_740_800.0)
+    )  # seconds since 1970
     names = {f"motor {n}_joint": name for n, name in enumerate(log.meta["joints"])}
     odd = replace(log, meta=log.meta | {"joints": [name.removesuffix("_joint") for name in names]})
     bag, names["motor 11_joint"] = write_bag(odd, tmp_path / "bag"), ""
-    description = Description(claims=claims_of(log), topics=Topics(joints="/joint_states"), joint_names=names)
+    description = Description(
+        claims=claims_of(log), topics=Topics(joints="/joint_states"), joint_names=names
+    )
     read = read_run_log(import_recording(bag, tmp_path / "log", description, ROBOT).logs[0])
     assert read.meta["joints"] == log.meta["joints"][:11]
     np.testing.assert_array_equal(read.joints.q, log.joints.q[:, :11])
-    np.testing.assert_allclose(read.joints.time_s, 0.002 * np.arange(250), rtol=0, atol=3e-7)  # doubles since 1970
+    np.testing.assert_allclose(
+        read.joints.time_s, 0.002 * np.arange(250), rtol=0, atol=3e-7
+    )  # doubles since 1970
 
 
 def test_two_ways_to_one_run_give_one_verdict(tmp_path: Path) -> None:
@@ -93,9 +112,16 @@ def test_two_ways_to_one_run_give_one_verdict(tmp_path: Path) -> None:
     bag = write_bag(log, tmp_path / "bag")
     description = Description(claims=claims_of(log), topics=Topics(joints="/joint_states"))
     imported = import_recording(bag, tmp_path / "imported", description, ROBOT)
-    first, second = (find([path], tmp_path / f"of {path.name}").verdict for path in (tmp_path / "log", *imported.logs))
+    first, second = (
+        find([path], tmp_path / f"of {path.name}").verdict
+        for path in (tmp_path / "log", *imported.logs)
+    )
     assert first.verdict != "bad_log"
-    assert (second.verdict, second.sets, second.untestable) == (first.verdict, first.sets, first.untestable)
+    assert (second.verdict, second.sets, second.untestable) == (
+        first.verdict,
+        first.sets,
+        first.untestable,
+    )
     for mine, theirs in zip(first.effects, second.effects, strict=True):
         assert (mine.name, mine.where) == (theirs.name, theirs.where)
         for name, interval in mine.params.items():
@@ -117,7 +143,9 @@ for words in sys.argv[1:]:
         "real2sim apply found/patch.toml --profile mine",
     )
     environment = {**os.environ, "PYTHONPATH": str(PROJECT)}
-    subprocess.run([sys.executable, "-P", "-c", script, *commands], cwd=tmp_path, env=environment, check=True)
+    subprocess.run(
+        [sys.executable, "-P", "-c", script, *commands], cwd=tmp_path, env=environment, check=True
+    )
     assert (tmp_path / "profiles" / "mine.toml").is_file()
 
 
@@ -134,7 +162,8 @@ def test_without_commands_the_camera_is_compared_and_the_drives_are_not(tmp_path
 
 
 DEGREES = TableColumns(
-    time="clock", time_unit="ms", angle="deg", joints=tuple(reversed(joints_log(seconds=0.1).meta["joints"])),
+    time="clock", time_unit="ms", angle="deg",
+    joints=tuple(reversed(joints_log(seconds=0.1).meta["joints"])),
     q="{joint} angle", dq="{joint} rate", q_des="told {number}", tau_est="torque {number}",
     kp="stiffness", kd="damping",
 )  # fmt: skip
@@ -152,7 +181,9 @@ def write_table(log: RunLog, path: Path, columns: TableColumns) -> Path:
         for number, (joint, place) in enumerate(zip(columns.joints, order, strict=True)):
             lines[getattr(columns, signal).format(joint=joint, number=number)] = values[:, place]
     rows = zip(*(map(repr, map(float, column)) for column in lines.values()), strict=True)
-    path.write_text("\n".join([", ".join(["mode", *lines]), *(",".join(["stand", *row]) for row in rows), ""]))
+    path.write_text(
+        "\n".join([", ".join(["mode", *lines]), *(",".join(["stand", *row]) for row in rows), ""])
+    )
     return path
 
 
@@ -162,8 +193,12 @@ def test_a_table_in_other_units_and_another_order_is_the_same_log(tmp_path: Path
     gains = {"kp": changing, "kd": 0.01 * changing}
     log = replace(log, joints=replace(log.joints, dq_des=None, tau_ff=None, **gains))
     table = write_table(log, tmp_path / "mine.csv", DEGREES)
-    imported = import_recording(table, tmp_path / "log", Description(claims={"base": "fixed"}, columns=DEGREES), ROBOT)
-    assert imported.notes == ("not in the log: imu, base, depth; what needs them will be untestable",)
+    imported = import_recording(
+        table, tmp_path / "log", Description(claims={"base": "fixed"}, columns=DEGREES), ROBOT
+    )
+    assert imported.notes == (
+        "not in the log: imu, base, depth; what needs them will be untestable",
+    )
     same(log, read_run_log(imported.logs[0]))
 
 
@@ -180,7 +215,9 @@ def test_the_example_reads_a_table_with_its_own_names_of_joints(tmp_path: Path) 
     log, description, named = _of_example()
     own = {joint: name for name, joint in description.joint_names.items()}
     theirs = replace(log, meta=log.meta | {"joints": [own[joint] for joint in log.meta["joints"]]})
-    table = write_table(theirs, tmp_path / "mine.csv", replace(named, joints=tuple(sorted(named.joints))))
+    table = write_table(
+        theirs, tmp_path / "mine.csv", replace(named, joints=tuple(sorted(named.joints)))
+    )
     assert "hip_FL_pos_deg" in table.read_text()
     for number, columns in enumerate((description.columns, named)):
         asked = replace(description, columns=columns)
@@ -191,14 +228,22 @@ def test_the_example_reads_a_table_with_its_own_names_of_joints(tmp_path: Path) 
 
 @pytest.mark.parametrize(
     ("listed", "name", "joint", "nearest"),
-    [(True, "hip_FLL", "FL_hip", "hip_FL"), (True, "hip_FLL", "FL_hp", "hip_FL"), (False, "hip_FL", "FL_hp", "FL_hip")],
+    [
+        (True, "hip_FLL", "FL_hip", "hip_FL"),
+        (True, "hip_FLL", "FL_hp", "hip_FL"),
+        (False, "hip_FL", "FL_hp", "FL_hip"),
+    ],
 )
 def test_a_name_of_a_joint_that_stands_for_no_column_is_refused(
     listed: bool, name: str, joint: str, nearest: str, tmp_path: Path
 ) -> None:
     _, description, named = _of_example()
-    names = {key: value for key, value in description.joint_names.items() if value != "FL_hip"} | {name: joint}
-    asked = replace(description, joint_names=names, columns=named if listed else description.columns)
+    names = {key: value for key, value in description.joint_names.items() if value != "FL_hip"} | {
+        name: joint
+    }
+    asked = replace(
+        description, joint_names=names, columns=named if listed else description.columns
+    )
     with pytest.raises(RecordingError, match=f"'{name}' = '{joint}' .*did you mean '{nearest}'"):
         import_recording(tmp_path / "mine.csv", tmp_path / "log", asked, ROBOT)
 
@@ -220,17 +265,36 @@ def _misnamed(log: RunLog) -> RunLog:
 @pytest.mark.parametrize(
     ("damage", "topics", "claims", "says"),
     [
-        (lambda log: log, Topics(joints="/states"), {}, "/states .* is not there: did you mean '/joint_states'"),
+        (
+            lambda log: log,
+            Topics(joints="/states"),
+            {},
+            "/states .* is not there: did you mean '/joint_states'",
+        ),
         (lambda log: log, Topics(imu="/odom"), {}, "is of type nav_msgs/msg/Odometry"),
-        (lambda log: log, Topics(), {}, "/joint_commands or /joint_states: name one with --topics.joints"),
+        (
+            lambda log: log,
+            Topics(),
+            {},
+            "/joint_commands or /joint_states: name one with --topics.joints",
+        ),
         (_misnamed, Topics(joints="/joint_states"), {}, "no joint 'FR_hp': did you mean 'FR_hip'"),
         (_backwards, Topics(joints="/joint_states"), {}, "time runs backwards"),
         (_in_degrees, Topics(joints="/joint_states"), {}, "more than a full turn in rad; degrees?"),
-        (lambda log: log, Topics(joints="/joint_states"), {"kp": -1}, "'kp' is -1; allowed is 0 to"),
+        (
+            lambda log: log,
+            Topics(joints="/joint_states"),
+            {"kp": -1},
+            "'kp' is -1; allowed is 0 to",
+        ),
     ],
 )
 def test_what_a_bag_cannot_mean_is_said_and_nothing_is_written(
-    damage: Callable[[RunLog], RunLog], topics: Topics, claims: dict[str, Any], says: str, tmp_path: Path
+    damage: Callable[[RunLog], RunLog],
+    topics: Topics,
+    claims: dict[str, Any],
+    says: str,
+    tmp_path: Path,
 ) -> None:
     log = replace(body_log(seconds=0.5), joints=joints_log(seconds=0.5).joints)
     bag = write_bag(damage(log), tmp_path / "bag")
@@ -245,7 +309,9 @@ def _text(table: Path) -> None:
 
 
 def _rows(count: int) -> Callable[[Path], None]:
-    return lambda table: table.write_text("\n".join([*table.read_text().splitlines()[: 1 + count], ""])) and None
+    return lambda table: (
+        table.write_text("\n".join([*table.read_text().splitlines()[: 1 + count], ""])) and None
+    )
 
 
 @pytest.mark.parametrize(
@@ -264,10 +330,18 @@ def _rows(count: int) -> Callable[[Path], None]:
         (None, {"time_unit": "s"}, r"rows are 2 s apart, .* check \[columns\] time_unit"),
         (None, {"time_unit": "us"}, r"rows are 2e-06 s apart, .* check \[columns\] time_unit"),
         (None, {"time": None, "rate_hz": 0.0}, "rate_hz = 0: it must be more than 0"),
-        (None, {"time": None, "rate_hz": 0.1}, r"rows are 10 s apart, .* check \[columns\] rate_hz"),
+        (
+            None,
+            {"time": None, "rate_hz": 0.1},
+            r"rows are 10 s apart, .* check \[columns\] rate_hz",
+        ),
         (_rows(1), {}, "has one row only"),
         (None, {"time": "told 3"}, "time runs backwards"),
-        (None, {"joints": ("hip", *DEGREES.joints[1:]), "q": "told {number}", "dq": None}, "no joint 'hip'"),
+        (
+            None,
+            {"joints": ("hip", *DEGREES.joints[1:]), "q": "told {number}", "dq": None},
+            "no joint 'hip'",
+        ),
     ],
 )
 def test_what_a_table_cannot_mean_is_said_and_nothing_is_written(
@@ -278,7 +352,9 @@ def test_what_a_table_cannot_mean_is_said_and_nothing_is_written(
     if damage is not None:
         damage(table)
     with pytest.raises(RecordingError, match=says):
-        import_recording(table, tmp_path / "log", Description(columns=replace(known, **columns)), ROBOT)
+        import_recording(
+            table, tmp_path / "log", Description(columns=replace(known, **columns)), ROBOT
+        )
     assert not (tmp_path / "log").exists()
 
 
@@ -289,7 +365,9 @@ def test_rows_too_far_apart_for_a_leg_are_noted(tmp_path: Path) -> None:
     for rate_hz in (500.0, 5.0):
         columns = replace(known, time=None, rate_hz=rate_hz)
         given = Description(columns=columns, claims={"base": "fixed", "kp": 20.0, "kd": 0.5})
-        said[rate_hz] = " ".join(import_recording(table, tmp_path / f"{rate_hz}", given, ROBOT).notes)
+        said[rate_hz] = " ".join(
+            import_recording(table, tmp_path / f"{rate_hz}", given, ROBOT).notes
+        )
     assert "rows of joints are 0.2 s apart" in said[5.0]
     assert "apart" not in said[500.0]
 

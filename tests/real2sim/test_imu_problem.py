@@ -21,7 +21,9 @@ def fitted(problem: ImuProblem) -> dict[str, float]:
     """All unknowns at the least squares."""
     names = [f"{c.effect}.{u.name}" for c in problem.candidates for u in c.unknowns]
     scale = [u.scale for c in problem.candidates for u in c.unknowns]
-    result = least_squares(lambda x: problem.residuals(x[None, None])[0, 0], np.zeros(len(names)), x_scale=scale)
+    result = least_squares(
+        lambda x: problem.residuals(x[None, None])[0, 0], np.zeros(len(names)), x_scale=scale
+    )
     return dict(zip(names, result.x.tolist(), strict=True))
 
 
@@ -44,7 +46,9 @@ def test_fit_recovers_what_is_hidden(effects: tuple[Effect, ...]) -> None:
     problem = ImuProblem(run_log(effects, motions=MOVING))
     check_stated_values(problem)
     found = fitted(problem)
-    true = {f"{e.name}.{f.name}": getattr(e, f.name) for e in effects for f in dataclasses.fields(e)}
+    true = {
+        f"{e.name}.{f.name}": getattr(e, f.name) for e in effects for f in dataclasses.fields(e)
+    }
     tolerance = {"imu_latency.delay": 5e-4, "imu_bias.roll": 1e-3, "imu_bias.pitch": 1e-3}
     for name, value in found.items():
         if name.startswith("imu_"):

@@ -61,11 +61,13 @@ def commands() -> tuple[Floats, list[dict[str, Any]]]:
 
 
 @cache
-def motion(*effects: Effect[Any], kp: float = KP, stretched: float = 0.0, integral: float = 0.0) -> RunLog:
+def motion(
+    *effects: Effect[Any], kp: float = KP, stretched: float = 0.0, integral: float = 0.0
+) -> RunLog:
     """What a held robot does, without noise, with effects of drives and of what holds it.
 
-    Knees may be told to be `stretched` by so much [rad]; drives may have an `integral` term [Nm/(rad s)], which belongs
-    to no effect.
+    Knees may be told to be `stretched` by so much [rad]; drives may have an `integral` term
+    [Nm/(rad s)], which belongs to no effect.
     """
     q_des, segments = commands()
     q_des = q_des + np.tile((0.0, 0.0, stretched), 4)
@@ -73,14 +75,20 @@ def motion(*effects: Effect[Any], kp: float = KP, stretched: float = 0.0, integr
     chain = ActuatorChain(tuple(effect for effect in effects if effect not in stand))
     plant = Plant(ROBOT, flat.make(), chain=chain, body=BodyChain(stand), held=True)
     zero, state = np.zeros(12), plant.state
-    tau_ff = 0.8 * np.sin(2.0 * np.pi * 1.3 * (np.arange(len(q_des)) % 750) * DT)[:, None] * np.ones(12)
+    tau_ff = (
+        0.8 * np.sin(2.0 * np.pi * 1.3 * (np.arange(len(q_des)) % 750) * DT)[:, None] * np.ones(12)
+    )
     q, dq, tau_est = np.empty((3, len(q_des), 12))
     more = np.zeros(12)
     for k in range(len(q_des)):
         q[k], dq[k] = state.joint_position, state.joint_velocity
         more = more + integral * DT * (q_des[k] - q[k])
         torque = tau_ff[k] + more
-        state = plant.step(JointCommand(position=q_des[k], velocity=zero, kp=zero + kp, kd=zero + KD, torque=torque))
+        state = plant.step(
+            JointCommand(
+                position=q_des[k], velocity=zero, kp=zero + kp, kd=zero + KD, torque=torque
+            )
+        )
         tau_est[k] = state.joint_torque
     meta = {
         "schema": "saltus-run/1",
@@ -94,7 +102,9 @@ def motion(*effects: Effect[Any], kp: float = KP, stretched: float = 0.0, integr
         "terrain": "flat",
     }
     time_s = DT * np.arange(len(q_des))
-    table = JointTable(time_s=time_s, q=q, q_des=q_des, dq=dq, dq_des=0.0 * q, tau_ff=tau_ff, tau_est=tau_est)
+    table = JointTable(
+        time_s=time_s, q=q, q_des=q_des, dq=dq, dq_des=0.0 * q, tau_ff=tau_ff, tau_est=tau_est
+    )
     return RunLog(meta=meta, joints=table)
 
 
@@ -117,7 +127,11 @@ def problem_of(*effects: Effect[Any], kp: float = KP) -> JointProblem:
 
 def unknowns(problem: JointProblem, values: dict[str, tuple[float, ...]]) -> Floats:
     """Unknowns with the same values of some effects at every joint, shape (blocks, unknowns)."""
-    found = [value for c in problem.candidates for value in values.get(c.effect, (0.0,) * len(c.unknowns))]
+    found = [
+        value
+        for c in problem.candidates
+        for value in values.get(c.effect, (0.0,) * len(c.unknowns))
+    ]
     return np.tile(found, (len(problem.blocks), 1))
 
 
@@ -173,13 +187,17 @@ def test_the_replay_is_the_plant() -> None:
 
 
 @pytest.mark.parametrize("stairs", [2, 4])
-def test_a_faster_loop_is_what_smaller_steps_make_of_it(stairs: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_faster_loop_is_what_smaller_steps_make_of_it(
+    stairs: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The nuisance stands for a drive that evaluates its law several times in a step of the replay."""
     log = motion()
     coarse = JointProblem(log)
     sets = np.zeros((2, 4, coarse._candidates.count))
     sets[1, :, coarse._candidates.columns[LOOP_RATE, 0]] = 1.0 - 1.0 / stairs
-    slow, fast = np.moveaxis(simulated(coarse, coarse._candidates.drives(sets, coarse._motion.dt_s))[0], -1, 0)
+    slow, fast = np.moveaxis(
+        simulated(coarse, coarse._candidates.drives(sets, coarse._motion.dt_s))[0], -1, 0
+    )
     monkeypatch.setattr(joint_motion, "SLOWEST_LOOP_S", coarse._motion.dt_s / stairs)
     fine = JointProblem(log)
     assert fine._motion.every == stairs * coarse._motion.every
@@ -202,7 +220,8 @@ def test_an_effect_shows_and_its_truth_leaves_noise(case: Hidden) -> None:
     problem = problem_of(case.effect)
     truth = {case.effect.name: case.unknowns}
     claimed, right = problem.residuals(np.stack([unknowns(problem, {}), unknowns(problem, truth)]))
-    # repeats differ where the battery empties or coarse angles are fed back: noise is then taken for more than it is
+    # repeats differ where the battery empties or coarse angles are fed back: noise is then taken
+    # for more than it is
     least = {"battery_sag": 0.62, "encoder_quantisation": 0.8}.get(case.effect.name, 0.88)
     assert least < np.mean(right**2) < 1.12
     assert np.mean(claimed**2) > 1.2
@@ -218,8 +237,12 @@ def test_fits_find_the_truth(case: Hidden) -> None:
     value = np.array(case.unknowns)
     value[free] = 0.5 * value[free]  # shapes are given, sizes are looked for
     for _ in range(4):
-        tries = [value] + [value + s * np.eye(len(value))[i] for i, s in zip(free, step, strict=True)]
-        r = problem.residuals(np.stack([unknowns(problem, {case.effect.name: tuple(t)}) for t in tries]))
+        tries = [value] + [
+            value + s * np.eye(len(value))[i] for i, s in zip(free, step, strict=True)
+        ]
+        r = problem.residuals(
+            np.stack([unknowns(problem, {case.effect.name: tuple(t)}) for t in tries])
+        )
         flat_residuals = r.reshape(len(tries), -1)
         slopes = (flat_residuals[1:] - flat_residuals[0]) / step[:, None]
         value[free] -= np.linalg.solve(slopes @ slopes.T, slopes @ flat_residuals[0])
@@ -228,10 +251,15 @@ def test_fits_find_the_truth(case: Hidden) -> None:
 
 @pytest.mark.parametrize("side", [0.0, 1.0], ids=["encoder at the joint", "encoder at the motor"])
 def test_play_shows_on_the_side_of_its_encoder(side: float) -> None:
-    """At the hips; on which tooth a light calf lies, where little torque is asked for, is up to chance."""
+    """At the hips.
+
+    On which tooth a light calf lies, where little torque is asked for, is up to chance.
+    """
     problem = problem_of(EFFECTS["backlash"](width=0.02, motor_side=side))
     play = [{}, {"backlash": (0.02, side)}, {"backlash": (0.02, 1.0 - side)}]
-    hips = problem.residuals(np.stack([unknowns(problem, p) for p in play]))[..., problem.signal == 0]
+    hips = problem.residuals(np.stack([unknowns(problem, p) for p in play]))[
+        ..., problem.signal == 0
+    ]
     claimed, right, other = np.mean(hips**2, axis=(1, 2))
     assert claimed - right > 0.7 * (claimed - 1.0)
     assert other > 2.0 * right
@@ -239,7 +267,10 @@ def test_play_shows_on_the_side_of_its_encoder(side: float) -> None:
 
 @pytest.mark.parametrize("bend", [1e-5, 3e-4, 1e-3])
 def test_bristles_hold_like_springs_until_they_give_way(bend: float) -> None:
-    """A mass on bristles under a steady push rests where spring and push are equal; a larger push moves it on."""
+    """A mass on bristles under a steady push rests where spring and push are equal.
+
+    A larger push moves it on.
+    """
     dt, mass, level = 0.002, 0.02, 0.5
     inverse, shape = np.full((1, 1, 1, 1, 1), 1.0 / mass), (1, 1, 1, 1)
     give = np.full(shape[1:], bend / (level * dt**2))
@@ -284,7 +315,9 @@ def test_the_step_of_an_encoder_is_read_from_its_angles() -> None:
 
 @pytest.mark.parametrize("apart", [0.003, 0.006])
 @pytest.mark.parametrize(("share", "is_step"), [(0.25, False), (0.5, False), (1.0, True)])
-def test_equal_ways_between_rows_are_a_step_only_if_they_last(apart: float, share: float, is_step: bool) -> None:
+def test_equal_ways_between_rows_are_a_step_only_if_they_last(
+    apart: float, share: float, is_step: bool
+) -> None:
     """A joint at one speed is read at multiples of an angle, an encoder reads them at any speed."""
     rng = np.random.default_rng(1)
     angles = rng.uniform(-0.3, 0.3, 4000)
@@ -296,7 +329,9 @@ def test_equal_ways_between_rows_are_a_step_only_if_they_last(apart: float, shar
 
 def test_what_a_log_cannot_show_is_said_with_numbers() -> None:
     log = motion(kp=2.0)
-    still = replace(log.joints, q=log.joints.q[:1] + 0.0 * log.joints.q, dq=0.0 * log.joints.q, tau_ff=None)
+    still = replace(
+        log.joints, q=log.joints.q[:1] + 0.0 * log.joints.q, dq=0.0 * log.joints.q, tau_ff=None
+    )
     untestable = JointProblem(noisy(replace(log, joints=still))).untestable
     assert untestable["feedforward_delay"] == "the log has no tau_ff"
     assert "Nm" in untestable["torque_saturation"]
@@ -329,10 +364,14 @@ def test_what_a_profile_has_is_taken_from_its_values_exactly() -> None:
 def test_physical_parameters_of_a_saturation() -> None:
     """With a sharp corner, loss and corner mean the knee and the plateau that the effect has."""
     problem = problem_of()
-    candidate = next(c for c in problem.candidates if c.effect == "torque_saturation" and c.where == "calf")
+    candidate = next(
+        c for c in problem.candidates if c.effect == "torque_saturation" and c.where == "calf"
+    )
     found = candidate.parameters(np.array([0.4, 12.0, 0.05]))
     plateau = found["plateau"].value
-    effect = TorqueSaturation(knee=found["knee"].value, plateau=(18.0, 18.0, plateau) * 4).fitted(ROBOT)
+    effect = TorqueSaturation(knee=found["knee"].value, plateau=(18.0, 18.0, plateau) * 4).fitted(
+        ROBOT
+    )
     torque = np.linspace(0.0, 35.0, 12)[:, None] * np.ones(12)
     expected = torque[:, 2] - 0.4 * np.maximum(torque[:, 2] - 12.0, 0.0)
     np.testing.assert_allclose(effect.delivered(torque)[:, 2], expected, atol=0.02)
@@ -343,7 +382,9 @@ def test_a_rounded_corner_follows_the_dynamometer() -> None:
     asked, given = np.array(((0.0, 0.0), *CURVE)).T
     torque = np.linspace(0.5, 35.0, 200)
     table = np.interp(torque, asked, given)
-    fit = least_squares(lambda x: torque - lost(torque, *x) - table, x0=[0.4, 12.0, 1.0], bounds=(0.0, 40.0))
+    fit = least_squares(
+        lambda x: torque - lost(torque, *x) - table, x0=[0.4, 12.0, 1.0], bounds=(0.0, 40.0)
+    )
     assert np.max(np.abs((torque - lost(torque, *fit.x)) / table - 1.0)) < 0.05
 
 
@@ -351,8 +392,13 @@ def test_the_dynamometers_table_from_a_log() -> None:
     """Large steps, more than 35 Nm commanded at the calf: the table of the original within 5 %."""
     problem = JointProblem(of_one_leg(noisy(motion(TorqueSaturation(curve=CURVE), kp=70.0))))
     assert problem.reach[2].torque > 35.0
-    columns = np.concatenate([np.r_[problem.columns_of("torque_saturation", place)] for place in PLACES])
-    value, step = np.array([0.6, 13.0, 3.0, 0.6, 13.0, 3.0, 0.6, 18.0, 3.0]), np.tile([0.01, 0.2, 0.2], 3)
+    columns = np.concatenate(
+        [np.r_[problem.columns_of("torque_saturation", place)] for place in PLACES]
+    )
+    value, step = (
+        np.array([0.6, 13.0, 3.0, 0.6, 13.0, 3.0, 0.6, 18.0, 3.0]),
+        np.tile([0.01, 0.2, 0.2], 3),
+    )
     fitted = unknowns(problem, {})
     for _ in range(4):
         tries = np.repeat(fitted[None], 10, axis=0)
@@ -362,7 +408,9 @@ def test_the_dynamometers_table_from_a_log() -> None:
         value -= np.linalg.solve(slopes @ slopes.T, slopes @ r[0])
     fitted[:, columns] = value
     pieces = _Pieces.of_model(problem, fitted)
-    slopes, _ = _fitted(problem, fitted, pieces, np.ones((len(problem.blocks), len(problem.time_s))))
+    slopes, _ = _fitted(
+        problem, fitted, pieces, np.ones((len(problem.blocks), len(problem.time_s)))
+    )
     calf = list(problem.places[0]).index("calf")
     curve = np.array([(a, b) for a, b in pieces.curve(slopes, calf) if a <= 35.0])
     asked, given = np.array(((0.0, 0.0), *CURVE)).T
@@ -371,8 +419,14 @@ def test_the_dynamometers_table_from_a_log() -> None:
 
 def of_one_leg(log: RunLog) -> RunLog:
     """The log of the first leg alone."""
-    own = {name: getattr(log.joints, name)[:, :3] for name in JOINT_SIGNALS if getattr(log.joints, name) is not None}
-    return replace(log, meta={**log.meta, "joints": list(JOINTS[:3])}, joints=replace(log.joints, **own))
+    own = {
+        name: getattr(log.joints, name)[:, :3]
+        for name in JOINT_SIGNALS
+        if getattr(log.joints, name) is not None
+    }
+    return replace(
+        log, meta={**log.meta, "joints": list(JOINTS[:3])}, joints=replace(log.joints, **own)
+    )
 
 
 HIDDEN = (
@@ -385,7 +439,10 @@ HIDDEN = (
 @pytest.mark.parametrize("effect", HIDDEN, ids=lambda effect: effect.name)
 def test_an_effect_that_a_robot_hides_is_found_by_its_name(effect: Effect[Any]) -> None:
     findings = search(JointProblem(of_one_leg(noisy(motion(effect)))))
-    assert (findings.verdict, {found.name for found in findings.effects}) == ("named", {effect.name})
+    assert (findings.verdict, {found.name for found in findings.effects}) == (
+        "named",
+        {effect.name},
+    )
     found = findings.effects[0]
     joint = 0 if found.where == "all" else JOINTS.index(found.where[0])
     for name, interval in found.params.items():
@@ -396,9 +453,13 @@ def test_an_effect_that_a_robot_hides_is_found_by_its_name(effect: Effect[Any]) 
 def of_motion(log: RunLog, condition: str) -> RunLog:
     """The rows of one motion."""
     own = [s for s in log.meta["excitation"]["segments"] if s["condition"] == condition]
-    kept = (log.joints.time_s > own[0]["t0"] - 0.5 * DT) & (log.joints.time_s < own[-1]["t1"] - 0.5 * DT)
+    kept = (log.joints.time_s > own[0]["t0"] - 0.5 * DT) & (
+        log.joints.time_s < own[-1]["t1"] - 0.5 * DT
+    )
     values = {f.name: getattr(log.joints, f.name) for f in fields(log.joints)}
-    return replace(log, joints=JointTable(**{n: None if v is None else v[kept] for n, v in values.items()}))
+    return replace(
+        log, joints=JointTable(**{n: None if v is None else v[kept] for n, v in values.items()})
+    )
 
 
 def test_a_soft_end_stop_is_found_where_knees_lean_on_it() -> None:
@@ -420,12 +481,16 @@ def test_a_base_that_rolls_moves_the_legs_as_the_replay_says(give: float) -> Non
     problem = problem_of(BaseRoll(give=give, damping=0.2))
     (candidate,) = [c for c in problem.candidates if c.effect == "base_roll"]
     truth = candidate.unknowns_of({"give": give, "damping": 0.2})
-    gap, left = problem.residuals(np.stack([unknowns(problem, {}), unknowns(problem, {"base_roll": tuple(truth)})]))
+    gap, left = problem.residuals(
+        np.stack([unknowns(problem, {}), unknowns(problem, {"base_roll": tuple(truth)})])
+    )
     assert np.mean(left**2) < 0.01 * np.mean(gap**2)
 
 
 def test_a_base_that_rolls_is_found() -> None:
-    findings = search(JointProblem(of_motion(noisy(motion(BaseRoll(give=0.05, damping=0.2))), "chirp")))
+    findings = search(
+        JointProblem(of_motion(noisy(motion(BaseRoll(give=0.05, damping=0.2))), "chirp"))
+    )
     ((name, where, found),) = [(e.name, e.where, e.params) for e in findings.effects]
     assert (findings.verdict, name, where) == ("named", "base_roll", "all")
     assert found["give"].value == pytest.approx(0.05, rel=0.1)

@@ -72,7 +72,12 @@ def test_each_effect_of_drives_and_body_counts(problem: RebasedProblem, effect: 
 def test_an_effect_is_searched_for_or_called_untestable(log: RunLog) -> None:
     problem = JumpProblem(log)
     known = {candidate.effect for candidate in problem.candidates} | problem.untestable.keys()
-    assert known >= {effect for sensor in SENSORS if sensor.name in ("joints", "body") for effect in sensor.effects}
+    assert known >= {
+        effect
+        for sensor in SENSORS
+        if sensor.name in ("joints", "body")
+        for effect in sensor.effects
+    }
 
 
 def test_rates_of_another_instant_are_refused(log: RunLog) -> None:
@@ -80,4 +85,6 @@ def test_rates_of_another_instant_are_refused(log: RunLog) -> None:
     late = np.concatenate([log.imu.values[:1], log.imu.values[:-1]])
     with pytest.raises(RecordingError, match="late"):
         JumpProblem(replace(log, imu=replace(log.imu, values=late)))
-    assert "no IMU" in next(sensor for sensor in SENSORS if sensor.name == "body").lacks(replace(log, imu=None))
+    assert "no IMU" in next(sensor for sensor in SENSORS if sensor.name == "body").lacks(
+        replace(log, imu=None)
+    )

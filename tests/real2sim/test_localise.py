@@ -58,9 +58,13 @@ def test_the_threshold_beyond_which_a_gap_lies_is_found() -> None:
 def test_a_regime_is_said_as_one() -> None:
     rng = np.random.default_rng(5)
     turning = (np.arange(ROWS) % 100 < 15).astype(float)
-    variable = ExplanatoryVariable(name="just after reversals", unit="", values=turning, is_regime=True)
+    variable = ExplanatoryVariable(
+        name="just after reversals", unit="", values=turning, is_regime=True
+    )
     residual = rng.normal(size=ROWS) * (1 + 3 * turning)
-    (said,) = localise([Channel(signal="q", place="FR_hip", residual=residual, variables=(variable,))])
+    (said,) = localise(
+        [Channel(signal="q", place="FR_hip", residual=residual, variables=(variable,))]
+    )
     assert said.text.startswith("FR_hip: q is off by 3.9 sigma")
     assert "just after reversals, by 1.0 elsewhere" in said.text
 
@@ -93,9 +97,17 @@ def test_places_in_words(named: tuple[str, ...], words: str) -> None:
 def test_drivers_of_a_log_are_those_of_its_motion() -> None:
     log = joints_log(Rig(coulomb=0.3), seconds=4.0)
     times = np.linspace(0.1, 3.9, 500)
-    variables = {variable.name: variable.values for variable in explanatory_variables_of(log, "FR_thigh", times)}
+    variables = {
+        variable.name: variable.values
+        for variable in explanatory_variables_of(log, "FR_thigh", times)
+    }
     assert log.joints.tau_est is not None
-    np.testing.assert_allclose(variables["torque"], np.interp(times, log.joints.time_s, log.joints.tau_est[:, 1]))
+    np.testing.assert_allclose(
+        variables["torque"], np.interp(times, log.joints.time_s, log.joints.tau_est[:, 1])
+    )
     assert set(np.unique(np.sign(variables["the direction of motion"]))) == {-1.0, 0.0, 1.0}
     assert 0 < np.mean(variables["just after reversals"]) < 0.5
-    assert np.corrcoef(np.gradient(variables["velocity"], times), variables["acceleration"])[0, 1] > 0.5
+    assert (
+        np.corrcoef(np.gradient(variables["velocity"], times), variables["acceleration"])[0, 1]
+        > 0.5
+    )

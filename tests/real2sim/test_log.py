@@ -40,7 +40,10 @@ def test_logs_that_never_rest_are_cut_into_blocks() -> None:
 
 def test_named_segments_are_clipped_to_the_log() -> None:
     log = joints_log(seconds=2.0)
-    named = [{"name": n, "t0": a, "t1": b, "condition": "c"} for n, a, b in (("in", -1, 1), ("out", 5, 6))]
+    named = [
+        {"name": n, "t0": a, "t1": b, "condition": "c"}
+        for n, a, b in (("in", -1, 1), ("out", 5, 6))
+    ]
     (found,) = segments_of(replace(log, meta={**log.meta, "segments": named}))
     assert (found.name, found.start_s, found.end_s) == ("in", 0.0, 1.0)
 
@@ -75,7 +78,9 @@ def test_several_runs_follow_each_other(tmp_path: Path) -> None:
         ("motor_strength", 0.9),
     ],
 )
-def test_runs_of_which_another_simulator_is_built_are_not_one(claim: str, value: object, tmp_path: Path) -> None:
+def test_runs_of_which_another_simulator_is_built_are_not_one(
+    claim: str, value: object, tmp_path: Path
+) -> None:
     log = joints_log(seconds=1.0)
     write_run_log(log, tmp_path / "one")
     write_run_log(replace(log, meta={**log.meta, claim: value}), tmp_path / "other")

@@ -45,7 +45,9 @@ class Profiled(WrappedProblem):
 
 def everywhere(**effects: tuple[float, ...]) -> dict[tuple[str, str, str], tuple[float, ...]]:
     places = [(where, block) for where in ("hip", "calf") for block in ("FR", "FL")]
-    return {(name, where, block): values for name, values in effects.items() for where, block in places}
+    return {
+        (name, where, block): values for name, values in effects.items() for where, block in places
+    }
 
 
 OPEN = Gap(before=2.0, after=2.0, floor=1.0)
@@ -68,7 +70,9 @@ def test_what_the_log_does_not_show_is_said_and_nothing_is_named_in_its_place(
 
 
 @pytest.mark.parametrize("has", SURPLUS.values(), ids=SURPLUS)
-def test_what_the_log_shows_stays_and_what_is_missing_is_named(has: dict[str, tuple[float, ...]]) -> None:
+def test_what_the_log_shows_stays_and_what_is_missing_is_named(
+    has: dict[str, tuple[float, ...]],
+) -> None:
     hidden = everywhere(**has, actuator_lag=(0.006,))
     findings = search(Profiled(OneJoint(hidden), has))
     assert findings.misfits == ()
@@ -81,7 +85,10 @@ def test_what_the_log_shows_stays_and_what_is_missing_is_named(has: dict[str, tu
 def test_a_limit_that_the_robot_lacks_is_a_misfit_or_where_no_motion_reaches_it_untestable_but_never_named(
     limits: tuple[float, float], known: dict[str, tuple[float, ...]]
 ) -> None:
-    """A limit that is moved beyond explains the motion as well as none; the last one no replay can hold."""
+    """A limit that is moved beyond explains the motion as well as none.
+
+    The last one no replay can hold.
+    """
     limit = TorqueSpeedLimit(corner=limits[0], no_load=limits[1])
     pendulums = Profiled(OneJoint(everywhere(**LAG), fast=True), known)
     findings = search(RebasedProblem(pendulums, Profile(actuator=(limit,))))
@@ -96,25 +103,42 @@ def test_a_limit_that_the_robot_lacks_is_a_misfit_or_where_no_motion_reaches_it_
 
 @pytest.mark.parametrize("known", [{}, LAG], ids=["lag is missing", "lag is known"])
 def test_a_limit_that_the_robot_has_stays(known: dict[str, tuple[float, ...]]) -> None:
-    pendulums = Profiled(OneJoint(everywhere(torque_speed_limit=(1.0, 0.0, 24.0), **LAG), fast=True), known)
-    findings = search(RebasedProblem(pendulums, Profile(actuator=(TorqueSpeedLimit(corner=0.0, no_load=24.0),))))
+    pendulums = Profiled(
+        OneJoint(everywhere(torque_speed_limit=(1.0, 0.0, 24.0), **LAG), fast=True), known
+    )
+    findings = search(
+        RebasedProblem(pendulums, Profile(actuator=(TorqueSpeedLimit(corner=0.0, no_load=24.0),)))
+    )
     assert (findings.verdict, findings.misfits) == ("no_gap" if known else "named", ())
     assert [effect.name for effect in findings.effects] == ([] if known else ["actuator_lag"])
 
 
-@pytest.mark.parametrize("had", [(16.0, 16.0, 12.0) * 4, ((16.0,) * 3 + (12.0,) * 3) * 2], ids=["kinds", "legs"])
+@pytest.mark.parametrize(
+    "had", [(16.0, 16.0, 12.0) * 4, ((16.0,) * 3 + (12.0,) * 3) * 2], ids=["kinds", "legs"]
+)
 def test_values_are_stated_as_they_are_at_each_place_also_where_those_of_the_profile_differ(
     had: tuple[float, ...],
 ) -> None:
     """A limit that lies 3 rad/s higher everywhere is not the same limit everywhere."""
-    there = {f"{block}_{where}": had[JOINTS.index(f"{block}_{where}")] for where in WHERES for block in ("FR", "FL")}
+    there = {
+        f"{block}_{where}": had[JOINTS.index(f"{block}_{where}")]
+        for where in WHERES
+        for block in ("FR", "FL")
+    }
     hidden = {
-        ("torque_speed_limit", place[3:], place[:2]): (1.0, 0.0, no_load + 3.0) for place, no_load in there.items()
+        ("torque_speed_limit", place[3:], place[:2]): (1.0, 0.0, no_load + 3.0)
+        for place, no_load in there.items()
     }
     profile = Profile(actuator=(TorqueSpeedLimit(corner=0.0, no_load=had),))
     findings = search(RebasedProblem(OneJoint(hidden, fast=True), profile))
-    stated = {place: effect.params["no_load"].value for effect in findings.effects for place in effect.where}
-    assert stated == {place: pytest.approx(no_load + 3.0, rel=0.05) for place, no_load in there.items()}
+    stated = {
+        place: effect.params["no_load"].value
+        for effect in findings.effects
+        for place in effect.where
+    }
+    assert stated == {
+        place: pytest.approx(no_load + 3.0, rel=0.05) for place, no_load in there.items()
+    }
 
 
 def test_an_effect_that_the_profile_has_is_not_said_to_be_lacking() -> None:
@@ -131,7 +155,9 @@ def test_an_effect_that_the_profile_has_is_not_said_to_be_lacking() -> None:
 def test_an_effect_is_said_once_however_many_joints_have_values_of_their_own() -> None:
     effects = tuple(
         FoundEffect(
-            name="torque_saturation", where=joint, params={"knee": Interval(value=8.0 + k, ci90=(7.0, 21.0), unit="Nm")}
+            name="torque_saturation",
+            where=joint,
+            params={"knee": Interval(value=8.0 + k, ci90=(7.0, 21.0), unit="Nm")},
         )
         for k, joint in enumerate(JOINTS)
     )

@@ -32,14 +32,17 @@ MOVING = ("walk", "turn", "jump")
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunLog]:
-    commands = {name: trot(ROBOT, 4.0, **how) for name, how in PATHS.items()} | {"stand": rest(ROBOT, 4.0)}
+    commands = {name: trot(ROBOT, 4.0, **how) for name, how in PATHS.items()} | {
+        "stand": rest(ROBOT, 4.0)
+    }
     free = {
         name: Experiment(
             name=name,
             how="",
             shows=(),
             base="free",
-            sections=lambda _, c=moves, n=name: (Section(name=n, condition=n, commands=c),),  # type: ignore[misc]
+            sections=lambda _, c=moves, n=name: (Section(name=n, condition=n, commands=c),),
+            # type: ignore[misc]
             limits=Limits(),
         )
         for name, moves in commands.items()
@@ -64,7 +67,9 @@ def test_a_robot_jumps_in_the_log_of_one_that_jumps(logs: dict[str, RunLog]) -> 
     assert set(np.unique(log.joints.kp)) >= {0.0, 30.0, 100.0}
 
 
-def test_a_bias_of_a_gyroscope_is_no_damage_however_the_robot_turns(logs: dict[str, RunLog]) -> None:
+def test_a_bias_of_a_gyroscope_is_no_damage_however_the_robot_turns(
+    logs: dict[str, RunLog],
+) -> None:
     for family in ("stand", *MOVING):
         for bias in (-0.05, 0.05):
             assert screen(_table("imu", slice(4, 7), lambda v, b=bias: v + b)(logs[family])) == []  # type: ignore[misc]
@@ -83,7 +88,9 @@ def _table(name: str, columns: Any, change: Callable[[np.ndarray], np.ndarray]) 
     return damage
 
 
-def _joints(change: Callable[[np.ndarray], np.ndarray], *names: str, columns: Any = slice(None)) -> Damage:
+def _joints(
+    change: Callable[[np.ndarray], np.ndarray], *names: str, columns: Any = slice(None)
+) -> Damage:
     def damage(log: RunLog) -> RunLog:
         changed = {name: getattr(log.joints, name).copy() for name in names}
         for values in changed.values():
@@ -104,26 +111,43 @@ DAMAGES: dict[str, tuple[Damage, str]] = {
     "gyroscope in degrees": (_table("imu", slice(4, 7), np.rad2deg), "wrong_rate"),
     "acceleration in g": (_table("imu", slice(7, 10), lambda a: a / 9.81), "acceleration_unit"),
     "acceleration upside down": (_table("imu", 9, np.negative), "imu_axes"),
-    "quaternions of the IMU twice": (_table("imu", slice(0, 4), lambda q: 2 * q), "quaternion_norm"),
+    "quaternions of the IMU twice": (
+        _table("imu", slice(0, 4), lambda q: 2 * q),
+        "quaternion_norm",
+    ),
     "base in millimetres": (_table("base", slice(0, 3), lambda p: 1e3 * p), "base_unit"),
     "angles in degrees": (_joints(np.rad2deg, "q"), "degrees"),
     "rates in degrees": (_joints(np.rad2deg, "dq"), "wrong_rate"),
     "a rate the other way": (_joints(np.negative, "dq", columns=4), "wrong_rate"),
-    "an angle the other way": (_joints(np.negative, "q", "dq", columns=5), "flipped_sign|swapped_joints|out_of_range"),
-    "thigh and calf swapped": (_joints(lambda q: q[:, ::-1], "q", "dq", columns=[1, 2]), "swapped_joints|out_of_range"),
+    "an angle the other way": (
+        _joints(np.negative, "q", "dq", columns=5),
+        "flipped_sign|swapped_joints|out_of_range",
+    ),
+    "thigh and calf swapped": (
+        _joints(lambda q: q[:, ::-1], "q", "dq", columns=[1, 2]),
+        "swapped_joints|out_of_range",
+    ),
     "front and rear swapped": (
         _joints(lambda q: np.roll(q, 6, axis=1), "q", "dq"),
         "swapped_joints|torque_unexplained|wrong_gains|flipped_sign",
     ),
     "torque the other way": (_joints(np.negative, "tau_est", columns=5), "flipped_sign"),
     "stiffer than claimed": (_stiffer, "wrong_gains"),
-    "rows lost": (lambda log: _rows(log, np.flatnonzero(np.arange(len(log.joints.q)) % 40)), "lost_rows"),
-    "rows repeated": (lambda log: _rows(log, np.arange(len(log.joints.q)) // 5 * 5, keeps_time=True), "repeated_rows"),
+    "rows lost": (
+        lambda log: _rows(log, np.flatnonzero(np.arange(len(log.joints.q)) % 40)),
+        "lost_rows",
+    ),
+    "rows repeated": (
+        lambda log: _rows(log, np.arange(len(log.joints.q)) // 5 * 5, keeps_time=True),
+        "repeated_rows",
+    ),
 }
 
 
 def _rows(log: RunLog, rows: np.ndarray, keeps_time: bool = False) -> RunLog:
-    columns = {name: values[rows] for name, values in vars(log.joints).items() if values is not None}
+    columns = {
+        name: values[rows] for name, values in vars(log.joints).items() if values is not None
+    }
     if keeps_time:
         columns["time_s"] = log.joints.time_s
     return replace(log, joints=replace(log.joints, **columns))
@@ -131,7 +155,9 @@ def _rows(log: RunLog, rows: np.ndarray, keeps_time: bool = False) -> RunLog:
 
 @pytest.mark.parametrize("damage", DAMAGES)
 @pytest.mark.parametrize("family", MOVING)
-def test_damage_of_the_log_of_a_moving_robot_is_named(logs: dict[str, RunLog], family: str, damage: str) -> None:
+def test_damage_of_the_log_of_a_moving_robot_is_named(
+    logs: dict[str, RunLog], family: str, damage: str
+) -> None:
     change, names = DAMAGES[damage]
     faults = screen(change(logs[family]))
     assert faults
@@ -151,28 +177,55 @@ def test_damage_of_the_log_of_a_moving_robot_is_named(logs: dict[str, RunLog], f
         ("jump", _table("imu", 5, np.negative)),
     ],
 )
-def test_a_rate_that_is_not_that_of_the_pose_is_named(logs: dict[str, RunLog], family: str, damage: Damage) -> None:
+def test_a_rate_that_is_not_that_of_the_pose_is_named(
+    logs: dict[str, RunLog], family: str, damage: Damage
+) -> None:
     faults = screen(damage(logs[family]))
     assert [fault.name for fault in faults if fault.is_fatal][:1] == ["wrong_rate"]
 
 
-def test_what_a_jumping_log_tells_is_compared_and_what_it_cannot_is_said(logs: dict[str, RunLog]) -> None:
+def test_what_a_jumping_log_tells_is_compared_and_what_it_cannot_is_said(
+    logs: dict[str, RunLog],
+) -> None:
     examinations = examine([logs["jump"]])
-    assert [each.findings.problem for each in examinations[0].comparisons] == ["camera", "body", "imu"]
+    assert [each.findings.problem for each in examinations[0].comparisons] == [
+        "camera",
+        "body",
+        "imu",
+    ]
     assert examinations[0].failures == ()
     judgement = judge(examinations, ())
     assert judgement.verdict.verdict == "no_gap"
     assert set(judgement.not_compared) == {"joints"}
     assert "drop" in judgement.verdict.untestable["contact_compliance"]
-    assert {"torque_gain", "payload_mass", "camera_latency", "imu_bias"} <= judgement.verdict.minimum_detectable.keys()
+    assert {
+        "torque_gain",
+        "payload_mass",
+        "camera_latency",
+        "imu_bias",
+    } <= judgement.verdict.minimum_detectable.keys()
 
 
 def test_find_says_in_one_line_what_was_not_compared(
     logs: dict[str, RunLog], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_run_log(logs["jump"], tmp_path / "log")
-    assert main(["real2sim", "find", str(tmp_path / "log"), "--out", str(tmp_path / "out"), "--no-report"]) == 0
-    said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("not compared: ")]
+    assert (
+        main(
+            [
+                "real2sim",
+                "find",
+                str(tmp_path / "log"),
+                "--out",
+                str(tmp_path / "out"),
+                "--no-report",
+            ]
+        )
+        == 0
+    )
+    said = [
+        line for line in capsys.readouterr().out.splitlines() if line.startswith("not compared: ")
+    ]
     assert len(said) == 1
     assert "joints (the base is not held: see body)" in said[0]
 
@@ -189,8 +242,13 @@ def test_a_landing_is_not_smoothed_out_of_the_motion_of_a_camera(logs: dict[str,
     assert np.std(left, axis=0).min() > 1e-4  # noise is taken away from a robot that stands
 
 
-def test_errors_of_the_pose_that_far_pixels_multiply_are_noise_of_a_camera(logs: dict[str, RunLog]) -> None:
-    """Images are good to a third of a millimetre; half a milliradian moves the ground at 2.5 m by fifty times that."""
+def test_errors_of_the_pose_that_far_pixels_multiply_are_noise_of_a_camera(
+    logs: dict[str, RunLog],
+) -> None:
+    """Images are good to a third of a millimetre.
+
+    Half a milliradian moves the ground at 2.5 m by fifty times that.
+    """
     log = logs["jump"]
     assert log.base is not None
     rng, values = np.random.default_rng(402), log.base.values.copy()
@@ -230,12 +288,27 @@ def _claims(log: RunLog, **claims: object) -> RunLog:
 @pytest.mark.parametrize(
     ("hide", "effect", "parameter", "value"),
     [
-        (lambda log: _camera(log, pitch=log.meta["camera"]["pitch"] - 0.03), "camera_pitch", "offset", 0.03),
+        (
+            lambda log: _camera(log, pitch=log.meta["camera"]["pitch"] - 0.03),
+            "camera_pitch",
+            "offset",
+            0.03,
+        ),
         (_late_images, "camera_latency", "latency", 0.03),
         (_late_imu, "imu_latency", "delay", 0.01),
         (_table("imu", 4, lambda rate: rate + 0.05), "imu_bias", "gyro_x", 0.05),
-        (lambda log: _claims(log, motor_strength=log.meta["motor_strength"] / 0.95), "torque_gain", "gain", 0.95),
-        (lambda log: _claims(log, payload_kg=log.meta["payload_kg"] - 0.3), "payload_mass", "mass", 0.3),
+        (
+            lambda log: _claims(log, motor_strength=log.meta["motor_strength"] / 0.95),
+            "torque_gain",
+            "gain",
+            0.95,
+        ),
+        (
+            lambda log: _claims(log, payload_kg=log.meta["payload_kg"] - 0.3),
+            "payload_mass",
+            "mass",
+            0.3,
+        ),
     ],
 )
 def test_what_a_jumping_log_shows_is_named(

@@ -14,10 +14,14 @@ BLOCKS = ("FR", "FL")
 
 @pytest.mark.parametrize("effect", [f"e{i}" for i in range(6)])
 def test_the_true_effect_left_out_is_unexplained(effect: str) -> None:
-    inner = LinearProblem({(effect, *place): 3.0 for place in itertools.product(WHERES, BLOCKS)}, seed=3, colour=0.3)
+    inner = LinearProblem(
+        {(effect, *place): 3.0 for place in itertools.product(WHERES, BLOCKS)}, seed=3, colour=0.3
+    )
     assert [found.name for found in search(inner).effects] == [effect]
     narrowed = NarrowedProblem(inner, (effect,))
-    assert {c.effect for c in narrowed.candidates} == {c.effect for c in inner.candidates} - {effect}
+    assert {c.effect for c in narrowed.candidates} == {c.effect for c in inner.candidates} - {
+        effect
+    }
     findings = search(narrowed)
     assert findings.verdict == "unexplained"
     assert not findings.effects

@@ -16,7 +16,9 @@ HELD, STANDING = {"base": "fixed"}, {"base": "free"}
 DRIVES = next(sensor.effects for sensor in SENSORS if sensor.name == "joints")
 
 
-@pytest.mark.parametrize("pair", [p for p in combinations(DRIVES, 2) if "feedforward_delay" not in p], ids="-".join)
+@pytest.mark.parametrize(
+    "pair", [p for p in combinations(DRIVES, 2) if "feedforward_delay" not in p], ids="-".join
+)
 def test_a_held_robot_is_asked_for_what_can_be_done_held(pair: tuple[str, str]) -> None:
     proposed = next_experiment(ROBOT, [pair], (), [HELD])
     assert proposed is not None
@@ -35,21 +37,29 @@ def test_a_weak_drive_and_a_heavy_trunk_part_where_no_leg_carries_the_trunk() ->
     table = separations()[proposed.name]
     assert table.alike("payload_mass", "torque_gain") == 0.0
     large = table.nats("payload_mass", "torque_gain", {"torque_gain": 0.1})
-    assert table.nats("payload_mass", "torque_gain", {"torque_gain": 0.05}) == pytest.approx(large / 4.0)
+    assert table.nats("payload_mass", "torque_gain", {"torque_gain": 0.05}) == pytest.approx(
+        large / 4.0
+    )
 
 
 def test_a_camera_that_looks_down_is_not_sent_to_a_wall() -> None:
     ahead = FootageCamera.on(ROBOT).claim()
     down = ahead | {"pitch": 1.2}
     assert FootageCamera.of(ahead).claim() == ahead
-    alike = [_alike(measure(EXPERIMENTS["wall_two_ranges"], ROBOT, FootageCamera.of(claim))) for claim in (ahead, down)]
+    alike = [
+        _alike(measure(EXPERIMENTS["wall_two_ranges"], ROBOT, FootageCamera.of(claim)))
+        for claim in (ahead, down)
+    ]
     assert alike[0] < 0.9
     assert alike[1] > 0.99
 
 
 def test_a_large_image_is_pooled_and_looks_the_same_way() -> None:
     small = FootageCamera.on(ROBOT).claim()
-    large = {n: 4 * v if n in ("fx", "fy", "cx", "cy", "width", "height") else v for n, v in small.items()}
+    large = {
+        n: 4 * v if n in ("fx", "fy", "cx", "cy", "width", "height") else v
+        for n, v in small.items()
+    }
     assert FootageCamera.of(large).claim() == small
 
 

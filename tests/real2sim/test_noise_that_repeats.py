@@ -28,7 +28,12 @@ def powers(recipe: Recipe, structure: str = "", size: float = 0.0) -> dict[str, 
     log, rng = camera_log(recipe), np.random.default_rng(recipe.seed)
     assert log.depth is not None
     images, height, width = log.depth.depth_mm.shape
-    shape = {"": (1,), "columns": (width,), "pixels": (height, width), "columns of an image": (images, 1, width)}
+    shape = {
+        "": (1,),
+        "columns": (width,),
+        "pixels": (height, width),
+        "columns of an image": (images, 1, width),
+    }
     factor = 1.0 + size * rng.standard_normal(shape[structure])
     table = replace(log.depth, depth_mm=np.rint(log.depth.depth_mm * factor).astype(np.uint16))
     problem = CameraProblem(replace(log, depth=table))

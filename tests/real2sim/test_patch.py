@@ -17,7 +17,14 @@ from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import ConfigError
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.next_experiment import next_experiment, separations
-from saltus.real2sim.patch import Applicability, Evidence, Patch, evidence_of, patch_from_toml, supported
+from saltus.real2sim.patch import (
+    Applicability,
+    Evidence,
+    Patch,
+    evidence_of,
+    patch_from_toml,
+    supported,
+)
 from saltus.real2sim.pipeline import resolved
 from saltus.real2sim.problem.joints.torque_curve import as_knee, delivered
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval, SignalGap
@@ -54,7 +61,9 @@ def test_of_two_findings_of_one_effect_the_surer_goes_in(one: FoundEffect) -> No
     def shifted(by: float, width: float) -> FoundEffect:
         params = {
             name: Interval(
-                value=by * p.value, ci90=(p.value - width * abs(p.value), p.value + width * abs(p.value)), unit=""
+                value=by * p.value,
+                ci90=(p.value - width * abs(p.value), p.value + width * abs(p.value)),
+                unit="",
             )
             for name, p in one.params.items()
         }
@@ -71,12 +80,19 @@ def test_a_patch_and_the_profile_that_it_makes_survive_toml() -> None:
     assert patch_from_toml(whole.to_toml()) == whole
     profile = whole.applied_to(IDEAL, ROBOT)
     assert Profile.from_toml(profile.to_toml()) == profile
-    names = {e.name for part in (profile.actuator, profile.camera, profile.imu, profile.body) for e in part}
+    names = {
+        e.name
+        for part in (profile.actuator, profile.camera, profile.imu, profile.body)
+        for e in part
+    }
     assert names == {effect.name for effect in ONE_OF_EACH_PART}
 
 
 def test_values_stand_at_the_joints_that_were_named_and_nowhere_else() -> None:
-    profile = patch(found("coulomb_friction", CALVES, torque=0.3), found("coulomb_friction", ("FR_hip",), torque=0.1))
+    profile = patch(
+        found("coulomb_friction", CALVES, torque=0.3),
+        found("coulomb_friction", ("FR_hip",), torque=0.1),
+    )
     (friction,) = profile.applied_to(IDEAL, ROBOT).actuator
     assert isinstance(friction, CoulombFriction)
     expected = np.tile([0.0, 0.0, 0.3], 4)
@@ -91,13 +107,17 @@ def test_a_patch_composes_with_what_the_profile_has() -> None:
     friction = next(e for e in profile.actuator if isinstance(e, CoulombFriction))
     np.testing.assert_array_equal(friction.torque, np.where(np.array(JOINTS) == "RL_hip", 0.5, 0.2))
     assert (
-        patch(found("camera_latency", "camera", latency=0.06)).applied_to(PROFILE, ROBOT).actuator == PROFILE.actuator
+        patch(found("camera_latency", "camera", latency=0.06)).applied_to(PROFILE, ROBOT).actuator
+        == PROFILE.actuator
     )
 
 
 def test_what_is_no_size_reaches_no_patch() -> None:
     def at(name: str, **told: tuple[float, float, float]) -> FoundEffect:
-        params = {key: Interval(value=v, ci90=(low, high), unit="") for key, (v, low, high) in told.items()}
+        params = {
+            key: Interval(value=v, ci90=(low, high), unit="")
+            for key, (v, low, high) in told.items()
+        }
         return FoundEffect(name=name, where="all", params=params)
 
     good = (
@@ -120,20 +140,30 @@ def test_what_is_no_size_reaches_no_patch() -> None:
 
 def test_a_patch_takes_back_what_a_profile_has_and_a_log_does_not_show() -> None:
     nothing = FoundEffect(
-        name="coulomb_friction", where="all", params={"torque": Interval(value=0.0, ci90=(-0.01, 0.01), unit="Nm")}
+        name="coulomb_friction",
+        where="all",
+        params={"torque": Interval(value=0.0, ci90=(-0.01, 0.01), unit="Nm")},
     )
     rubbing = Profile(actuator=(CoulombFriction(torque=0.2),))
     taken_back = supported((nothing,), rubbing)
-    assert patch(*taken_back).applied_to(rubbing, ROBOT) == Profile(actuator=(CoulombFriction(torque=0.0),))
+    assert patch(*taken_back).applied_to(rubbing, ROBOT) == Profile(
+        actuator=(CoulombFriction(torque=0.0),)
+    )
     assert not supported((nothing,))
 
 
 def test_a_curve_is_that_of_its_joints_and_leaves_the_others() -> None:
     """One for calves on a profile that has a knee at hips already: both are there afterwards, to the fourth digit."""
-    before = TorqueSaturation(knee=(9.0, np.inf, np.inf) * 4, plateau=(17.0, np.inf, np.inf) * 4).fitted(ROBOT)
+    before = TorqueSaturation(
+        knee=(9.0, np.inf, np.inf) * 4, plateau=(17.0, np.inf, np.inf) * 4
+    ).fitted(ROBOT)
     curve = ((10.0, 10.0), (20.0, 18.0), (30.0, 24.0))
-    one = FoundEffect(name="torque_saturation", where=CALVES, params=found("", "", knee=14.0, plateau=26.0).params)
-    applied = patch(dataclasses.replace(one, curve=curve)).applied_to(Profile(actuator=(before,)), ROBOT)
+    one = FoundEffect(
+        name="torque_saturation", where=CALVES, params=found("", "", knee=14.0, plateau=26.0).params
+    )
+    applied = patch(dataclasses.replace(one, curve=curve)).applied_to(
+        Profile(actuator=(before,)), ROBOT
+    )
     (after,) = Profile.from_toml(applied.to_toml()).actuator
     assert isinstance(after, TorqueSaturation)
     torque = np.linspace(0.0, 40.0, 81)[:, None] * np.ones(12)
@@ -169,12 +199,16 @@ def test_a_curve_and_its_knee_and_plateau_deliver_alike_where_they_are_defined()
     ],
     ids=str,
 )
-def test_what_this_version_does_not_know_is_refused_with_the_nearest(effect: FoundEffect, hint: str) -> None:
+def test_what_this_version_does_not_know_is_refused_with_the_nearest(
+    effect: FoundEffect, hint: str
+) -> None:
     with pytest.raises(ConfigError, match=hint):
         patch(effect).applied_to(IDEAL, ROBOT)
 
 
-@pytest.mark.parametrize("text", ["x", "schema = 'saltus-run/1'", "schema = 'saltus-patch/1'\n[[effects]]\nwhere = 1"])
+@pytest.mark.parametrize(
+    "text", ["x", "schema = 'saltus-run/1'", "schema = 'saltus-patch/1'\n[[effects]]\nwhere = 1"]
+)
 def test_what_is_no_patch_is_refused(text: str) -> None:
     with pytest.raises(ConfigError):
         patch_from_toml(text)
@@ -200,7 +234,10 @@ def test_every_entry_of_the_measured_table_belongs_to_the_menu() -> None:
 
 
 def test_latency_and_smear_on_one_sine_call_for_the_chirp() -> None:
-    rivals = (found("camera_latency", "camera", latency=0.05), found("temporal_smear", "camera", alpha=0.4))
+    rivals = (
+        found("camera_latency", "camera", latency=0.05),
+        found("temporal_smear", "camera", alpha=0.4),
+    )
     proposed = next_experiment(ROBOT, [("camera_latency", "temporal_smear")], rivals)
     assert proposed is not None
     assert proposed.name == "heave_and_pitch"
@@ -218,7 +255,9 @@ def test_no_set_needs_no_experiment() -> None:
 
 
 def test_a_log_that_names_one_of_a_set_resolves_the_set_of_another() -> None:
-    unsure = Findings(problem="joints", verdict="set", sets=(("command_delay", "actuator_lag"),), gaps=TESTED)
+    unsure = Findings(
+        problem="joints", verdict="set", sets=(("command_delay", "actuator_lag"),), gaps=TESTED
+    )
     delay = found("command_delay", "all", delay=0.004)
     sure = Findings(problem="joints", verdict="named", effects=(delay,), gaps=TESTED)
     first, second = resolved((unsure, sure))
@@ -231,7 +270,10 @@ def test_a_log_that_names_one_of_a_set_resolves_the_set_of_another() -> None:
 
 @pytest.mark.parametrize("focal_px", [50.0, D435I.fx, 600.0])
 def test_what_is_told_in_pixels_is_told_of_the_images_of_the_log(focal_px: float) -> None:
-    told = (found("edge_holes", "camera", width=3.0), found("depth_noise", "camera", subpixel_sigma=0.05))
+    told = (
+        found("edge_holes", "camera", width=3.0),
+        found("depth_noise", "camera", subpixel_sigma=0.05),
+    )
     whole = Patch(effects=told, evidence=(), range=Applicability(focal_px=focal_px))
     profile = whole.applied_to(IDEAL, ROBOT)
     holes = next(e for e in profile.camera if isinstance(e, EdgeHoles))

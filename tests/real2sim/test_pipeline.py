@@ -1,4 +1,7 @@
-"""The whole way: hidden in a robot, found in its log, applied, and gone; one sensor's failure is its own."""
+"""The whole way: hidden in a robot, found in its log, applied, and gone.
+
+One sensor's failure is its own.
+"""
 
 import dataclasses
 import json
@@ -34,7 +37,9 @@ HELD = dataclasses.replace(
 )
 SEEING = dataclasses.replace(
     EXPERIMENTS["heave_and_pitch"],
-    sections=lambda robot: motions.repeated("rock", 2, motions.body_chirp(robot, 2.0, 0.5, 4.0, pitch_rad=0.1)),
+    sections=lambda robot: motions.repeated(
+        "rock", 2, motions.body_chirp(robot, 2.0, 0.5, 4.0, pitch_rad=0.1)
+    ),
 )
 
 
@@ -66,7 +71,9 @@ def found(held: RunLog, tmp_path_factory: pytest.TempPathFactory) -> Found:
     return Found(log, out, stages, judgement.verdict)
 
 
-def test_what_was_hidden_is_found_and_after_the_patch_nothing_is(found: Found, tmp_path: Path) -> None:
+def test_what_was_hidden_is_found_and_after_the_patch_nothing_is(
+    found: Found, tmp_path: Path
+) -> None:
     first = found.verdict
     assert first.verdict == "named"
     (effect,) = first.effects
@@ -77,7 +84,10 @@ def test_what_was_hidden_is_found_and_after_the_patch_nothing_is(found: Found, t
     assert found.stages == sorted(found.stages)
     assert found.stages[-1] == 1.0
     assert json.loads((found.out / "verdict.json").read_text()) == first.to_dict()
-    assert set(json.loads((found.out / "baselines.json").read_text())) == {"threshold", "lowest_training_error"}
+    assert set(json.loads((found.out / "baselines.json").read_text())) == {
+        "threshold",
+        "lowest_training_error",
+    }
     profile = load_patch(found.out / "patch.toml").applied_to(IDEAL, ROBOT)
     second = find([found.log], tmp_path, profile=profile).verdict
     assert second.verdict == "no_gap"
@@ -91,9 +101,13 @@ def test_a_simulator_with_the_effects_of_the_robot_leaves_noise(held: RunLog) ->
     with_effects = RebasedProblem(inner, STIFF)
     assert np.mean(with_effects.residuals(nothing) ** 2) == pytest.approx(1.0, abs=0.1)
     assert np.mean(inner.residuals(nothing) ** 2) > 2.0
-    friction = next(c for c in with_effects.candidates if (c.effect, c.where) == ("viscous_friction", "calf"))
+    friction = next(
+        c for c in with_effects.candidates if (c.effect, c.where) == ("viscous_friction", "calf")
+    )
     assert friction.parameters(np.zeros(1))["coefficient"].value == pytest.approx(0.2)
-    np.testing.assert_array_equal(RebasedProblem(inner, IDEAL).residuals(nothing), inner.residuals(nothing))
+    np.testing.assert_array_equal(
+        RebasedProblem(inner, IDEAL).residuals(nothing), inner.residuals(nothing)
+    )
 
 
 def test_a_speed_limit_in_a_profile_is_there_altogether(held: RunLog) -> None:
@@ -104,7 +118,11 @@ def test_a_speed_limit_in_a_profile_is_there_altogether(held: RunLog) -> None:
     at = 0
     for candidate in inner.candidates:
         if candidate.effect == "torque_speed_limit":
-            unknowns[..., at : at + 3] = (1.0, 0.2, 0.8)  # weight, corner, and from there to the no-load speed
+            unknowns[..., at : at + 3] = (
+                1.0,
+                0.2,
+                0.8,
+            )  # weight, corner, and from there to the no-load speed
         at += len(candidate.unknowns)
     np.testing.assert_allclose(with_limit, inner.holding(robot)[0].residuals(unknowns), atol=1e-3)
     assert np.mean(with_limit**2) > 1.2 * np.mean(inner.residuals(0.0 * unknowns) ** 2)
@@ -129,14 +147,18 @@ def test_a_sensor_that_fails_does_not_lose_the_others(seeing: RunLog) -> None:
     assert any("a bad day" in fault for fault in verdict.log_faults)
     assert "a bad day" in verdict.untestable["payload_mass"]
     assert verdict.verdict in ("named", "set")
-    assert "camera_latency" in {e.name for e in verdict.effects} | {name for names in verdict.sets for name in names}
+    assert "camera_latency" in {e.name for e in verdict.effects} | {
+        name for names in verdict.sets for name in names
+    }
     none = [dataclasses.replace(sensor, problem=broken) for sensor in SENSORS]
     with pytest.raises(RecordingError, match="a bad day"):
         judge(examine([seeing], sensors=none), ())
 
 
 def test_a_damaged_log_is_judged_by_nothing_else(held: RunLog) -> None:
-    degrees = dataclasses.replace(held, joints=dataclasses.replace(held.joints, q=np.rad2deg(held.joints.q)))
+    degrees = dataclasses.replace(
+        held, joints=dataclasses.replace(held.joints, q=np.rad2deg(held.joints.q))
+    )
     (examined,) = examine([degrees])
     judgement = judge((examined,), ())
     assert judgement.verdict.verdict == "bad_log"
@@ -145,7 +167,9 @@ def test_a_damaged_log_is_judged_by_nothing_else(held: RunLog) -> None:
     assert sentence(judgement.verdict).startswith("The log contradicts itself")
 
 
-def test_runs_of_different_rigs_are_compared_apart(held: RunLog, seeing: RunLog, tmp_path: Path) -> None:
+def test_runs_of_different_rigs_are_compared_apart(
+    held: RunLog, seeing: RunLog, tmp_path: Path
+) -> None:
     for name, log in (("a", held), ("b", seeing), ("c", held)):
         write_run_log(log, tmp_path / name)
     both, other = load_rigs([tmp_path / name for name in "abc"])

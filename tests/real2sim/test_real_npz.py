@@ -33,12 +33,20 @@ def test_the_sweep_is_imported_to_its_numbers_and_gravity_tells_left_from_right(
 ) -> None:
     sweep = recordings / "go2_sweep_200hz.npz"
     imported = import_recording(sweep, tmp_path / "log", load(Description, GO2 / "sweep.toml"), go2)
-    assert imported.notes == ("not in the log: dq, tau_est, imu, base, depth; what needs them will be untestable",)
+    assert imported.notes == (
+        "not in the log: dq, tau_est, imu, base, depth; what needs them will be untestable",
+    )
     log = read_run_log(tmp_path / "log")
     with np.load(sweep) as arrays:
         np.testing.assert_allclose(log.joints.q, arrays["dof_pos"][:, TO_OURS], rtol=0, atol=1e-12)
-        np.testing.assert_allclose(log.joints.commanded_q, arrays["des_dof_pos"][:, TO_OURS], rtol=0, atol=1e-12)
-    assert (log.meta["control_dt"], log.meta["kp"], log.meta["kd"]) == (pytest.approx(0.005, rel=1e-3), 20.0, 1.5)
+        np.testing.assert_allclose(
+            log.joints.commanded_q, arrays["des_dof_pos"][:, TO_OURS], rtol=0, atol=1e-12
+        )
+    assert (log.meta["control_dt"], log.meta["kp"], log.meta["kd"]) == (
+        pytest.approx(0.005, rel=1e-3),
+        20.0,
+        1.5,
+    )
     (rig,) = load_rigs([tmp_path / "log"])
     assert not any(fault.is_fatal for fault in screen(rig))
     mirror = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}
@@ -46,11 +54,17 @@ def test_the_sweep_is_imported_to_its_numbers_and_gravity_tells_left_from_right(
     assert any(fault.is_fatal for fault in screen(rig))
 
 
-def test_the_step_answers_become_a_log_each_to_their_numbers(recordings: Path, go2: Robot, tmp_path: Path) -> None:
+def test_the_step_answers_become_a_log_each_to_their_numbers(
+    recordings: Path, go2: Robot, tmp_path: Path
+) -> None:
     """On any robot whose joints have these names: nothing is simulated."""
     steps, aliengo = recordings / "aliengo_steps" / "logs.npz", GO2.parent / "aliengo"
-    imported = import_recording(steps, tmp_path / "logs", load(Description, aliengo / "log.toml"), go2)
-    assert [path.name for path in imported.logs] == [f"{n:02d}" for n in range(26) if n not in (7, 13)]
+    imported = import_recording(
+        steps, tmp_path / "logs", load(Description, aliengo / "log.toml"), go2
+    )
+    assert [path.name for path in imported.logs] == [
+        f"{n:02d}" for n in range(26) if n not in (7, 13)
+    ]
     assert [note[:2] for note in imported.notes[:2]] == ["07", "13"]  # 14 and 18 rows
     with np.load(steps) as arrays:
         for path in imported.logs:

@@ -19,7 +19,9 @@ from saltus.recordings.run_log import write_run_log
 
 STEPS = dataclasses.replace(
     EXPERIMENTS["large_steps"],
-    sections=lambda robot: motions.repeated("steps", 2, motions.steps(robot, 2.2, 0.6, (0.48, 0.48, 0.8))),
+    sections=lambda robot: motions.repeated(
+        "steps", 2, motions.steps(robot, 2.2, 0.6, (0.48, 0.48, 0.8))
+    ),
 )
 SHORT_TOUR = dataclasses.replace(
     EXPERIMENTS["joint_tour"],
@@ -34,31 +36,40 @@ CALVES_ONLY = tuple((asked, *((asked, asked, given) * 4)) for asked, given in CU
 
 
 @pytest.mark.parametrize("curve", [CURVE, CALVES_ONLY], ids=["all joints", "calves"])
-def test_a_simulator_with_the_curve_of_the_robot_leaves_noise(curve: tuple[tuple[float, ...], ...]) -> None:
+def test_a_simulator_with_the_curve_of_the_robot_leaves_noise(
+    curve: tuple[tuple[float, ...], ...],
+) -> None:
     robot = Profile(actuator=(TorqueSaturation(curve=curve),))
     inner = JointProblem(run(STEPS, ROBOT, robot, seed=2))
     nothing = np.zeros((1, len(inner.blocks), sum(len(c.unknowns) for c in inner.candidates)))
     with_curve = RebasedProblem(inner, robot)
     assert np.mean(with_curve.residuals(nothing) ** 2) == pytest.approx(1.0, abs=0.12)
     assert np.mean(inner.residuals(nothing) ** 2) > 4.0
-    calf = next(c for c in with_curve.candidates if (c.effect, c.where) == ("torque_saturation", "calf"))
+    calf = next(
+        c for c in with_curve.candidates if (c.effect, c.where) == ("torque_saturation", "calf")
+    )
     told = calf.parameters(np.array([0.0, 10.0, 1.0]))
     assert told["knee"].value == pytest.approx(13.4, abs=0.1)
     assert told["plateau"].value == pytest.approx(25.9, abs=0.1)
 
 
 def test_a_simulator_with_the_speed_limit_of_the_robot_leaves_noise() -> None:
-    robot = Profile(actuator=(TorqueSpeedLimit(corner=0.0, no_load=12.0), TorqueSaturation(curve=CURVE)))
+    robot = Profile(
+        actuator=(TorqueSpeedLimit(corner=0.0, no_load=12.0), TorqueSaturation(curve=CURVE))
+    )
     inner = JointProblem(run(STEPS, ROBOT, robot, seed=2))
     limited = RebasedProblem(inner, robot)
-    assert np.mean(limited.residuals(limited.absent * np.ones((1, len(inner.blocks), 1))) ** 2) == pytest.approx(
-        1.0, abs=0.12
-    )
+    assert np.mean(
+        limited.residuals(limited.absent * np.ones((1, len(inner.blocks), 1))) ** 2
+    ) == pytest.approx(1.0, abs=0.12)
 
 
 def test_nothing_is_missing_of_a_robot_with_the_profile_that_it_has(tmp_path: Path) -> None:
     write_run_log(run(SHORT_TOUR, ROBOT, PROFILE, seed=70000), tmp_path / "log", ROBOT)
-    assert find([tmp_path / "log"], tmp_path / "found", profile=PROFILE, report=False).verdict.verdict == "no_gap"
+    assert (
+        find([tmp_path / "log"], tmp_path / "found", profile=PROFILE, report=False).verdict.verdict
+        == "no_gap"
+    )
 
 
 def test_a_curve_of_each_joint_has_as_many_columns_as_joints() -> None:

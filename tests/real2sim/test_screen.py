@@ -54,7 +54,9 @@ def test_strong_effects_are_no_damage(logs: dict[Rig, RunLog], rig: Rig) -> None
     assert screen(replace(log, joints=bare)) == []
 
 
-def test_a_command_that_arrives_within_a_step_is_not_taken_for_another_gain(logs: dict[Rig, RunLog]) -> None:
+def test_a_command_that_arrives_within_a_step_is_not_taken_for_another_gain(
+    logs: dict[Rig, RunLog],
+) -> None:
     log = logs[LATE]
     assert screen(replace(log, meta={**log.meta, "kp": LATE.kp, "kd": LATE.kd})) == []
 
@@ -75,10 +77,17 @@ def test_times_in_another_unit_are_named_however_far_apart_rows_are(
     assert "time_unit" not in {fault.name for fault in screen(right)}
 
 
-def test_a_slower_log_a_log_of_one_posture_and_a_log_of_images_are_healthy(log: RunLog, body: RunLog) -> None:
+def test_a_slower_log_a_log_of_one_posture_and_a_log_of_images_are_healthy(
+    log: RunLog, body: RunLog
+) -> None:
     meta = {**log.meta, "control_dt": 0.004}
-    assert screen(RunLog(meta=meta, joints=_rows(log.joints, np.arange(0, len(log.joints.q), 2)))) == []
-    still = replace(log.joints, q_des=log.joints.q_des[:1] + 0 * log.joints.q_des, q=0 * log.joints.q + 0.9)
+    assert (
+        screen(RunLog(meta=meta, joints=_rows(log.joints, np.arange(0, len(log.joints.q), 2))))
+        == []
+    )
+    still = replace(
+        log.joints, q_des=log.joints.q_des[:1] + 0 * log.joints.q_des, q=0 * log.joints.q + 0.9
+    )
     still = replace(still, dq=0 * still.q, tau_est=0 * still.q)
     assert not any(fault.name == "dead_channel" for fault in screen(replace(log, joints=still)))
     assert screen(body) == []
@@ -104,7 +113,8 @@ def _swapped(a: int, b: int, *names: str) -> Damage:
     order = list(range(12))
     order[a], order[b] = b, a
     return lambda log: replace(
-        log, joints=replace(log.joints, **{name: getattr(log.joints, name)[:, order] for name in names})
+        log,
+        joints=replace(log.joints, **{name: getattr(log.joints, name)[:, order] for name in names}),
     )
 
 
@@ -138,7 +148,9 @@ def _stale(log: RunLog) -> RunLog:
 def _closed_up(log: RunLog) -> RunLog:
     """Three times a quarter of a second is gone, and the rows are numbered as if it were not."""
     rows = np.delete(np.arange(len(log.joints.q)), np.r_[500:625, 1000:1125, 1400:1525])
-    return replace(log, joints=replace(_rows(log.joints, rows), time_s=log.joints.time_s[: len(rows)]))
+    return replace(
+        log, joints=replace(_rows(log.joints, rows), time_s=log.joints.time_s[: len(rows)])
+    )
 
 
 def _stuck(log: RunLog) -> RunLog:
@@ -162,7 +174,10 @@ def _hole(log: RunLog) -> RunLog:
         (_scaled(180 / np.pi, "dq"), "wrong_rate"),
         (_scaled(-1, "dq", columns=4), "wrong_rate"),
         (_scaled(-1, "q", "dq", columns=3), "flipped_sign"),
-        (_scaled(-1, "q_des", columns=9), "flipped_sign|swapped_joints"),  # hips of both sides are mirror images
+        (
+            _scaled(-1, "q_des", columns=9),
+            "flipped_sign|swapped_joints",
+        ),  # hips of both sides are mirror images
         (_scaled(-1, "tau_est", columns=5), "flipped_sign"),
         (_scaled(-1, "q", "dq", "q_des", "tau_est", columns=5), "out_of_range"),
         (_scaled(0, "q", columns=7), "dead_channel"),
@@ -179,7 +194,10 @@ def _hole(log: RunLog) -> RunLog:
         (_scaled(-1, "q", "dq", "q_des", "tau_est", columns=3), "against_gravity"),
         (_mirrored, "against_gravity"),
         (_claimed(kp=30.0), "wrong_gains"),
-        (lambda log: _claimed(kp=40.0)(replace(log, joints=replace(log.joints, tau_est=None))), "wrong_gains"),
+        (
+            lambda log: _claimed(kp=40.0)(replace(log, joints=replace(log.joints, tau_est=None))),
+            "wrong_gains",
+        ),
         (_claimed(kp=[20.0] * 11 + [14.0]), "wrong_gains"),
         (_claimed(kd=1.0), "wrong_gains"),
         (_claimed(control_dt=0.001), "control_dt"),
@@ -205,14 +223,19 @@ def test_damage_of_joints_is_named(log: RunLog, damage: Damage, name: str) -> No
 
 
 def test_gains_are_not_read_where_the_drive_follows_what_is_not_logged(log: RunLog) -> None:
-    """Wide backlash takes as much from the weight of the feed-forward torque as from kp; wrong gains take nothing."""
+    """Wide backlash takes as much from the weight of the feed-forward torque as from kp.
+
+    Wrong gains take nothing.
+    """
     rng = np.random.default_rng(0)
     tau_ff = 3.0 * np.sin(2 * np.pi * 0.9 * log.joints.time_s[:, None] + np.arange(12))
     torque = np.asarray(log.joints.tau_est) + tau_ff
 
     def faults(tau_est: Floats, **claims: float) -> set[str]:
         joints = replace(log.joints, tau_ff=tau_ff, tau_est=tau_est)
-        return {fault.name for fault in screen(replace(log, joints=joints, meta={**log.meta, **claims}))}
+        return {
+            fault.name for fault in screen(replace(log, joints=joints, meta={**log.meta, **claims}))
+        }
 
     assert faults(torque) == set()
     assert faults(torque, kp=30.0) == {"wrong_gains"}
@@ -234,7 +257,9 @@ def test_velocities_that_read_too_fast_are_told_but_not_fatal(log: RunLog) -> No
 def test_pauses_between_segments_are_no_lost_rows(log: RunLog) -> None:
     named = [{"name": f"{i}", "t0": 4.0 * i, "t1": 4.0 * i + 3, "condition": "a"} for i in range(3)]
     kept = np.flatnonzero(np.mod(log.joints.time_s, 4.0) < 3)
-    assert screen(RunLog(meta={**log.meta, "segments": named}, joints=_rows(log.joints, kept))) == []
+    assert (
+        screen(RunLog(meta={**log.meta, "segments": named}, joints=_rows(log.joints, kept))) == []
+    )
 
 
 def _values(name: str, columns: Any, change: Callable[[np.ndarray], np.ndarray]) -> Damage:
@@ -250,7 +275,9 @@ def _values(name: str, columns: Any, change: Callable[[np.ndarray], np.ndarray])
 def _images(change: Callable[[np.ndarray], np.ndarray]) -> Damage:
     def damage(log: RunLog) -> RunLog:
         assert log.depth is not None
-        return replace(log, depth=replace(log.depth, depth_mm=change(log.depth.depth_mm).astype(np.uint16)))
+        return replace(
+            log, depth=replace(log.depth, depth_mm=change(log.depth.depth_mm).astype(np.uint16))
+        )
 
     return damage
 
@@ -299,7 +326,11 @@ def test_a_strong_effect_of_the_camera_is_no_damage(body: RunLog) -> None:
 def test_a_log_without_commands_is_screened_by_what_it_has(log: RunLog, body: RunLog) -> None:
     for whole in (log, body):
         meta = {key: value for key, value in whole.meta.items() if key not in ("kp", "kd")}
-        bare = replace(whole, meta=meta, joints=replace(whole.joints, q_des=None, dq_des=None, tau_ff=None))
+        bare = replace(
+            whole, meta=meta, joints=replace(whole.joints, q_des=None, dq_des=None, tau_ff=None)
+        )
         assert not screen(bare)
-        in_degrees = replace(bare, joints=replace(bare.joints, q=np.rad2deg(log.joints.q[: len(bare.joints.q)])))
+        in_degrees = replace(
+            bare, joints=replace(bare.joints, q=np.rad2deg(log.joints.q[: len(bare.joints.q)]))
+        )
         assert {fault.name for fault in screen(in_degrees)} >= {"degrees"}

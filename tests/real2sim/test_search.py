@@ -41,12 +41,15 @@ def test_intervals_hold_the_truth() -> None:
     for seed in range(20):
         findings = search(LinearProblem(sizes("e3", 3.5) | sizes("e5", 3.0), seed=seed, colour=0.4))
         found = {effect.name: effect.params["size"].ci90 for effect in findings.effects}
-        held += [found[name][0] <= size <= found[name][1] for name, size in (("e3", 3.5), ("e5", 3.0))]
+        held += [
+            found[name][0] <= size <= found[name][1] for name, size in (("e3", 3.5), ("e5", 3.0))
+        ]
     assert np.mean(held) >= 0.8
 
 
 @pytest.mark.parametrize(
-    ("where", "block", "place"), [("hip", "FL", "FL_hip"), ("thigh", "FR", "FR_thigh"), ("thigh", "FL", "FL_thigh")]
+    ("where", "block", "place"),
+    [("hip", "FL", "FL_hip"), ("thigh", "FR", "FR_thigh"), ("thigh", "FL", "FL_thigh")],
 )
 def test_an_effect_at_one_place_is_found_there(where: str, block: str, place: str) -> None:
     findings = search(LinearProblem({("e4", where, block): 3.0}))
@@ -56,7 +59,10 @@ def test_an_effect_at_one_place_is_found_there(where: str, block: str, place: st
 def test_effects_of_different_size_are_told_place_by_place() -> None:
     findings = search(LinearProblem({("e4", "hip", "FR"): 6.0, ("e4", "thigh", "FL"): 3.0}))
     found = {effect.where: effect.params["size"].value for effect in findings.effects}
-    assert found == {("FR_hip",): pytest.approx(6.0, rel=0.1), ("FL_thigh",): pytest.approx(3.0, rel=0.1)}
+    assert found == {
+        ("FR_hip",): pytest.approx(6.0, rel=0.1),
+        ("FL_thigh",): pytest.approx(3.0, rel=0.1),
+    }
 
 
 @pytest.mark.parametrize(("alike", "verdict"), [(0.98, "set"), (0.8, "named")])
@@ -95,29 +101,44 @@ def test_effects_of_a_joint_are_named_with_their_size(effect: str) -> None:
 @pytest.mark.parametrize("effect", ["torque_gain", "armature"])
 def test_gain_and_inertia_cannot_be_told_apart(effect: str) -> None:
     size = {"torque_gain": -0.1, "armature": 0.003}[effect]
-    assert search(OneJoint(everywhere(effect, size), colour=0.4)).sets == (("armature", "torque_gain"),)
+    assert search(OneJoint(everywhere(effect, size), colour=0.4)).sets == (
+        ("armature", "torque_gain"),
+    )
 
 
 @pytest.mark.parametrize(
     ("first", "second"),
-    [(("command_delay", 0.006), ("viscous_friction", 0.1)), (("command_delay", 0.005), ("actuator_lag", 0.005))],
+    [
+        (("command_delay", 0.006), ("viscous_friction", 0.1)),
+        (("command_delay", 0.005), ("actuator_lag", 0.005)),
+    ],
 )
-def test_pairs_are_named_though_one_hides_the_other(first: tuple[str, float], second: tuple[str, float]) -> None:
+def test_pairs_are_named_though_one_hides_the_other(
+    first: tuple[str, float], second: tuple[str, float]
+) -> None:
     findings = search(OneJoint(everywhere(*first) | everywhere(*second), colour=0.4))
-    named = {effect.name for effect in findings.effects} | {name for names in findings.sets for name in names}
+    named = {effect.name for effect in findings.effects} | {
+        name for names in findings.sets for name in names
+    }
     assert named == {first[0], second[0]}
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_curves_that_differ_from_leg_to_leg_are_stated_so_that_they_explain_the_log(seed: int) -> None:
+def test_curves_that_differ_from_leg_to_leg_are_stated_so_that_they_explain_the_log(
+    seed: int,
+) -> None:
     shapes = {
         ("hip", "FR"): (0.25, 4.0),
         ("calf", "FR"): (0.3, 8.0),
         ("hip", "FL"): (0.3, 7.0),
         ("calf", "FL"): (0.2, 5.0),
     }
-    hidden = {("torque_saturation", where, block): values for (where, block), values in shapes.items()}
-    findings = search(OneJoint(hidden | everywhere("viscous_friction", 0.15), seed=seed, colour=0.4))
+    hidden = {
+        ("torque_saturation", where, block): values for (where, block), values in shapes.items()
+    }
+    findings = search(
+        OneJoint(hidden | everywhere("viscous_friction", 0.15), seed=seed, colour=0.4)
+    )
     assert findings.verdict == "named"
     assert {found.name for found in findings.effects} == {"torque_saturation", "viscous_friction"}
     after, floor = (sum(getattr(gap, name) for gap in findings.gaps) for name in ("after", "floor"))
@@ -125,20 +146,32 @@ def test_curves_that_differ_from_leg_to_leg_are_stated_so_that_they_explain_the_
 
 
 def test_three_effects_are_found_though_a_delay_stands_in_for_two_of_them() -> None:
-    hidden = everywhere("armature", 0.006) | everywhere("viscous_friction", 0.1) | everywhere("coulomb_friction", 0.25)
+    hidden = (
+        everywhere("armature", 0.006)
+        | everywhere("viscous_friction", 0.1)
+        | everywhere("coulomb_friction", 0.25)
+    )
     findings = search(OneJoint(hidden))
-    named = {found.name for found in findings.effects} | {name for names in findings.sets for name in names}
+    named = {found.name for found in findings.effects} | {
+        name for names in findings.sets for name in names
+    }
     assert {"armature", "viscous_friction", "coulomb_friction"} <= named
     assert not named & {"command_delay", "actuator_lag", "torque_saturation"}
 
 
 def test_a_small_effect_beside_a_far_larger_one_is_named() -> None:
-    findings = search(OneJoint(everywhere("torque_saturation", 0.6, 4.0) | everywhere("viscous_friction", 0.02)))
+    findings = search(
+        OneJoint(everywhere("torque_saturation", 0.6, 4.0) | everywhere("viscous_friction", 0.02))
+    )
     assert {found.name for found in findings.effects} == {"torque_saturation", "viscous_friction"}
 
 
-@pytest.mark.parametrize(("resolution", "verdict"), [(0.0, "named"), (0.5, "named"), (5.0, "unexplained")])
-def test_an_effect_is_named_only_beyond_what_two_correct_simulators_differ_by(resolution: float, verdict: str) -> None:
+@pytest.mark.parametrize(
+    ("resolution", "verdict"), [(0.0, "named"), (0.5, "named"), (5.0, "unexplained")]
+)
+def test_an_effect_is_named_only_beyond_what_two_correct_simulators_differ_by(
+    resolution: float, verdict: str
+) -> None:
     problem = LinearProblem(sizes("e1", 3.0))
     problem.candidates = tuple(replace(each, resolution=resolution) for each in problem.candidates)
     findings = search(problem)
@@ -146,15 +179,21 @@ def test_an_effect_is_named_only_beyond_what_two_correct_simulators_differ_by(re
 
 
 @pytest.mark.parametrize(("closable", "names"), [(1.0, {"e1", "e2"}), (0.9, {"e1"})])
-def test_no_further_effect_explains_a_part_of_what_may_be_chance(closable: float, names: set[str]) -> None:
+def test_no_further_effect_explains_a_part_of_what_may_be_chance(
+    closable: float, names: set[str]
+) -> None:
     problem = LinearProblem(sizes("e1", 12.0) | sizes("e2", 2.0) | sizes("e5", 2.0))
     problem.candidates = tuple(replace(c, closable_share=closable) for c in problem.candidates)
     findings = search(NarrowedProblem(problem, ["e5"]))
     assert {effect.name for effect in findings.effects} == names
 
 
-@pytest.mark.parametrize(("least", "verdict"), [(0.0, "named"), (0.75, "named"), (0.95, "unexplained")])
-def test_an_effect_that_alone_closes_too_little_and_leaves_a_gap_is_not_named(least: float, verdict: str) -> None:
+@pytest.mark.parametrize(
+    ("least", "verdict"), [(0.0, "named"), (0.75, "named"), (0.95, "unexplained")]
+)
+def test_an_effect_that_alone_closes_too_little_and_leaves_a_gap_is_not_named(
+    least: float, verdict: str
+) -> None:
     problem = LinearProblem(sizes("e1", 8.0) | sizes("e5", 3.5))
     problem.candidates = tuple(replace(c, least_closed=least) for c in problem.candidates)
     assert search(NarrowedProblem(problem, ["e5"])).verdict == verdict
@@ -162,7 +201,9 @@ def test_an_effect_that_alone_closes_too_little_and_leaves_a_gap_is_not_named(le
 
 @pytest.mark.parametrize("disagreement", [1.0, 0.2])
 @pytest.mark.parametrize("seed", range(4))
-def test_simulators_that_agree_leave_no_more_beside_the_effect_that_is_named(seed: int, disagreement: float) -> None:
+def test_simulators_that_agree_leave_no_more_beside_the_effect_that_is_named(
+    seed: int, disagreement: float
+) -> None:
     """What is left may be no gap between simulators that differ much, and more than others differ by."""
     problem = LinearProblem(sizes("e1", 2.0) | sizes("e5", 0.85), seed=seed)
     problem.candidates = tuple(replace(c, least_closed=0.97) for c in problem.candidates)
@@ -195,14 +236,20 @@ def test_what_differs_from_repeat_to_repeat_may_be_left_by_an_effect_of_chance(s
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("left", ["the same at every repeat", "nothing but chance"])
 def test_no_effect_of_chance_explains_what_repeats_or_chance_alone(left: str, seed: int) -> None:
-    problem = LinearProblem(sizes("e1", 6.0) | sizes("e5", 3.0) if left.startswith("the same") else {}, seed=seed)
+    problem = LinearProblem(
+        sizes("e1", 6.0) | sizes("e5", 3.0) if left.startswith("the same") else {}, seed=seed
+    )
     if left == "nothing but chance":
         problem = with_chance(problem, 3.0, seed)
-    problem.candidates = tuple(replace(c, leaves_chance=True, least_closed=0.9) for c in problem.candidates)
+    problem.candidates = tuple(
+        replace(c, leaves_chance=True, least_closed=0.9) for c in problem.candidates
+    )
     assert search(NarrowedProblem(problem, ["e5"])).verdict == "unexplained"
 
 
-@pytest.mark.parametrize(("resolution", "names"), [(0.0, ("e1", "e2")), (0.5, ("e1", "e2")), (5.0, ("e1",))])
+@pytest.mark.parametrize(
+    ("resolution", "names"), [(0.0, ("e1", "e2")), (0.5, ("e1", "e2")), (5.0, ("e1",))]
+)
 def test_a_further_effect_is_larger_than_what_two_correct_simulators_differ_by(
     resolution: float, names: tuple[str, ...]
 ) -> None:
@@ -223,7 +270,9 @@ def test_noise_that_lasts_and_is_a_little_larger_than_its_estimate_is_no_gap(lev
 
 @pytest.mark.parametrize("large", [3.0, 8.0])
 @pytest.mark.parametrize("side", ["e1", "e6"])
-def test_a_choice_that_looks_worse_alone_is_made_beside_another_effect(large: float, side: str) -> None:
+def test_a_choice_that_looks_worse_alone_is_made_beside_another_effect(
+    large: float, side: str
+) -> None:
     findings = search(ChoiceProblem(sizes("e2", large) | sizes(side, 3.0), alike=0.9))
     assert findings.verdict == "named"
     found = {effect.name: effect.params for effect in findings.effects}
@@ -267,5 +316,10 @@ def test_a_segment_too_short_to_test_by_names_nothing_however_large_its_effect()
     problem = LinearProblem({("e0", "hip", "FR"): 5.0})
     problem.keep_rows(np.flatnonzero(problem.time_s < 1.2))
     findings = search(problem)
-    assert (findings.verdict, findings.effects, findings.sets, findings.gaps) == ("unexplained", (), (), ())
+    assert (findings.verdict, findings.effects, findings.sets, findings.gaps) == (
+        "unexplained",
+        (),
+        (),
+        (),
+    )
     assert [effect.name for effect in findings.nearest] == ["e0"]

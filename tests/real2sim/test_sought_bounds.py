@@ -24,7 +24,9 @@ EACH = [(sensor, each) for sensor, own in ALL.items() for each in own if not eac
 """Of every effect that any sensor shows."""
 
 
-@pytest.mark.parametrize(("sensor", "each"), EACH, ids=[f"{sensor}-{each.effect}" for sensor, each in EACH])
+@pytest.mark.parametrize(
+    ("sensor", "each"), EACH, ids=[f"{sensor}-{each.effect}" for sensor, each in EACH]
+)
 def test_a_fit_seeks_between_the_values_that_its_effect_says(sensor: str, each: Candidate) -> None:
     effect = EFFECTS[each.effect]
     for corner in product(*((unknown.low, unknown.high) for unknown in each.unknowns)):
@@ -40,9 +42,14 @@ def test_an_unknown_that_is_a_parameter_has_all_that_its_effect_says() -> None:
     for _, each in EACH:
         names = [unknown.name for unknown in each.unknowns] if each.coordinates is None else []
         declared = EFFECTS[each.effect].__dataclass_fields__
-        for unknown in (unknown for unknown in each.unknowns if unknown.name in names and unknown.name in declared):
+        for unknown in (
+            unknown
+            for unknown in each.unknowns
+            if unknown.name in names and unknown.name in declared
+        ):
             ends = [
-                each.parameters(np.full(len(names), end))[unknown.name].value for end in (unknown.low, unknown.high)
+                each.parameters(np.full(len(names), end))[unknown.name].value
+                for end in (unknown.low, unknown.high)
             ]
             assert ends == pytest.approx(EFFECTS[each.effect].sought(unknown.name), abs=SLACK)
             compared += 1

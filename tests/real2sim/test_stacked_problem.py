@@ -23,7 +23,9 @@ class Offset(LinearProblem):
     def __init__(self, hidden: dict[tuple[str, str, str], float]) -> None:
         super().__init__(hidden)
         later = Coordinates.less("size", 1.0)
-        self.candidates = tuple(replace(candidate, coordinates=later) for candidate in self.candidates)
+        self.candidates = tuple(
+            replace(candidate, coordinates=later) for candidate in self.candidates
+        )
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +44,9 @@ def test_two_logs_tell_what_one_cannot(logs: tuple[LinearProblem, LinearProblem]
     assert together.effects[0].params["size"].value == pytest.approx(3.0, rel=0.1)
 
 
-def test_effects_are_shared_and_nuisances_are_not(logs: tuple[LinearProblem, LinearProblem]) -> None:
+def test_effects_are_shared_and_nuisances_are_not(
+    logs: tuple[LinearProblem, LinearProblem],
+) -> None:
     stacked = StackedProblem(logs, (0.0, LATER_S))
     names = [candidate.effect for candidate in stacked.candidates if candidate.is_nuisance]
     assert names == ["clock of log 1", "clock of log 2"]
@@ -55,7 +59,11 @@ def test_effects_are_shared_and_nuisances_are_not(logs: tuple[LinearProblem, Lin
         unknowns[..., column] = 1.0
         moved = np.any(stacked.residuals(unknowns) != base, axis=(0, 1))
         seen = [bool(moved[:rows].any()), bool(moved[rows:].any())]
-        assert seen == ([f"of log {n}" in candidate.effect for n in (1, 2)] if candidate.is_nuisance else [True, True])
+        assert seen == (
+            [f"of log {n}" in candidate.effect for n in (1, 2)]
+            if candidate.is_nuisance
+            else [True, True]
+        )
     assert np.all(np.diff(stacked.time_s.reshape(4, -1), axis=1) >= 0.0)
     assert stacked.segments[-1].end_s == pytest.approx(logs[1].segments[-1].end_s + LATER_S)
     assert len({segment.condition for segment in stacked.segments}) == 6
@@ -69,7 +77,9 @@ def test_only_what_means_the_same_is_shared(logs: tuple[LinearProblem, LinearPro
 
 def found(name: str, **values: float) -> FoundEffect:
     return FoundEffect(
-        name=name, where="all", params={k: Interval(value=v, ci90=(v, v), unit="") for k, v in values.items()}
+        name=name,
+        where="all",
+        params={k: Interval(value=v, ci90=(v, v), unit="") for k, v in values.items()},
     )
 
 
@@ -81,7 +91,8 @@ UNSURE = Findings(
 
 
 @pytest.mark.parametrize(
-    ("gain", "verdict", "names"), [(1.02, "named", ["payload_mass"]), (1.03, "set", []), (0.9, "set", [])]
+    ("gain", "verdict", "names"),
+    [(1.02, "named", ["payload_mass"]), (1.03, "set", []), (0.9, "set", [])],
 )
 def test_an_effect_that_another_sensor_would_have_shown_is_ruled_out(
     gain: float, verdict: str, names: list[str]

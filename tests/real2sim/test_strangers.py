@@ -1,4 +1,7 @@
-"""Every file of a stranger is read rightly, or refused by one line that names the cure; soon, and in little memory."""
+"""Every file of a stranger is read rightly, or refused by one line that names the cure.
+
+Soon, and in little memory.
+"""
 
 import re
 import shutil
@@ -25,7 +28,9 @@ SOON_S = 5.0  # of a processor
 def _plain(value: object) -> object:
     """A description as TOML has it: without what is not said."""
     if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items() if inner is not None and inner != {}}
+        return {
+            key: _plain(inner) for key, inner in value.items() if inner is not None and inner != {}
+        }
     return list(value) if isinstance(value, tuple) else value
 
 
@@ -34,9 +39,21 @@ def test_a_file_is_read_rightly_or_refused_with_its_cure(
     stranger: Stranger, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = stranger.write(tmp_path)
-    (tmp_path / "mine.toml").write_text(tomli_w.dumps(_plain(asdict(stranger.description))), encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(
+        tomli_w.dumps(_plain(asdict(stranger.description))), encoding="utf-8"
+    )
     out, before_s = tmp_path / "log", time.process_time()
-    code = main(["real2sim", "import", str(path), "--description", str(tmp_path / "mine.toml"), "--out", str(out)])
+    code = main(
+        [
+            "real2sim",
+            "import",
+            str(path),
+            "--description",
+            str(tmp_path / "mine.toml"),
+            "--out",
+            str(out),
+        ]
+    )
     told = capsys.readouterr()
     assert time.process_time() - before_s < SOON_S
     if stranger.check is None:
@@ -53,7 +70,9 @@ def test_a_file_is_read_rightly_or_refused_with_its_cure(
         stranger.check(read_run_log(Path(first)))
 
 
-def test_each_chunk_of_a_bag_is_unpacked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_chunk_of_a_bag_is_unpacked_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Also where messages of several chunks alternate, as in a bag whose topics were written one after the other."""
     unpack, unpacked = rosbags.rosbag1.reader.decompressors["bz2"], list[int]()
 
@@ -75,7 +94,9 @@ def _many(log: RunLog) -> RunLog:
     times = log.joints.time_s[0] + np.linspace(0.0, 0.25, 500)
     image = np.kron(depth.depth_mm[0], np.ones((3, 3), np.uint16))[:120, :160]
     shown = np.broadcast_to(image, (500, 120, 160))
-    return replace(log, depth=replace(depth, arrival_s=times + 0.05, capture_s=times, depth_mm=shown))
+    return replace(
+        log, depth=replace(depth, arrival_s=times + 0.05, capture_s=times, depth_mm=shown)
+    )
 
 
 def test_images_are_held_twice_at_most(tmp_path: Path) -> None:
@@ -104,5 +125,7 @@ def test_parts_of_a_recording_without_metadata_are_one_log(tmp_path: Path) -> No
 
 
 def _cut(log: RunLog, rows: slice) -> RunLog:
-    signals = {name: values[rows] for name, values in vars(log.joints).items() if values is not None}
+    signals = {
+        name: values[rows] for name, values in vars(log.joints).items() if values is not None
+    }
     return replace(log, joints=replace(log.joints, **signals), imu=None, base=None)

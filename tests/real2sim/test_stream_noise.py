@@ -17,7 +17,9 @@ def coloured(rate_hz: float, corner_hz: float, ringing: float, at_hz: float) -> 
     slow = lfilter([1.0], [1.0, -pole], rng.standard_normal(shape), axis=0)
     angle = 2.0 * np.pi * at_hz / rate_hz
     ring = lfilter([1.0], [1.0, -1.94 * np.cos(angle), 0.97**2], rng.standard_normal(shape), axis=0)
-    return np.asarray(np.sqrt(1.0 - ringing) * slow / slow.std() + np.sqrt(ringing) * ring / ring.std())
+    return np.asarray(
+        np.sqrt(1.0 - ringing) * slow / slow.std() + np.sqrt(ringing) * ring / ring.std()
+    )
 
 
 @pytest.mark.parametrize("rate_hz", [250.0, 500.0, 1000.0])

@@ -52,7 +52,12 @@ def held() -> list[RunLog]:
     logs = joints_logs(RIGS)
     extra = np.sin(2 * np.pi * 0.9 * logs[0].joints.time_s[:, None] + np.arange(12))
     return [
-        replace(log, joints=replace(log.joints, tau_ff=extra, tau_est=np.asarray(log.joints.tau_est) + extra))
+        replace(
+            log,
+            joints=replace(
+                log.joints, tau_ff=extra, tau_est=np.asarray(log.joints.tau_est) + extra
+            ),
+        )
         for log in logs
     ]
 
@@ -64,7 +69,11 @@ def bodies() -> list[RunLog]:
     assert seen.base is not None
     poses = seen.base.values.copy()
     poses[:, 7:10] = np.gradient(poses[:, :3], seen.base.time_s, axis=0)
-    seen = replace(seen, meta={**seen.meta, "control_dt": 0.002}, base=Table(time_s=seen.base.time_s, values=poses))
+    seen = replace(
+        seen,
+        meta={**seen.meta, "control_dt": 0.002},
+        base=Table(time_s=seen.base.time_s, values=poses),
+    )
     return [body_log(seconds=4.0), seen]
 
 
@@ -106,7 +115,10 @@ def times(name: str) -> Change:
     def change(log: RunLog, factor: float) -> RunLog:
         if name == "depth":
             assert log.depth is not None
-            return replace(log, depth=replace(log.depth, arrival_s=factor * log.depth.arrival_s, capture_s=None))
+            return replace(
+                log,
+                depth=replace(log.depth, arrival_s=factor * log.depth.arrival_s, capture_s=None),
+            )
         own = getattr(log, name)
         return replace(log, **{name: replace(own, time_s=factor * own.time_s)})
 
@@ -121,7 +133,12 @@ def told(faults: list[Fault], channel: str, factor: float) -> bool:
     text = faults[0].text
     numbers = [float(number) for number in re.findall(r"-?\d+\.?\d*(?:e[-+]?\d+)?", text)]
     is_factor = any(abs(number / factor - 1.0) < 0.06 for number in numbers)
-    return is_factor and bool(re.search(rf"\b{channel}\b", text)) and "\n" not in text and len(text) < 400
+    return (
+        is_factor
+        and bool(re.search(rf"\b{channel}\b", text))
+        and "\n" not in text
+        and len(text) < 400
+    )
 
 
 OF_TORQUE = (KGF_CM, 1000.0, 8.85, 3.0, 5.0, 1.0 / 9.80665, 1e-3, -1.0, *GEARS)
@@ -138,7 +155,9 @@ HELD: dict[str, tuple[Change, tuple[float, ...]]] = {
 
 
 @pytest.mark.parametrize("channel", HELD)
-def test_a_channel_of_the_joints_in_another_unit_is_told_by_name_and_factor(held: list[RunLog], channel: str) -> None:
+def test_a_channel_of_the_joints_in_another_unit_is_told_by_name_and_factor(
+    held: list[RunLog], channel: str
+) -> None:
     change, factors = HELD[channel]
     name = channel.partition(" ")[0]
     for number, factor in enumerate(factors):
@@ -146,8 +165,15 @@ def test_a_channel_of_the_joints_in_another_unit_is_told_by_name_and_factor(held
         assert told(faults, name, factor), (factor, [fault.text for fault in faults])
 
 
-QUIET = {"slow_triangle": 0.7, "heave_and_pitch": 1.3, "pitch_rocking": 1.0, "heave_sine": 0.7, "torque_ladder": 1.3}
-"""Experiments in which torques are hardly more than their noise, or rest, by the drives' strength."""
+QUIET = {
+    "slow_triangle": 0.7,
+    "heave_and_pitch": 1.3,
+    "pitch_rocking": 1.0,
+    "heave_sine": 0.7,
+    "torque_ladder": 1.3,
+}
+"""Experiments in which torques are hardly more than their noise, or rest, by the drives'
+strength."""
 
 
 @pytest.mark.parametrize("name", QUIET)
@@ -158,7 +184,11 @@ def test_a_torque_that_hardly_moves_is_told_by_name_and_factor(name: str) -> Non
         change, factors = HELD[channel]
         for factor in factors:
             faults = list(gain_faults(change(log, factor)))
-            assert told(faults, channel, factor), (channel, factor, [fault.text for fault in faults])
+            assert told(faults, channel, factor), (
+                channel,
+                factor,
+                [fault.text for fault in faults],
+            )
 
 
 @pytest.mark.parametrize("noise", [0.01, 0.3, 1.0])
@@ -170,7 +200,10 @@ def test_the_factor_of_a_torque_depends_on_no_scale_and_no_noise(noise: float) -
     torque = 8.85 * (law + noise * rng.normal(size=law.shape))
     lines = set()
     for scale in (1e-6, 1.0, 1e6):
-        drives = [causes(scale * t, scale * e, np.zeros_like(e), None) for t, e in zip(torque, seen, strict=True)]
+        drives = [
+            causes(scale * t, scale * e, np.zeros_like(e), None)
+            for t, e in zip(torque, seen, strict=True)
+        ]
         (fault,) = cause_faults([f"joint {k}" for k in range(12)], drives, (6.33, 9.495))
         assert told([fault], "tau_est", 8.85)
         lines.add(fault.text)
@@ -182,12 +215,16 @@ def standing() -> list[RunLog]:
     """Logs of a body that rocks, and of robots of three strengths that squat, rock and are dropped."""
     names = {"squat": 0.7, "pitch_rocking": 1.0, "drop": 1.3}
     profiles = [IDEAL.having(TorqueGain(gain=gain)) for gain in names.values()]
-    logs = [run(experiment_named(n), ROBOT, p, seed=5) for n, p in zip(names, profiles, strict=True)]
+    logs = [
+        run(experiment_named(n), ROBOT, p, seed=5) for n, p in zip(names, profiles, strict=True)
+    ]
     return [body_log(seconds=4.0), *logs]
 
 
 @pytest.mark.parametrize("channel", ["q", "q_des"])
-def test_the_one_of_angle_and_target_that_is_off_is_told_by_dq(standing: list[RunLog], channel: str) -> None:
+def test_the_one_of_angle_and_target_that_is_off_is_told_by_dq(
+    standing: list[RunLog], channel: str
+) -> None:
     for log in standing[1:]:
         for factor in (DEGREE, 1.0 / DEGREE, 1000.0, *GEARS):
             faults = list(unit_faults(joints(channel)(log, factor)))
@@ -220,7 +257,9 @@ def test_angles_and_their_targets_in_another_unit_are_told_by_dq_and_kp(held: li
         assert told(faults, "q_des", factor), (factor, [fault.text for fault in faults])
 
 
-def test_a_tau_ff_that_no_tau_est_stands_beside_is_told_by_the_weight(standing: list[RunLog]) -> None:
+def test_a_tau_ff_that_no_tau_est_stands_beside_is_told_by_the_weight(
+    standing: list[RunLog],
+) -> None:
     for log in standing[1:]:
         alone = replace(log, joints=replace(log.joints, tau_est=None))
         assert not list(feedforward_faults(alone))
@@ -245,7 +284,9 @@ BODY: dict[str, tuple[Change, tuple[float, ...]]] = {
 
 
 @pytest.mark.parametrize("channel", BODY)
-def test_a_channel_of_body_and_camera_in_another_unit_is_told(bodies: list[RunLog], channel: str) -> None:
+def test_a_channel_of_body_and_camera_in_another_unit_is_told(
+    bodies: list[RunLog], channel: str
+) -> None:
     change, factors = BODY[channel]
     for number, factor in enumerate(factors):
         whole = ("acc", "gyro", "imu: t")  # the second log has no IMU
@@ -267,7 +308,9 @@ def test_right_logs_are_not_accused(held: list[RunLog], bodies: list[RunLog]) ->
         replace(log, joints=replace(log.joints, q=q, dq=0.02 * dq, q_des=q_des, tau_est=None))
         for log in held[:2]
         for dq in (np.asarray(log.joints.dq),)
-        for q, q_des in [[0.98 * v.mean(axis=0) + 0.02 * v for v in (log.joints.q, np.asarray(log.joints.q_des))]]
+        for q, q_des in [
+            [0.98 * v.mean(axis=0) + 0.02 * v for v in (log.joints.q, np.asarray(log.joints.q_des))]
+        ]
     ]
     for log in (*held, *quiet, *bodies):
         assert screen(log) == []
@@ -297,14 +340,20 @@ def test_a_stated_unit_of_a_run_log_is_read_as_si(case: str, tmp_path: Path) -> 
     read = read_run_log(tmp_path / "log")
     assert "units" not in read.meta
     for signal in ("q", "q_des", "dq", "tau_est", "tau_ff"):
-        np.testing.assert_allclose(getattr(read.joints, signal), getattr(log.joints, signal), rtol=1e-12)
+        np.testing.assert_allclose(
+            getattr(read.joints, signal), getattr(log.joints, signal), rtol=1e-12
+        )
     for name in ("imu", "base"):
-        np.testing.assert_allclose(getattr(read, name).values, getattr(log, name).values, rtol=1e-12)
+        np.testing.assert_allclose(
+            getattr(read, name).values, getattr(log, name).values, rtol=1e-12
+        )
     assert log.depth is not None
     assert read.depth is not None
     np.testing.assert_array_equal(read.depth.depth_mm, log.depth.depth_mm)
     meta = json.loads((tmp_path / "log" / "meta.json").read_text())
-    (tmp_path / "log" / "meta.json").write_text(json.dumps(meta | {"units": {"torque_unit": "kgf"}}))
+    (tmp_path / "log" / "meta.json").write_text(
+        json.dumps(meta | {"units": {"torque_unit": "kgf"}})
+    )
     with pytest.raises(RecordingError, match=r"torque_unit.*kgf cm"):
         read_run_log(tmp_path / "log")
 
@@ -317,7 +366,8 @@ def test_units_of_a_bag_are_stated_in_its_description(tmp_path: Path) -> None:
     bag = write_bag(other, tmp_path / "bag")
     claims = {key: log.meta[key] for key in ("base", "kp", "kd", "terrain")}
     description = {
-        "claims": claims | {"camera": {key: log.meta["camera"][key] for key in ("position", "pitch")}},
+        "claims": claims
+        | {"camera": {key: log.meta["camera"][key] for key in ("position", "pitch")}},
         "topics": {"joints": "/joint_states", "commands": "/joint_commands"},
         "units": {"torque_unit": "kgf cm", "acceleration_unit": "g", "depth_unit_m": 0.0001},
     }
@@ -329,7 +379,9 @@ def test_units_of_a_bag_are_stated_in_its_description(tmp_path: Path) -> None:
     assert read.depth is not None
     assert near.imu is not None
     assert read.imu is not None
-    np.testing.assert_allclose(np.asarray(read.joints.tau_est), np.asarray(near.joints.tau_est), rtol=1e-12)
+    np.testing.assert_allclose(
+        np.asarray(read.joints.tau_est), np.asarray(near.joints.tau_est), rtol=1e-12
+    )
     np.testing.assert_allclose(read.imu.values, near.imu.values, rtol=1e-12)
     np.testing.assert_array_equal(read.depth.depth_mm, near.depth.depth_mm)
 

@@ -5,7 +5,13 @@ import json
 import pytest
 
 from saltus.real2sim.problem.problem import Estimate
-from saltus.real2sim.search.findings import Findings, FoundEffect, Interval, ProblemRuling, SignalGap
+from saltus.real2sim.search.findings import (
+    Findings,
+    FoundEffect,
+    Interval,
+    ProblemRuling,
+    SignalGap,
+)
 from saltus.real2sim.verdict import Gap, NextExperiment, Verdict, effect_from_dict, merge
 
 EFFECT = FoundEffect(
@@ -25,7 +31,9 @@ def test_json_holds_all_of_a_verdict() -> None:
         verdict="set",
         effects=(EFFECT,),
         sets=(("actuator_lag", "command_delay"),),
-        next_experiment=NextExperiment(name="joint_chirp", why="reaches 20 Hz", expected_separation=40.0),
+        next_experiment=NextExperiment(
+            name="joint_chirp", why="reaches 20 Hz", expected_separation=40.0
+        ),
         untestable={"backlash": "no reversal of load"},
         gap=Gap(before=4.0, after=1.5, floor=1.0),
         minimum_detectable={"coulomb_friction": Estimate(value=0.04, unit="Nm")},
@@ -33,14 +41,20 @@ def test_json_holds_all_of_a_verdict() -> None:
     data = json.loads(verdict.to_json())
     assert data == verdict.to_dict()
     assert data["sets"] == [["actuator_lag", "command_delay"]]
-    assert data["next_experiment"] == {"name": "joint_chirp", "why": "reaches 20 Hz", "expected_separation": 40.0}
+    assert data["next_experiment"] == {
+        "name": "joint_chirp",
+        "why": "reaches 20 Hz",
+        "expected_separation": 40.0,
+    }
     assert data["untestable"] == [{"name": "backlash", "why": "no reversal of load"}]
     assert data["minimum_detectable"] == {"coulomb_friction": {"value": 0.04, "unit": "Nm"}}
     assert effect_from_dict(data["effects"][0]) == EFFECT
 
 
 def test_json_has_the_keys_of_the_schema() -> None:
-    data = Verdict(verdict="named", effects=(EFFECT,), gap=Gap(before=5.0, after=2.0, floor=1.0)).to_dict()
+    data = Verdict(
+        verdict="named", effects=(EFFECT,), gap=Gap(before=5.0, after=2.0, floor=1.0)
+    ).to_dict()
     assert set(data) == {
         "verdict",
         "effects",
@@ -54,7 +68,11 @@ def test_json_has_the_keys_of_the_schema() -> None:
         "minimum_detectable",
         "log_faults",
     }
-    assert data["effects"][0]["params"]["knee"] == {"value": 14.2, "ci90": [13.6, 14.9], "unit": "Nm"}
+    assert data["effects"][0]["params"]["knee"] == {
+        "value": 14.2,
+        "ci90": [13.6, 14.9],
+        "unit": "Nm",
+    }
     assert data["gap"]["closed"] == pytest.approx(0.75)
 
 

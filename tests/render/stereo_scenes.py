@@ -14,9 +14,17 @@ from saltus.terrain.terrain import Terrain
 
 
 def wall_and_panel(
-    camera: Intrinsics, optics: Optics, wall_m: float, panel_m: float, left: float, right: float, slant: float = 0.0
+    camera: Intrinsics,
+    optics: Optics,
+    wall_m: float,
+    panel_m: float,
+    left: float,
+    right: float,
+    slant: float = 0.0,
 ) -> tuple[Any, Any]:
-    """A wall and, before it, a panel of full height between two tangents of the left view; what the right view misses.
+    """A wall and, before it, a panel of full height between two tangents of the left view.
+
+    What the right view misses.
 
     Args:
         camera: of the left image.
@@ -44,7 +52,10 @@ def flat_wall(camera: Intrinsics, depth_m: float) -> tuple[Any, Any]:
 
 
 def poses(terrain: Terrain, count: int, seed: int) -> tuple[Floats, Floats, Floats]:
-    """Robots in mid-jump; in five of six the legs reach inwards and ahead as far as they can, into the image."""
+    """Robots in mid-jump.
+
+    In five of six the legs reach inwards and ahead as far as they can, into the image.
+    """
     rng = np.random.default_rng(seed)
     position = rng.uniform([0.0, -0.3, 0.3], [terrain.finish_x, 0.3, 0.7], (count, 3))
     position[:, 2] += terrain.height_at(position[:, 0], position[:, 1])

@@ -27,7 +27,9 @@ from saltus.terrain.terrain import RUN_OUT, WIDTH, Terrain
 KINDS: tuple[str, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
 POSES = 200
 FAR = 5.0  # comparison beyond what the model sees (3 m); a rasteriser's depth gets coarse [m]
-EDGE = 0.01  # neighbours that differ by more than this beyond a smooth surface make a depth edge [m]
+EDGE = (
+    0.01  # neighbours that differ by more than this beyond a smooth surface make a depth edge [m]
+)
 
 
 def terrain_of(kind: str) -> Terrain:
@@ -66,7 +68,9 @@ def test_all_back_ends_see_the_same(back_ends: list[Renderer], camera: Intrinsic
     terrain, count = back_ends[0].terrain, POSES if camera is MODEL_CAMERA else 6
     where = poses(terrain, count, seed=5)
     images = [np.minimum(renderer.render_batch(*where), FAR) for renderer in back_ends]
-    bare = np.minimum(EmbreeRenderer(terrain, RobotCamera.on(ROBOT, camera, legs=False)).render_batch(*where), FAR)
+    bare = np.minimum(
+        EmbreeRenderer(terrain, RobotCamera.on(ROBOT, camera, legs=False)).render_batch(*where), FAR
+    )
     legs = images[0] < bare
     assert legs.any(axis=(1, 2)).sum() >= 0.5 * count  # legs in view
     for one, other in itertools.combinations(images, 2):
@@ -90,7 +94,11 @@ def test_depth_is_that_of_the_ground(camera: Intrinsics) -> None:
     expected = -origin[:, 2, None, None] / np.where(down, rays[..., 2], 1.0)
     hit = origin[:, None, None, :] + expected[..., None] * rays
     course = renderer.terrain
-    inside = down & (hit[..., 0] < course.finish_x + RUN_OUT - 0.1) & (np.abs(hit[..., 1]) < 0.5 * WIDTH - 0.1)
+    inside = (
+        down
+        & (hit[..., 0] < course.finish_x + RUN_OUT - 0.1)
+        & (np.abs(hit[..., 1]) < 0.5 * WIDTH - 0.1)
+    )
     assert inside.mean() > 0.3
     np.testing.assert_allclose(depth[inside], expected[inside], rtol=1e-4)
     assert np.isinf(depth[~down]).all()
@@ -100,7 +108,10 @@ def test_depth_is_that_of_the_ground(camera: Intrinsics) -> None:
 def test_straight_down_it_is_as_far_as_the_height_says(terrain: Terrain) -> None:
     x, y = places(terrain, 300, seed=4)
     position = np.stack([x, y, np.full(len(x), 9.0)], axis=-1)
-    level, joints = np.tile([1.0, 0.0, 0.0, 0.0], (len(x), 1)), np.tile(ROBOT.stand_pose, (len(x), 1))
+    level, joints = (
+        np.tile([1.0, 0.0, 0.0, 0.0], (len(x), 1)),
+        np.tile(ROBOT.stand_pose, (len(x), 1)),
+    )
     plumb = Mount(position=np.array([0.0, 0.0, 0.1]), pitch=0.5 * np.pi)
     one_pixel = Intrinsics(width=1, height=1, fx=100.0, fy=100.0, cx=0.5, cy=0.5)
     looking_down = replace(RobotCamera.on(ROBOT, one_pixel, legs=False), mount=plumb)
@@ -124,7 +135,10 @@ def test_one_pose_is_a_batch_of_one(back_end: str) -> None:
 
 def test_renderers_draw_in_turn() -> None:
     """Those of pyrender with images of one size share a context."""
-    some = [make_renderer("pyrender", terrain_of(kind), RobotCamera.on(ROBOT)) for kind in ("stairs", "gap")]
+    some = [
+        make_renderer("pyrender", terrain_of(kind), RobotCamera.on(ROBOT))
+        for kind in ("stairs", "gap")
+    ]
     where = poses(some[0].terrain, 3, seed=2)
     first, again = ([renderer.render_batch(*where) for renderer in some] for _ in range(2))
     np.testing.assert_array_equal(first, again)
@@ -151,10 +165,16 @@ def test_auto_takes_the_next_where_a_library_is_missing(monkeypatch: pytest.Monk
         make_renderer("pyrender", terrain_of("flat"), RobotCamera.on(ROBOT))
 
 
-@pytest.mark.parametrize(("installed", "platform"), [("OSMesa", "osmesa"), ("EGL", "egl"), (None, "osmesa")])
-def test_egl_where_osmesa_is_gone(monkeypatch: pytest.MonkeyPatch, installed: str | None, platform: str) -> None:
+@pytest.mark.parametrize(
+    ("installed", "platform"), [("OSMesa", "osmesa"), ("EGL", "egl"), (None, "osmesa")]
+)
+def test_egl_where_osmesa_is_gone(
+    monkeypatch: pytest.MonkeyPatch, installed: str | None, platform: str
+) -> None:
     monkeypatch.delenv("PYOPENGL_PLATFORM", raising=False)
-    monkeypatch.setattr("ctypes.util.find_library", lambda name: name if name == installed else None)
+    monkeypatch.setattr(
+        "ctypes.util.find_library", lambda name: name if name == installed else None
+    )
     assert gl_platform() == platform
     monkeypatch.setenv("PYOPENGL_PLATFORM", "glx")
     with pytest.raises(SaltusError, match="glx"):
@@ -176,9 +196,14 @@ print((abs(rays - raster) <= 1e-3).mean())
 
 
 def test_egl_draws_what_osmesa_draws() -> None:
-    """In a process of its own: one process draws on one of them. Here all pixels are judged, those on edges too."""
+    """In a process of its own: one process draws on one of them.
+
+    Here all pixels are judged, those on edges too.
+    """
     environment = {**os.environ, "PYOPENGL_PLATFORM": "egl"}
-    result = subprocess.run([sys.executable, "-c", ON_EGL], capture_output=True, text=True, env=environment, check=True)
+    result = subprocess.run(
+        [sys.executable, "-c", ON_EGL], capture_output=True, text=True, env=environment, check=True
+    )
     assert float(result.stdout) > 0.99
 
 
@@ -211,7 +236,9 @@ assert (camera.render(*pose) == first).all()
 
 def test_pyrender_and_mujoco_share_a_process() -> None:
     environment = {**os.environ, "MUJOCO_GL": "osmesa"}
-    result = subprocess.run([sys.executable, "-c", BESIDE_MUJOCO], capture_output=True, text=True, env=environment)
+    result = subprocess.run(
+        [sys.executable, "-c", BESIDE_MUJOCO], capture_output=True, text=True, env=environment
+    )
     assert (result.returncode, result.stderr) == (0, "")
 
 

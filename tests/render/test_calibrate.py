@@ -1,4 +1,7 @@
-"""Where a camera sits: found wherever it is, with its noise and a leg in view, on level ground; else refused."""
+"""Where a camera sits: found wherever it is, with its noise and a leg in view, on level ground.
+
+Else refused.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +15,14 @@ from saltus.cli.main import main
 from saltus.depth import BASELINE_M, Intrinsics, depth_frame
 from saltus.depth_camera import SHIPPED, load_camera
 from saltus.errors import RecordingError
-from saltus.render.calibrate import FEWEST_FRAMES, SIGMA_PX, Calibration, CameraPlace, fit_place, standing_pairs
+from saltus.render.calibrate import (
+    FEWEST_FRAMES,
+    SIGMA_PX,
+    Calibration,
+    CameraPlace,
+    fit_place,
+    standing_pairs,
+)
 from saltus.render.camera import ray_directions
 from saltus.robots.loading import load_robot
 from saltus.robots.mount import Mount
@@ -33,7 +43,10 @@ def standing(
     step_ahead_m: float | None = None,
     frames: int = FRAMES,
 ) -> Pairs:
-    """Images of level ground, of a robot that leans this way and that; a leg covers a corner of each."""
+    """Images of level ground, of a robot that leans this way and that.
+
+    A leg covers a corner of each.
+    """
     rng, pairs = np.random.default_rng(seed), []
     time_s = 0.02 * np.arange(frames)
     lean = rng.uniform(-0.03, 0.03, (2, frames))
@@ -41,7 +54,8 @@ def standing(
     base_height = ROBOT.stand_height + rng.uniform(-0.02, 0.02, frames)
     states = robot_states(
         time_s, quaternion_base_in_world=quaternion, angular_velocity_base=np.zeros((frames, 3)),
-        joint_position=np.tile(ROBOT.stand_pose, (frames, 1)), velocity_base_in_world=np.zeros((frames, 3)),
+        joint_position=np.tile(ROBOT.stand_pose, (frames, 1)),
+        velocity_base_in_world=np.zeros((frames, 3)),
         base_height=base_height, leg_trusted=np.ones((frames, 4)),
     )  # fmt: skip
     c, s = np.cos(place.roll), np.sin(place.roll)
@@ -58,14 +72,25 @@ def standing(
         near = np.minimum(depth, 10.0)
         depth = depth + noise * near**2 / (VIEW.fx * BASELINE_M) * rng.standard_normal(depth.shape)
         depth[200:, :25] = 0.3
-        millimetres = np.where(near < 8.0, 1e3 * depth, 65535.0).clip(0, 65535).round().astype(np.uint16)
+        millimetres = (
+            np.where(near < 8.0, 1e3 * depth, 65535.0).clip(0, 65535).round().astype(np.uint16)
+        )
         millimetres[rng.uniform(size=depth.shape) < 0.05] = 0
-        pairs.append((depth_frame(VIEW, millimetres, time_ns=state.time_ns, frame_id=i), replace(state, mode=0)))
+        pairs.append(
+            (
+                depth_frame(VIEW, millimetres, time_ns=state.time_ns, frame_id=i),
+                replace(state, mode=0),
+            )
+        )
     return pairs
 
 
 def places(count: int) -> list[CameraPlace]:
-    draws = np.random.default_rng(7).uniform(-1.0, 1.0, (count, 3)) * (np.deg2rad(5.0), np.deg2rad(2.0), 0.03)
+    draws = np.random.default_rng(7).uniform(-1.0, 1.0, (count, 3)) * (
+        np.deg2rad(5.0),
+        np.deg2rad(2.0),
+        0.03,
+    )
     claimed = np.array([ROBOT.camera_pitch, 0.0, ROBOT.camera_position[2]])
     return [CameraPlace(pitch=p, roll=r, height=z) for p, r, z in (claimed + draws).tolist()]
 
@@ -89,11 +114,15 @@ def test_intervals_hold_the_truth_as_often_as_they_say_and_grow_with_the_noise()
     true, inside, widths = places(1)[0], [], []
     for seed in range(20):
         found = fitted(standing(true, seed, frames=FEWEST_FRAMES))
-        off = np.abs([getattr(found.found, name) - getattr(true, name) for name in ("pitch", "height")])
+        off = np.abs(
+            [getattr(found.found, name) - getattr(true, name) for name in ("pitch", "height")]
+        )
         half = np.array([found.half_width_90.pitch, found.half_width_90.height])
         inside.append(off <= half)
         widths.append(half)
-    assert np.sum(inside, axis=0).min() >= 13  # of 20, each with 90 %: less has a probability of 0.2 %
+    assert (
+        np.sum(inside, axis=0).min() >= 13
+    )  # of 20, each with 90 %: less has a probability of 0.2 %
     noisy = fitted(standing(true, noise=5.0 * SIGMA_PX, frames=FEWEST_FRAMES)).half_width_90
     assert noisy.pitch > 2.0 * np.median(widths, axis=0)[0]
 
@@ -111,19 +140,28 @@ def test_only_images_of_a_robot_that_stands_count() -> None:
     assert len(standing_pairs(frames, [*states[:10], *runs])) == 10
     lifted = [replace(state, leg_trusted=np.array([True, True, True, False])) for state in states]
     assert standing_pairs(frames, lifted) == []
-    unknown = [replace(state, leg_trusted=np.zeros(4, bool), mode=ControllerMode.RUN) for state in states]
+    unknown = [
+        replace(state, leg_trusted=np.zeros(4, bool), mode=ControllerMode.RUN) for state in states
+    ]
     assert len(standing_pairs(frames, unknown)) == FRAMES  # at rest, and nobody says more
-    for moves in ({"velocity_base_in_world": np.array([0.0, 0.0, 0.1])}, {"angular_velocity_base": np.full(3, 0.1)}):
+    for moves in (
+        {"velocity_base_in_world": np.array([0.0, 0.0, 0.1])},
+        {"angular_velocity_base": np.full(3, 0.1)},
+    ):
         assert standing_pairs(frames, [replace(state, **moves) for state in unknown]) == []
     assert standing_pairs(frames, []) == []
     late = [replace(state, time_ns=state.time_ns + 500 * MS) for state in states]
     assert len(standing_pairs(frames, late)) == FRAMES - 25
 
 
-def test_a_recording_gives_a_camera_that_commands_take(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_gives_a_camera_that_commands_take(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The robot of a demo stands for a second; its camera sits where it claims."""
     course = ("--terrain", "flat", "--planner", "scripted", "--time-limit-s", "1", "--no-video")
-    assert main(["demo", *course, "--out", str(tmp_path / "run")]) == 1  # it is far from the finish by then
+    assert (
+        main(["demo", *course, "--out", str(tmp_path / "run")]) == 1
+    )  # it is far from the finish by then
     capsys.readouterr()
     recording, out = str(tmp_path / "run" / "recording.mcap"), tmp_path / "found"
     assert main(["render", "calibrate", recording, "--out", str(out)]) == 0

@@ -51,9 +51,15 @@ def test_a_frame_is_the_image_at_its_capture_time() -> None:
     renderer = make_renderer("embree", TERRAIN, RobotCamera.on(ROBOT))
     for frame in run(camera(CameraLatency(latency=0.05)), 20).values():
         then = truth(frame.time_ns // STEP_NS)
-        expected = renderer.render(then.position_base_in_world, then.quaternion_base_in_world, then.joint_position)
+        expected = renderer.render(
+            then.position_base_in_world, then.quaternion_base_in_world, then.joint_position
+        )
         np.testing.assert_array_equal(frame.depth, depth_in_millimetres(expected))
-        assert (frame.fx, frame.cx, frame.depth.shape) == (MODEL_CAMERA.fx, MODEL_CAMERA.cx, (48, 16))
+        assert (frame.fx, frame.cx, frame.depth.shape) == (
+            MODEL_CAMERA.fx,
+            MODEL_CAMERA.cx,
+            (48, 16),
+        )
 
 
 def test_nothing_ahead_is_not_near() -> None:

@@ -18,7 +18,13 @@ class CameraStage(Stage):
     def __init__(self, pace: Pace, tmp_path: Path, camera: str = "ideal") -> None:
         epoch_ns, terrain = time.monotonic_ns(), TerrainConfig(terrain="stairs")
         config = RunConfig(
-            robot="go1", grid="line", pace=pace, terrain=terrain, epoch_ns=epoch_ns, seed=4, camera=camera
+            robot="go1",
+            grid="line",
+            pace=pace,
+            terrain=terrain,
+            epoch_ns=epoch_ns,
+            seed=4,
+            camera=camera,
         )
         super().__init__("render", body, config, tmp_path)
         self.truths = self.others.publisher("plant/truth")
@@ -40,7 +46,9 @@ def test_lockstep_answers_each_step_and_each_repetition(tmp_path: Path) -> None:
             done, frame = answered(stage, step)
             if frame is not None:
                 newest = frame.frame_id
-                assert frame.time_ns <= step * 10_000_000 - 25_000_000  # latency is at least 30 ms, less the jitter
+                assert (
+                    frame.time_ns <= step * 10_000_000 - 25_000_000
+                )  # latency is at least 30 ms, less the jitter
             assert (done.step, done.frame_id, done.process) == (step, newest, "render")
             again, repeated = answered(stage, step)
             assert (again.step, again.frame_id) == (step, newest)

@@ -47,18 +47,26 @@ def places(terrain: Terrain) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     ground, rng = terrain.boxes[0], np.random.default_rng(0)
     x, y = (rng.uniform(ground.low[i] + 0.1, ground.high[i] - 0.1, 400) for i in (0, 1))
     height, reach = terrain.height_at(x, y), 2.0 * BALL_M
-    around = [terrain.height_at(x + a * reach, y + b * reach) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+    around = [
+        terrain.height_at(x + a * reach, y + b * reach)
+        for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
+    ]
     clear = np.abs(np.array(around) - height).max(axis=0) < STEEPEST * reach
     return x[clear], y[clear], height[clear]
 
 
-def test_rays_of_all_back_ends_end_where_the_truth_is(terrain: Terrain, places: tuple[np.ndarray, ...]) -> None:
+def test_rays_of_all_back_ends_end_where_the_truth_is(
+    terrain: Terrain, places: tuple[np.ndarray, ...]
+) -> None:
     x, y, height = places
     down = Mount(position=np.array([0.0, 0.0, 1.0]), pitch=0.5 * np.pi)
     eye = RobotCamera(robot=ROBOT, intrinsics=EYE, mount=down, legs=False)
     above = float(height.max()) + 2.0
     position = np.column_stack([x, y, np.full_like(x, above - 1.0)])
-    quaternion, joints = np.tile([1.0, 0.0, 0.0, 0.0], (len(x), 1)), np.tile(ROBOT.stand_pose, (len(x), 1))
+    quaternion, joints = (
+        np.tile([1.0, 0.0, 0.0, 0.0], (len(x), 1)),
+        np.tile(ROBOT.stand_pose, (len(x), 1)),
+    )
     for renderer in (
         make_renderer("embree", terrain, eye),
         make_renderer("pyrender", terrain, eye),
@@ -68,12 +76,16 @@ def test_rays_of_all_back_ends_end_where_the_truth_is(terrain: Terrain, places: 
         np.testing.assert_allclose(above - depth, height, atol=AGREES_M, err_msg=renderer.name)
 
 
-def test_a_ball_touches_the_ground_where_the_truth_is(terrain: Terrain, places: tuple[np.ndarray, ...]) -> None:
+def test_a_ball_touches_the_ground_where_the_truth_is(
+    terrain: Terrain, places: tuple[np.ndarray, ...]
+) -> None:
     spec = mujoco.MjSpec()
     add_boxes(spec, terrain.arrays)
     ball = spec.worldbody.add_body(name="ball")
     ball.add_freejoint()
-    ball.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[BALL_M, 0, 0], contype=0, conaffinity=1, margin=1.0)
+    ball.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[BALL_M, 0, 0], contype=0, conaffinity=1, margin=1.0
+    )
     model = spec.compile()
     assert model.geom(TERRAIN_GEOM.format(len(terrain.boxes) - 1)).id == len(terrain.boxes) - 1
     data = mujoco.MjData(model)
@@ -83,7 +95,9 @@ def test_a_ball_touches_the_ground_where_the_truth_is(terrain: Terrain, places: 
         assert abs(data.contact.dist.min()) < AGREES_M, (x, y)
 
 
-def test_a_robot_can_start_and_its_way_does_not_end_before_its_last_segment(terrain: Terrain) -> None:
+def test_a_robot_can_start_and_its_way_does_not_end_before_its_last_segment(
+    terrain: Terrain,
+) -> None:
     x = np.linspace(-0.5, 0.5, 11)
     np.testing.assert_allclose(terrain.height_at(x, 0.0 * x), 0.0, atol=1e-9)
     assert terrain.finish_x > terrain.start_x
@@ -99,7 +113,9 @@ def test_seeds_draw_other_courses(name: str) -> None:
 def test_the_easiest_course_has_the_first_of_two_sizes_and_harder_ones_go_further() -> None:
     stairs = Course(kind="stairs", segments=(SEGMENTS["stairs"](rise=(0.1, 0.2), steps=1),))
     highest = {
-        d: max(stairs.terrain(Draws(np.random.default_rng(s), d)).boxes[-1].high[2] for s in range(50))
+        d: max(
+            stairs.terrain(Draws(np.random.default_rng(s), d)).boxes[-1].high[2] for s in range(50)
+        )
         for d in (0, 0.5, 1)
     }
     assert highest[0] == pytest.approx(0.1)

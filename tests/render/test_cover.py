@@ -12,7 +12,8 @@ S = 1_000_000_000
 SEEN = np.full((MODEL_CAMERA.height, MODEL_CAMERA.width), 700, np.uint16)
 FRAME = depth_frame(MODEL_CAMERA, SEEN, time_ns=3, frame_id=5)
 BLIND = {
-    "1": 1.0, "0.25": 0.25, "0": 0.0, "-3": 0.0, "1e9": LONGEST_COVER_S, "inf": LONGEST_COVER_S, "nan": 0.0, "": 0.0,
+    "1": 1.0, "0.25": 0.25, "0": 0.0, "-3": 0.0, "1e9": LONGEST_COVER_S, "inf": LONGEST_COVER_S,
+    "nan": 0.0, "": 0.0,
     "long": 0.0,
 }  # fmt: skip
 
@@ -22,7 +23,9 @@ def test_the_lens_is_covered_for_the_time_that_is_named(detail: str, covered_s: 
     bus = MemoryBus("robot/0")
     cover = Cover(bus)
     assert cover.over(FRAME, 0) is FRAME
-    bus.publisher("event", OPERATOR).put(Event(time_ns=0, process=OPERATOR, code="blind", detail=detail))
+    bus.publisher("event", OPERATOR).put(
+        Event(time_ns=0, process=OPERATOR, code="blind", detail=detail)
+    )
     begin_ns = 10 * S
     first = cover.over(FRAME, begin_ns)
     assert (first.frame_id, first.time_ns, first.depth.shape) == (5, 3, SEEN.shape)

@@ -41,7 +41,10 @@ def test_the_model_sees_the_same_through_both_but_for_the_errors_of_the_camera()
 
 
 def test_a_seed_gives_the_same_errors_again_and_another_does_not() -> None:
-    a, b, c = (StereoExposure(TERRAIN, ROBOT, SHIPPED["d435i"], np.random.default_rng(seed)) for seed in (1, 1, 2))
+    a, b, c = (
+        StereoExposure(TERRAIN, ROBOT, SHIPPED["d435i"], np.random.default_rng(seed))
+        for seed in (1, 1, 2)
+    )
     for step in range(0, 6, 2):
         first, second, other = a.expose(truth(step)), b.expose(truth(step)), c.expose(truth(step))
         np.testing.assert_array_equal(first, second)

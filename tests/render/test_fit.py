@@ -28,11 +28,16 @@ def recording(config: StereoConfig, optics: Optics, scene: Any, count: int) -> l
 def hidden(sigma: float, step: float, **changes: Any) -> StereoConfig:
     noise = replace(UNFILTERED.disparity_noise, sigma=sigma)
     return replace(
-        UNFILTERED, disparity_noise=noise, disparity_step=replace(UNFILTERED.disparity_step, step=step), **changes
+        UNFILTERED,
+        disparity_noise=noise,
+        disparity_step=replace(UNFILTERED.disparity_step, step=step),
+        **changes,
     )
 
 
-def wall_and_step(optics: Optics, wall_m: float = 1.6, near_m: float = 0.6, slant: float = 0.4) -> Any:
+def wall_and_step(
+    optics: Optics, wall_m: float = 1.6, near_m: float = 0.6, slant: float = 0.4
+) -> Any:
     return wall_and_panel(D435I, optics, wall_m, near_m, -0.35, 0.15, slant=slant)
 
 
@@ -50,7 +55,9 @@ def test_hidden_noise_baseline_and_step_are_found_within_10_percent(
 ) -> None:
     optics = Optics.of(D435I, baseline_m=baseline)
     config = hidden(sigma, step)
-    found = fit(recording(config, optics, wall_and_step(optics, wall_m, near_m, slant), 60)).parameters
+    found = fit(
+        recording(config, optics, wall_and_step(optics, wall_m, near_m, slant), 60)
+    ).parameters
     assert found.baseline_m.value == pytest.approx(baseline, rel=0.1)
     assert found.sigma_px.value == pytest.approx(sigma, rel=0.1)
     assert found.step_px.value == pytest.approx(step, rel=0.1)
@@ -107,7 +114,9 @@ def test_the_part_at_rest_is_used() -> None:
     moving = [
         frame
         for k in range(6)
-        for frame in recording(hidden(0.08, 1 / 32), optics, wall_and_step(optics, 1.0 + 0.5 * k, 0.4 + 0.1 * k), 1)
+        for frame in recording(
+            hidden(0.08, 1 / 32), optics, wall_and_step(optics, 1.0 + 0.5 * k, 0.4 + 0.1 * k), 1
+        )
     ]
     result = fit(moving + recording(hidden(0.08, 1 / 32), optics, scene, 14))
     assert result.scene.frames == 14
@@ -120,7 +129,14 @@ def two_frames() -> list[DepthFrame]:
 
 def test_two_frames_say_so() -> None:
     found = fit(two_frames()).parameters
-    for name in ("sigma_px", "step_px", "correlation_px", "persistence_s", "range_exponent", "flying_fraction"):
+    for name in (
+        "sigma_px",
+        "step_px",
+        "correlation_px",
+        "persistence_s",
+        "range_exponent",
+        "flying_fraction",
+    ):
         assert "2 frames" in getattr(found, name).note
     assert found.baseline_m.testable
 
@@ -153,7 +169,10 @@ def test_toml_is_a_camera_and_the_plot_says_what_is_untestable(tmp_path: Path) -
     config = StereoConfig.of(camera)
     assert config == result.config
     assert config.disparity_noise == UNFILTERED.disparity_noise  # nothing seen, nothing changed
-    assert f"# sigma_px         untestable             {result.parameters.sigma_px.note}\n" in result.to_toml()
+    assert (
+        f"# sigma_px         untestable             {result.parameters.sigma_px.note}\n"
+        in result.to_toml()
+    )
     assert camera.baseline_m == pytest.approx(0.05, rel=0.1)
     assert camera.image == D435I
     assert Optics.behind(camera.image, camera) == result.optics
@@ -170,7 +189,9 @@ def test_a_real_recording(tmp_path: Path) -> None:
     result = fit(load_frames(BAG))
     found = result.parameters
     assert result.scene.frames == 2
-    assert found.baseline_m.value == pytest.approx(0.050, rel=0.2)  # two frames: holes at edges widen shadows
+    assert found.baseline_m.value == pytest.approx(
+        0.050, rel=0.2
+    )  # two frames: holes at edges widen shadows
     assert "few frames" in found.baseline_m.note
     assert -14.0 < (found.margin_px.value or 0.0) < -8.0
     assert not found.sigma_px.testable

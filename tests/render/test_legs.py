@@ -31,7 +31,9 @@ def test_links_are_where_the_simulator_has_them() -> None:
         base = rotation_matrix(data.qpos[3:7])
         for i, leg in enumerate(LEGS):
             for place, body in ((i, f"{leg}_thigh"), (4 + i, f"{leg}_calf")):
-                np.testing.assert_allclose(position + base @ legs.start[place], data.body(body).xpos, atol=1e-9)
+                np.testing.assert_allclose(
+                    position + base @ legs.start[place], data.body(body).xpos, atol=1e-9
+                )
             foot = data.geom(f"{leg}_foot").xpos
             np.testing.assert_allclose(position + base @ legs.end[4 + i], foot, atol=1e-9)
             np.testing.assert_allclose(position + base @ legs.start[8 + i], foot, atol=1e-9)
@@ -65,7 +67,9 @@ def test_nothing_is_missed_outside_the_windows(camera: Intrinsics) -> None:
     """Drawing only where a capsule can be gives what drawing everywhere gives."""
     rng = np.random.default_rng(2)
     start = rng.uniform([-0.4, -0.4, -0.1], [0.4, 0.4, 0.6], (3, 20, 3))
-    capsules = Capsules(start=start, end=start + rng.uniform(-0.2, 0.2, start.shape), radius=np.full(20, 0.02))
+    capsules = Capsules(
+        start=start, end=start + rng.uniform(-0.2, 0.2, start.shape), radius=np.full(20, 0.02)
+    )
     directions = ray_directions(camera)
     drawn = np.full((3, camera.height, camera.width), np.inf, dtype=np.float32)
     draw_capsules(drawn, capsules, directions, camera)
@@ -80,7 +84,9 @@ def test_nothing_is_missed_outside_the_windows(camera: Intrinsics) -> None:
 
 
 def test_the_camera_looks_forward_and_down() -> None:
-    centre, rotation = camera_pose(Mount.of(ROBOT), np.array([1.0, 2.0, 0.3]), np.array([1.0, 0.0, 0.0, 0.0]))
+    centre, rotation = camera_pose(
+        Mount.of(ROBOT), np.array([1.0, 2.0, 0.3]), np.array([1.0, 0.0, 0.0, 0.0])
+    )
     np.testing.assert_allclose(centre, np.array([1.0, 2.0, 0.3]) + ROBOT.camera_position)
     forward, right, down = rotation[:, 2], rotation[:, 0], rotation[:, 1]
     np.testing.assert_allclose(forward, [np.cos(0.52), 0.0, -np.sin(0.52)])
@@ -92,4 +98,6 @@ def test_legs_follow_the_camera_frame() -> None:
     legs = SHAPES.capsules(ROBOT.stand_pose)
     mount = Mount.of(ROBOT)
     seen = capsules_in_camera(legs, mount.position, mount.rotation)
-    np.testing.assert_allclose(seen.start @ mount.rotation.T + mount.position, legs.start, atol=1e-12)
+    np.testing.assert_allclose(
+        seen.start @ mount.rotation.T + mount.position, legs.start, atol=1e-12
+    )

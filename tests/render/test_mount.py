@@ -27,9 +27,18 @@ def drawn(seed: int) -> tuple[Mount, DepthCamera, Robot]:
     roll, pitch, yaw = rng.uniform((-0.6, 0.3, -0.6), (0.6, 0.9, 0.6)).tolist()
     position = (0.3, *rng.uniform(-0.05, 0.05, 1).tolist(), 0.12)
     camera = replace(
-        SHIPPED["ideal"], name="mine", camera_position=position, camera_roll=roll, camera_pitch=pitch, camera_yaw=yaw
+        SHIPPED["ideal"],
+        name="mine",
+        camera_position=position,
+        camera_roll=roll,
+        camera_pitch=pitch,
+        camera_yaw=yaw,
     )
-    return Mount(position=np.array(position), roll=roll, pitch=pitch, yaw=yaw), camera, camera.mounted_on(ROBOT)
+    return (
+        Mount(position=np.array(position), roll=roll, pitch=pitch, yaw=yaw),
+        camera,
+        camera.mounted_on(ROBOT),
+    )
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -40,7 +49,9 @@ def test_a_pose_is_the_same_in_files_viewers_and_renderers(seed: int) -> None:
     np.testing.assert_allclose(mount.rotation, rotation, atol=1e-12)
     np.testing.assert_array_equal(Mount.of(robot).rotation, mount.rotation)
     assert DepthCamera.from_toml(camera.to_toml()) == camera
-    np.testing.assert_array_equal(Mount.of(Robot.from_toml(robot.to_toml())).rotation, mount.rotation)
+    np.testing.assert_array_equal(
+        Mount.of(Robot.from_toml(robot.to_toml())).rotation, mount.rotation
+    )
     shown = ros.optical(robot.camera_roll, robot.camera_pitch, robot.camera_yaw)
     np.testing.assert_allclose(rotation_matrix(np.array(shown)), rotation, atol=1e-12)
 
@@ -66,4 +77,6 @@ def test_level_ground_is_level_from_every_pose(seed: int, back_end: str) -> None
 def test_without_roll_and_yaw_rotations_are_to_the_bit_what_they_were(pitch: float) -> None:
     c, s = np.cos(pitch), np.sin(pitch)
     axes = [(0.0, -1.0, 0.0), (-s, 0.0, -c), (c, 0.0, -s)]
-    np.testing.assert_array_equal(Mount(position=np.zeros(3), pitch=pitch).rotation, np.stack(axes, -1))
+    np.testing.assert_array_equal(
+        Mount(position=np.zeros(3), pitch=pitch).rotation, np.stack(axes, -1)
+    )

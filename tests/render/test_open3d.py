@@ -1,4 +1,7 @@
-"""What a process that casts rays loads; in processes of their own, since a module is loaded once."""
+"""What a process that casts rays loads.
+
+In processes of their own, since a module is loaded once.
+"""
 
 import subprocess
 import sys
@@ -15,7 +18,9 @@ except SaltusError as error:
 
 
 def said(program: str) -> str:
-    return subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout.strip()
+    return subprocess.run(
+        [sys.executable, "-c", program], check=True, capture_output=True, text=True
+    ).stdout.strip()
 
 
 def test_a_camera_loads_open3d_without_its_plots() -> None:
@@ -24,7 +29,9 @@ def test_a_camera_loads_open3d_without_its_plots() -> None:
 
 def test_plots_are_left_alone_where_open3d_was_loaded_before() -> None:
     assert (
-        said(f"import open3d, saltus.render.embree\nopen3d.visualization.draw_plotly\n{LOADED}")[:15]
+        said(f"import open3d, saltus.render.embree\nopen3d.visualization.draw_plotly\n{LOADED}")[
+            :15
+        ]
         == "['dash', 'open3"
     )
 

@@ -23,7 +23,9 @@ def holed(seed: int, share: float, shape: tuple[int, int] = (24, 30), spread: in
 
 
 def signal(image: Any, time_s: float = 0.0) -> DepthImage:
-    return DepthImage(depth=(image * np.float32(UNIT)).astype(np.float32), time_s=np.asarray(time_s))
+    return DepthImage(
+        depth=(image * np.float32(UNIT)).astype(np.float32), time_s=np.asarray(time_s)
+    )
 
 
 def units(image: DepthImage) -> Any:
@@ -37,7 +39,11 @@ def scan_hole_filling(image: Any) -> Any:
     for row in range(1, image.shape[0] - 1):
         for column in range(1, image.shape[1]):
             if image[row, column] == 0 and image[row - 1, column] > 0:
-                around = [image[row - 1, column], image[row - 1, column - 1], image[row, column - 1]]
+                around = [
+                    image[row - 1, column],
+                    image[row - 1, column - 1],
+                    image[row, column - 1],
+                ]
                 around += [image[row + 1, column - 1], image[row + 1, column]]
                 image[row, column] = min(value for value in around if value > 0)
     return image
@@ -93,7 +99,9 @@ class ScanTemporal:
             value, before = int(image[index]), int(self.kept[index])
             agreed = self.agreed[index[0]][index[1]]
             if value and before and abs(value - before) < self.delta:
-                out[index] = self.kept[index] = int(self.alpha * value + (1.0 - self.alpha) * before)
+                out[index] = self.kept[index] = int(
+                    self.alpha * value + (1.0 - self.alpha) * before
+                )
                 agreed.append(True)
             elif value:
                 self.kept[index] = value
@@ -137,11 +145,14 @@ def test_rows_that_see_nothing_but_at_their_end_are_filled_from_there() -> None:
     spatial = SpatialFilter(magnitude=5.0, alpha=0.75, delta=1.0, holes_fill=2.0)
     assert np.any(np.all(image[:, :-1] == 0, axis=1) & (image[:, -1] > 0))
     np.testing.assert_array_equal(
-        units(spatial.apply(signal(image), 0.0, None)[0]), scan_spatial(image, 5, 0.75, 1, HOLE_RADIUS[2])
+        units(spatial.apply(signal(image), 0.0, None)[0]),
+        scan_spatial(image, 5, 0.75, 1, HOLE_RADIUS[2]),
     )
 
 
-@pytest.mark.parametrize(("magnitude", "alpha", "delta"), [(1, 0.5, 20), (2, 0.5, 20), (5, 0.25, 8), (2, 0.75, 3)])
+@pytest.mark.parametrize(
+    ("magnitude", "alpha", "delta"), [(1, 0.5, 20), (2, 0.5, 20), (5, 0.25, 8), (2, 0.75, 3)]
+)
 def test_spatial_smoothing_is_the_scan(magnitude: int, alpha: float, delta: int) -> None:
     image = holed(magnitude, 0.05, spread=40)
     spatial = SpatialFilter(magnitude=magnitude, alpha=alpha, delta=delta)
@@ -168,8 +179,14 @@ def test_temporal_filter_is_the_scan(alpha: float, delta: int, spread: int) -> N
 
 def test_smoothing_keeps_edges_and_quietens_surfaces() -> None:
     rng = np.random.default_rng(3)
-    image = np.where(np.arange(60) < 30, 800, 1500) + rng.normal(0.0, 4.0, (40, 60)).round().astype(int)
-    result = units(SpatialFilter(magnitude=2.0, alpha=0.5, delta=20.0).apply(signal(image), 0.0, None)[0])
+    image = np.where(np.arange(60) < 30, 800, 1500) + rng.normal(0.0, 4.0, (40, 60)).round().astype(
+        int
+    )
+    result = units(
+        SpatialFilter(magnitude=2.0, alpha=0.5, delta=20.0).apply(signal(image), 0.0, None)[0]
+    )
     for side in (slice(0, 30), slice(30, 60)):
         assert np.std(result[:, side]) < 0.5 * np.std(image[:, side])
-        assert abs(np.mean(result[:, side]) - np.mean(image[:, side])) < 5.0  # halves round up, at every blend
+        assert (
+            abs(np.mean(result[:, side]) - np.mean(image[:, side])) < 5.0
+        )  # halves round up, at every blend

@@ -28,7 +28,10 @@ EFFECTS = StereoConfig().effects
 
 def pictures(page: str) -> list[np.ndarray]:
     found = re.findall(r"<img [^>]*data:image/webp;base64,([^\"]+)", page)
-    return [cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR) for data in found]
+    return [
+        cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR)
+        for data in found
+    ]
 
 
 def test_a_page_has_every_view_every_effect_and_a_cloud(tmp_path: Path) -> None:
@@ -36,10 +39,14 @@ def test_a_page_has_every_view_every_effect_and_a_cloud(tmp_path: Path) -> None:
     robots, seen = pictures(page)[: len(VIEWS)], pictures(page)[len(VIEWS) :]
     assert [image.shape[:2] for image in robots] == [(240, 320)] * len(VIEWS)
     assert all(np.abs(a.astype(int) - b).max() > 100 for a, b in itertools.combinations(robots, 2))
-    assert [image.shape[:2] for image in seen[: 2 * len(VIEWS)]] == [(240, 424), (48, 16)] * len(VIEWS)
+    assert [image.shape[:2] for image in seen[: 2 * len(VIEWS)]] == [(240, 424), (48, 16)] * len(
+        VIEWS
+    )
     assert len(seen) == 2 * len(VIEWS) + len(EFFECTS) + 2
     assert [image.shape[:2] for image in seen[-2:]] == [(48, 16)] * 2
-    assert all(len(np.unique(image.reshape(-1, 3), axis=0)) > 20 for image in seen)  # there is something to see
+    assert all(
+        len(np.unique(image.reshape(-1, 3), axis=0)) > 20 for image in seen
+    )  # there is something to see
     assert all(effect.name.replace("_", " ") in page for effect in EFFECTS)
     assert "scatter3d" in page
     opens_without_a_network(tmp_path / "preview.html")
@@ -49,19 +56,26 @@ def test_a_page_has_every_view_every_effect_and_a_cloud(tmp_path: Path) -> None:
 def test_a_page_is_of_the_camera_that_is_named(name: str, tmp_path: Path) -> None:
     camera = load_camera(name)
     path = tmp_path / "preview.html"
-    assert main(["render", "preview", "--camera", name, "--terrain", "gap", "--out", str(tmp_path)]) == 0
+    assert (
+        main(["render", "preview", "--camera", name, "--terrain", "gap", "--out", str(tmp_path)])
+        == 0
+    )
     seen = pictures(path.read_text())[len(VIEWS) :]
     size = camera.matching.height, camera.matching.width
     assert [image.shape[:2] for image in seen[: 2 * len(VIEWS)]] == [size, (48, 16)] * len(VIEWS)
     effects = [effect for effect in StereoConfig.of(camera).effects if not effect.is_null()]
     assert len(seen) == 2 * len(VIEWS) + len(effects) + 2
-    uncovered = (seen[-1] == 0).all(axis=(1, 2))  # rows of the model that the camera does not see are invalid
+    uncovered = (seen[-1] == 0).all(
+        axis=(1, 2)
+    )  # rows of the model that the camera does not see are invalid
     assert uncovered.tolist() == [name == EXAMPLE, *[False] * 46, name == EXAMPLE]
 
 
 def test_every_effect_changes_the_picture() -> None:
     robot = tuple(array[EFFECTS_VIEW] for array in poses(TERRAIN, VIEWS))
-    depth, hidden = StereoEmbree(TERRAIN, Optics.of(D435I), RobotCamera.on(ROBOT, D435I)).render_pair(*robot)
+    depth, hidden = StereoEmbree(
+        TERRAIN, Optics.of(D435I), RobotCamera.on(ROBOT, D435I)
+    ).render_pair(*robot)
     images = [depth, *(image for _, _, image in effect_stages(depth, hidden, SHIPPED["d435i"]))]
     assert len(images) == 1 + len(EFFECTS)
     changed = [bool((before != after).any()) for before, after in itertools.pairwise(images)]

@@ -40,8 +40,12 @@ def terrain(kind: Any = "stairs") -> Terrain:
 def poses(count: int, ground: Terrain, seed: int = 0) -> tuple[Any, Any, Any]:
     """Robots in mid-bound anywhere on the course, legs anywhere."""
     rng = np.random.default_rng(seed)
-    position = np.stack([rng.uniform(0.0, 4.0, count), rng.uniform(-0.3, 0.3, count), np.zeros(count)], axis=-1)
-    position[:, 2] = ground.height_at(position[:, 0], position[:, 1]) + rng.uniform(0.25, 0.45, count)
+    position = np.stack(
+        [rng.uniform(0.0, 4.0, count), rng.uniform(-0.3, 0.3, count), np.zeros(count)], axis=-1
+    )
+    position[:, 2] = ground.height_at(position[:, 0], position[:, 1]) + rng.uniform(
+        0.25, 0.45, count
+    )
     yaw, pitch = rng.uniform(-0.4, 0.4, count) / 2, rng.uniform(-0.3, 0.2, count) / 2
     quaternion = np.stack(
         [
@@ -71,14 +75,20 @@ def run(rows: int, columns: int, config: StereoConfig, scene: Any, frames: int) 
 
 def on_stairs(camera: Intrinsics, optics: Optics) -> Any:
     ground = terrain()
-    return StereoEmbree(ground, optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(*poses(70, ground))
+    return StereoEmbree(ground, optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(
+        *poses(70, ground)
+    )
 
 
 @pytest.mark.parametrize("config", [UNFILTERED, StereoConfig()], ids=["unfiltered", "filtered"])
 def test_fast_chain_has_the_statistics_of_the_native_one(config: StereoConfig) -> None:
-    config = replace(config, background=Background())  # where it meets what is in range, edges are beyond 2 m: see docs
+    config = replace(
+        config, background=Background()
+    )  # where it meets what is in range, edges are beyond 2 m: see docs
     truth = pooled(np.minimum(on_stairs(*_native())[0], 100.0), NATIVE, NATIVE)
-    native, fast = (run(*size, config, on_stairs, 4) for size in ((NATIVE, NATIVE), (ROWS, COLUMNS)))
+    native, fast = (
+        run(*size, config, on_stairs, 4) for size in ((NATIVE, NATIVE), (ROWS, COLUMNS))
+    )
     for near, far in ((0.3, 0.5), (0.5, 0.8), (0.8, 1.2), (1.2, 1.8), (1.8, 2.6)):
         place = (truth >= near) & (truth < far)
         sigma = {}
@@ -92,7 +102,9 @@ def test_fast_chain_has_the_statistics_of_the_native_one(config: StereoConfig) -
     assert np.mean(fast == 0.0) == pytest.approx(np.mean(native == 0.0), rel=0.1, abs=0.005)
     for axis in (2, 3):  # by row and by column
         others = tuple(a for a in range(4) if a != axis)
-        np.testing.assert_allclose(np.mean(fast == 0.0, others), np.mean(native == 0.0, others), atol=0.04)
+        np.testing.assert_allclose(
+            np.mean(fast == 0.0, others), np.mean(native == 0.0, others), atol=0.04
+        )
 
 
 def _native() -> tuple[Intrinsics, Optics]:
@@ -120,11 +132,15 @@ def test_fast_chain_loses_pixels_where_the_native_one_does() -> None:
     """At the left of a near panel lies its shadow, at the right only what an edge loses."""
 
     def scene(camera: Intrinsics, optics: Optics) -> Any:
-        pairs = [wall_and_panel(camera, optics, 1.5, 0.4, left, left + 0.1) for left in np.linspace(-0.02, 0.05, 32)]
+        pairs = [
+            wall_and_panel(camera, optics, 1.5, 0.4, left, left + 0.1)
+            for left in np.linspace(-0.02, 0.05, 32)
+        ]
         return tuple(np.stack(part) for part in zip(*pairs, strict=True))
 
     native, fast = (
-        np.mean(run(*size, UNFILTERED, scene, 3) == 0.0, axis=(0, 1, 2)) for size in ((5, 5), (ROWS, COLUMNS))
+        np.mean(run(*size, UNFILTERED, scene, 3) == 0.0, axis=(0, 1, 2))
+        for size in ((5, 5), (ROWS, COLUMNS))
     )
     np.testing.assert_allclose(fast, native, atol=0.08)
     assert np.sum(fast) == pytest.approx(np.sum(native), rel=0.1)
@@ -133,9 +149,9 @@ def test_fast_chain_loses_pixels_where_the_native_one_does() -> None:
 
 def test_a_frame_of_the_native_chain_becomes_the_models_image() -> None:
     camera, optics = _native()
-    depth, hidden = StereoEmbree(terrain(), optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(
-        *poses(1, terrain(), seed=2)
-    )
+    depth, hidden = StereoEmbree(
+        terrain(), optics, RobotCamera.on(ROBOT, camera)
+    ).render_pair_batch(*poses(1, terrain(), seed=2))
     stereo = StereoCamera(StereoConfig(), optics)
     image, _ = stereo.step(depth, hidden, np.zeros(1), stereo.init((1,), np.random.default_rng(0)))
     seen = model_image(depth_in_millimetres(image.depth[0]), camera)
@@ -149,8 +165,12 @@ def test_torch_gives_the_images_of_numpy() -> None:
     robots = poses(count, ground, seed=8)
     camera = supersampled_model_camera(ROWS, COLUMNS)
     optics = Optics.of(camera)
-    depth, hidden = StereoEmbree(ground, optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(*robots)
-    by_numpy, by_torch = (StereoCamera(StereoConfig(), optics, w) for w in (ARRAY_WINDOWS, KorniaWindows()))
+    depth, hidden = StereoEmbree(ground, optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(
+        *robots
+    )
+    by_numpy, by_torch = (
+        StereoCamera(StereoConfig(), optics, w) for w in (ARRAY_WINDOWS, KorniaWindows())
+    )
     state: Any = by_numpy.init((count,), np.random.default_rng(1))
     memory: Any = map_arrays(torch.from_numpy, state)
     for k in range(3):
@@ -171,9 +191,14 @@ def test_cameras_of_one_batch_may_differ() -> None:
 
     def level_ground(camera: Intrinsics, optics: Optics) -> Any:
         eye = RobotCamera.on(ROBOT, camera, legs=False)
-        position, quaternion = np.tile([0.0, 0.0, 0.3], (count, 1)), np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+        position, quaternion = (
+            np.tile([0.0, 0.0, 0.3], (count, 1)),
+            np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
+        )
         joints = np.tile(ROBOT.stand_pose, (count, 1))
-        return StereoEmbree(terrain("flat"), optics, eye).render_pair_batch(position, quaternion, joints)
+        return StereoEmbree(terrain("flat"), optics, eye).render_pair_batch(
+            position, quaternion, joints
+        )
 
     near = run(ROWS, COLUMNS, config, level_ground, 1)[0, :, 24:]
     spread = np.std(near - np.mean(near, axis=0), axis=(1, 2))

@@ -42,7 +42,11 @@ class NoTransfers(TorchDispatchMode):
 
     def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         for given in args:
-            assert not isinstance(given, torch.Tensor) or given.device.type == "meta" or given.ndim == 0, func
+            assert (
+                not isinstance(given, torch.Tensor)
+                or given.device.type == "meta"
+                or given.ndim == 0
+            ), func
         return func(*args, **(kwargs or {}))
 
 
@@ -62,14 +66,24 @@ def scene(rows: int, columns: int) -> tuple[Optics, torch.Tensor, torch.Tensor]:
     position[:, 2] += terrain.height_at(position[:, 0], position[:, 1])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.3, 0.3, (3, COUNT)))
     pair = StereoEmbree(terrain, Optics.of(camera), RobotCamera.on(ROBOT, camera))
-    depth, hidden = pair.render_pair_batch(position, quaternion, ROBOT.stand_pose + rng.normal(0.0, 0.4, (COUNT, 12)))
+    depth, hidden = pair.render_pair_batch(
+        position, quaternion, ROBOT.stand_pose + rng.normal(0.0, 0.4, (COUNT, 12))
+    )
     return pair.optics, torch.from_numpy(depth), torch.from_numpy(hidden)
 
 
 def images(
-    config: StereoConfig, optics: Optics, depth: Any, hidden: Any, device: str = "cpu", watch: Any = None
+    config: StereoConfig,
+    optics: Optics,
+    depth: Any,
+    hidden: Any,
+    device: str = "cpu",
+    watch: Any = None,
 ) -> list[torch.Tensor]:
-    """What the cameras report, one exposure after the other; the third comes twice. Steps are taken under `watch`."""
+    """What the cameras report, one exposure after the other; the third comes twice.
+
+    Steps are taken under `watch`.
+    """
     stereo = StereoCamera(config, optics, KorniaWindows())
     drawn = stereo.init((COUNT,), np.random.default_rng(5))
     state = map_arrays(lambda array: torch.as_tensor(array, device=device), drawn)
@@ -82,16 +96,24 @@ def images(
     return shown
 
 
-@pytest.mark.parametrize("config", [StereoConfig(), EACH_ITS_OWN], ids=["one camera", "each its own"])
+@pytest.mark.parametrize(
+    "config", [StereoConfig(), EACH_ITS_OWN], ids=["one camera", "each its own"]
+)
 @pytest.mark.parametrize("samples", SAMPLES)
-def test_no_shape_and_no_step_depends_on_values(config: StereoConfig, samples: tuple[int, int]) -> None:
+def test_no_shape_and_no_step_depends_on_values(
+    config: StereoConfig, samples: tuple[int, int]
+) -> None:
     """Tensors that have a shape but no values go through: to ask for a value, or for how many there are, raises."""
     camera = supersampled_model_camera(*samples)
     shape = COUNT, camera.height, camera.width
     depth = torch.empty(shape, device="meta")
     hidden = torch.empty(shape, dtype=torch.bool, device="meta")
     for image in images(config, Optics.of(camera), depth, hidden, "meta"):
-        assert (tuple(image.shape), image.device.type, image.dtype) == (shape, "meta", torch.float32)
+        assert (tuple(image.shape), image.device.type, image.dtype) == (
+            shape,
+            "meta",
+            torch.float32,
+        )
     if config is not EACH_ITS_OWN:  # whose parameters are numpy's, and are sent at every step
         images(config, Optics.of(camera), depth, hidden, "meta", watch=NoTransfers())
     with pytest.raises(NotImplementedError):
@@ -100,7 +122,9 @@ def test_no_shape_and_no_step_depends_on_values(config: StereoConfig, samples: t
         bool(hidden.any())
 
 
-@pytest.mark.parametrize("config", [StereoConfig(), EACH_ITS_OWN], ids=["one camera", "each its own"])
+@pytest.mark.parametrize(
+    "config", [StereoConfig(), EACH_ITS_OWN], ids=["one camera", "each its own"]
+)
 @pytest.mark.parametrize("samples", SAMPLES)
 def test_images_are_those_of_the_processor(
     config: StereoConfig, samples: tuple[int, int], request: pytest.FixtureRequest
@@ -112,19 +136,27 @@ def test_images_are_those_of_the_processor(
     for one, other in zip(on_host, images(config, *seen), strict=True):
         torch.testing.assert_close(one, other, rtol=0.0, atol=0.0)
     # with nothing behind the terrain, cameras that look over it keep holes that no filter can fill
-    assert any(bool(torch.any(image[::2] == 0.0)) for image in on_host) or config is not EACH_ITS_OWN
+    assert (
+        any(bool(torch.any(image[::2] == 0.0)) for image in on_host) or config is not EACH_ITS_OWN
+    )
 
 
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.8, 0.97])
 def test_holes_of_any_image_are_filled_alike(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Wide, tall, and narrow images; whole-image operations against lists, which are tested against plain scans."""
+    """Wide, tall, and narrow images.
+
+    Whole-image operations against lists, which are tested against plain scans.
+    """
     rng = np.random.default_rng(4)
     cases = []
     for height, width in ((3, 3), (4, 17), (30, 9), (12, 12), (5, 40), (33, 32)):
         depth = rng.integers(500, 600, (6, height, width)).astype(np.float32)
         depth[rng.random(depth.shape) < share] = 0.0
         cases.append(torch.from_numpy(depth))
-    fills = [filled_from_around, *(lambda d, r=r, p=p: filled_along_rows(d, r, p) for r in (1, 7, 255) for p in (1, 5))]
+    fills = [
+        filled_from_around,
+        *(lambda d, r=r, p=p: filled_along_rows(d, r, p) for r in (1, 7, 255) for p in (1, 5)),
+    ]
     by_list = [fill(depth) for depth in cases for fill in fills]
     monkeypatch.setattr("saltus.render.holes.on_host", lambda _: False)
     by_image = [fill(depth) for depth in cases for fill in fills]
@@ -138,7 +170,13 @@ def test_kornia_looks_around_as_arrays_do(reach: tuple[int, int]) -> None:
     for shape in ((4, 48, 16), (2, 9, 30), (1, 5, 5)):
         values = torch.from_numpy(rng.normal(size=shape).astype(np.float32))
         mask = values > 1.5
-        assert torch.equal(KorniaWindows().any_around(mask, *reach), ArrayWindows().any_around(mask, *reach))
-        for one, other in zip(KorniaWindows().range_around(values), ArrayWindows().range_around(values), strict=True):
+        assert torch.equal(
+            KorniaWindows().any_around(mask, *reach), ArrayWindows().any_around(mask, *reach)
+        )
+        for one, other in zip(
+            KorniaWindows().range_around(values), ArrayWindows().range_around(values), strict=True
+        ):
             assert torch.equal(one, other)
-    assert map_arrays(torch.from_numpy, ArrayWindows()) == ArrayWindows()  # a signal that moves keeps it
+    assert (
+        map_arrays(torch.from_numpy, ArrayWindows()) == ArrayWindows()
+    )  # a signal that moves keeps it

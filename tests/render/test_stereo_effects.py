@@ -48,7 +48,11 @@ def images(effect: Effect[Any], batch: tuple[int, ...]) -> list[Any]:
             lost = rng.random((*batch, *depth.shape)) < 0.2
             finite = np.where(np.isfinite(depth_of(signal)), depth_of(signal), 0.0)
             millimetres = np.round(finite * 1e3 + rng.integers(0, 3, finite.shape)) * 1e-3
-            signals.append(DepthImage(depth=np.where(lost, 0.0, millimetres).astype(np.float32), time_s=signal.time_s))
+            signals.append(
+                DepthImage(
+                    depth=np.where(lost, 0.0, millimetres).astype(np.float32), time_s=signal.time_s
+                )
+            )
         else:
             signals.append(signal)
     return signals
@@ -76,7 +80,9 @@ def test_identity_at_null_to_the_bit(effect: Effect[Any]) -> None:
     assert null.is_null()
     assert not effect.is_null()
     inputs = images(effect, (CAMERAS,))
-    for before, after in zip(inputs, run(null, inputs, null.init((CAMERAS,), np.random.default_rng(1))), strict=True):
+    for before, after in zip(
+        inputs, run(null, inputs, null.init((CAMERAS,), np.random.default_rng(1))), strict=True
+    ):
         for a, b in zip(arrays(before), arrays(after), strict=True):
             assert a.tobytes() == b.tobytes()
 
@@ -92,7 +98,8 @@ def test_every_effect_changes_something_and_leaves_its_input_alone(effect: Effec
             np.testing.assert_array_equal(a, c)
             assert (b.shape, b.dtype) == (a.shape, a.dtype)
             changed |= not np.array_equal(a, b)
-    # at delta 1 and noise above it, the temporal filter finds nothing that agrees: tests of the post-filters
+    # at delta 1 and noise above it, the temporal filter finds nothing that agrees: tests of the
+    # post-filters
     assert changed or effect.name == "temporal_filter"
 
 
@@ -103,7 +110,9 @@ def test_batched_is_one_by_one(effect: Effect[Any]) -> None:
     together = run(effect, inputs, state)
     for i in range(CAMERAS):
         alone = run(
-            effect, [map_arrays(lambda a, i=i: a[i], s) for s in inputs], map_arrays(lambda a, i=i: a[i], state)
+            effect,
+            [map_arrays(lambda a, i=i: a[i], s) for s in inputs],
+            map_arrays(lambda a, i=i: a[i], state),
         )
         for one, all_of_them in zip(alone, together, strict=True):
             for a, b in zip(arrays(one), arrays(all_of_them), strict=True):
@@ -115,7 +124,11 @@ def test_torch_agrees_with_numpy(effect: Effect[Any]) -> None:
     inputs = images(effect, (CAMERAS,))
     state = effect.init((CAMERAS,), np.random.default_rng(1))
     expected = run(effect, inputs, state)
-    outputs = run(effect, [map_arrays(torch.from_numpy, s) for s in inputs], map_arrays(torch.from_numpy, state))
+    outputs = run(
+        effect,
+        [map_arrays(torch.from_numpy, s) for s in inputs],
+        map_arrays(torch.from_numpy, state),
+    )
     for want, got in zip(expected, outputs, strict=True):
         for a, b in zip(arrays(want), arrays(got), strict=True):
             assert a.dtype == b.numpy().dtype
@@ -129,7 +142,9 @@ def test_torch_agrees_with_numpy(effect: Effect[Any]) -> None:
 @pytest.mark.parametrize("effect", EXAMPLES, ids=name)
 def test_seed_decides(effect: Effect[Any]) -> None:
     inputs = images(effect, (CAMERAS,))
-    one, two = (run(effect, inputs, effect.init((CAMERAS,), np.random.default_rng(5))) for _ in range(2))
+    one, two = (
+        run(effect, inputs, effect.init((CAMERAS,), np.random.default_rng(5))) for _ in range(2)
+    )
     for a, b in zip(one, two, strict=True):
         for x, y in zip(arrays(a), arrays(b), strict=True):
             assert x.tobytes() == y.tobytes()
@@ -146,7 +161,9 @@ def test_config_survives_toml() -> None:
 def test_ideal_camera_returns_what_it_gets() -> None:
     depth, hidden = wall_and_panel(SMALL, OPTICS, 1.6, 0.5, -0.04, 0.03)
     camera = StereoCamera(IDEAL_STEREO, OPTICS)
-    image, _ = camera.step(depth, hidden, np.asarray(0.0), camera.init((), np.random.default_rng(0)))
+    image, _ = camera.step(
+        depth, hidden, np.asarray(0.0), camera.init((), np.random.default_rng(0))
+    )
     assert image.depth is depth
 
 
@@ -162,7 +179,14 @@ def only(*names: str, **changes: Any) -> StereoConfig:
     return replace(DEFAULTS.only(names), **changes)
 
 
-def series(config: StereoConfig, optics: Optics, depth: Any, hidden: Any, frames: int, period_s: float = 1.0) -> Any:
+def series(
+    config: StereoConfig,
+    optics: Optics,
+    depth: Any,
+    hidden: Any,
+    frames: int,
+    period_s: float = 1.0,
+) -> Any:
     camera = StereoCamera(config, optics)
     state = camera.init((), np.random.default_rng(4))
     result = []
@@ -182,9 +206,13 @@ def test_axial_noise_is_that_of_stereo(depth_m: float) -> None:
     expected = depth_m**2 * 0.08 / optics.disparity_at_1m
     assert np.std(frames) == pytest.approx(expected, rel=0.1)
     if depth_m >= 0.5:
-        frames = series(only("disparity_noise", "disparity_step", "depth_unit"), optics, depth, hidden, 12)
+        frames = series(
+            only("disparity_noise", "disparity_step", "depth_unit"), optics, depth, hidden, 12
+        )
         assert np.std(frames) == pytest.approx(expected, rel=0.1)
-    assert np.mean(frames) == pytest.approx(depth_m, abs=0.15 * expected + 2.0 * expected**2 / depth_m)
+    assert np.mean(frames) == pytest.approx(
+        depth_m, abs=0.15 * expected + 2.0 * expected**2 / depth_m
+    )
 
 
 def test_noise_is_correlated_over_the_window_and_from_frame_to_frame() -> None:
@@ -194,7 +222,8 @@ def test_noise_is_correlated_over_the_window_and_from_frame_to_frame() -> None:
     variance = np.mean(noise**2)
     for axis in (1, 2):
         lagged = np.mean(
-            np.take(noise, range(9, noise.shape[axis]), axis) * np.take(noise, range(noise.shape[axis] - 9), axis)
+            np.take(noise, range(9, noise.shape[axis]), axis)
+            * np.take(noise, range(noise.shape[axis] - 9), axis)
         )
         assert lagged / variance == pytest.approx(math.exp(-1.0), abs=0.06)
     assert np.mean(noise[1:] * noise[:-1]) / variance == pytest.approx(0.5, abs=0.06)
@@ -228,7 +257,9 @@ def test_shadow_lies_left_of_what_is_near_and_is_as_wide_as_the_geometry() -> No
 def test_edge_holes_and_flying_pixels_stay_at_edges() -> None:
     optics = Optics.of(D435I)
     depth, hidden = wall_and_panel(D435I, optics, 2.0, 0.5, -0.3, 0.2)
-    config = only("edge_holes", "flying_pixels", edge_holes=replace(DEFAULTS.edge_holes, fraction=0.3))
+    config = only(
+        "edge_holes", "flying_pixels", edge_holes=replace(DEFAULTS.edge_holes, fraction=0.3)
+    )
     frames = series(config, optics, depth, hidden, 20)
     panel = depth[0] == np.float32(0.5)
     first, last = np.flatnonzero(panel)[[0, -1]]
@@ -246,14 +277,19 @@ def test_edge_holes_and_flying_pixels_stay_at_edges() -> None:
 def test_far_and_grazing_surfaces_are_lost() -> None:
     crop = replace(D435I, width=80, height=60, cx=40.0, cy=30.0)
     optics = Optics.of(crop)
-    share = [np.mean(series(only("weak_signal"), optics, *flat_wall(crop, z), 4) == 0.0) for z in (3.0, 10.0, 30.0)]
+    share = [
+        np.mean(series(only("weak_signal"), optics, *flat_wall(crop, z), 4) == 0.0)
+        for z in (3.0, 10.0, 30.0)
+    ]
     assert share[0] < 0.01
     assert share[1] == pytest.approx(0.5, abs=0.1)
     assert share[2] > 0.95
     grazing = wall_and_panel(crop, optics, 3.0, 3.0, 9.0, 9.0, slant=8.0)[0]
     behind = (grazing < 0.0) | (grazing > 3.5)
     grazing[behind] = 3.5
-    lost = series(only("weak_signal"), optics, grazing, np.zeros_like(behind), 4)[:, :, 30:40] == 0.0
+    lost = (
+        series(only("weak_signal"), optics, grazing, np.zeros_like(behind), 4)[:, :, 30:40] == 0.0
+    )
     assert np.mean(lost) > share[0] + 0.01
 
 
@@ -268,7 +304,9 @@ def test_where_nothing_is_hit_the_camera_looks_at_a_wall(distance: float) -> Non
     assert 0.0 < np.mean(reported[0] == 0.0) < 0.7
     near = only("background", background=Background(distance=distance))
     scene = np.linspace(0.1, 0.999 * distance, 40 * 64).reshape(40, 64)
-    np.testing.assert_allclose(series(near, OPTICS, scene, np.zeros(scene.shape, np.bool_), 1)[0], scene, rtol=1e-6)
+    np.testing.assert_allclose(
+        series(near, OPTICS, scene, np.zeros(scene.shape, np.bool_), 1)[0], scene, rtol=1e-6
+    )
 
 
 def test_without_a_background_nothing_is_what_is_seen() -> None:

@@ -10,7 +10,9 @@ COUNT = 400
 
 def test_draws_fill_their_distribution_and_a_seed_repeats_them() -> None:
     sigma, again = (
-        np.asarray(drawn_cameras(COUNT, np.random.default_rng(3), StereoConfig()).disparity_noise.sigma)
+        np.asarray(
+            drawn_cameras(COUNT, np.random.default_rng(3), StereoConfig()).disparity_noise.sigma
+        )
         for _ in range(2)
     )
     np.testing.assert_array_equal(sigma, again)
@@ -20,7 +22,11 @@ def test_draws_fill_their_distribution_and_a_seed_repeats_them() -> None:
 
 def test_a_stronger_camera_errs_more_and_one_of_strength_1_is_the_usual_one() -> None:
     usual, drawn = StereoConfig(), of_strength(np.array([1.0, 2.0, 10.0]), StereoConfig())
-    for effect, name in (("disparity_noise", "sigma"), ("edge_holes", "fraction"), ("flying_pixels", "fraction")):
+    for effect, name in (
+        ("disparity_noise", "sigma"),
+        ("edge_holes", "fraction"),
+        ("flying_pixels", "fraction"),
+    ):
         values = getattr(getattr(drawn, effect), name)
         assert values[0] == getattr(getattr(usual, effect), name) < values[1] < values[2]
     assert np.max(drawn.edge_holes.fraction) <= 1.0

@@ -23,7 +23,10 @@ NEAR_EDGE = 1e-5  # [m]: Embree counts in float32
 
 
 def blocked(terrain: Terrain, start: Any, end: Any, margin: float) -> Any:
-    """Whether the way from start to end passes through a box that is larger by a margin; shapes (n, 3)."""
+    """Whether the way from start to end passes through a box that is larger by a margin.
+
+    Shapes (n, 3).
+    """
     low = (terrain.arrays.center - terrain.arrays.half_size - margin)[:, None]
     high = (terrain.arrays.center + terrain.arrays.half_size + margin)[:, None]
     way = np.where(end == start, 1e-12, end - start)
@@ -38,12 +41,16 @@ def blocked(terrain: Terrain, start: Any, end: Any, margin: float) -> Any:
 def test_all_that_boxes_hide_is_in_doubt_and_found(kind: Any, wild: bool) -> None:
     ground = make_terrain(TerrainConfig(terrain=kind))
     rng = np.random.default_rng(7)
-    position = rng.uniform([0.0, -2.1 if wild else -0.5, 0.25], [5.0, 2.1 if wild else 0.5, 0.7], (COUNT, 3))
+    position = rng.uniform(
+        [0.0, -2.1 if wild else -0.5, 0.25], [5.0, 2.1 if wild else 0.5, 0.7], (COUNT, 3)
+    )
     position[:, 2] += ground.height_at(position[:, 0], position[:, 1])
     limits = np.array([0.6, 1.0, np.pi] if wild else [0.2, 0.3, 0.6])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-limits, limits, (COUNT, 3)).T)
     pair = StereoEmbree(ground, OPTICS, RobotCamera.on(ROBOT, CAMERA, legs=False))
-    depth, hidden = pair.render_pair_batch(position, quaternion, np.tile(ROBOT.stand_pose, (COUNT, 1)))
+    depth, hidden = pair.render_pair_batch(
+        position, quaternion, np.tile(ROBOT.stand_pose, (COUNT, 1))
+    )
     depth = np.minimum(depth, FARTHEST_M)
     origin, rotation = camera_pose(pair.mount, position, quaternion)
     right = origin + OPTICS.baseline_m * rotation[..., 0]
@@ -51,9 +58,11 @@ def test_all_that_boxes_hide_is_in_doubt_and_found(kind: Any, wild: bool) -> Non
     directions = np.einsum("nij,hwj->nhwi", rotation, ray_directions(CAMERA))
     points = (origin[:, None, None] + directions * depth[..., None]).reshape(-1, 3)
     starts = np.repeat(right, depth[0].size, axis=0)
-    # rays of Embree begin and end on surfaces: those that are within rounding of one may go either way
+    # rays of Embree begin and end on surfaces: those that are within rounding of one may go either
+    # way
     surely, possibly = (
-        blocked(ground, starts, points, margin).reshape(depth.shape) for margin in (-NEAR_EDGE, NEAR_EDGE)
+        blocked(ground, starts, points, margin).reshape(depth.shape)
+        for margin in (-NEAR_EDGE, NEAR_EDGE)
     )
     surely, possibly = surely & ~inside[:, None, None], possibly | inside[:, None, None]
     doubt = np.zeros(depth.size, dtype=bool)

@@ -75,7 +75,9 @@ def test_every_robot_has_a_mount_of_its_own(legs: bool) -> None:
     for i in range(6):
         mount = Mount(position=each.position[i], pitch=float(pitch[i]))
         camera = replace(RobotCamera.on(ROBOT, legs=legs), mount=mount)
-        alone = WarpRenderer(STAIRS, camera, device="cpu").render_batch(*(a[i : i + 1] for a in where))
+        alone = WarpRenderer(STAIRS, camera, device="cpu").render_batch(
+            *(a[i : i + 1] for a in where)
+        )
         differ = ~np.isclose(together[i], alone[0], rtol=0.0, atol=1e-3)
         assert differ.mean() < 0.01  # edges, seen through the rounding of poses
     each.position[2] = 0.0
@@ -90,7 +92,9 @@ def test_every_robot_has_boxes_of_its_own() -> None:
     where = robots(4, terrains[0])
     together = WarpCaster(boxes, RobotCamera.on(ROBOT), device="cpu").cast(*where).numpy()
     for i, terrain in enumerate(terrains):
-        alone = WarpRenderer(terrain, RobotCamera.on(ROBOT), device="cpu").render(*(array[i] for array in where))
+        alone = WarpRenderer(terrain, RobotCamera.on(ROBOT), device="cpu").render(
+            *(array[i] for array in where)
+        )
         np.testing.assert_array_equal(together[i], alone)
 
 
@@ -101,12 +105,16 @@ def test_courses_of_training_can_be_seen() -> None:
     difficulty, draws = tensors((rng.uniform(size=count), rng.uniform(size=(count, DRAWS.count))))
     courses = draw_courses(torch.arange(count) % 5, difficulty, draws)
     assert courses.boxes().center.shape == (count, BOXES, 3)
-    position = np.stack([rng.uniform(0.0, 5.0, count), np.zeros(count), np.full(count, 9.0)], axis=-1)
+    position = np.stack(
+        [rng.uniform(0.0, 5.0, count), np.zeros(count), np.full(count, 9.0)], axis=-1
+    )
     level = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
     plumb = Mount(position=np.array([0.0, 0.0, 0.1]), pitch=0.5 * np.pi)
     one_pixel = Intrinsics(width=1, height=1, fx=100.0, fy=100.0, cx=0.5, cy=0.5)
     caster = WarpCaster(
-        courses.boxes(), replace(RobotCamera.on(ROBOT, one_pixel, legs=False), mount=plumb), device="cpu"
+        courses.boxes(),
+        replace(RobotCamera.on(ROBOT, one_pixel, legs=False), mount=plumb),
+        device="cpu",
     )
     depth = caster.cast(*tensors((position, level, np.tile(ROBOT.stand_pose, (count, 1)))))
     ground = courses.height_at(*tensors([position[:, :1], position[:, 1:2]]))[:, 0].numpy()
@@ -116,7 +124,9 @@ def test_courses_of_training_can_be_seen() -> None:
 def test_a_camera_under_ground_sees_out_as_meshes_let_it() -> None:
     position, quaternion, joints = robots(40)
     position[:, 2] = np.random.default_rng(3).uniform(BOTTOM + 0.2, -0.3, 40)
-    rays = EmbreeRenderer(STAIRS, RobotCamera.on(ROBOT, legs=False)).render_batch(position, quaternion, joints)
+    rays = EmbreeRenderer(STAIRS, RobotCamera.on(ROBOT, legs=False)).render_batch(
+        position, quaternion, joints
+    )
     boxes = WarpRenderer(STAIRS, RobotCamera.on(ROBOT, legs=False), device="cpu").render_batch(
         position, quaternion, joints
     )
@@ -127,7 +137,9 @@ def test_the_second_view_is_that_of_embree() -> None:
     camera = supersampled_model_camera(3, 1)
     optics = Optics.of(camera)
     where = robots(100)
-    depth, hidden = StereoEmbree(STAIRS, optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(*where)
+    depth, hidden = StereoEmbree(STAIRS, optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(
+        *where
+    )
     caster = WarpRenderer(STAIRS, RobotCamera.on(ROBOT, camera), device="cpu").caster
     own_depth, own_hidden = caster.cast_pair(*where, baseline_m=optics.baseline_m)
     assert hidden.any()
@@ -137,7 +149,11 @@ def test_the_second_view_is_that_of_embree() -> None:
 
 def test_boxes_for_other_robots_are_refused() -> None:
     center = np.zeros((3, 1, 3))
-    caster = WarpCaster(Boxes(center=center, half_size=center + 1.0), RobotCamera.on(ROBOT, MODEL_CAMERA), device="cpu")
+    caster = WarpCaster(
+        Boxes(center=center, half_size=center + 1.0),
+        RobotCamera.on(ROBOT, MODEL_CAMERA),
+        device="cpu",
+    )
     with pytest.raises(SaltusError, match=r"3 robots, poses for 5"):
         caster.cast(*robots(5))
     with pytest.raises(SaltusError, match="boxes"):

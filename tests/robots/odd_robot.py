@@ -16,9 +16,10 @@ HEAD = """
       <body name="camera" pos="0.3 0 0.1"><inertial mass="0.5" pos="0 0 0.01" diaginertia="1e-4 1e-4 1e-4"/></body>
 """
 
-# The hip's frame is turned a quarter about y: its z is the base's x. Left legs count the abduction the other way, all
-# count the knee the other way. The knee lies 25 mm ahead of the thigh's line and 10 mm to the side, the foot 4 mm
-# behind the calf's. The thigh's joint is not at the origin of its body. The foot is a body of its own.
+# The hip's frame is turned a quarter about y: its z is the base's x. Left legs count the abduction
+# the other way, all count the knee the other way. The knee lies 25 mm ahead of the thigh's line and
+# 10 mm to the side, the foot 4 mm behind the calf's. The thigh's joint is not at the origin of its
+# body. The foot is a body of its own.
 LEG = """
       <body name="{leg}_hip" pos="{x} {y} 0.01" quat="0.7071067811865476 0 0.7071067811865475 0">
         <joint name="{leg}.hx" axis="0 0 {hx}" range="{hx_range}" armature="0.01" damping="0.2"/>

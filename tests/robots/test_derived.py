@@ -36,17 +36,23 @@ def robot(derivation: Derivation) -> Robot:
 
 
 def _origin(derivation: Derivation, name: str) -> str:
-    return " ".join(f"{origin.kind} {origin.detail}" for origin in derivation.origins if origin.field == name)
+    return " ".join(
+        f"{origin.kind} {origin.detail}" for origin in derivation.origins if origin.field == name
+    )
 
 
 def _joint_ids(model: mujoco.MjModel) -> np.ndarray:
-    return np.array([model.joint(f"{THEIRS[leg]}.{joint}").id for leg in LEGS for joint in ("hx", "hy", "kn")])
+    return np.array(
+        [model.joint(f"{THEIRS[leg]}.{joint}").id for leg in LEGS for joint in ("hx", "hy", "kn")]
+    )
 
 
 def test_legs_are_found_by_structure(robot):
     np.testing.assert_allclose(robot.hip_anchor[:, 0], [0.28, 0.28, -0.24, -0.24])
     np.testing.assert_allclose(robot.abduction_offset, [-0.11, 0.11, -0.11, 0.11])
-    np.testing.assert_allclose([robot.thigh_length, robot.calf_length], [np.hypot(0.025, 0.3), np.hypot(0.004, 0.31)])
+    np.testing.assert_allclose(
+        [robot.thigh_length, robot.calf_length], [np.hypot(0.025, 0.3), np.hypot(0.004, 0.31)]
+    )
     np.testing.assert_array_equal(robot.joint_sign, [1, 1, -1, -1, 1, -1] * 2)
     np.testing.assert_allclose(robot.trunk_size, [0.5, 0.2, 0.14])
     np.testing.assert_allclose(robot.joint_lower[:6], [-0.6, -0.8, -2.7, -0.6, -0.8, -2.7])
@@ -74,7 +80,9 @@ def test_feet_and_jacobians_equal_those_of_mujoco(path, robot):
 
 def test_inverse_undoes_forward_kinematics(robot):
     legs = LegKinematics(robot)
-    angles = np.random.default_rng(0).uniform(np.tile([-0.5, 0.3, -2.2], 4), np.tile([0.5, 1.2, -0.6], 4), (100, 12))
+    angles = np.random.default_rng(0).uniform(
+        np.tile([-0.5, 0.3, -2.2], 4), np.tile([0.5, 1.2, -0.6], 4), (100, 12)
+    )
     np.testing.assert_allclose(legs.inverse(legs.position(angles)), angles, atol=1e-9)
 
 
@@ -93,7 +101,9 @@ def test_its_plain_model_moves_like_its_own(path, robot):
             data.qvel[order] = sign * velocity
             mujoco.mj_forward(model, data)
             mujoco.mj_fullM(model, data, mass)
-            found.append((mass[np.ix_(order, order)] * np.outer(sign, sign), sign * data.qfrc_bias[order]))
+            found.append(
+                (mass[np.ix_(order, order)] * np.outer(sign, sign), sign * data.qfrc_bias[order])
+            )
         for theirs, ours in zip(*found, strict=True):
             np.testing.assert_allclose(ours, theirs, atol=1e-9)
 
@@ -101,11 +111,31 @@ def test_its_plain_model_moves_like_its_own(path, robot):
 def test_a_plain_model_is_derived_from_itself(tmp_path, robot):
     (tmp_path / "odd.xml").write_text(robot.mjcf)
     again = load_robot(str(tmp_path / "odd.xml"))
-    for name in ("hip_anchor", "abduction_offset", "link_mass", "armature", "stand_pose", "inertia", "trunk_size"):
-        np.testing.assert_allclose(getattr(again, name), getattr(robot, name), atol=1e-9, err_msg=name)
+    for name in (
+        "hip_anchor",
+        "abduction_offset",
+        "link_mass",
+        "armature",
+        "stand_pose",
+        "inertia",
+        "trunk_size",
+    ):
+        np.testing.assert_allclose(
+            getattr(again, name), getattr(robot, name), atol=1e-9, err_msg=name
+        )
     ours, theirs = (mujoco.MjModel.from_xml_string(text) for text in (again.mjcf, robot.mjcf))
-    for name in ("body_pos", "body_inertia", "body_ipos", "geom_size", "geom_pos", "geom_type", "jnt_range"):
-        np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-9, err_msg=name)
+    for name in (
+        "body_pos",
+        "body_inertia",
+        "body_ipos",
+        "geom_size",
+        "geom_pos",
+        "geom_type",
+        "jnt_range",
+    ):
+        np.testing.assert_allclose(
+            getattr(ours, name), getattr(theirs, name), atol=1e-9, err_msg=name
+        )
 
 
 def test_what_is_missing_or_guessed_is_named(derivation):
@@ -130,22 +160,33 @@ def test_the_stand_pose_comes_from_a_keyframe_or_is_a_crouch(tmp_path, keyframe)
         np.testing.assert_allclose(robot.stand_pose, [0, 0.9, -1.7] * 4)
         assert _origin(derivation, "stand_pose") == "model keyframe 'stand'"
     else:
-        np.testing.assert_allclose(feet[:, :2], robot.hip_anchor[:, :2] + [0, 1] * robot.abduction_offset[:, None])
-        assert ("keyframe 'home' is none: calf beyond their limits" in _origin(derivation, "stand_pose")) == (
-            keyframe != ""
+        np.testing.assert_allclose(
+            feet[:, :2], robot.hip_anchor[:, :2] + [0, 1] * robot.abduction_offset[:, None]
         )
-    assert 0.0 < robot.foot_radius - feet[:, 2].mean() - robot.stand_height < 0.03  # legs give under the weight
+        assert (
+            "keyframe 'home' is none: calf beyond their limits" in _origin(derivation, "stand_pose")
+        ) == (keyframe != "")
+    assert (
+        0.0 < robot.foot_radius - feet[:, 2].mean() - robot.stand_height < 0.03
+    )  # legs give under the weight
 
 
 def test_the_toml_wins(tmp_path, path):
     toml = tmp_path / "robot.toml"
     toml.write_text(
-        f'name = "other"\nmjcf = "{path}"\nstand_pose = [0.0, 0.8, -1.6]\ntorque_limit = [30, 30, 40]\n'
-        "camera_pitch = 0.3\nstand_height = 0.5\ntrunk_center = [0.1, 0.0, 0.0]\n[gains]\nstand_kp = 500.0\n"
+        f'name = "other"\nmjcf = "{path}"\nstand_pose = [0.0, 0.8, -1.6]\ntorque_limit = [30, 30, '
+        f"40]\n"
+        "camera_pitch = 0.3\nstand_height = 0.5\ntrunk_center = [0.1, 0.0, 0.0]\n[gains]\nstand_kp "
+        "= 500.0\n"
     )
     for source in (toml, tmp_path):
         robot = load_robot(str(source))
-        assert (robot.name, robot.camera_pitch, robot.stand_height, robot.gains.stand_kp) == ("other", 0.3, 0.5, 500.0)
+        assert (robot.name, robot.camera_pitch, robot.stand_height, robot.gains.stand_kp) == (
+            "other",
+            0.3,
+            0.5,
+            500.0,
+        )
         np.testing.assert_array_equal(robot.stand_pose, [0.0, 0.8, -1.6] * 4)
         np.testing.assert_array_equal(robot.torque_limit, [30.0, 30.0, 40.0] * 4)
         np.testing.assert_array_equal(robot.trunk_center, [0.1, 0.0, 0.0])
@@ -166,7 +207,11 @@ REFUSED = {
         '<joint name="fl.hx" type="ball"',
         "hinge",
     ),
-    "knees about x": ('"fl.kn" axis="0 -1 0"', '"fl.kn" axis="1 0 0"', "'fl.kn' turns about .1, 0, 0., not about y"),
+    "knees about x": (
+        '"fl.kn" axis="0 -1 0"',
+        '"fl.kn" axis="1 0 0"',
+        "'fl.kn' turns about .1, 0, 0., not about y",
+    ),
     "a thigh above its hip": ('name="fl_upper" pos="0', 'name="fl_upper" pos="0.02', "level"),
     "two legs in one quarter": ('name="fl_hip" pos="0.25', 'name="fl_hip" pos="-0.25', "quarter"),
     "one longer leg": (
@@ -231,5 +276,8 @@ def test_a_robot_survives_toml(robot):
 def test_the_fingerprint_sees_what_matters(robot):
     text = robot.to_toml()
     assert Robot.from_toml(text.replace("camera_pitch = 0.52", "camera_pitch = 0.53")) != robot
-    assert Robot.from_toml(text.replace("camera_pitch = 0.52", "camera_pitch = 0.5200000000000001")) == robot
+    assert (
+        Robot.from_toml(text.replace("camera_pitch = 0.52", "camera_pitch = 0.5200000000000001"))
+        == robot
+    )
     assert Robot.from_toml(text.replace("mass='1.2'", "mass='1.3'")) != robot

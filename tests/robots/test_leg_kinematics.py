@@ -63,8 +63,12 @@ def test_jacobian_equals_finite_differences(kinematics, anywhere):
     for joint in range(12):
         delta = np.zeros(12)
         delta[joint] = step
-        slope = (kinematics.position(anywhere + delta) - kinematics.position(anywhere - delta)) / (2 * step)
-        np.testing.assert_allclose(jacobian[:, joint // 3, :, joint % 3], slope[:, joint // 3], atol=1e-8)
+        slope = (kinematics.position(anywhere + delta) - kinematics.position(anywhere - delta)) / (
+            2 * step
+        )
+        np.testing.assert_allclose(
+            jacobian[:, joint // 3, :, joint % 3], slope[:, joint // 3], atol=1e-8
+        )
         others = [leg for leg in range(4) if leg != joint // 3]
         np.testing.assert_allclose(slope[:, others], 0.0, atol=1e-12)
 
@@ -73,12 +77,16 @@ def test_feet_and_jacobians_equal_those_of_mujoco(model, kinematics, anywhere):
     data = mujoco.MjData(model)
     geoms = [model.geom(f"{leg}_foot").id for leg in LEGS]
     for joints, angles in zip(anywhere, ANGLES, strict=True):
-        quaternion = rotations.quaternion_from_roll_pitch_yaw(*(np.asarray(angle) for angle in angles))
+        quaternion = rotations.quaternion_from_roll_pitch_yaw(
+            *(np.asarray(angle) for angle in angles)
+        )
         data.qpos[:] = np.concatenate([[0.3, -0.2, 1.0], quaternion, joints])
         mujoco.mj_forward(model, data)
         rotation = rotations.rotation_matrix(quaternion)
         position, jacobian = kinematics.position_and_jacobian(joints)
-        np.testing.assert_allclose(position @ rotation.T + data.qpos[:3], data.geom_xpos[geoms], atol=1e-9)
+        np.testing.assert_allclose(
+            position @ rotation.T + data.qpos[:3], data.geom_xpos[geoms], atol=1e-9
+        )
         for leg, geom in enumerate(geoms):
             theirs = np.zeros((3, model.nv))
             mujoco.mj_jac(model, data, theirs, None, data.geom_xpos[geom], model.geom_bodyid[geom])
@@ -90,7 +98,9 @@ def test_feet_and_jacobians_equal_those_of_mujoco(model, kinematics, anywhere):
 def test_torch_equals_numpy_for_any_batch(robot, kinematics, batch):
     joints = RNG.uniform(-1.0, 1.0, (*batch, 12)) + robot.stand_pose
     for function in (kinematics.position, kinematics.jacobian):
-        np.testing.assert_allclose(function(torch.as_tensor(joints)).numpy(), function(joints), atol=1e-12)
+        np.testing.assert_allclose(
+            function(torch.as_tensor(joints)).numpy(), function(joints), atol=1e-12
+        )
     feet = kinematics.position(joints)
     back = kinematics.inverse(torch.as_tensor(feet)).numpy()
     np.testing.assert_allclose(back, kinematics.inverse(feet), atol=1e-12)

@@ -19,10 +19,12 @@ from saltus.terrain import flat
 
 ONE = np.ones(12)
 NOT_MIRRORED = {("go1", "calf")}
-"""Their centres of mass lie 1 mm to the left in both legs: so they stand in Unitree's description."""
+"""Their centres of mass lie 1 mm to the left in both legs: so they stand in Unitree's
+description."""
 NUMBERS = {
     "go1": {
-        # Geometry, masses [kg], limits: Unitree's robot description, rotors lumped into the links that carry them
+        # Geometry, masses [kg], limits: Unitree's robot description, rotors lumped into the links
+        # that carry them
         "hip_anchor": [
             [0.1881, -0.04675, 0.0],
             [0.1881, 0.04675, 0.0],
@@ -39,13 +41,15 @@ NUMBERS = {
         "trunk_mass": 5.204,
         "link_mass": 4 * [0.591 + 0.089, 0.92 + 0.089, 0.135862 + 0.06],
         "mass": 5.204 + 4 * (0.591 + 0.089 + (0.92 + 0.089) + (0.135862 + 0.06)),
-        "armature": 1.118e-4 * np.tile([6.33, 6.33, 9.495], 4) ** 2,  # of the rotors, through the reduction
+        "armature": 1.118e-4
+        * np.tile([6.33, 6.33, 9.495], 4) ** 2,  # of the rotors, through the reduction
         "reduction": 4 * [6.33, 6.33, 9.495],
         "joint_lower": 4 * [-0.863, -0.686, -2.818],
         "joint_upper": 4 * [0.863, 4.501, -0.888],
         "torque_limit": 4 * [23.7, 23.7, 35.55],
         "speed_limit": 4 * [30.1, 30.1, 20.06],
-        # The controller settings of the authors of "Agile Continuous Jumping in Discontinuous Terrains"
+        # The controller settings of the authors of "Agile Continuous Jumping in Discontinuous
+        # Terrains"
         "stand_pose": 4 * [0.0, 0.9, -1.8],
         "stand_height": 0.268,
         "swing_foot_z": [-0.4, 0.1],
@@ -53,8 +57,14 @@ NUMBERS = {
         "camera_pitch": 0.52,
     },
     "go2": {
-        # Unitree's robot description; masses as MuJoCo's model collection lumps an older version of it
-        "hip_anchor": [[0.1934, -0.0465, 0.0], [0.1934, 0.0465, 0.0], [-0.1934, -0.0465, 0.0], [-0.1934, 0.0465, 0.0]],
+        # Unitree's robot description; masses as MuJoCo's model collection lumps an older version of
+        # it
+        "hip_anchor": [
+            [0.1934, -0.0465, 0.0],
+            [0.1934, 0.0465, 0.0],
+            [-0.1934, -0.0465, 0.0],
+            [-0.1934, 0.0465, 0.0],
+        ],
         "side": [-1.0, 1.0, -1.0, 1.0],
         "abduction_offset": [-0.0955, 0.0955, -0.0955, 0.0955],
         "thigh_length": 0.213,
@@ -100,11 +110,17 @@ def test_legs_are_each_other_in_a_mirror(robot, model):
         for end in "FR":
             right, left = (model.body(f"{end}{side}_{link}").id for side in "RL")
             assert model.body_mass[right] == model.body_mass[left]
-            np.testing.assert_allclose(model.body_pos[right], mirror @ model.body_pos[left], atol=1e-12)
+            np.testing.assert_allclose(
+                model.body_pos[right], mirror @ model.body_pos[left], atol=1e-12
+            )
             if (robot.name, link) in NOT_MIRRORED:
                 continue
-            np.testing.assert_allclose(model.body_ipos[right], mirror @ model.body_ipos[left], atol=1e-12)
-            np.testing.assert_allclose(_inertia(model, right), mirror @ _inertia(model, left) @ mirror, atol=1e-9)
+            np.testing.assert_allclose(
+                model.body_ipos[right], mirror @ model.body_ipos[left], atol=1e-12
+            )
+            np.testing.assert_allclose(
+                _inertia(model, right), mirror @ _inertia(model, left) @ mirror, atol=1e-9
+            )
     for name in ("joint_lower", "joint_upper", "torque_limit", "armature"):
         legs = getattr(robot, name).reshape(2, 2, 3)
         np.testing.assert_array_equal(legs[:, 0], legs[:, 1], err_msg=name)
@@ -131,7 +147,13 @@ def test_it_stands_without_drift_as_high_as_it_says(robot):
 
 def test_feet_reach_the_ground_beneath_the_hips_and_where_they_land(robot):
     legs = LegKinematics(robot)
-    feet = np.stack([np.sign(robot.hip_anchor[:, 0]) * robot.neutral_foot[0], robot.side * robot.neutral_foot[1]], -1)
+    feet = np.stack(
+        [
+            np.sign(robot.hip_anchor[:, 0]) * robot.neutral_foot[0],
+            robot.side * robot.neutral_foot[1],
+        ],
+        -1,
+    )
     for shift in (-1.0, 0.0, 1.0):
         landing = np.column_stack(
             [feet + shift * robot.landing_reach, np.full(4, robot.foot_radius - robot.stand_height)]
@@ -143,15 +165,23 @@ def test_feet_reach_the_ground_beneath_the_hips_and_where_they_land(robot):
 
 
 def test_its_drives_give_no_torque_beyond_its_limits_and_none_at_its_speed(robot):
-    (limit,) = [e.fitted(robot) for e in load_profile("shipped", robot).actuator if isinstance(e, TorqueSpeedLimit)]
+    (limit,) = [
+        e.fitted(robot)
+        for e in load_profile("shipped", robot).actuator
+        if isinstance(e, TorqueSpeedLimit)
+    ]
     speeds = np.linspace(0.0, 1.2, 49)[:, None] * robot.speed_limit
     for way in (1.0, -1.0):
-        asked = Drive(position=0.0 * speeds, velocity=way * speeds, torque=np.full_like(speeds, 1e3) * way)
+        asked = Drive(
+            position=0.0 * speeds, velocity=way * speeds, torque=np.full_like(speeds, 1e3) * way
+        )
         along = way * limit.apply(asked, 0.0, None)[0].torque
         assert np.all(along <= robot.torque_limit)
         assert np.all(np.diff(along, axis=0) <= 0.0)
         np.testing.assert_array_equal(along[speeds[:, 0] >= robot.speed_limit[0]], 0.0)
-        braking = Drive(position=0.0 * speeds, velocity=-way * speeds, torque=np.full_like(speeds, 1e3) * way)
+        braking = Drive(
+            position=0.0 * speeds, velocity=-way * speeds, torque=np.full_like(speeds, 1e3) * way
+        )
         held = way * limit.apply(braking, 0.0, None)[0].torque
         assert np.all((held <= robot.torque_limit) & (held >= along))
 

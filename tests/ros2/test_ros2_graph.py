@@ -42,7 +42,9 @@ LOOPBACK = (
     "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
     "<Peers><Peer address='localhost'/></Peers></Discovery></Domain></CycloneDDS>"
 )
-SENT = {f"/saltus/{name}": kind for name, (kind, _) in (HEIGHTS | OF_ROBOT).items()} | {"/tf": "tf2_msgs/msg/TFMessage"}
+SENT = {f"/saltus/{name}": kind for name, (kind, _) in (HEIGHTS | OF_ROBOT).items()} | {
+    "/tf": "tf2_msgs/msg/TFMessage"
+}
 
 
 @pytest.fixture
@@ -97,26 +99,38 @@ def xyz(vector: Any) -> list[float]:
 
 
 @pytest.mark.parametrize("prefix", ["robot/0", "fleet/7"])
-def test_another_program_reads_heights_depth_and_state_of_a_run(prefix: str, tmp_path: Path, ros_port: int) -> None:
+def test_another_program_reads_heights_depth_and_state_of_a_run(
+    prefix: str, tmp_path: Path, ros_port: int
+) -> None:
     said: Any = dict(SAID)
     asked = [part for topic, kind in SENT.items() for part in (topic, kind)]
     with (
         speaking(tmp_path, prefix),
-        saltus_ros2(tmp_path, ros_port, *(["--prefix", prefix] if prefix == "fleet/7" else [])) as exporter,
+        saltus_ros2(
+            tmp_path, ros_port, *(["--prefix", prefix] if prefix == "fleet/7" else [])
+        ) as exporter,
         program(str(PEER), str(ros_port), "read", *asked) as peer,
     ):
         assert next(lines_of(exporter)).startswith("the ROS side is open")
         read = read_all(peer, set(SENT))
     now_s = time.time()
     for topic in set(SENT) - {"/tf"}:
-        assert now_s - PATIENCE_S < read[topic]["header"]["stamp"]["sec"] <= now_s  # ROS counts from 1970
-    state, heightmap, frame = said["controller/state"], said["heightmap/heightmap"], said["camera/depth"]
+        assert (
+            now_s - PATIENCE_S < read[topic]["header"]["stamp"]["sec"] <= now_s
+        )  # ROS counts from 1970
+    state, heightmap, frame = (
+        said["controller/state"],
+        said["heightmap/heightmap"],
+        said["camera/depth"],
+    )
     grid = read["/saltus/elevation_map_raw"]
     assert (grid["layers"], grid["basic_layers"], grid["header"]["frame_id"]) == (
         ["elevation", "variance"], ["elevation"], "base_yaw",
     )  # fmt: skip
     np.testing.assert_allclose(grid["data"][0]["data"][:30], heightmap.height[::-1], rtol=1e-6)
-    np.testing.assert_allclose(grid["data"][1]["data"][:30], (heightmap.half_width_90[::-1] / 1.645) ** 2, rtol=1e-5)
+    np.testing.assert_allclose(
+        grid["data"][1]["data"][:30], (heightmap.half_width_90[::-1] / 1.645) ** 2, rtol=1e-5
+    )
     cloud = read["/saltus/heights"]
     table = np.array(cloud["data"], np.uint8).view(np.float32).reshape(30, 4)
     np.testing.assert_allclose(table[:, 2], heightmap.height, rtol=1e-6)
@@ -135,9 +149,15 @@ def test_another_program_reads_heights_depth_and_state_of_a_run(prefix: str, tmp
     turned = odometry["pose"]["pose"]["orientation"]
     np.testing.assert_allclose([turned["w"], *xyz(turned)], state.quaternion_base_in_world)
     rotation = rotation_matrix(state.quaternion_base_in_world)
-    np.testing.assert_allclose(rotation @ xyz(odometry["twist"]["twist"]["linear"]), state.velocity_base_in_world)
-    np.testing.assert_allclose(xyz(odometry["twist"]["twist"]["angular"]), state.angular_velocity_base)
-    frames = {each["child_frame_id"]: each["header"]["frame_id"] for each in read["/tf"]["transforms"]}
+    np.testing.assert_allclose(
+        rotation @ xyz(odometry["twist"]["twist"]["linear"]), state.velocity_base_in_world
+    )
+    np.testing.assert_allclose(
+        xyz(odometry["twist"]["twist"]["angular"]), state.angular_velocity_base
+    )
+    frames = {
+        each["child_frame_id"]: each["header"]["frame_id"] for each in read["/tf"]["transforms"]
+    }
     assert (frames["base"], frames["base_yaw"], frames["camera"]) == ("odom", "base", "base")
     assert set(frames) == {"base", "base_yaw", "camera", *JOINTS}
 
@@ -155,11 +175,18 @@ def check_taken(body: Any, image: Any) -> None:
     assert body.base_height == pytest.approx(ROBOT.foot_radius - feet[:, 2].min())
     assert image.depth.shape == (ros_peer.HEIGHT, ros_peer.WIDTH)
     assert (image.depth == ros_peer.DEPTH_MM).all()
-    assert (image.fx, image.cx, image.cy) == (ros_peer.FOCAL, 0.5 * ros_peer.WIDTH, 0.5 * ros_peer.HEIGHT)
+    assert (image.fx, image.cx, image.cy) == (
+        ros_peer.FOCAL,
+        0.5 * ros_peer.WIDTH,
+        0.5 * ros_peer.HEIGHT,
+    )
 
 
 def test_a_robot_that_speaks_ros_is_given_heights(tmp_path: Path, ros_port: int) -> None:
-    """What it says comes to the service in our frames and order; what the service answers comes to it."""
+    """What it says comes to the service in our frames and order.
+
+    What the service answers comes to it.
+    """
     config = RunConfig(robot="go1", grid="line", pace="realtime")
     (put_run(tmp_path, config) / RUN_FILE).write_text(to_toml(config))
     endpoint, router = open_router()
@@ -202,15 +229,23 @@ def test_a_robot_that_speaks_ros_is_given_heights(tmp_path: Path, ros_port: int)
             over.set()
             thread.join()
     check_taken(state.message, frame.message)
-    np.testing.assert_allclose(read[topic]["data"][0]["data"][:30], heightmap.height[::-1], rtol=1e-6)
-    frames_read = {each["child_frame_id"]: each["header"]["frame_id"] for each in read["/tf"]["transforms"]}
+    np.testing.assert_allclose(
+        read[topic]["data"][0]["data"][:30], heightmap.height[::-1], rtol=1e-6
+    )
+    frames_read = {
+        each["child_frame_id"]: each["header"]["frame_id"] for each in read["/tf"]["transforms"]
+    }
     assert frames_read == {"base_yaw": "base_link", "camera": "base_link"}
 
 
 def test_others_see_the_node_its_topics_and_types(tmp_path: Path, ros_port: int) -> None:
     """Tokens as zenoh-ros2-sdk writes and reads them."""
     from zenoh_ros2_sdk.entity import EndpointEntity, EntityKind, NodeEntity
-    from zenoh_ros2_sdk.keyexpr import endpoint_liveliness_keyexpr, node_liveliness_keyexpr, topic_keyexpr
+    from zenoh_ros2_sdk.keyexpr import (
+        endpoint_liveliness_keyexpr,
+        node_liveliness_keyexpr,
+        topic_keyexpr,
+    )
 
     settings = zenoh.Config()
     settings.insert_json5("mode", '"client"')
@@ -225,7 +260,8 @@ def test_others_see_the_node_its_topics_and_types(tmp_path: Path, ros_port: int)
             if len(told) == 1 + len(SENT):  # the node and its topics
                 all_told.set()
 
-        # A router that has just let us in may not have heard of them yet, and would answer a `get` with less
+        # A router that has just let us in may not have heard of them yet, and would answer a `get`
+        # with less
         with (
             zenoh.open(settings) as session,
             session.liveliness().declare_subscriber("@ros2_lv/7/**", note, history=True),
@@ -235,7 +271,9 @@ def test_others_see_the_node_its_topics_and_types(tmp_path: Path, ros_port: int)
     zid = next(iter(tokens)).split("/")[2]
     node = NodeEntity(domain_id=7, session_id=zid, node_id=0, node_name="saltus", namespace="/")
     expected = {node_liveliness_keyexpr(node)}
-    entities = {token.split("/")[9]: int(token.split("/")[4]) for token in tokens if "/MP/" in token}
+    entities = {
+        token.split("/")[9]: int(token.split("/")[4]) for token in tokens if "/MP/" in token
+    }
     assert len(set(entities.values())) == len(SENT)
     for topic, kind in SENT.items():
         mangled = topic.replace("/", "%")
@@ -243,7 +281,8 @@ def test_others_see_the_node_its_topics_and_types(tmp_path: Path, ros_port: int)
         assert quality.encode() == ros2_node.RELIABLE
         endpoint = EndpointEntity(
             node=node, entity_id=entities[mangled], kind=EntityKind.PUBLISHER, name=topic,
-            dds_type_name=ros2_node.dds_name(kind), type_hash=ros_peer.hash_of(kind), qos=quality.encode(),
+            dds_type_name=ros2_node.dds_name(kind), type_hash=ros_peer.hash_of(kind),
+            qos=quality.encode(),
             gid=bytes(16),
         )  # fmt: skip
         expected.add(endpoint_liveliness_keyexpr(endpoint))
@@ -261,17 +300,24 @@ def compiled(folder: Path) -> Path:
     values = {
         "NAMES": ",".join(f'"{name}"' for name in ros_peer.NAMES),
         "POSITIONS": ",".join(str(ros_peer.POSITION[link]) for link in order),
-        "WIDTH": ros_peer.WIDTH, "HEIGHT": ros_peer.HEIGHT, "FOCAL": ros_peer.FOCAL, "VELOCITY": ros_peer.VELOCITY,
+        "WIDTH": ros_peer.WIDTH, "HEIGHT": ros_peer.HEIGHT, "FOCAL": ros_peer.FOCAL,
+        "VELOCITY": ros_peer.VELOCITY,
         "DEPTH_M": 1e-3 * ros_peer.DEPTH_MM,
         "TURN_Y": np.sin(0.5 * ros_peer.PITCH), "TURN_W": np.cos(0.5 * ros_peer.PITCH),
     }  # fmt: skip
     defined = [f"-D{name}={value}" for name, value in values.items()]
     source = str(Path(__file__).with_name("dds_peer.c"))
-    subprocess.run(["/usr/bin/gcc", "-I.", *defined, "-o", "peer", source, "ros.c", "-lddsc"], cwd=folder, check=True)
+    subprocess.run(
+        ["/usr/bin/gcc", "-I.", *defined, "-o", "peer", source, "ros.c", "-lddsc"],
+        cwd=folder,
+        check=True,
+    )
     return folder / "peer"
 
 
-def test_a_robot_on_cyclone_0_10_is_given_heights_and_survives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_robot_on_cyclone_0_10_is_given_heights_and_survives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A type of Cyclone 11's own would end it with a segmentation fault."""
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
     config = RunConfig(robot="go1", grid="line", pace="realtime")
@@ -288,7 +334,9 @@ def test_a_robot_on_cyclone_0_10_is_given_heights_and_survives(tmp_path: Path, m
     ):
         states, frames = bus.latest("controller/state"), bus.latest("camera/depth")
         answers = bus.publisher("heightmap/heightmap")
-        assert f"domain {DOMAIN} of DDS reads what is sent here, and can feed" in next(lines_of(bridge))
+        assert f"domain {DOMAIN} of DDS reads what is sent here, and can feed" in next(
+            lines_of(bridge)
+        )
         state, frame = states.wait(PATIENCE_S), frames.wait(PATIENCE_S)
         until_s = time.monotonic() + PATIENCE_S
         while other.poll() is None and time.monotonic() < until_s:

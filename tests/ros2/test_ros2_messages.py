@@ -29,7 +29,11 @@ from saltus.ros2.wall_clock import WallClock
 from saltus.rotations import rotation_matrix
 from saltus.wire.codec import depth_on_the_wire, header
 
-USED = {*TYPES.values(), *(kind for kind, _ in (HEIGHTS | OF_ROBOT).values()), "tf2_msgs/msg/TFMessage"}
+USED = {
+    *TYPES.values(),
+    *(kind for kind, _ in (HEIGHTS | OF_ROBOT).values()),
+    "tf2_msgs/msg/TFMessage",
+}
 NOW_NS = 10**10
 OF_JOINTS = ("joint_position", "joint_velocity", "joint_torque")
 LOCKSTEP = WallClock(RunConfig(robot="go1", grid="line", pace="lockstep"))
@@ -51,7 +55,9 @@ def test_hashes_are_those_that_a_running_ros_was_seen_with() -> None:
         "sensor_msgs/msg/PointCloud2": "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
         "nav_msgs/msg/Odometry": "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
     }
-    assert {name: ros.hash_of(name) for name in known} == {name: f"RIHS01_{digits}" for name, digits in known.items()}
+    assert {name: ros.hash_of(name) for name in known} == {
+        name: f"RIHS01_{digits}" for name, digits in known.items()
+    }
 
 
 def imu_of(state: Any, *, attitude: bool = True) -> Any:
@@ -59,9 +65,11 @@ def imu_of(state: Any, *, attitude: bool = True) -> Any:
     covariance[0] = 0.0 if attitude else -1.0
     turned = state.quaternion_base_in_world if attitude else np.array([1.0, 0.0, 0.0, 0.0])
     return ros.make(
-        "sensor_msgs/msg/Imu", header=header(state.time_ns, "imu"), orientation=ros.quaternion(turned),
+        "sensor_msgs/msg/Imu", header=header(state.time_ns, "imu"),
+        orientation=ros.quaternion(turned),
         orientation_covariance=covariance, angular_velocity=ros.vector(state.angular_velocity_base),
-        angular_velocity_covariance=np.zeros(9), linear_acceleration=ros.vector(state.acceleration_base),
+        angular_velocity_covariance=np.zeros(9),
+        linear_acceleration=ros.vector(state.acceleration_base),
         linear_acceleration_covariance=np.zeros(9),
     )  # fmt: skip
 
@@ -88,34 +96,52 @@ def test_a_state_that_goes_to_ros_and_back_is_the_same(name: str, attitude: bool
         for step in range(10):
             before: Any = dict(run_messages(step))["controller/state"]
             sent = replace(before, time_ns=NOW_NS + step * 10 * MS)
-            told = replace(sent, **{field: (sign * getattr(sent, field))[order] for field in OF_JOINTS})
+            told = replace(
+                sent, **{field: (sign * getattr(sent, field))[order] for field in OF_JOINTS}
+            )
             give(intake, told, [f"{JOINTS[i]}_joint" for i in order], attitude=attitude)
             state: Any = intake.state(sent.time_ns)
             for field in (*OF_JOINTS, "angular_velocity_base", "acceleration_base"):
-                np.testing.assert_allclose(getattr(state, field), getattr(sent, field), rtol=1e-12, err_msg=field)
+                np.testing.assert_allclose(
+                    getattr(state, field), getattr(sent, field), rtol=1e-12, err_msg=field
+                )
             for field in ("velocity_base_in_world", "quaternion_base_in_world"):
-                np.testing.assert_allclose(getattr(state, field), getattr(sent, field), rtol=1e-9, atol=1e-12)
+                np.testing.assert_allclose(
+                    getattr(state, field), getattr(sent, field), rtol=1e-9, atol=1e-12
+                )
             assert (state.step, state.time_ns) == (step, sent.time_ns)
         assert not intake.rejected
 
 
 @pytest.mark.parametrize("place", [np.zeros(3), np.array([3.0, -1.0, 0.4])])
-def test_a_robot_with_other_legs_needs_no_joints_and_its_odometry_says_where_it_is(place: np.ndarray) -> None:
+def test_a_robot_with_other_legs_needs_no_joints_and_its_odometry_says_where_it_is(
+    place: np.ndarray,
+) -> None:
     """A position that nobody has set is none."""
     intake = RosIntake(ROBOT, LOCKSTEP, has_joints=False)
     sent: Any = replace(dict(run_messages(0))["controller/state"], time_ns=NOW_NS)  # type: ignore[arg-type]
     assert intake.missing(NOW_NS) == ["imu", "odometry"]
-    for kind, message in (("imu", imu_of(sent)), ("odometry", ros.odometry(NOW_NS, "base", place, sent))):
+    for kind, message in (
+        ("imu", imu_of(sent)),
+        ("odometry", ros.odometry(NOW_NS, "base", place, sent)),
+    ):
         intake.take(kind, ros.payload_of(message), NOW_NS)
     state = intake.state(NOW_NS)
     assert state is not None
-    np.testing.assert_allclose(state.position_base_in_odometry, place if place.any() else np.zeros(0))
-    np.testing.assert_allclose(state.velocity_base_in_world, sent.velocity_base_in_world, atol=1e-12)
+    np.testing.assert_allclose(
+        state.position_base_in_odometry, place if place.any() else np.zeros(0)
+    )
+    np.testing.assert_allclose(
+        state.velocity_base_in_world, sent.velocity_base_in_world, atol=1e-12
+    )
     assert not state.leg_trusted.any()
 
 
 def test_readings_that_are_old_are_not_used_and_said_to_be_missing() -> None:
-    intake, sent = RosIntake(ROBOT, LOCKSTEP), replace(dict(run_messages(0))["controller/state"], time_ns=NOW_NS)  # type: ignore[arg-type]
+    intake, sent = (
+        RosIntake(ROBOT, LOCKSTEP),
+        replace(dict(run_messages(0))["controller/state"], time_ns=NOW_NS),
+    )  # type: ignore[arg-type]
     assert intake.missing(NOW_NS) == ["joints", "imu", "odometry"]
     give(intake, sent, list(JOINTS))
     late_ns = NOW_NS + round(1e9 * HELD_S)
@@ -126,14 +152,19 @@ def test_readings_that_are_old_are_not_used_and_said_to_be_missing() -> None:
 
 
 @pytest.mark.parametrize("off_s", [-1.0, 1e3, -1e9])
-def test_stamps_of_another_clock_are_refused_and_counted_unless_arrival_is_taken(off_s: float) -> None:
+def test_stamps_of_another_clock_are_refused_and_counted_unless_arrival_is_taken(
+    off_s: float,
+) -> None:
     sent: Any = replace(dict(run_messages(0))["controller/state"], time_ns=2 * 10**18)  # type: ignore[arg-type]
     payload = ros.payload_of(imu_of(replace(sent, time_ns=10**9)))
     now_ns = 10**9 + round(1e9 * off_s) if off_s > 0 else round(1e9 * (1.0 + off_s))
     refusing, taking = RosIntake(ROBOT, LOCKSTEP), RosIntake(ROBOT, LOCKSTEP, arrival=True)
     refusing.take("imu", payload, now_ns)
     taking.take("imu", payload, now_ns)
-    assert (dict(refusing.rejected), refusing.missing(now_ns)) == ({"imu/clock": 1}, ["joints", "imu", "odometry"])
+    assert (dict(refusing.rejected), refusing.missing(now_ns)) == (
+        {"imu/clock": 1},
+        ["joints", "imu", "odometry"],
+    )
     assert (dict(taking.rejected), taking.missing(now_ns)) == ({}, ["joints", "odometry"])
 
 
@@ -177,13 +208,18 @@ def test_what_is_refused_is_told_while_it_goes_on_and_not_again_and_again() -> N
         "waiting for joints (/it)",
         f"waiting for joints (/it); refused so far: 7 joints/clock; {advice}",
         f"waiting for joints (/it); refused so far: 8 joints/clock; {advice}",
-        f"the robot's state and images are complete; refused so far: 8 joints/clock, 1 depth/encoding; {advice}",
+        f"the robot's state and images are complete; refused so far: 8 joints/clock, 1 "
+        f"depth/encoding; {advice}",
     ]
 
 
 @pytest.mark.parametrize("spare", [0, 8])
-@pytest.mark.parametrize(("kind", "encoding"), [(np.asarray, "16UC1"), (np.asarray, "mono16"), (metres, "32FC1")])
-def test_depth_images_of_both_kinds_are_the_same_millimetres(kind: Any, encoding: str, spare: int) -> None:
+@pytest.mark.parametrize(
+    ("kind", "encoding"), [(np.asarray, "16UC1"), (np.asarray, "mono16"), (metres, "32FC1")]
+)
+def test_depth_images_of_both_kinds_are_the_same_millimetres(
+    kind: Any, encoding: str, spare: int
+) -> None:
     frame, image, info = frame_messages()
     intake = RosIntake(ROBOT, LOCKSTEP)
     now_ns = frame.time_ns
@@ -209,8 +245,12 @@ def packed(depth_mm: np.ndarray, form: str) -> np.ndarray:
     whole = depth_mm
     if form.startswith("32FC1"):
         with np.errstate(divide="ignore"):
-            whole = np.where(depth_mm == 0, 0, np.clip(1e3 * a / depth_mm + b, 1, 65535)).astype(np.uint16)
-    return np.frombuffer(struct.pack("<iff", 0, a, b) + cv2.imencode(".png", whole)[1].tobytes(), np.uint8)
+            whole = np.where(depth_mm == 0, 0, np.clip(1e3 * a / depth_mm + b, 1, 65535)).astype(
+                np.uint16
+            )
+    return np.frombuffer(
+        struct.pack("<iff", 0, a, b) + cv2.imencode(".png", whole)[1].tobytes(), np.uint8
+    )
 
 
 def big_endian(image: Any) -> Any:
@@ -218,26 +258,39 @@ def big_endian(image: Any) -> Any:
     return replace(image, is_bigendian=1, data=image.data.view(kind).byteswap().view(np.uint8))
 
 
-@pytest.mark.parametrize(("kind", "encoding"), [(np.asarray, "16UC1"), (np.asarray, "mono16"), (metres, "32FC1")])
+@pytest.mark.parametrize(
+    ("kind", "encoding"), [(np.asarray, "16UC1"), (np.asarray, "mono16"), (metres, "32FC1")]
+)
 def test_images_of_big_endian_computers_are_the_same(kind: Any, encoding: str) -> None:
     frame, image, info = frame_messages()
     intake = RosIntake(ROBOT, LOCKSTEP)
     intake.take("camera_info", ros.payload_of(info), frame.time_ns)
-    taken = intake.take("depth", ros.payload_of(big_endian(padded(image, kind, encoding, 0))), frame.time_ns)
+    taken = intake.take(
+        "depth", ros.payload_of(big_endian(padded(image, kind, encoding, 0))), frame.time_ns
+    )
     assert taken is not None
     np.testing.assert_array_equal(taken.depth, frame.depth)
 
 
-@pytest.mark.parametrize(("form", "tolerance_mm"), [("16UC1; compressedDepth", 0), ("32FC1; compressedDepth png", 5)])
+@pytest.mark.parametrize(
+    ("form", "tolerance_mm"), [("16UC1; compressedDepth", 0), ("32FC1; compressedDepth png", 5)]
+)
 def test_compressed_images_are_the_same(form: str, tolerance_mm: int) -> None:
     frame, image, info = frame_messages()
     depth = image.data.view(np.uint16).reshape(image.height, image.width)
-    depth = np.where((depth == 65535) | (depth < 100), 0, depth).astype(np.uint16)  # an inverse has no sign for it
+    depth = np.where((depth == 65535) | (depth < 100), 0, depth).astype(
+        np.uint16
+    )  # an inverse has no sign for it
     topic = "/camera/depth/image_rect_raw/compressedDepth"
     assert types_of(topic)["depth"] == "sensor_msgs/msg/CompressedImage"
     intake = RosIntake(ROBOT, LOCKSTEP, depth=topic)
     intake.take("camera_info", ros.payload_of(info), frame.time_ns)
-    sent = ros.make("sensor_msgs/msg/CompressedImage", header=image.header, format=form, data=packed(depth, form))
+    sent = ros.make(
+        "sensor_msgs/msg/CompressedImage",
+        header=image.header,
+        format=form,
+        data=packed(depth, form),
+    )
     taken = intake.take("depth", ros.payload_of(sent), frame.time_ns)
     assert taken is not None
     np.testing.assert_allclose(taken.depth.astype(float), depth, rtol=0, atol=tolerance_mm)
@@ -249,8 +302,12 @@ def test_compressed_images_are_the_same(form: str, tolerance_mm: int) -> None:
     assert sum(intake.rejected.values()) == 3
 
 
-@pytest.mark.parametrize(("name", "of_p"), [("image_rect_raw", True), ("image_rect", True), ("image_raw", False)])
-def test_rectified_images_have_the_projection_and_raw_ones_the_matrix(name: str, of_p: bool) -> None:
+@pytest.mark.parametrize(
+    ("name", "of_p"), [("image_rect_raw", True), ("image_rect", True), ("image_raw", False)]
+)
+def test_rectified_images_have_the_projection_and_raw_ones_the_matrix(
+    name: str, of_p: bool
+) -> None:
     frame, image, info = frame_messages()
     p = np.array([44.0, 0, 31, 0, 0, 45, 23, 0, 0, 0, 1, 0])
     intake = RosIntake(ROBOT, LOCKSTEP, depth=f"/camera/depth/{name}")
@@ -263,14 +320,20 @@ def test_rectified_images_have_the_projection_and_raw_ones_the_matrix(name: str,
 
 def test_binning_and_the_region_of_interest_count() -> None:
     frame, image, info = frame_messages()
-    region = replace(info.roi, x_offset=20, y_offset=10, width=2 * image.width, height=2 * image.height)
-    large = replace(info, width=info.width + 200, height=info.height + 100, binning_x=2, binning_y=2, roi=region)
+    region = replace(
+        info.roi, x_offset=20, y_offset=10, width=2 * image.width, height=2 * image.height
+    )
+    large = replace(
+        info, width=info.width + 200, height=info.height + 100, binning_x=2, binning_y=2, roi=region
+    )
     large = replace(large, width=2 * large.width, height=2 * large.height)
     intake = RosIntake(ROBOT, LOCKSTEP)
     intake.take("camera_info", ros.payload_of(large), frame.time_ns)
     taken = intake.take("depth", ros.payload_of(image), frame.time_ns)
     assert taken is not None
-    assert (taken.fx, taken.cx, taken.cy) == pytest.approx((frame.fx / 2, (frame.cx - 20) / 2, (frame.cy - 10) / 2))
+    assert (taken.fx, taken.cx, taken.cy) == pytest.approx(
+        (frame.fx / 2, (frame.cx - 20) / 2, (frame.cy - 10) / 2)
+    )
 
 
 @pytest.mark.parametrize("unit_m", [1e-4, 2.5e-4])
@@ -318,7 +381,8 @@ def test_what_strangers_send_is_counted_and_never_raises() -> None:
     state: Any = dict(run_messages(0))["controller/state"]
     _, image, info = frame_messages()
     good = {
-        "depth": image, "camera_info": info, "joints": ros.joint_state(0, list(JOINTS), state), "imu": imu_of(state),
+        "depth": image, "camera_info": info, "joints": ros.joint_state(0, list(JOINTS), state),
+        "imu": imu_of(state),
         "odometry": ros.odometry(0, "base", np.zeros(3), state),
     }  # fmt: skip
     payloads = {kind: ros.payload_of(message) for kind, message in good.items()}
@@ -350,7 +414,9 @@ def test_what_strangers_send_is_counted_and_never_raises() -> None:
 
 def test_times_of_ros_and_of_a_run_at_any_speed_are_turned_into_each_other() -> None:
     for speed in (0.1, 0.5, 1.0):
-        clock = WallClock(RunConfig(robot="go1", grid="line", pace="realtime", speed=speed, epoch_ns=123_456_789))
+        clock = WallClock(
+            RunConfig(robot="go1", grid="line", pace="realtime", speed=speed, epoch_ns=123_456_789)
+        )
         for run_ns in (0, 10**9, 10**12):
             assert clock.run_ns(clock.wall_ns(run_ns)) == pytest.approx(run_ns, abs=2)
         assert clock.wall_ns(10**9) - clock.wall_ns(0) == pytest.approx(10**9 / speed, abs=2)
@@ -367,7 +433,9 @@ def test_frames_for_ros_say_the_attitude_and_only_the_yaw() -> None:
             for each in frames.transforms
             for r in [each.transform.rotation]
         }
-        np.testing.assert_allclose(turned["base"], rotation_matrix(state.quaternion_base_in_world), atol=1e-12)
+        np.testing.assert_allclose(
+            turned["base"], rotation_matrix(state.quaternion_base_in_world), atol=1e-12
+        )
         level = turned["base"] @ turned["base_yaw"]
         np.testing.assert_allclose(level[:, 2], [0.0, 0.0, 1.0], atol=1e-12)
         ahead = turned["base"][:2, 0]
@@ -384,4 +452,6 @@ def test_the_way_is_the_sum_of_velocities_and_a_gap_adds_nothing() -> None:
         gap_ns = 5 * 10**9 if step == 20 else 10 * MS
         velocity, time_ns = rng.normal(size=3), time_ns + gap_ns
         expected = expected + (0.0 if step == 20 else 0.01) * velocity
-        np.testing.assert_allclose(way.go(replace(state, time_ns=time_ns, velocity_base_in_world=velocity)), expected)
+        np.testing.assert_allclose(
+            way.go(replace(state, time_ns=time_ns, velocity_base_in_world=velocity)), expected
+        )

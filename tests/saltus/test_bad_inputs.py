@@ -397,7 +397,12 @@ HEIGHTMAP: dict[str, dict[str, list[str]]] = {
         "--loop.variation": ["nan"],
         "--processes": ["0"],
     },
-    "collect cpu": {"--batches": ["0", "nan"], "--seed": ["-1"], "--profile": ["nosuch"], "--processes": ["-1"]},
+    "collect cpu": {
+        "--batches": ["0", "nan"],
+        "--seed": ["-1"],
+        "--profile": ["nosuch"],
+        "--processes": ["-1"],
+    },
     "collect gpu": {
         "--episodes": ["-1"],
         "--loop.robots": ["0", "99999999999"],
@@ -457,7 +462,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "two": body.format("a", free) + body.format("b", free),
     }.items():  # fmt: skip
         (root / f"{name}.xml").write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
-    for robot, ours, theirs in (("other", 'name = "go1"', 'name = "other"'), ("moved", "[0.272,", "[0.3,")):
+    for robot, ours, theirs in (
+        ("other", 'name = "go1"', 'name = "other"'),
+        ("moved", "[0.272,", "[0.3,"),
+    ):
         supplement = Path(shutil.copytree(shipped_folder("go1"), root / robot)) / SUPPLEMENT_FILE
         supplement.write_text(supplement.read_text().replace(ours, theirs))
     return root
@@ -468,7 +476,9 @@ def files(place: Path) -> dict[Path, bytes | None]:
 
 
 @pytest.mark.parametrize("words", BAD, ids=str)
-def test_bad_input(words: str, place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+def test_bad_input(
+    words: str, place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(place)
     monkeypatch.delenv("SALTUS_PROFILES", raising=False)
     before = files(place)

@@ -36,7 +36,9 @@ def command_for(rng: np.random.Generator, count: int) -> JointCommand:
 
 
 def row(command: JointCommand, i: int) -> JointCommand:
-    return JointCommand(**{f.name: getattr(command, f.name)[i] for f in dataclasses.fields(command)})
+    return JointCommand(
+        **{f.name: getattr(command, f.name)[i] for f in dataclasses.fields(command)}
+    )
 
 
 def assert_row_equals(batch: PlantState, i: int, single: PlantState) -> None:
@@ -47,7 +49,9 @@ def assert_row_equals(batch: PlantState, i: int, single: PlantState) -> None:
 
 def test_a_batch_equals_single_plants_through_resets() -> None:
     rng = np.random.default_rng(0)
-    batch = BatchPlant(ROBOT, TERRAINS, COUNT, friction=FRICTION, payload_kg=PAYLOAD, chain=CHAIN, threads=1)
+    batch = BatchPlant(
+        ROBOT, TERRAINS, COUNT, friction=FRICTION, payload_kg=PAYLOAD, chain=CHAIN, threads=1
+    )
     singles = [
         Plant(ROBOT, terrain, friction=friction, payload_kg=payload, chain=CHAIN)
         for terrain, friction, payload in zip(TERRAINS, FRICTION, PAYLOAD, strict=True)
@@ -88,7 +92,9 @@ def test_robots_can_be_given_another_world(others: tuple[Terrain, Terrain]) -> N
             assert_row_equals(state, i, plant.step(row(command, i)))
     x = np.linspace(0.0, 5.0, 40)
     heights = batch.terrains.height_at(np.tile(x, (3, 1)), np.zeros((3, 40)))[0]
-    np.testing.assert_allclose(heights, others[0].height_at(x, 0.0), rtol=0.0, atol=0.0 if others[0].columns else 1e-12)
+    np.testing.assert_allclose(
+        heights, others[0].height_at(x, 0.0), rtol=0.0, atol=0.0 if others[0].columns else 1e-12
+    )
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -100,7 +106,11 @@ def test_threads_and_neighbours_change_nothing(threads: int) -> None:
         command = command_for(rng, 7)
         state = batch.step(command)
         reference = alone.step(
-            JointCommand(**{f.name: getattr(command, f.name)[4:5] for f in dataclasses.fields(command)})
+            JointCommand(
+                **{f.name: getattr(command, f.name)[4:5] for f in dataclasses.fields(command)}
+            )
         )
     for field in dataclasses.fields(PlantState):
-        np.testing.assert_array_equal(getattr(state, field.name)[4], getattr(reference, field.name)[0])
+        np.testing.assert_array_equal(
+            getattr(state, field.name)[4], getattr(reference, field.name)[0]
+        )

@@ -38,7 +38,11 @@ BODY: tuple[Effect[Any], ...] = (
 def stand(shape: tuple[int, ...] = ()) -> JointCommand:
     full = np.full((*shape, 12), 1.0)
     return JointCommand(
-        position=ROBOT.stand_pose * full, velocity=0.0 * full, kp=100.0 * full, kd=2.0 * full, torque=0.0 * full
+        position=ROBOT.stand_pose * full,
+        velocity=0.0 * full,
+        kp=100.0 * full,
+        kd=2.0 * full,
+        torque=0.0 * full,
     )
 
 
@@ -52,11 +56,16 @@ def settled(*effects: Effect[Any], seconds: float = 1.0) -> Plant:
 @pytest.mark.parametrize("effect", BODY, ids=lambda effect: effect.name)
 def test_a_batch_takes_body_effects_as_a_single_plant_does(effect: Effect[Any]) -> None:
     chain = BodyChain((effect,))
-    single, batch = Plant(ROBOT, flat.make(), body=chain), BatchPlant(ROBOT, flat.make(), 2, body=chain, threads=1)
+    single, batch = (
+        Plant(ROBOT, flat.make(), body=chain),
+        BatchPlant(ROBOT, flat.make(), 2, body=chain, threads=1),
+    )
     for _ in range(100):
         alone, together = single.step(stand()), batch.step(stand((2,)))
     np.testing.assert_allclose(together.joint_position[1], alone.joint_position, atol=1e-9)
-    np.testing.assert_allclose(together.position_base_in_world[0], alone.position_base_in_world, atol=1e-9)
+    np.testing.assert_allclose(
+        together.position_base_in_world[0], alone.position_base_in_world, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("mass", [-1.0, 0.5, 2.0])
@@ -82,7 +91,10 @@ def test_soft_ground_gives_way() -> None:
 
 
 def test_inertia_turns_the_trunk_alone() -> None:
-    claimed, heavy = Plant(ROBOT, flat.make()).model, settled(BaseInertia(scale=1.5), seconds=0.0).model
+    claimed, heavy = (
+        Plant(ROBOT, flat.make()).model,
+        settled(BaseInertia(scale=1.5), seconds=0.0).model,
+    )
     np.testing.assert_allclose(heavy.body_inertia[2:], claimed.body_inertia[2:])
     assert np.sum(heavy.body_inertia != claimed.body_inertia) == 3
     assert heavy.body_subtreemass[1] == pytest.approx(claimed.body_subtreemass[1])
@@ -90,7 +102,9 @@ def test_inertia_turns_the_trunk_alone() -> None:
 
 @pytest.mark.parametrize("angle", [-0.1, 0.02])
 def test_a_level_base_is_reported_at_the_bias(angle: float) -> None:
-    plant = Plant(ROBOT, flat.make(), imu=ImuChain((ImuBias(roll=angle, pitch=-angle, gyro_z=0.05),)))
+    plant = Plant(
+        ROBOT, flat.make(), imu=ImuChain((ImuBias(roll=angle, pitch=-angle, gyro_z=0.05),))
+    )
     roll, pitch, yaw = roll_pitch_yaw(rotation_matrix(plant.imu.quaternion_base_in_world))
     np.testing.assert_allclose([roll, pitch, yaw], [angle, -angle, 0.0], atol=1e-12)
     drift = plant.imu.angular_velocity_base - plant.state.angular_velocity_base
@@ -120,6 +134,10 @@ def test_robots_of_a_batch_have_their_own_bodies_and_a_reset_empties_their_imu()
     )
     for _ in range(400):
         state = batch.step(stand((2,)))
-    np.testing.assert_allclose(state.foot_force.sum(axis=1), (ROBOT.mass + mass) * GRAVITY, rtol=0.02)
+    np.testing.assert_allclose(
+        state.foot_force.sum(axis=1), (ROBOT.mass + mass) * GRAVITY, rtol=0.02
+    )
     batch.reset(np.array([1]))
-    np.testing.assert_allclose(batch.imu.quaternion_base_in_world[1], batch.state.quaternion_base_in_world[1])
+    np.testing.assert_allclose(
+        batch.imu.quaternion_base_in_world[1], batch.state.quaternion_base_in_world[1]
+    )

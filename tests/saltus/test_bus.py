@@ -95,7 +95,11 @@ def test_what_is_put_is_taken_once(pair: tuple[Bus, Bus]) -> None:
 
 def test_the_newest_is_taken_and_nothing_older_after_it(pair: tuple[Bus, Bus]) -> None:
     a, b = pair
-    publisher, latest, stream = a.publisher("done", "render"), b.latest("done", "render"), b.stream()
+    publisher, latest, stream = (
+        a.publisher("done", "render"),
+        b.latest("done", "render"),
+        b.stream(),
+    )
     meet(publisher)
     for step in range(1, 201):
         publisher.put(done(step))
@@ -135,7 +139,9 @@ def test_a_bell_that_rang_in_between_is_not_waited_for() -> None:
 
 def test_a_bell_wakes_everybody() -> None:
     bell, woken = Bell(), []
-    waiters = [threading.Thread(target=lambda: woken.append(bell.wait(0, TIMEOUT_S))) for _ in range(4)]
+    waiters = [
+        threading.Thread(target=lambda: woken.append(bell.wait(0, TIMEOUT_S))) for _ in range(4)
+    ]
     for waiter in waiters:
         waiter.start()
     bell.ring()
@@ -214,10 +220,16 @@ class Wire:
         self.latest = self.bus.latest("done", "render")
 
     def send(
-        self, step: int, envelope: Envelope, payload: bytes | None = None, attachment: bytes | None = None
+        self,
+        step: int,
+        envelope: Envelope,
+        payload: bytes | None = None,
+        attachment: bytes | None = None,
     ) -> None:
         message = done(step)
-        capture = replace(envelope, capture_ns=message.time_ns) if envelope.capture_ns == 0 else envelope
+        capture = (
+            replace(envelope, capture_ns=message.time_ns) if envelope.capture_ns == 0 else envelope
+        )
         self.bus.hub.inject(
             KEY,
             codec.encode(message) if payload is None else payload,
@@ -346,7 +358,9 @@ def test_configurations_are_closed(name: str) -> None:
     """Zenoh refuses unknown keys when it loads a file."""
     settings = zenoh.Config.from_file(str(resource(f"zenoh_cfg/{name}.json5")))
     assert settings.get_json("scouting/multicast/enabled") == "false"
-    assert settings.get_json("scouting/gossip/enabled") == ("true" if name in ("router", "peer") else "false")
+    assert settings.get_json("scouting/gossip/enabled") == (
+        "true" if name in ("router", "peer") else "false"
+    )
     if name != "client":  # which never listens
         assert settings.get_json("listen/endpoints") == "[]"
     assert settings.get_json("transport/shared_memory/enabled") == "false"
@@ -358,7 +372,10 @@ def test_peers_and_clients_hear_everything_once(endpoint: str) -> None:
     """Two processes of a stack and two from elsewhere: whatever way a message takes."""
     mesh = replace(RUN, prefix="mesh")
     with contextlib.ExitStack() as stack:
-        buses = [stack.enter_context(ZenohBus.of_run(endpoint, mesh, peer=peer)) for peer in (True, True, False, False)]
+        buses = [
+            stack.enter_context(ZenohBus.of_run(endpoint, mesh, peer=peer))
+            for peer in (True, True, False, False)
+        ]
         publishers = [bus.publisher("done", str(i)) for i, bus in enumerate(buses)]
         streams = [bus.stream() for bus in buses]
         heard: list[list[tuple[str, int]]] = [[] for _ in streams]
@@ -373,8 +390,12 @@ def test_peers_and_clients_hear_everything_once(endpoint: str) -> None:
 
         def all_heard(step: int) -> bool:
             for stream, samples in zip(streams, heard, strict=True):
-                samples.extend((raw.key, codec.decode(Done, raw.payload).step) for raw in stream.drain())
-            return all((f"done/{i}", step) in samples for samples in heard for i in range(len(buses)))
+                samples.extend(
+                    (raw.key, codec.decode(Done, raw.payload).step) for raw in stream.drain()
+                )
+            return all(
+                (f"done/{i}", step) in samples for samples in heard for i in range(len(buses))
+            )
 
         until(lambda: heard_after(0))  # until all links are there
         for step in range(1, 51):
@@ -382,7 +403,9 @@ def test_peers_and_clients_hear_everything_once(endpoint: str) -> None:
         until(lambda: all_heard(50))
     for samples in heard:
         for i in range(len(buses)):
-            assert [step for key, step in samples if key == f"done/{i}" and step > 0] == [*range(1, 51)]
+            assert [step for key, step in samples if key == f"done/{i}" and step > 0] == [
+                *range(1, 51)
+            ]
 
 
 def test_a_bus_without_router_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -399,7 +422,11 @@ def test_only_their_owner_reaches_router_and_peers() -> None:
     before = listening()
     endpoint, router = open_router()
     folder = Path(endpoint.removeprefix(LOCAL)).parent
-    with contextlib.closing(router), ZenohBus(endpoint, PREFIX, peer=True), ZenohBus(endpoint, PREFIX, peer=True):
+    with (
+        contextlib.closing(router),
+        ZenohBus(endpoint, PREFIX, peer=True),
+        ZenohBus(endpoint, PREFIX, peer=True),
+    ):
         sockets = listening() - before
         assert len(sockets) == 3
         assert {Path(place).parent for place in sockets} == {folder}
@@ -410,7 +437,11 @@ def test_only_their_owner_reaches_router_and_peers() -> None:
 def listening() -> set[str]:
     """Ports, and paths of sockets, of this process."""
     found = psutil.Process().net_connections("all")
-    return {str(one.laddr) for one in found if one.status == psutil.CONN_LISTEN or (one.laddr and not one.raddr)}
+    return {
+        str(one.laddr)
+        for one in found
+        if one.status == psutil.CONN_LISTEN or (one.laddr and not one.raddr)
+    }
 
 
 def test_peers_link_only_beside_a_router_of_their_owner() -> None:

@@ -12,7 +12,14 @@ from samples import ROBOT, level_truth, put_run
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import BASELINE_M, MODEL_CAMERA, intrinsics_of, model_image
 from saltus.effects.camera import CameraChain, ViewChain
-from saltus.effects.depth_errors import DepthBias, DepthNoise, DepthScale, EdgeHoles, HoleFill, RangeClip
+from saltus.effects.depth_errors import (
+    DepthBias,
+    DepthNoise,
+    DepthScale,
+    EdgeHoles,
+    HoleFill,
+    RangeClip,
+)
 from saltus.effects.effect import Effect
 from saltus.effects.image_delivery import CameraLatency, TemporalSmear
 from saltus.effects.offsets_and_factors import CameraFov, CameraHeight, CameraPitch
@@ -34,9 +41,9 @@ HEIGHT_M = 0.3
 
 def applied(effect: Effect[Any], depth: Any, time_s: float = 0.0) -> Any:
     state = effect.init((), np.random.default_rng(0))
-    return effect.apply(DepthImage(depth=np.asarray(depth, dtype=float), time_s=np.asarray(time_s)), time_s, state)[
-        0
-    ].depth
+    return effect.apply(
+        DepthImage(depth=np.asarray(depth, dtype=float), time_s=np.asarray(time_s)), time_s, state
+    )[0].depth
 
 
 def truth(step: int, height_m: float = HEIGHT_M) -> GroundTruth:
@@ -48,7 +55,9 @@ def test_every_effect_of_a_camera_has_its_place() -> None:
     assert {kind.site for kind in ViewChain.order} == {"view"}
 
 
-@pytest.mark.parametrize("effect", [DepthScale(scale=1.1), DepthBias(bias=0.1), DepthNoise(subpixel_sigma=0.5)])
+@pytest.mark.parametrize(
+    "effect", [DepthScale(scale=1.1), DepthBias(bias=0.1), DepthNoise(subpixel_sigma=0.5)]
+)
 def test_invalid_stays_invalid_and_nothing_stays_nothing(effect: Effect[Any]) -> None:
     depth = applied(effect, [[0.0, np.inf, 1.0]] * 3)
     np.testing.assert_array_equal(depth[:, :2], [[0.0, np.inf]] * 3)
@@ -58,7 +67,9 @@ def test_invalid_stays_invalid_and_nothing_stays_nothing(effect: Effect[Any]) ->
 def test_noise_grows_with_the_square_of_depth() -> None:
     sigma, focal = 0.05, 100.0
     for depth in (0.5, 1.0, 2.0):
-        noisy = applied(DepthNoise(subpixel_sigma=sigma, focal_px=focal), np.full((200, 200), depth))
+        noisy = applied(
+            DepthNoise(subpixel_sigma=sigma, focal_px=focal), np.full((200, 200), depth)
+        )
         expected = depth**2 * sigma / (focal * BASELINE_M)
         assert np.std(noisy) == pytest.approx(expected, rel=0.03)
         assert np.mean(noisy) == pytest.approx(depth, abs=0.05 * expected)
@@ -83,7 +94,9 @@ def test_filling_undoes_holes_within_reach(reach: int) -> None:
 
 
 def test_clipping_reads_far_as_the_end() -> None:
-    np.testing.assert_array_equal(applied(RangeClip(max=2.0), [[0.0, 1.0, 2.5, np.inf]]), [[0.0, 1.0, 2.0, 2.0]])
+    np.testing.assert_array_equal(
+        applied(RangeClip(max=2.0), [[0.0, 1.0, 2.5, np.inf]]), [[0.0, 1.0, 2.0, 2.0]]
+    )
 
 
 def test_smear_answers_a_step_with_an_exponential() -> None:
@@ -99,7 +112,9 @@ def test_smear_answers_a_step_with_an_exponential() -> None:
 def test_smear_does_not_mix_what_is_invalid() -> None:
     effect, state, seen = TemporalSmear(alpha=0.5), None, []
     for k, z in enumerate([1.0, 0.0, 2.0, np.inf, 3.0, 1.0]):
-        out, state = effect.apply(DepthImage(depth=np.full((1, 1), z), time_s=np.asarray(0.1 * k)), 0.1 * k, state)
+        out, state = effect.apply(
+            DepthImage(depth=np.full((1, 1), z), time_s=np.asarray(0.1 * k)), 0.1 * k, state
+        )
         seen.append(float(out.depth[0, 0]))
     assert seen == [1.0, 0.0, 2.0, np.inf, 3.0, 2.0]
 
@@ -109,7 +124,9 @@ def test_the_view_is_what_the_effects_say() -> None:
     moved = CLAIMED.moved(view)
     fx, fy = MODEL_CAMERA.fx / 1.25, MODEL_CAMERA.fy / 1.25
     assert (moved.intrinsics.fx, moved.intrinsics.fy) == pytest.approx((fx, fy))
-    np.testing.assert_allclose(moved.mount.position, ROBOT.camera_position + np.array([0.0, 0.0, 0.02]))
+    np.testing.assert_allclose(
+        moved.mount.position, ROBOT.camera_position + np.array([0.0, 0.0, 0.02])
+    )
     assert moved.mount.pitch == pytest.approx(ROBOT.camera_pitch - 0.1)
     same = CLAIMED.moved(ViewChain())
     assert same.intrinsics == MODEL_CAMERA
@@ -123,14 +140,23 @@ def test_a_higher_camera_sees_what_a_higher_base_sees() -> None:
     camera = claimed.moved(view)
     moved = PerfectExposure(EmbreeRenderer(TERRAIN, camera), MODEL_CAMERA)
     other = PerfectExposure(EmbreeRenderer(TERRAIN, replace(claimed, intrinsics=camera.intrinsics)))
-    np.testing.assert_allclose(moved.expose(truth(0)), other.expose(truth(0, HEIGHT_M + 0.05)), rtol=1e-5)
+    np.testing.assert_allclose(
+        moved.expose(truth(0)), other.expose(truth(0, HEIGHT_M + 0.05)), rtol=1e-5
+    )
     assert moved.intrinsics == MODEL_CAMERA
 
 
 @pytest.mark.parametrize("camera", ["ideal", "d435i"])
-def test_the_camera_process_takes_all_of_a_profile(camera: Literal["ideal", "d435i"], tmp_path: Path) -> None:
+def test_the_camera_process_takes_all_of_a_profile(
+    camera: Literal["ideal", "d435i"], tmp_path: Path
+) -> None:
     """Its frames are images of the moved camera, changed by the effects on images, under the claimed intrinsics."""
-    effects = (CameraPitch(offset=0.1), DepthScale(scale=1.1), RangeClip(max=1.2), CameraLatency(latency=0.03))
+    effects = (
+        CameraPitch(offset=0.1),
+        DepthScale(scale=1.1),
+        RangeClip(max=1.2),
+        CameraLatency(latency=0.03),
+    )
     path = tmp_path / "profile.toml"
     path.write_text(Profile(camera=effects).to_toml())
     config = RunConfig(
@@ -141,8 +167,14 @@ def test_the_camera_process_takes_all_of_a_profile(camera: Literal["ideal", "d43
         renderer="embree",
         profile=str(path),
     )
-    process = build(ProcessContext("render", config, put_run(tmp_path, config), MemoryBus("robot/0", MemoryHub())))
-    frame = next(frame for k in range(20) if (frame := process.step(truth(k), 10_000_000 * k)) is not None)
+    process = build(
+        ProcessContext(
+            "render", config, put_run(tmp_path, config), MemoryBus("robot/0", MemoryHub())
+        )
+    )
+    frame = next(
+        frame for k in range(20) if (frame := process.step(truth(k), 10_000_000 * k)) is not None
+    )
     moved = EmbreeRenderer(TERRAIN, CLAIMED.moved(load_profile(str(path), ROBOT).view_chain))
     expected = np.minimum(1.1 * moved.render(*pose_of(truth(0))), 1.2)
     image, valid = model_image(frame.depth, intrinsics_of(frame))

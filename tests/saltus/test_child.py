@@ -29,7 +29,9 @@ def child(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Child]:
     (tmp_path / "waits.py").write_text(WAITS)
     (tmp_path / "dies.py").write_text(DIES)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    subject = Child(Program(name="waits", module="waits", restart=True), tmp_path / "log", RunClock())
+    subject = Child(
+        Program(name="waits", module="waits", restart=True), tmp_path / "log", RunClock()
+    )
     yield subject
     subject.dismiss()
     subject.kill()
@@ -92,10 +94,15 @@ def test_one_that_waits_does_not_outlive_its_supervisor(child: Child) -> None:
 
 
 @pytest.mark.parametrize("left", [0, 2, 3])
-def test_where_the_system_gives_no_more_files_it_is_told_and_none_stays_open(left: int, child: Child) -> None:
+def test_where_the_system_gives_no_more_files_it_is_told_and_none_stays_open(
+    left: int, child: Child
+) -> None:
     """Those of its line take two, its log takes one, and what starts a process some more."""
     before = psutil.Process().num_fds()
-    with files_left(left), pytest.raises(StackError, match=r"^waits cannot be started: Too many open files$"):
+    with (
+        files_left(left),
+        pytest.raises(StackError, match=r"^waits cannot be started: Too many open files$"),
+    ):
         child.load([])
     assert psutil.Process().num_fds() == before
     assert not child.has_spare

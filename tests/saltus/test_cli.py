@@ -19,7 +19,9 @@ from saltus.errors import SaltusError
 from saltus.runtime.programs import Program
 
 
-def help_of(command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> str:
+def help_of(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> str:
     monkeypatch.setenv("COLUMNS", "300")
     with pytest.raises(SystemExit) as stopped:
         main([*command.split(), "--help"])
@@ -44,12 +46,18 @@ def test_every_command_has_examples_that_it_takes_and_defaults_that_are_none_of_
         assert examples, command
         for example in examples:
             words = shlex.split(example.removesuffix(" --help"))
-            with pytest.raises(SaltusError, match="No such file") if "--resume" in words else nullcontext():
+            with (
+                pytest.raises(SaltusError, match="No such file")
+                if "--resume" in words
+                else nullcontext()
+            ):
                 command_of(words)
     assert leaves >= 30
 
 
-@pytest.mark.parametrize("words", ["heightmap collect gpu --json", "real2sim cycle --json --hidden robot.toml"])
+@pytest.mark.parametrize(
+    "words", ["heightmap collect gpu --json", "real2sim cycle --json --hidden robot.toml"]
+)
 def test_a_flag_stays_on_where_defaults_are_read_from_what_goes_on(words: str) -> None:
     group: Any = command_of(words.split()).command
     assert getattr(group, "command", group).json is True
@@ -57,7 +65,11 @@ def test_a_flag_stays_on_where_defaults_are_read_from_what_goes_on(words: str) -
 
 def test_json_has_no_infinities() -> None:
     table = finite({"a": float("inf"), "b": [float("nan"), 1.0], "c": {"d": (2.0, float("-inf"))}})
-    assert json.loads(json.dumps(table, allow_nan=False)) == {"a": None, "b": [None, 1.0], "c": {"d": [2.0, None]}}
+    assert json.loads(json.dumps(table, allow_nan=False)) == {
+        "a": None,
+        "b": [None, 1.0],
+        "c": {"d": [2.0, None]},
+    }
 
 
 def test_the_list_of_commands_says_what_each_says_itself_and_imports_none(
@@ -83,7 +95,9 @@ COMPLETIONS = {
 }
 
 
-def test_bash_completes_commands_flags_and_values(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bash_completes_commands_flags_and_values(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["--completion", "bash"]) == 0
     script = tmp_path / "saltus"
     script.write_text(capsys.readouterr().out)
@@ -91,16 +105,22 @@ def test_bash_completes_commands_flags_and_values(tmp_path: Path, capsys: pytest
         words = [shlex.quote(word) for word in line.split(" ")]
         typed = f"COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}"
         program = f'source {script}; {typed}; _tyro_saltus; printf "%s\\n" "${{COMPREPLY[@]}}"'
-        done = subprocess.run(["/bin/bash", "-c", program], capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            ["/bin/bash", "-c", program], capture_output=True, text=True, check=True
+        )
         assert done.stdout.splitlines() == expected
 
 
-def test_a_shell_that_is_not_known_is_told_those_that_are(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_shell_that_is_not_known_is_told_those_that_are(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["--completion", "fish"]) == 2
     assert "bash" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("words", "spared"), [([], {"render"}), (["--standbys"], {"render", "heightmap", "policy"})])
+@pytest.mark.parametrize(
+    ("words", "spared"), [([], {"render"}), (["--standbys"], {"render", "heightmap", "policy"})]
+)
 def test_up_starts_standbys_where_they_are_asked_for(
     words: list[str], spared: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,7 +15,10 @@ from saltus.terrain.terrain import WIDTH, Terrain, checked
 @pytest.mark.parametrize("difficulty", [0.0, 0.5, 1.0])
 def test_robots_start_clear_of_what_stands_about(difficulty: float) -> None:
     """Up to as high as asked for; some ground ends; another layout is another scene."""
-    drawn = [make_terrain(TerrainConfig(terrain="clutter", difficulty=difficulty, layout_seed=i)) for i in range(80)]
+    drawn = [
+        make_terrain(TerrainConfig(terrain="clutter", difficulty=difficulty, layout_seed=i))
+        for i in range(80)
+    ]
     for terrain, other in pairwise(drawn):
         assert checked(terrain, "clutter").boxes != other.boxes
         x, y = np.meshgrid(np.linspace(-1.5, terrain.finish_x, 300), np.linspace(-1.0, 1.0, 21))
@@ -29,7 +32,9 @@ def test_robots_start_clear_of_what_stands_about(difficulty: float) -> None:
         assert not lower or edge >= EDGE_X[0]
         assert lower or height.max() > 0.0
         assert len(terrain.boxes) <= 1 + len(lower) + BOXES
-    pitches = np.array([box.pitch for terrain in drawn for box in terrain.boxes[len(ground_of(terrain)) :]])
+    pitches = np.array(
+        [box.pitch for terrain in drawn for box in terrain.boxes[len(ground_of(terrain)) :]]
+    )
     assert (abs(pitches) <= LEAN_RAD).all()
     assert 0.3 < np.mean(pitches != 0.0) < 0.5
 
@@ -37,7 +42,10 @@ def test_robots_start_clear_of_what_stands_about(difficulty: float) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_where_the_ground_ends_nothing_tells_what_follows(seed: int) -> None:
     """All of it is lower; ledges are long and short, level and steep."""
-    drawn = [make_terrain(TerrainConfig(terrain="clutter", layout_seed=1000 * seed + i)) for i in range(80)]
+    drawn = [
+        make_terrain(TerrainConfig(terrain="clutter", layout_seed=1000 * seed + i))
+        for i in range(80)
+    ]
     lower = [ground_of(terrain)[1:] for terrain in drawn]
     assert 0.4 < np.mean([len(boxes) > 0 for boxes in lower]) < 0.8
     assert {len(boxes) for boxes in lower} == {0, *range(1, LEDGES + 2)}
@@ -60,5 +68,7 @@ def test_where_the_ground_ends_nothing_tells_what_follows(seed: int) -> None:
 def ground_of(terrain: Terrain) -> list[Box]:
     """What is as wide as a course, one after the other along x; slopes have no level upper face."""
     return [
-        box for box in terrain.boxes if box.high[1] == WIDTH / 2.0 and box.low[1] == -WIDTH / 2.0 and box.yaw == 0.0
+        box
+        for box in terrain.boxes
+        if box.high[1] == WIDTH / 2.0 and box.low[1] == -WIDTH / 2.0 and box.yaw == 0.0
     ]

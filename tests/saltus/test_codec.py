@@ -48,7 +48,8 @@ def test_every_message_has_a_type() -> None:
 @pytest.mark.parametrize("type_name", schemas.STANDARD)
 def test_standard_types_are_those_of_ros(type_name: str) -> None:
     assert (
-        codec.definition_of(type_name) == get_typestore(Stores.ROS2_JAZZY).generate_msgdef(type_name, ros_version=2)[0]
+        codec.definition_of(type_name)
+        == get_typestore(Stores.ROS2_JAZZY).generate_msgdef(type_name, ros_version=2)[0]
     )
 
 
@@ -63,7 +64,9 @@ def test_round_trip(kind: type[Message], seed: int) -> None:
 @kinds
 def test_fields_on_the_wire_are_the_fields_of_the_message(kind: type[Message]) -> None:
     if kind in schemas.FIELDS:
-        assert {f.name for f in schemas.FIELDS[kind]} | {"time_ns"} == {f.name for f in dataclasses.fields(kind)}
+        assert {f.name for f in schemas.FIELDS[kind]} | {"time_ns"} == {
+            f.name for f in dataclasses.fields(kind)
+        }
 
 
 @kinds
@@ -86,9 +89,13 @@ def test_random_bytes_raise_nothing_but_message_errors(kind: type[Message], data
 
 
 @kinds
-@given(flips=st.lists(st.tuples(st.integers(0, 10**6), st.integers(1, 255)), min_size=1, max_size=8))
+@given(
+    flips=st.lists(st.tuples(st.integers(0, 10**6), st.integers(1, 255)), min_size=1, max_size=8)
+)
 @settings(max_examples=100, deadline=None)
-def test_flipped_bytes_give_a_message_or_a_message_error(kind: type[Message], flips: list[tuple[int, int]]) -> None:
+def test_flipped_bytes_give_a_message_or_a_message_error(
+    kind: type[Message], flips: list[tuple[int, int]]
+) -> None:
     data = bytearray(encode(message_of(kind)))
     for position, mask in flips:
         data[position % len(data)] ^= mask
@@ -107,7 +114,9 @@ def test_bytes_of_another_kind_are_refused(kind: type[Message]) -> None:
                 decode(kind, encode(message_of(other)))
 
 
-@pytest.mark.parametrize(("kind", "field", "bad"), BAD_VALUES, ids=lambda x: getattr(x, "__name__", None))
+@pytest.mark.parametrize(
+    ("kind", "field", "bad"), BAD_VALUES, ids=lambda x: getattr(x, "__name__", None)
+)
 def test_values_that_are_not_finite_or_not_plausible_are_refused(
     kind: type[Message], field: schemas.Field, bad: float
 ) -> None:
@@ -123,7 +132,12 @@ def test_values_that_are_not_finite_or_not_plausible_are_refused(
     assert field.name in str(caught.value)
 
 
-ENUM_FIELDS = [(kind, field) for kind, fields in schemas.FIELDS.items() for field in fields if field.enum is not None]
+ENUM_FIELDS = [
+    (kind, field)
+    for kind, fields in schemas.FIELDS.items()
+    for field in fields
+    if field.enum is not None
+]
 
 
 @pytest.mark.parametrize(("kind", "field"), ENUM_FIELDS)
@@ -133,7 +147,10 @@ def test_unknown_enum_values_are_refused(kind: type[Message], field: schemas.Fie
 
 
 SHAPED_FIELDS = [
-    (kind, field) for kind, fields in schemas.FIELDS.items() for field in fields if field.shape is not None
+    (kind, field)
+    for kind, fields in schemas.FIELDS.items()
+    for field in fields
+    if field.shape is not None
 ]
 
 
@@ -177,7 +194,9 @@ def test_depth_frames_that_cannot_be_are_refused(change: dict[str, Any]) -> None
 
 
 def test_the_largest_image_travels() -> None:
-    frame = dataclasses.replace(message_of(messages.DepthFrame), depth=np.ones((720, 1280), np.uint16))
+    frame = dataclasses.replace(
+        message_of(messages.DepthFrame), depth=np.ones((720, 1280), np.uint16)
+    )
     assert_equal(decode(messages.DepthFrame, encode(frame)), frame)
 
 
@@ -186,7 +205,9 @@ def test_huge_payloads_are_refused_before_they_are_read() -> None:
         decode(messages.DepthFrame, bytes(codec.PAYLOAD_MAX + 1))
 
 
-@given(st.integers(1, 2**63 - 1), st.integers(-(2**63), 2**63 - 1), st.binary(min_size=16, max_size=16))
+@given(
+    st.integers(1, 2**63 - 1), st.integers(-(2**63), 2**63 - 1), st.binary(min_size=16, max_size=16)
+)
 def test_envelope_round_trip(sequence: int, capture_ns: int, boot_id: bytes) -> None:
     envelope = Envelope(sequence, capture_ns, boot_id)
     assert Envelope.from_bytes(envelope.to_bytes()) == envelope
@@ -204,7 +225,10 @@ FORMER = [(kind, place) for kind, texts in schemas.FORMER.items() for place in r
 @pytest.mark.parametrize(("kind", "place"), FORMER)
 @pytest.mark.parametrize("seed", range(3))
 def test_messages_of_before_lack_nothing_today(kind: type[Message], place: int, seed: int) -> None:
-    """Heights of before messages carried their grid stood on the line; what is new is as if nobody knew it."""
+    """Heights of before messages carried their grid stood on the line.
+
+    What is new is as if nobody knew it.
+    """
     name = codec._FORMER[kind][place]
     former: Any = codec.STORE.types[name]
     kept = {f.name for f in dataclasses.fields(former) if f.init} - {"header"}
@@ -216,11 +240,15 @@ def test_messages_of_before_lack_nothing_today(kind: type[Message], place: int, 
     }
     if kind is not RobotState and "y" not in kept:
         on_points = ("height", "half_width_90")
-        heights = {n: np.resize(getattr(message, n), LINE.size) for n in on_points if hasattr(message, n)}
+        heights = {
+            n: np.resize(getattr(message, n), LINE.size) for n in on_points if hasattr(message, n)
+        }
         lacking |= heights | {"x": np.array(LINE.x)}
     message = dataclasses.replace(message, **lacking)
     wire = codec._TABLES[kind].encode(message)
-    data = codec.STORE.serialize_cdr(former(wire.header, **{n: getattr(wire, n) for n in kept}), name)
+    data = codec.STORE.serialize_cdr(
+        former(wire.header, **{n: getattr(wire, n) for n in kept}), name
+    )
     assert codec.of_today(kind, place, bytes(data)) == encode(message)
 
 
@@ -229,7 +257,9 @@ def test_a_position_has_three_coordinates_or_none(count: int) -> None:
     state = message_of(RobotState)
     for known in (np.zeros(0), np.ones(3)):
         sent = dataclasses.replace(state, position_base_in_odometry=known)
-        np.testing.assert_array_equal(decode(RobotState, encode(sent)).position_base_in_odometry, known)
+        np.testing.assert_array_equal(
+            decode(RobotState, encode(sent)).position_base_in_odometry, known
+        )
     with pytest.raises(MessageError, match="shape"):
         encode(dataclasses.replace(state, position_base_in_odometry=np.ones(count)))
 
@@ -244,7 +274,9 @@ def test_any_number_of_feet_stands(count: int) -> None:
 def test_points_that_no_image_has_shown_are_infinitely_old() -> None:
     heightmap = message_of(Heightmap)
     ages = np.full(len(heightmap.height), np.inf)
-    assert np.isinf(decode(Heightmap, encode(dataclasses.replace(heightmap, age_s=ages))).age_s).all()
+    assert np.isinf(
+        decode(Heightmap, encode(dataclasses.replace(heightmap, age_s=ages))).age_s
+    ).all()
     for wrong in (-ages, np.full(len(ages), np.nan), ages[1:]):
         with pytest.raises(MessageError):
             decode(Heightmap, encode(dataclasses.replace(heightmap, age_s=wrong)))
@@ -260,7 +292,10 @@ def test_heights_that_stand_on_no_grid_are_refused(kind: type[Message]) -> None:
         {"height": np.zeros(3)},
         {"x": np.array([0.1, 0.1])},
         {"x": np.zeros(0), "height": np.zeros(0)},
-        {"y": np.linspace(-1.0, 1.0, schemas.POINTS_MAX), "height": np.zeros(2 * schemas.POINTS_MAX)},
+        {
+            "y": np.linspace(-1.0, 1.0, schemas.POINTS_MAX),
+            "height": np.zeros(2 * schemas.POINTS_MAX),
+        },
     ):
         with pytest.raises(MessageError, match=r"shape|range"):
             decode(kind, encode(dataclasses.replace(message, **(heights | wrong))))

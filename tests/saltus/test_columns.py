@@ -16,6 +16,8 @@ def test_names_share_out_all_columns(shapes: list[tuple[int, ...]]) -> None:
     numbers = np.arange(3.0 * columns.count).reshape(3, columns.count)
     read = columns.of(numbers)
     assert [part.shape[1:] for part in read] == shapes
-    np.testing.assert_array_equal(np.concatenate([part.reshape(3, -1) for part in read], axis=1), numbers)
+    np.testing.assert_array_equal(
+        np.concatenate([part.reshape(3, -1) for part in read], axis=1), numbers
+    )
     for part, same in zip(read, columns.of(torch.as_tensor(numbers)), strict=True):
         np.testing.assert_array_equal(part, same.numpy())

@@ -20,7 +20,9 @@ from saltus.errors import RecordingError
 from saltus.recordings.recording import Recording, read_recording
 from saltus.recordings.repair import repair
 
-HEADER_BYTES = 8 + 9 + 4 + len("ros2") + 4 + len("saltus")  # magic, head of the record, its two texts
+HEADER_BYTES = (
+    8 + 9 + 4 + len("ros2") + 4 + len("saltus")
+)  # magic, head of the record, its two texts
 BLOCK_BYTES = 128 * 1024  # at most, of zstd
 
 
@@ -28,7 +30,9 @@ def in_order(path: Path) -> list[tuple[str, int, bytes]]:
     """All messages of a file in its order, as another reader has them."""
     with path.open("rb") as file:
         reader = make_reader(file)
-        return [(c.topic, m.sequence, m.data) for _, c, m in reader.iter_messages(log_time_order=False)]
+        return [
+            (c.topic, m.sequence, m.data) for _, c, m in reader.iter_messages(log_time_order=False)
+        ]
 
 
 def chunk_ends(path: Path) -> list[tuple[int, int]]:
@@ -68,7 +72,9 @@ def test_a_file_cut_off_at_any_byte_has_every_message_before_the_cut(
     assert recording.lost
     before = in_order(out)
     assert before == full[: len(before)]
-    assert len(before) >= max((count for end, count in chunk_ends(whole.path) if end <= cut), default=0)
+    assert len(before) >= max(
+        (count for end, count in chunk_ends(whole.path) if end <= cut), default=0
+    )
     again = read_recording(out)
     assert (again.lost, again.complete) == (recording.lost, False)
     assert again.config == recording.config
@@ -84,7 +90,9 @@ def test_of_a_chunk_that_was_cut_all_is_read_but_the_last_block(tmp_path: Path) 
     assert sizes[-1] > 1.5 * BLOCK_BYTES
     path.write_bytes(data[: end - 1])
     repair(path, tmp_path / "repaired.mcap")
-    assert len(in_order(tmp_path / "repaired.mcap")) >= np.searchsorted(sizes, sizes[-1] - BLOCK_BYTES)
+    assert len(in_order(tmp_path / "repaired.mcap")) >= np.searchsorted(
+        sizes, sizes[-1] - BLOCK_BYTES
+    )
 
 
 def test_repairing_keeps_what_is_there_and_other_files(whole: Recording, tmp_path: Path) -> None:
@@ -104,7 +112,9 @@ def test_repairing_keeps_what_is_there_and_other_files(whole: Recording, tmp_pat
     assert {path.name for path in tmp_path.iterdir()} == {"cut.mcap", "out.mcap", "foreign.mcap"}
 
 
-def test_a_chunk_that_unpacks_to_more_than_it_says_takes_no_more_memory(whole: Recording, tmp_path: Path) -> None:
+def test_a_chunk_that_unpacks_to_more_than_it_says_takes_no_more_memory(
+    whole: Recording, tmp_path: Path
+) -> None:
     path = tmp_path / "bomb.mcap"
     bomb = zstandard.compress(bytes(2**30))
     for claimed in (1000, 2**30, 2**63):

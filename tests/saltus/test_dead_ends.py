@@ -14,18 +14,24 @@ from saltus.wire import router
 
 
 @pytest.mark.parametrize(
-    ("pitch", "image", "code"), [(0.5, "", 0), (1.2, "", 0), (-1.2, "", 1), (0.5, "fov_deg = [0.2, 0.2]", 1)]
+    ("pitch", "image", "code"),
+    [(0.5, "", 0), (1.2, "", 0), (-1.2, "", 1), (0.5, "fov_deg = [0.2, 0.2]", 1)],
 )
 def test_a_camera_that_sees_no_point_is_told(
     pitch: float, image: str, code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     camera = tmp_path / "camera.toml"
-    camera.write_text(f"camera_pitch = {pitch}\n" + (f"[image]\nwidth = 64\nheight = 64\n{image}\n" if image else ""))
+    camera.write_text(
+        f"camera_pitch = {pitch}\n"
+        + (f"[image]\nwidth = 64\nheight = 64\n{image}\n" if image else "")
+    )
     assert main(["camera", "show", str(camera), "--out", str(tmp_path / "out"), "--json"]) == code
     told = capsys.readouterr()
     assert bool(json.loads(told.out.splitlines()[-1])["points_in_view_m"]) == (code == 0)
     assert told.err.count("\n") == code
-    assert ("sees none of the 30 points of the heightmap, from -0.4 to 0.8 m ahead" in told.err) == bool(code)
+    assert (
+        "sees none of the 30 points of the heightmap, from -0.4 to 0.8 m ahead" in told.err
+    ) == bool(code)
 
 
 def test_a_router_for_another_robot_says_that_nothing_serves_heights(

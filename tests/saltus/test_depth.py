@@ -53,7 +53,9 @@ def test_the_models_own_frame_keeps_its_pixels() -> None:
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda c: f"{c.width}x{c.height}")
 @pytest.mark.parametrize("gradient", [(0.5, 0.0, 0.0), (0.9, 0.3, 0.5), (1.0, -0.8, 0.6)])
-def test_every_camera_sees_the_same_plane(camera: Intrinsics, gradient: tuple[float, float, float]) -> None:
+def test_every_camera_sees_the_same_plane(
+    camera: Intrinsics, gradient: tuple[float, float, float]
+) -> None:
     """The crop is right for any resolution and focal length: pixels look where the model's do."""
     near, valid = seen(np.rint(1000.0 * plane_depth(camera, gradient)), camera)
     expected = plane_depth(MODEL_CAMERA, gradient) / RANGE_M
@@ -61,8 +63,12 @@ def test_every_camera_sees_the_same_plane(camera: Intrinsics, gradient: tuple[fl
     error = near - expected
     per_pixel = sum(np.abs(np.gradient(expected, axis=axis)) for axis in (0, 1))
     millimetre = 1e-3 / RANGE_M
-    assert (np.abs(error) <= millimetre + 0.3 * per_pixel).all()  # no pixel looks a third of a pixel elsewhere
-    assert abs(error.mean()) <= millimetre + 0.05 * per_pixel.mean()  # nor do all of them a twentieth
+    assert (
+        np.abs(error) <= millimetre + 0.3 * per_pixel
+    ).all()  # no pixel looks a third of a pixel elsewhere
+    assert (
+        abs(error.mean()) <= millimetre + 0.05 * per_pixel.mean()
+    )  # nor do all of them a twentieth
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda c: f"{c.width}x{c.height}")
@@ -80,7 +86,9 @@ def test_half_of_the_area_must_be_valid(share: float) -> None:
     columns = np.round(212 + 5 * (np.arange(-8, 8) + share)).astype(int)
     for left, right in zip(np.arange(172, 252, 5), columns, strict=True):
         depth[:, left:right] = 0
-    camera = Intrinsics(width=424, height=240, fx=5 * MODEL_CAMERA.fx, fy=5 * MODEL_CAMERA.fy, cx=212.0, cy=120.0)
+    camera = Intrinsics(
+        width=424, height=240, fx=5 * MODEL_CAMERA.fx, fy=5 * MODEL_CAMERA.fy, cx=212.0, cy=120.0
+    )
     near, valid = seen(depth, camera)
     assert (valid == (share <= 0.5)).all()
     np.testing.assert_allclose(near, 0.5 if share <= 0.5 else 1.0)  # what is valid is not diluted
@@ -97,9 +105,14 @@ def test_what_a_camera_does_not_cover_is_invalid() -> None:
     assert (near == 1.0).all()
 
 
-@pytest.mark.parametrize(("fx", "fy"), [(640.0, 640.0), (3400.0, 3400.0), (640.0, 3400.0), (3400.0, 640.0)])
+@pytest.mark.parametrize(
+    ("fx", "fy"), [(640.0, 640.0), (3400.0, 3400.0), (640.0, 3400.0), (3400.0, 640.0)]
+)
 def test_long_lenses_cost_what_their_images_are_large(fx: float, fy: float) -> None:
-    """Each pixel of the model is then the mean of thousands; a service with many robots must not wait for it."""
+    """Each pixel of the model is then the mean of thousands.
+
+    A service with many robots must not wait for it.
+    """
     long = Intrinsics(width=1280, height=720, fx=fx, fy=fy, cx=640.0, cy=360.0)
     depth = np.full((long.height, long.width), 1500, np.uint16)
     model_image(depth, long)
@@ -107,7 +120,9 @@ def test_long_lenses_cost_what_their_images_are_large(fx: float, fy: float) -> N
     near, valid = model_image(depth, long)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert peak < 24 * depth.size  # bytes: depth and validity of every pixel, and the same once more
+    assert (
+        peak < 24 * depth.size
+    )  # bytes: depth and validity of every pixel, and the same once more
     assert valid.any()
     np.testing.assert_allclose(near[valid > 0.0], 0.5, atol=1e-5)
 
@@ -122,8 +137,14 @@ def test_the_depth_unit_is_honoured(unit_m: float) -> None:
 
 
 def test_frames_are_whole_millimetres() -> None:
-    depth_m, expected = np.array([0.4567, np.inf, 70.0, 3.0], dtype=np.float32), [457, NOTHING, NOTHING, 3000]
-    encoded, on_torch = depth_in_millimetres(depth_m), depth_in_millimetres(torch.from_numpy(depth_m))
+    depth_m, expected = (
+        np.array([0.4567, np.inf, 70.0, 3.0], dtype=np.float32),
+        [457, NOTHING, NOTHING, 3000],
+    )
+    encoded, on_torch = (
+        depth_in_millimetres(depth_m),
+        depth_in_millimetres(torch.from_numpy(depth_m)),
+    )
     assert (encoded.dtype, on_torch.dtype) == (np.uint16, torch.int32)
     for found in (encoded, on_torch):
         np.testing.assert_array_equal(found, expected)

@@ -24,12 +24,22 @@ from saltus.render.stereo.camera import IDEAL_STEREO, StereoConfig
 from saltus.terrain.curriculum import make_terrain
 
 EXAMPLE = load_camera(str(Path(__file__).parents[2] / "examples" / "camera.toml"))
-NARROW = replace(EXAMPLE, image=Intrinsics(width=90, height=60, fx=200.0, fy=150.0, cx=45.0, cy=20.0))
+NARROW = replace(
+    EXAMPLE, image=Intrinsics(width=90, height=60, fx=200.0, fy=150.0, cx=45.0, cy=20.0)
+)
 CAMERAS = [
     *SHIPPED.values(),
     EXAMPLE,
-    replace(NARROW, sensor=Intrinsics(width=640, height=480, fx=200.0, fy=150.0, cx=320.0, cy=240.0)),
-    replace(SHIPPED["d435i"], name="fast", rate_hz=100.0, range_m=(0.3, 1.0), stereo={"depth_unit": {"unit": 0.01}}),
+    replace(
+        NARROW, sensor=Intrinsics(width=640, height=480, fx=200.0, fy=150.0, cx=320.0, cy=240.0)
+    ),
+    replace(
+        SHIPPED["d435i"],
+        name="fast",
+        rate_hz=100.0,
+        range_m=(0.3, 1.0),
+        stereo={"depth_unit": {"unit": 0.01}},
+    ),
 ]
 TERRAIN = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.1))
 
@@ -45,13 +55,18 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("camera_pitch = 0.4\n[stereo.disparity_noise]\nsigma = 0.2\n")
     camera, base = load_camera(str(path)), SHIPPED["d435i"]
-    assert camera == replace(base, name="mine", camera_pitch=0.4, stereo={"disparity_noise": {"sigma": 0.2}})
+    assert camera == replace(
+        base, name="mine", camera_pitch=0.4, stereo={"disparity_noise": {"sigma": 0.2}}
+    )
     errors = StereoConfig.of(camera)
-    assert errors == replace(StereoConfig(), disparity_noise=replace(StereoConfig().disparity_noise, sigma=0.2))
+    assert errors == replace(
+        StereoConfig(), disparity_noise=replace(StereoConfig().disparity_noise, sigma=0.2)
+    )
     assert StereoConfig.of(base) == StereoConfig()
     assert StereoConfig.of(SHIPPED["ideal"]) == IDEAL_STEREO
     width, height = (
-        2.0 * np.degrees(np.arctan(0.5 * n / f)) for n, f in ((640, EXAMPLE.image.fx), (480, EXAMPLE.image.fy))
+        2.0 * np.degrees(np.arctan(0.5 * n / f))
+        for n, f in ((640, EXAMPLE.image.fx), (480, EXAMPLE.image.fy))
     )
     assert (width, height) == (pytest.approx(87.0), pytest.approx(58.0))
 
@@ -79,19 +94,27 @@ def test_what_is_wrong_in_a_file_is_said_in_words_of_people(tmp_path: Path) -> N
         assert len(messages) > 3
         for message in messages:
             assert any(part in message for part in key.split("."))
-            assert not re.search(r"\b(int|float|bool|str|tuple|dict|list\[|None|numpy|saltus|type|class)\b", message)
+            assert not re.search(
+                r"\b(int|float|bool|str|tuple|dict|list\[|None|numpy|saltus|type|class)\b", message
+            )
 
 
 @pytest.mark.parametrize("table", ["image", "sensor"])
 def test_an_image_and_a_sensor_are_named_as_a_whole(table: str, tmp_path: Path) -> None:
     whole, path = {"width": 640, "height": 480, "fx": 600.0, "fy": 590.0}, tmp_path / "own.toml"
-    angles = [float(np.degrees(2.0 * np.arctan(0.5 * n / f))) for n, f in ((640, 600.0), (480, 590.0))]
+    angles = [
+        float(np.degrees(2.0 * np.arctan(0.5 * n / f))) for n, f in ((640, 600.0), (480, 590.0))
+    ]
     for name in whole:
-        path.write_text(f"[{table}]\n" + "".join(f"{key} = {whole[key]}\n" for key in whole if key != name))
+        path.write_text(
+            f"[{table}]\n" + "".join(f"{key} = {whole[key]}\n" for key in whole if key != name)
+        )
         with pytest.raises(ConfigError, match=rf"\[{table}\] must name .*; it lacks {name}$"):
             load_camera(str(path))
     for given in (whole, {"width": 640, "height": 480, "fov_deg": angles}):
-        path.write_text(f"[{table}]\n" + "".join(f"{key} = {value}\n" for key, value in given.items()))
+        path.write_text(
+            f"[{table}]\n" + "".join(f"{key} = {value}\n" for key, value in given.items())
+        )
         named = vars(getattr(load_camera(str(path)), table))
         assert named == pytest.approx({**whole, "cx": 320.0, "cy": 240.0})
 
@@ -108,7 +131,9 @@ def test_it_sits_where_it_says_and_else_where_the_robot_has_its_own() -> None:
 def test_its_latency_takes_the_place_of_the_profiles() -> None:
     assert SHIPPED["d435i"].delivered(PROFILE) is PROFILE
     for profile in (IDEAL, PROFILE, Profile(camera=(CameraLatency(latency=0.07, jitter=0.01),))):
-        known = [effect for effect in profile.camera if isinstance(effect, CameraLatency)] or [CameraLatency()]
+        known = [effect for effect in profile.camera if isinstance(effect, CameraLatency)] or [
+            CameraLatency()
+        ]
         assert EXAMPLE.delivered(profile).camera == (replace(known[0], latency=0.04),)
 
 
@@ -129,12 +154,15 @@ def test_images_are_taken_at_the_rate_and_never_early(rate_hz: float) -> None:
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.name)
-def test_the_network_gets_from_images_of_its_own_size_what_it_gets_from_the_cameras(camera: DepthCamera) -> None:
+def test_the_network_gets_from_images_of_its_own_size_what_it_gets_from_the_cameras(
+    camera: DepthCamera,
+) -> None:
     """Training renders the one, a run sends the other: the same is valid, and away from edges equally far."""
     robot, truth = camera.mounted_on(ROBOT), level_truth(0, 0.8, 0.3)
     pose = truth.position_base_in_world, truth.quaternion_base_in_world, truth.joint_position
     sent, small = (
-        EmbreeRenderer(TERRAIN, RobotCamera.on(robot, view)).render(*pose) for view in (camera.image, MODEL_CAMERA)
+        EmbreeRenderer(TERRAIN, RobotCamera.on(robot, view)).render(*pose)
+        for view in (camera.image, MODEL_CAMERA)
     )
     run = model_image(depth_in_millimetres(camera.in_range(sent)), camera.image)
     training = model_image(depth_in_millimetres(camera.for_model(small)))

@@ -29,14 +29,20 @@ def isaaclab(ground, base, yaw, grid):
 
 
 def legged_gym(ground, base, yaw, grid):
-    """Points of a mesh that runs along y first; root height - 0.5 - measured, clipped at 1, times 5."""
+    """Points of a mesh that runs along y first.
+
+    Root height - 0.5 - measured, clipped at 1, times 5.
+    """
     x, y = np.meshgrid(grid.x, grid.y, indexing="ij")
     measured = ground(*in_world(x.ravel(), y.ravel(), base, yaw))
     return np.clip(base[2] - 0.5 - measured, -1.0, 1.0) * 5.0
 
 
 def mjlab(ground, base, yaw, grid):
-    """Rays of its grid pattern, x first; sensor height - hit, by the 5 m of the sensor; nothing is clipped."""
+    """Rays of its grid pattern, x first; sensor height - hit, by the 5 m of the sensor.
+
+    Nothing is clipped.
+    """
     x, y = np.meshgrid(grid.x, grid.y, indexing="xy")
     hits = ground(*in_world(x.ravel(), y.ravel(), base, yaw))
     return (base[2] - hits) / 5.0
@@ -53,11 +59,16 @@ def test_a_policy_reads_what_its_project_computes(name, grid, library):
     terrain = clutter.make(height_m=0.6, rng=rng)
     spread = []
     for _ in range(20):
-        base, yaw = np.array([*rng.uniform(-1.0, 3.0, 2), rng.uniform(0.2, 2.2)]), rng.uniform(-np.pi, np.pi)
+        base, yaw = (
+            np.array([*rng.uniform(-1.0, 3.0, 2), rng.uniform(0.2, 2.2)]),
+            rng.uniform(-np.pi, np.pi),
+        )
         x, y = grid.points_in_world(base[:2], np.asarray(yaw))
         height = terrain.height_at(x, y) - base[2]
         found = np.asarray(dialect_of(name).observation(library(height), grid))
-        np.testing.assert_allclose(found, PROJECTS[name](terrain.height_at, base, yaw, grid), atol=1e-12)
+        np.testing.assert_allclose(
+            found, PROJECTS[name](terrain.height_at, base, yaw, grid), atol=1e-12
+        )
         spread.append(found.std())
     assert max(spread) > 0.0
 

@@ -14,7 +14,9 @@ def _nothing_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def without(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "package_version", lambda asked: "missing" if asked == name else "1.0")
+    monkeypatch.setattr(
+        doctor, "package_version", lambda asked: "missing" if asked == name else "1.0"
+    )
 
 
 def test_an_optional_package_that_is_missing_is_no_failure(
@@ -23,7 +25,11 @@ def test_an_optional_package_that_is_missing_is_no_failure(
     without("torch", monkeypatch)
     assert main(["doctor"]) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if "torch" in line]
-    assert line.split(maxsplit=2) == ["-", "torch", "optional, not installed  -> pip install 'saltus[train]'"]
+    assert line.split(maxsplit=2) == [
+        "-",
+        "torch",
+        "optional, not installed  -> pip install 'saltus[train]'",
+    ]
 
 
 def test_a_package_that_all_commands_need_is_a_failure(

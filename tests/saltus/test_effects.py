@@ -26,7 +26,9 @@ ZERO = np.zeros(12)
 
 
 def command(torque: float = 0.0, position: float = 0.0) -> JointCommand:
-    return JointCommand(position=ZERO + position, velocity=ZERO, kp=ZERO + 20.0, kd=ZERO + 0.5, torque=ZERO + torque)
+    return JointCommand(
+        position=ZERO + position, velocity=ZERO, kp=ZERO + 20.0, kd=ZERO + 0.5, torque=ZERO + torque
+    )
 
 
 def drive(torque: Any, velocity: Any = 0.0) -> Drive:
@@ -51,7 +53,9 @@ def test_a_delay_moves_impulse_by_exactly_that_time(
     pulse = [command(torque=1.0 if k == 3 else 0.0) for k in range(20)]
     torque = np.array([t.applied[0] for t in chain_run((kind(delay=float(delay_s)),), pulse)])
     assert torque.sum() == pytest.approx(1.0)
-    assert (torque * np.arange(20)).sum() * PHYSICS_DT - 3 * PHYSICS_DT == pytest.approx(delay_s, abs=1e-12)
+    assert (torque * np.arange(20)).sum() * PHYSICS_DT - 3 * PHYSICS_DT == pytest.approx(
+        delay_s, abs=1e-12
+    )
 
 
 def test_only_the_whole_packet_delays_the_feedback() -> None:
@@ -68,14 +72,20 @@ def test_the_go1s_dynamometer_curve() -> None:
         scale = ROBOT.reduction / 9.495
         np.testing.assert_allclose(saturation.delivered(asked * scale), given * scale, rtol=1e-12)
         np.testing.assert_allclose(saturation.delivered(-asked * scale), -given * scale, rtol=1e-12)
-    np.testing.assert_allclose(saturation.delivered(ROBOT.torque_limit)[:3], [17.24, 17.24, 25.86], atol=5e-3)
+    np.testing.assert_allclose(
+        saturation.delivered(ROBOT.torque_limit)[:3], [17.24, 17.24, 25.86], atol=5e-3
+    )
 
 
 @pytest.mark.parametrize(("knee", "plateau"), [(14.2, 17.2), (10.0, 12.0), (20.0, 20.5)])
 def test_knee_and_plateau_mean_what_they_say(knee: float, plateau: float) -> None:
-    saturation = TorqueSaturation(knee=knee, plateau=(plateau, plateau, 1.5 * plateau) * 4).fitted(ROBOT)
+    saturation = TorqueSaturation(knee=knee, plateau=(plateau, plateau, 1.5 * plateau) * 4).fitted(
+        ROBOT
+    )
     np.testing.assert_allclose(saturation.delivered(np.full(12, knee)), 0.95 * knee)
-    np.testing.assert_allclose(saturation.delivered(ROBOT.torque_limit), np.tile([plateau, plateau, 1.5 * plateau], 4))
+    np.testing.assert_allclose(
+        saturation.delivered(ROBOT.torque_limit), np.tile([plateau, plateau, 1.5 * plateau], 4)
+    )
 
 
 @pytest.mark.parametrize(
@@ -117,7 +127,9 @@ def test_lag_answers_a_step_exponentially() -> None:
         out, state = lag.apply(drive(0.0 if k == 0 else 1.0), 0.0, state)
         torque.append(out.torque[0])
     instants = np.arange(10) * PHYSICS_DT
-    answer = instants + 0.005 * np.exp(-instants / 0.005)  # the integral of 1 - exp(-t / 0.005), but for a constant
+    answer = instants + 0.005 * np.exp(
+        -instants / 0.005
+    )  # the integral of 1 - exp(-t / 0.005), but for a constant
     np.testing.assert_allclose(torque, [0.0, *np.diff(answer) / PHYSICS_DT], atol=1e-12)
 
 
@@ -215,7 +227,9 @@ def test_drops_are_as_many_as_said() -> None:
     kept = 0.0
     for k in range(200):
         captured = np.full(100, 0.02 * k)
-        out, state = effect.apply(DepthImage(depth=np.ones((100, 1, 1)), time_s=captured), 0.0, state)
+        out, state = effect.apply(
+            DepthImage(depth=np.ones((100, 1, 1)), time_s=captured), 0.0, state
+        )
         kept += np.mean(out.time_s == captured)
     assert kept / 200 == pytest.approx(0.8, abs=0.01)  # 3.5 standard deviations of 20,000 draws
 
@@ -225,7 +239,9 @@ def test_draws_are_uniform_and_independent() -> None:
     draws = np.stack([uniform(keys, np.full(200, 0.02 * k)) for k in range(200)])
     counts = np.histogram(draws, bins=20, range=(0.0, 1.0))[0]
     assert (counts.sum(), draws.min() >= 0.0, draws.max() < 1.0) == (40_000, True, True)
-    assert np.sum((counts - 2000.0) ** 2 / 2000.0) < 43.8  # chi-squared, 19 degrees of freedom, one in a thousand
+    assert (
+        np.sum((counts - 2000.0) ** 2 / 2000.0) < 43.8
+    )  # chi-squared, 19 degrees of freedom, one in a thousand
     assert abs(np.corrcoef(draws[:-1].ravel(), draws[1:].ravel())[0, 1]) < 0.02
     assert abs(np.corrcoef(draws[:, :-1].ravel(), draws[:, 1:].ravel())[0, 1]) < 0.02
 

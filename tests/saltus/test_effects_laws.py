@@ -11,7 +11,14 @@ from samples import CURVE, ROBOT
 from saltus.effects.backlash import Backlash
 from saltus.effects.body import BodyModel
 from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
-from saltus.effects.depth_errors import DepthBias, DepthNoise, DepthScale, EdgeHoles, HoleFill, RangeClip
+from saltus.effects.depth_errors import (
+    DepthBias,
+    DepthNoise,
+    DepthScale,
+    EdgeHoles,
+    HoleFill,
+    RangeClip,
+)
 from saltus.effects.effect import Effect, map_arrays
 from saltus.effects.encoders import EncoderQuantisation, VelocityFilter
 from saltus.effects.heightmap_shift import HeightmapShift
@@ -38,7 +45,14 @@ from saltus.effects.offsets_and_factors import (
     ViscousFriction,
 )
 from saltus.effects.profile import EFFECTS, IDEAL, PARTS, Profile
-from saltus.effects.signals import CameraView, DepthImage, Drive, HeightQuery, JointState, Resistance
+from saltus.effects.signals import (
+    CameraView,
+    DepthImage,
+    Drive,
+    HeightQuery,
+    JointState,
+    Resistance,
+)
 from saltus.errors import ConfigError
 from saltus.joint_command import JointCommand
 
@@ -138,14 +152,22 @@ def signals(site: str, batch: tuple[int, ...], dtype: Any = np.float64) -> list[
     def one(k: int) -> Any:
         if site == "command":
             return JointCommand(
-                position=array(12), velocity=array(12), kp=array(12), kd=array(12), torque=array(12, scale=20.0)
+                position=array(12),
+                velocity=array(12),
+                kp=array(12),
+                kd=array(12),
+                torque=array(12, scale=20.0),
             )
         if site == "torque":
-            return Drive(torque=array(12, scale=20.0), position=array(12), velocity=array(12, scale=15.0))
+            return Drive(
+                torque=array(12, scale=20.0), position=array(12), velocity=array(12, scale=15.0)
+            )
         if site == "joint_state":
             return JointState(position=array(12), velocity=array(12))
         if site == "joint":
-            return Resistance(velocity=array(12), friction=array(12), damping=array(12), armature=array(12))
+            return Resistance(
+                velocity=array(12), friction=array(12), damping=array(12), armature=array(12)
+            )
         if site == "depth":
             depth, hit = abs(array(6, 4)), array(6, 4) > -1.0
             return DepthImage(depth=depth * hit, time_s=np.full(batch, PERIOD_S[site] * k))
@@ -169,7 +191,9 @@ def signals(site: str, batch: tuple[int, ...], dtype: Any = np.float64) -> list[
             quaternion = array(4)
             quaternion /= np.linalg.norm(quaternion, axis=-1, keepdims=True)
             return ImuReading(
-                quaternion_base_in_world=quaternion, angular_velocity_base=array(3), acceleration_base=array(3)
+                quaternion_base_in_world=quaternion,
+                angular_velocity_base=array(3),
+                acceleration_base=array(3),
             )
         return HeightQuery(x=array(30), offset=array(1))
 
@@ -250,7 +274,9 @@ def test_batched_is_one_by_one(effect: Effect[Any]) -> None:
 def test_torch_is_numpy(effect: Effect[Any]) -> None:
     inputs = signals(effect.site, (ROBOTS,))
     state = started(effect, (ROBOTS,))
-    outputs = run(effect, [map_arrays(torch.as_tensor, s) for s in inputs], map_arrays(torch.as_tensor, state))
+    outputs = run(
+        effect, [map_arrays(torch.as_tensor, s) for s in inputs], map_arrays(torch.as_tensor, state)
+    )
     for ours, theirs in zip(run(effect, inputs, state), outputs, strict=True):
         for a, b in zip(arrays(ours), arrays(theirs), strict=True):
             assert isinstance(b, torch.Tensor)

@@ -17,7 +17,10 @@ BESIDE = ("paper", "benchmarks", "examples", "tools")
 TEXTS = {"read_text": 0, "write_text": 1}
 """Calls that always read or write text, and how many arguments come before the encoding."""
 OPENERS = {"open": 1, "fdopen": 1, "NamedTemporaryFile": 0, "TemporaryFile": 0, "makefile": 0}
-"""Calls that do where their mode says no `b`, and which argument the mode is; that of a method `open` is the first."""
+"""Calls that do where their mode says no `b`, and which argument the mode is.
+
+That of a method `open` is the first.
+"""
 BINARY_OPENERS = {"NamedTemporaryFile", "TemporaryFile"}  # where no mode is given
 OTHERS = {"zenoh.open", "os.open", "Image.open", "writer.open"}  # which open no file as text
 PROCESSES = {"run", "Popen", "check_output", "call", "check_call"}
@@ -26,7 +29,9 @@ PROCESSES = {"run", "Popen", "check_output", "call", "check_call"}
 def left_to_the_locale(source: str) -> Iterator[int]:
     """Lines with a call that reads or writes text in the encoding of whoever runs it."""
     for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Call) and _is_left(node, {keyword.arg: keyword.value for keyword in node.keywords}):
+        if isinstance(node, ast.Call) and _is_left(
+            node, {keyword.arg: keyword.value for keyword in node.keywords}
+        ):
             yield node.lineno
 
 
@@ -98,7 +103,13 @@ def test_commands_print_and_pages_are_written_in_any_locale(tmp_path: Path) -> N
     (tmp_path / "marked.toml").write_bytes("\ufeff# 30 \u00b0, \u4e00\n".encode())
     words = [command.format(folder=tmp_path) for command in COMMANDS]
     done = subprocess.run(
-        [sys.executable, "-c", PRINTED.replace("\u00d7", "\\xd7").replace("\u00b0", "\\xb0"), str(tmp_path), *words],
+        [
+            sys.executable,
+            "-c",
+            PRINTED.replace("\u00d7", "\\xd7").replace("\u00b0", "\\xb0"),
+            str(tmp_path),
+            *words,
+        ],
         env={**os.environ, **IN_ASCII},
         capture_output=True,
         timeout=120,
@@ -113,11 +124,17 @@ def test_commands_print_and_pages_are_written_in_any_locale(tmp_path: Path) -> N
     assert b"latin.toml: not valid TOML: it is not text in UTF-8" in done.stderr
 
 
-@pytest.mark.parametrize(("value", "code"), [("foo", 2), ("EGL", 0), ("osmesa", 0), ("glfw", 0), ("", 0), ("off", 0)])
+@pytest.mark.parametrize(
+    ("value", "code"), [("foo", 2), ("EGL", 0), ("osmesa", 0), ("glfw", 0), ("", 0), ("off", 0)]
+)
 def test_commands_run_whatever_the_engine_is_told_to_draw_with(
     value: str, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("MUJOCO_GL", value)
     assert main(["robot", "show", "go1"]) == code
     told = capsys.readouterr().err
-    assert told == "" if code == 0 else told.startswith("saltus: MUJOCO_GL = foo: ") and told.count("\n") == 1
+    assert (
+        told == ""
+        if code == 0
+        else told.startswith("saltus: MUJOCO_GL = foo: ") and told.count("\n") == 1
+    )

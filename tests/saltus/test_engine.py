@@ -16,7 +16,10 @@ COUNT, BOXES = 3, 4
 
 
 def prepared(engine, pitch=0.0, yaw=0.0, **feet):
-    """Robots just above their own terrains: level, raised, and a step under the front feet; or all that turned."""
+    """Robots just above their own terrains: level, raised, and a step under the front feet.
+
+    Or all that turned.
+    """
     center, half = torch.zeros(COUNT, BOXES, 3), torch.ones(COUNT, BOXES, 3)
     center[..., 2] = -1.0
     half[:, 0, 0], center[:, 1, 0], center[:, 2, 0] = 0.1, 1.1, -1.1
@@ -75,16 +78,23 @@ def test_both_engines_simulate_the_same_robots(results):
 def test_both_engines_have_feet_that_resist_rolling(results):
     feet = {"torsion": 0.02, "rolling": 0.03, "touch_impedance": 0.2, "impedance_depth": 0.01}
     kinds = (partial(BatchEngine, threads=1), partial(WarpEngine, device="cpu"))
-    (exact, _), (other, _) = (run(prepared(kind(ROBOT, COUNT, BOXES, dimensions=6), **feet), 120) for kind in kinds)
+    (exact, _), (other, _) = (
+        run(prepared(kind(ROBOT, COUNT, BOXES, dimensions=6), **feet), 120) for kind in kinds
+    )
     assert np.abs(exact - other).max() < 5e-3
     assert np.abs(exact - results[0][0]).max() > 0.02
 
 
 def test_both_engines_know_turned_boxes_and_forget_them():
-    engines = [BatchEngine(ROBOT, COUNT, BOXES, threads=1), WarpEngine(ROBOT, COUNT, BOXES, device="cpu")]
+    engines = [
+        BatchEngine(ROBOT, COUNT, BOXES, threads=1),
+        WarpEngine(ROBOT, COUNT, BOXES, device="cpu"),
+    ]
     (level, _), (exact, touch), (other, other_touch), (again, _) = (
         run(prepared(engine, *turn), 120)
-        for engine, turn in zip([engines[0], *engines, engines[0]], [(), (0.1, 0.4), (0.1, 0.4), ()], strict=True)
+        for engine, turn in zip(
+            [engines[0], *engines, engines[0]], [(), (0.1, 0.4), (0.1, 0.4), ()], strict=True
+        )
     )
     assert np.abs(exact - other).max() < 5e-3
     assert (touch == other_touch).mean() > 0.99

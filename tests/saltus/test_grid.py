@@ -36,7 +36,9 @@ def test_points_in_the_world_are_turned_by_the_yaw_alone(grid: HeightGrid) -> No
     np.testing.assert_allclose(np.stack([each.numpy() for each in as_torch]), [x, y], atol=1e-12)
     ahead = rng.normal(size=(2, 5))
     moved = position[..., :2] + ahead[..., None] * np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
-    np.testing.assert_allclose(grid.points_in_world(position, yaw, ahead), grid.points_in_world(moved, yaw), atol=1e-12)
+    np.testing.assert_allclose(
+        grid.points_in_world(position, yaw, ahead), grid.points_in_world(moved, yaw), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("grid", [LINE, FIELD], ids=["line", "field"])

@@ -34,7 +34,9 @@ def test_it_is_dropped_and_the_stream_beside_it_goes_on() -> None:
             step = 0
             while not ended.wait(0.01):
                 step += 1
-                publisher.put(Done(time_ns=10_000_000 * step, step=step, process="render", frame_id=step))
+                publisher.put(
+                    Done(time_ns=10_000_000 * step, step=step, process="render", frame_id=step)
+                )
 
         thread = threading.Thread(target=stream)
         thread.start()
@@ -42,7 +44,9 @@ def test_it_is_dropped_and_the_stream_beside_it_goes_on() -> None:
             assert latest.wait(TIMEOUT_S) is not None
             process = psutil.Process()
             before, most = process.memory_info().rss, 0
-            with subprocess.Popen([sys.executable, "-c", SENDER, settings, endpoint, "robot/0/done/render"]) as huge:
+            with subprocess.Popen(
+                [sys.executable, "-c", SENDER, settings, endpoint, "robot/0/done/render"]
+            ) as huge:
                 while huge.poll() is None:
                     latest.take()
                     most = max(most, process.memory_info().rss - before)

@@ -36,5 +36,10 @@ def image_message(encoding: str, steps: list[float]) -> SimpleNamespace:
     """A row of pixels."""
     row = np.array(steps, "<f4" if encoding == "32FC1" else "<u2")
     return SimpleNamespace(
-        encoding=encoding, is_bigendian=0, width=len(row), height=1, step=row.nbytes, data=row.view(np.uint8)
+        encoding=encoding,
+        is_bigendian=0,
+        width=len(row),
+        height=1,
+        step=row.nbytes,
+        data=row.view(np.uint8),
     )

@@ -56,7 +56,9 @@ ALL = (
 
 
 def command(position: Any = ROBOT.stand_pose, kp: float = 40.0, kd: float = 1.0) -> JointCommand:
-    return JointCommand(position=position + ZERO, velocity=ZERO, kp=ZERO + kp, kd=ZERO + kd, torque=ZERO)
+    return JointCommand(
+        position=position + ZERO, velocity=ZERO, kp=ZERO + kp, kd=ZERO + kd, torque=ZERO
+    )
 
 
 def swings(effects: tuple[Effect[Any], ...], steps: int = 150) -> tuple[np.ndarray, np.ndarray]:
@@ -64,7 +66,9 @@ def swings(effects: tuple[Effect[Any], ...], steps: int = 150) -> tuple[np.ndarr
     plant = Plant(ROBOT, GROUND, chain=ActuatorChain(effects), held=True)
     true, measured = [], []
     for k in range(steps):
-        state = plant.step(command(ROBOT.stand_pose + 0.2 * np.sin(2.0 * np.pi * 3.0 * k * PHYSICS_DT)))
+        state = plant.step(
+            command(ROBOT.stand_pose + 0.2 * np.sin(2.0 * np.pi * 3.0 * k * PHYSICS_DT))
+        )
         true.append(plant.data.qpos[7:].copy())
         measured.append(state.joint_position)
     return np.array(true), np.array(measured)
@@ -99,12 +103,20 @@ def test_dry_friction_holds_a_leg() -> None:
 def test_a_batch_is_its_robots(effect: Effect[Any]) -> None:
     """Robots of a batch do what single robots do, through a reset of one of them."""
     chain = ActuatorChain((effect,))
-    batch, single = BatchPlant(ROBOT, GROUND, 2, chain=chain, threads=1), Plant(ROBOT, GROUND, chain=chain)
+    batch, single = (
+        BatchPlant(ROBOT, GROUND, 2, chain=chain, threads=1),
+        Plant(ROBOT, GROUND, chain=chain),
+    )
     together = np.broadcast_to(np.zeros(12), (2, 12))
     for k in range(20):
         target = ROBOT.stand_pose + 0.1 * np.sin(0.3 * k)
         told = command(target)
-        both = JointCommand(**{f: getattr(told, f) + together for f in ("position", "velocity", "kp", "kd", "torque")})
+        both = JointCommand(
+            **{
+                f: getattr(told, f) + together
+                for f in ("position", "velocity", "kp", "kd", "torque")
+            }
+        )
         state, alone = batch.step(both), single.step(told)
         np.testing.assert_allclose(state.joint_position[0], alone.joint_position, atol=1e-9)
         np.testing.assert_allclose(state.joint_velocity[0], alone.joint_velocity, atol=1e-7)
@@ -113,19 +125,29 @@ def test_a_batch_is_its_robots(effect: Effect[Any]) -> None:
 
 
 def test_a_base_that_rolls_answers_its_legs() -> None:
-    """Legs that swing to one side turn a base that hangs freely to the other; the angular momentum stays near nothing.
+    """Legs that swing to one side turn a base that hangs freely to the other.
+
+    The angular momentum stays near nothing.
 
     A base that nothing holds has no such effect.
     """
-    free, rigid = (Plant(ROBOT, GROUND, body=BodyChain((BaseRoll(give=give),)), held=True) for give in (10.0, 0.0))
+    free, rigid = (
+        Plant(ROBOT, GROUND, body=BodyChain((BaseRoll(give=give),)), held=True)
+        for give in (10.0, 0.0)
+    )
     aside = ROBOT.stand_pose + np.tile((0.2, 0.0, 0.0), 4)
     for _ in range(50):
         free.step(command(aside))
         rigid.step(command(aside))
-    rolls = [float(roll_pitch_yaw(rotation_matrix(plant.data.qpos[3:7]))[0]) for plant in (free, rigid)]
+    rolls = [
+        float(roll_pitch_yaw(rotation_matrix(plant.data.qpos[3:7]))[0]) for plant in (free, rigid)
+    ]
     assert rolls[0] < -0.02
     assert abs(rolls[1]) < 1e-6
-    standing = [Plant(ROBOT, GROUND, body=BodyChain(own)) for own in ((), (BaseRoll(give=0.05, damping=0.2),))]
+    standing = [
+        Plant(ROBOT, GROUND, body=BodyChain(own))
+        for own in ((), (BaseRoll(give=0.05, damping=0.2),))
+    ]
     ended = [[plant.step(command()) for _ in range(50)][-1] for plant in standing]
     np.testing.assert_array_equal(ended[0].joint_position, ended[1].joint_position)
 
@@ -139,7 +161,9 @@ def test_a_spring_neither_feeds_a_joint_nor_brakes_it() -> None:
     def energy() -> float:
         mujoco.mj_energyPos(plant.model, plant.data)
         mujoco.mj_energyVel(plant.model, plant.data)
-        return float(plant.data.energy.sum() + 0.5 * stiffness * np.sum((plant.data.qpos[7:] - rest) ** 2))
+        return float(
+            plant.data.energy.sum() + 0.5 * stiffness * np.sum((plant.data.qpos[7:] - rest) ** 2)
+        )
 
     stored = 0.5 * stiffness * 12 * 0.1**2
     kept = [(plant.step(command(kp=0.0, kd=0.0)), energy())[1] for _ in range(1000)]
@@ -148,7 +172,9 @@ def test_a_spring_neither_feeds_a_joint_nor_brakes_it() -> None:
 
 def test_a_joint_leans_on_its_stop() -> None:
     """By as much as its stiffness says: 10 Nm at 200 Nm/rad are 50 mrad."""
-    stop = EndStop(upper=tuple(ROBOT.stand_pose + 0.1), lower=tuple(ROBOT.stand_pose - 0.1), stiffness=200.0)
+    stop = EndStop(
+        upper=tuple(ROBOT.stand_pose + 0.1), lower=tuple(ROBOT.stand_pose - 0.1), stiffness=200.0
+    )
     plant = Plant(ROBOT, GROUND, chain=ActuatorChain((stop,)), held=True)
     for sign in (1.0, -1.0):
         pushed = replace(command(kp=0.0, kd=2.0), torque=sign * 10.0 + ZERO)
@@ -179,7 +205,9 @@ def test_the_stribeck_curve() -> None:
     stiction = Stiction(breakaway=0.4, stribeck_velocity=0.1)
     for velocity, share in ((0.0, 1.0), (0.1, np.exp(-1.0)), (1.0, 0.0)):
         out, _ = stiction.apply(
-            Resistance(velocity=ZERO - velocity, friction=ZERO + 0.2, damping=ZERO, armature=ZERO), 0.0, None
+            Resistance(velocity=ZERO - velocity, friction=ZERO + 0.2, damping=ZERO, armature=ZERO),
+            0.0,
+            None,
         )
         np.testing.assert_allclose(out.friction, 0.2 + 0.4 * share, atol=1e-9)
 
@@ -194,20 +222,25 @@ def test_sag_is_linear_and_ends() -> None:
 def test_a_filtered_ramp_is_late_by_the_time_constant() -> None:
     low_pass, state = VelocityFilter(time_constant=0.01), None
     for k in range(100):
-        out, state = low_pass.apply(JointState(position=ZERO, velocity=ZERO + k * PHYSICS_DT), 0.0, state)
+        out, state = low_pass.apply(
+            JointState(position=ZERO, velocity=ZERO + k * PHYSICS_DT), 0.0, state
+        )
     np.testing.assert_allclose(out.velocity, 99 * PHYSICS_DT - 0.01, atol=1e-6)
 
 
 def test_play_is_as_wide_as_it_says_and_loses_no_momentum() -> None:
     """A motor that is pushed to and fro against a joint that does not move goes by the width.
 
-    On its way it transmits nothing and the joint lacks its inertia; when it arrives, what the torque has given it.
+    On its way it transmits nothing and the joint lacks its inertia; when it arrives, what the
+    torque has given it.
     """
     play, state = Backlash(width=0.02).fitted(ROBOT), None
     offsets, torques, missing = [], [], []
     for k in range(80):
         torque = 0.5 if (k // 20) % 2 == 0 else -0.5
-        out, state = play.apply(Drive(torque=ZERO + torque, position=ZERO, velocity=ZERO), 0.0, state)
+        out, state = play.apply(
+            Drive(torque=ZERO + torque, position=ZERO, velocity=ZERO), 0.0, state
+        )
         offsets.append(state[0][0])
         torques.append(float(out.torque[0]))
         missing.append(float(play.missing(state)[0]))
@@ -216,7 +249,9 @@ def test_play_is_as_wide_as_it_says_and_loses_no_momentum() -> None:
     for start in (20, 40, 60):
         assert sum(torques[start : start + 20]) == pytest.approx(20 * torques[start + 19])
         crossing = np.sum(np.array(torques[start : start + 20]) == 0.0) * PHYSICS_DT
-        assert crossing == pytest.approx(np.sqrt(2.0 * 0.02 * ROBOT.armature[0] / 0.5), abs=2.0 * PHYSICS_DT)
+        assert crossing == pytest.approx(
+            np.sqrt(2.0 * 0.02 * ROBOT.armature[0] / 0.5), abs=2.0 * PHYSICS_DT
+        )
 
 
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])

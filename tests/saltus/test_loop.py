@@ -44,7 +44,9 @@ def test_another_robot_bounds_with_laws_scaled_to_its_size(odd: Robot) -> None:
 
 def _bound(robot: Robot) -> None:
     trials = [Trial.draw(seed) for seed in range(4)]
-    rollout = Loop(setups_of([FLAT] * 4, trials, robot=robot), ScriptedPlanner(robot, LINE), stand_steps=30)
+    rollout = Loop(
+        setups_of([FLAT] * 4, trials, robot=robot), ScriptedPlanner(robot, LINE), stand_steps=30
+    )
     start = None
     flying = np.zeros(4)
     for step in (rollout.step() for _ in range(330)):
@@ -63,7 +65,10 @@ def test_a_batch_is_made_of_single_robots() -> None:
     trials = [Trial.draw(seed) for seed in (5, 6)]
     terrains = [FLAT, make_terrain(TerrainConfig(terrain="stairs"))]
     together = Loop(setups_of(terrains, trials), ScriptedPlanner(ROBOT, LINE), stand_steps=5)
-    alone = [Loop(setups_of([terrains[i]], [trials[i]]), ScriptedPlanner(ROBOT, LINE), stand_steps=5) for i in range(2)]
+    alone = [
+        Loop(setups_of([terrains[i]], [trials[i]]), ScriptedPlanner(ROBOT, LINE), stand_steps=5)
+        for i in range(2)
+    ]
     for _ in range(25):
         batch = together.step()
         for i, rollout in enumerate(alone):
@@ -84,7 +89,9 @@ def test_whoever_is_done_starts_again_and_no_longer_counts() -> None:
         time_limit_s=0.1,
     )
     steps = [rollout.step() for _ in range(14)]
-    assert all(outcome is not None and outcome.cause == "time_limit" for outcome in rollout.outcomes)
+    assert all(
+        outcome is not None and outcome.cause == "time_limit" for outcome in rollout.outcomes
+    )
     fresh = [i for i, step in enumerate(steps) if step.fresh.all()]
     assert len(fresh) == 2
     assert fresh[0] == 0
@@ -110,7 +117,10 @@ def test_a_delay_of_plans_by_whole_steps_is_a_planner_that_answers_later(steps: 
     trials = [Trial.draw(seed) for seed in (5, 6)]
     late = Loop(setups_of([FLAT] * 2, trials), LatePlanner(steps), stand_steps=5)
     delayed = Loop(
-        setups_of([FLAT] * 2, trials), ScriptedPlanner(ROBOT, LINE), stand_steps=5, plan_delay_s=0.010 * steps
+        setups_of([FLAT] * 2, trials),
+        ScriptedPlanner(ROBOT, LINE),
+        stand_steps=5,
+        plan_delay_s=0.010 * steps,
     )
     for _ in range(30):
         expected, got = late.step(), delayed.step()
@@ -122,7 +132,9 @@ def test_the_law_holds_the_heading_that_the_imu_says() -> None:
     drifting = replace(PROFILE, imu=(ImuBias(gyro_z=0.3),))
     rates = []
     for profile in (PROFILE, drifting):
-        rollout = Loop(setups_of([FLAT], [Trial()], profile), ScriptedPlanner(ROBOT, LINE), stand_steps=5)
+        rollout = Loop(
+            setups_of([FLAT], [Trial()], profile), ScriptedPlanner(ROBOT, LINE), stand_steps=5
+        )
         rates.append(np.mean([rollout.step().truth.angular_velocity_base[0, 2] for _ in range(60)]))
     assert rates[1] < rates[0] - 0.05
 
@@ -130,7 +142,12 @@ def test_the_law_holds_the_heading_that_the_imu_says() -> None:
 def test_plans_that_are_late_by_part_of_a_step_hold_for_the_rest_of_it() -> None:
     ends = []
     for delay_s in (0.0, 0.002, 0.004, 0.006, 0.008, 0.010):
-        rollout = Loop(setups_of([FLAT], [Trial()]), ScriptedPlanner(ROBOT, LINE), stand_steps=0, plan_delay_s=delay_s)
+        rollout = Loop(
+            setups_of([FLAT], [Trial()]),
+            ScriptedPlanner(ROBOT, LINE),
+            stand_steps=0,
+            plan_delay_s=delay_s,
+        )
         for _ in range(3):
             rollout.step()
         ends.append(rollout.step().states.joint_velocity)
@@ -144,9 +161,15 @@ def test_true_heights_are_the_terrain_where_they_say(shift_x: float, shift_z: fl
     step = Loop(setups_of([stairs], [trial]), ScriptedPlanner(ROBOT, LINE), stand_steps=1).step()
     position = step.truth.position_base_in_world[0]
     x = position[0] + (HEIGHTMAP_X + shift_x) * np.cos(0.1)
-    np.testing.assert_allclose(step.heights[0], stairs.height_at(x, 0.0) - position[2] + shift_z, atol=1e-9)
-    setups = setups_of([stairs], [trial])
-    exact = Loop(setups, ScriptedPlanner(ROBOT, LINE), stand_steps=1, heights=exact_heights(setups)).step()
     np.testing.assert_allclose(
-        exact.heights[0], stairs.height_at(position[0] + HEIGHTMAP_X * np.cos(0.1), 0.0) - position[2], atol=1e-9
+        step.heights[0], stairs.height_at(x, 0.0) - position[2] + shift_z, atol=1e-9
+    )
+    setups = setups_of([stairs], [trial])
+    exact = Loop(
+        setups, ScriptedPlanner(ROBOT, LINE), stand_steps=1, heights=exact_heights(setups)
+    ).step()
+    np.testing.assert_allclose(
+        exact.heights[0],
+        stairs.height_at(position[0] + HEIGHTMAP_X * np.cos(0.1), 0.0) - position[2],
+        atol=1e-9,
     )

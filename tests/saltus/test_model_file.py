@@ -36,11 +36,15 @@ def test_shipped_models_have_checksums_and_are_what_these_say(name: str) -> None
 def test_every_flipped_bit_is_noticed(model: Path) -> None:
     good = model.read_bytes()
     rng = np.random.default_rng(0)
-    for place, bit in zip(rng.integers(len(good), size=FLIPS), rng.integers(8, size=FLIPS), strict=True):
+    for place, bit in zip(
+        rng.integers(len(good), size=FLIPS), rng.integers(8, size=FLIPS), strict=True
+    ):
         data = bytearray(good)
         data[place] ^= 1 << int(bit)
         model.write_bytes(data)
-        with pytest.raises(ModelError, match=r"policy\.onnx is not the file that policy\.onnx\.sha256 names"):
+        with pytest.raises(
+            ModelError, match=r"policy\.onnx is not the file that policy\.onnx\.sha256 names"
+        ):
             ModelFile(model)
 
 
@@ -62,4 +66,7 @@ def test_a_model_is_put_in_its_place_with_its_own_checksum(model: Path) -> None:
     shutil.copy(resource("models/heightmap.onnx"), other)
     put_model(other, model)
     assert ModelFile(model).model_id == ModelFile(resource("models/heightmap.onnx")).model_id
-    assert sorted(path.name for path in model.parent.iterdir()) == ["policy.onnx", "policy.onnx.sha256"]
+    assert sorted(path.name for path in model.parent.iterdir()) == [
+        "policy.onnx",
+        "policy.onnx.sha256",
+    ]

@@ -40,7 +40,16 @@ from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.curriculum import make_terrain
 
-NOT_ON_GPU_MACHINES = ("open3d", "cv2", "pyrender", "zenoh", "rosbags", "mcap", "plotly", "matplotlib")
+NOT_ON_GPU_MACHINES = (
+    "open3d",
+    "cv2",
+    "pyrender",
+    "zenoh",
+    "rosbags",
+    "mcap",
+    "plotly",
+    "matplotlib",
+)
 SEARCHED = ("torque-saturation", "camera-latency")
 """Searches take half a minute; `tests/real2sim` tests them."""
 FROM_SHIPPED = [row for row in ROWS if row.needs == "nothing"]
@@ -73,7 +82,9 @@ def climbed() -> Ran:
 
 def begun(whole: Ran) -> Ran:
     rows, trace = 130, whole.trace  # a third of a second after it has stood
-    short = {name: getattr(whole, name)[:rows] for name in ("reference", "velocity", "frequency_hz")}
+    short = {
+        name: getattr(whole, name)[:rows] for name in ("reference", "velocity", "frequency_hz")
+    }
     outcome = replace(whole.outcome, success=False, cause="ended")
     cut = Trace(**{name: values[:rows] for name, values in vars(trace).items()})
     return replace(whole, outcome=outcome, failure="timeout", trace=cut, **short)
@@ -112,23 +123,36 @@ def test_jumps_are_landings_on_the_course(climbed: Ran) -> None:
     assert np.isnan(climbed.time_at(1e3))
 
 
-def test_every_number_of_ours_that_stands_beside_the_papers_is_among_the_published_results() -> None:
+def test_every_number_of_ours_that_stands_beside_the_papers_is_among_the_published_results() -> (
+    None
+):
     published = {path.stem: json.loads(path.read_text()) for path in PUBLISHED.glob("*.json")}
-    assert published.keys() == {row.name for row in ROWS if is_makeable(row, None)} > {row.name for row in FROM_SHIPPED}
+    assert (
+        published.keys()
+        == {row.name for row in ROWS if is_makeable(row, None)}
+        > {row.name for row in FROM_SHIPPED}
+    )
     for row in (row for row in ROWS if row.name in published):
         for number in row.numbers:
-            assert not number.ours or number_at(published[row.name]["numbers"], number.ours) is not None, number
+            assert (
+                not number.ours
+                or number_at(published[row.name]["numbers"], number.ours) is not None
+            ), number
     assert all(not result["commit"].endswith("+") for result in published.values())
     for row in (row for row in ROWS if row.needs == ABLATION and row.name in published):
         for system, trainings in published[row.name]["configuration"]["trainings"].items():
-            assert trainings == trainings_of(system, PUBLISHED / "trainings"), "measured again since the last training"
+            assert trainings == trainings_of(system, PUBLISHED / "trainings"), (
+                "measured again since the last training"
+            )
             files = files_of(system, PUBLISHED / "trainings")
             if system != IMITATION:  # whose seed stands in its weights
                 seeds = [config_file(of_one_seed[0])["seed"] for of_one_seed in files]
                 assert seeds == [known["seed"] for known in trainings]
 
 
-@pytest.mark.parametrize("row", [row for row in ROWS if row.needs == ABLATION], ids=lambda row: row.name)
+@pytest.mark.parametrize(
+    "row", [row for row in ROWS if row.needs == ABLATION], ids=lambda row: row.name
+)
 def test_the_page_shows_published_results_of_ablations_without_measuring_them(
     row: Row, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -144,11 +168,15 @@ def config_file(policy: Path) -> dict[str, Any]:
 
 def test_the_lag_of_heights_is_the_latency_that_was_hidden() -> None:
     robot, latency = load_robot(DEFAULT_ROBOT), 0.09
-    log = run(experiment_named("heave_sine"), robot, Profile(camera=(CameraLatency(latency=latency),)))
+    log = run(
+        experiment_named("heave_sine"), robot, Profile(camera=(CameraLatency(latency=latency),))
+    )
     joints_s, by_joints = sysid._height_by_joints(log, robot)
     images_s, by_images = sysid._height_by_images(log)
     assert np.abs(by_images.mean() - by_joints.mean()) < 0.01
-    assert abs(sysid._lag(images_s, by_images, joints_s, by_joints) - latency) < 0.01  # half an image
+    assert (
+        abs(sysid._lag(images_s, by_images, joints_s, by_joints) - latency) < 0.01
+    )  # half an image
 
 
 def test_planks_leave_open_what_stairs_fill() -> None:
@@ -163,7 +191,13 @@ def test_planks_leave_open_what_stairs_fill() -> None:
 
 def put(row: Row, folder: Path, **changes: Any) -> None:
     numbers = {"success": 3, "trials": 4, "jumps": {"least": 7, "median": 7.5, "most": 8}}
-    result = {"row": row.name, "commit": "c0ffee", "seeds": [1, 4], "models": making._models(), "numbers": numbers}
+    result = {
+        "row": row.name,
+        "commit": "c0ffee",
+        "seeds": [1, 4],
+        "models": making._models(),
+        "numbers": numbers,
+    }
     result["configuration"] = {}
     (folder / f"{row.name}.json").write_text(json.dumps(result | changes))
     figure, axis = subplots()
@@ -171,10 +205,25 @@ def put(row: Row, folder: Path, **changes: Any) -> None:
     save(figure, folder / f"{row.name}.png")
 
 
-def test_the_page_never_mixes_a_robot_with_a_simulation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_page_never_mixes_a_robot_with_a_simulation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for row in FROM_SHIPPED:
         put(row, tmp_path)
-    assert main(["paper", "report", "--out", str(tmp_path), "--trained", str(tmp_path / "none"), "--json"]) == 0
+    assert (
+        main(
+            [
+                "paper",
+                "report",
+                "--out",
+                str(tmp_path),
+                "--trained",
+                str(tmp_path / "none"),
+                "--json",
+            ]
+        )
+        == 0
+    )
     *_, said, table = capsys.readouterr().out.splitlines()
     assert Path(said) == tmp_path / "report.html"
     assert json.loads(table).keys() == {row.name for row in FROM_SHIPPED}
@@ -186,14 +235,22 @@ def test_the_page_never_mixes_a_robot_with_a_simulation(tmp_path: Path, capsys: 
         assert row.shows in part
         assert ("<img" in part) == (row in FROM_SHIPPED)
         assert row in FROM_SHIPPED or html.escape(row.missing) in part
-        for number in row.numbers:  # the paper's number, where it was measured; ours, and that it is simulated
+        for number in (
+            row.numbers
+        ):  # the paper's number, where it was measured; ours, and that it is simulated
             ours = ("7.5", "simulation") if number.ours == "jumps.median" else ("-", "-")
-            cells = "".join(f"<td>{cell}</td>" for cell in (number.what, number.paper, number.source, *ours))
+            cells = "".join(
+                f"<td>{cell}</td>" for cell in (number.what, number.paper, number.source, *ours)
+            )
             assert cells in part
 
 
 def test_the_page_says_at_its_head_what_each_part_is_worth(tmp_path: Path) -> None:
-    rows = [row.name for row in ROWS if row.needs == ABLATION and (PUBLISHED / f"{row.name}.json").exists()]
+    rows = [
+        row.name
+        for row in ROWS
+        if row.needs == ABLATION and (PUBLISHED / f"{row.name}.json").exists()
+    ]
     for name in rows:
         (tmp_path / f"{name}.png").write_bytes(b"drawn")
     results = {name: json.loads((PUBLISHED / f"{name}.json").read_text()) for name in rows}
@@ -201,7 +258,9 @@ def test_the_page_says_at_its_head_what_each_part_is_worth(tmp_path: Path) -> No
     for system, places in results["transfer"]["numbers"].items():
         (figures,) = places.values()
         told = f"{sum(figures['success'])} of {figures['trials'] * len(figures['success'])} ("
-        (line,) = (line for line in head.split("<tr>") if line.lstrip().startswith(f"<td>{system}</td>"))
+        (line,) = (
+            line for line in head.split("<tr>") if line.lstrip().startswith(f"<td>{system}</td>")
+        )
         _, _, against, simulated, stood_in, difference = line.split("<td>")[:6]
         assert told in stood_in
         assert simulated[0].isdigit()
@@ -209,7 +268,10 @@ def test_the_page_says_at_its_head_what_each_part_is_worth(tmp_path: Path) -> No
             (other,) = results[system]["numbers"].keys() - {system}
             assert against.startswith(f"{other}<")
             parts = [results[system]["numbers"][each][STAND_IN] for each in (system, other)]
-            own, whole = (100.0 * sum(part["success"]) / part["trials"] / len(part["success"]) for part in parts)
+            own, whole = (
+                100.0 * sum(part["success"]) / part["trials"] / len(part["success"])
+                for part in parts
+            )
             assert difference.split("<")[0].endswith(f", {own - whole:+.0f}")
 
 
@@ -231,8 +293,12 @@ def test_the_list_says_what_is_not_made(capsys: pytest.CaptureFixture[str]) -> N
     assert all(row.needs in line for row, line in zip(ROWS, lines, strict=True))
 
 
-@pytest.mark.parametrize("row", [row for row in ROWS if row.needs != "nothing"], ids=lambda row: row.name)
-def test_what_is_not_made_says_so_in_a_line(row: Row, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    "row", [row for row in ROWS if row.needs != "nothing"], ids=lambda row: row.name
+)
+def test_what_is_not_made_says_so_in_a_line(
+    row: Row, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folders = ["--out", str(tmp_path / "out"), "--trained", str(tmp_path)]
     assert main(["paper", row.name, *folders]) == 2
     said = capsys.readouterr().err
@@ -248,10 +314,16 @@ def test_an_ablation_differs_from_the_full_system_in_what_it_is_named_after(tmp_
     configs = {name: config_of(name, 3, tmp_path) for name in ABLATIONS}
     full = asdict(configs[FULL])
     assert configs[FULL] == replace(for_gpu("go1", "line"), seed=3)
-    found = {name: {d.name for d in differences(full, asdict(config))} for name, config in configs.items()}
+    found = {
+        name: {d.name for d in differences(full, asdict(config))}
+        for name, config in configs.items()
+    }
     assert found == {
         FULL: set(),
-        "no-height-randomisation": {"env.randomisation.height_shift_m", "env.randomisation.height_noise_m"},
+        "no-height-randomisation": {
+            "env.randomisation.height_shift_m",
+            "env.randomisation.height_noise_m",
+        },
         "no-feedback": {"robot"},
         "no-tracking-reward": {"env.reward.tracking_cost"},
         "no-saturation": {"env.profile"},
@@ -267,13 +339,17 @@ def test_an_ablation_differs_from_the_full_system_in_what_it_is_named_after(tmp_
 
 
 def test_the_stand_in_lies_beyond_what_trainings_draw() -> None:
-    draws, shipped = for_gpu("go1", "line").env.randomisation, load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)).effects
+    draws, shipped = (
+        for_gpu("go1", "line").env.randomisation,
+        load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)).effects,
+    )
     assert stand_in() == stand_in() != stand_in(STAND_IN_SEED + 1)
     for seed in (STAND_IN_SEED, *range(20)):
         effects = stand_in(seed).effects
         changed = {name for name, effect in effects.items() if shipped.get(name) != effect}
         assert changed == {
-            "actuator_lag", "coulomb_friction", "viscous_friction", "armature", "torque_gain", "soft_feet", "imu_bias",
+            "actuator_lag", "coulomb_friction", "viscous_friction", "armature", "torque_gain",
+            "soft_feet", "imu_bias",
             "camera_latency", "camera_pitch", "camera_height",
         }  # fmt: skip
         assert shipped.keys() <= effects.keys()
@@ -290,7 +366,10 @@ def test_an_ablation_is_measured_beside_the_full_system(
 
     def run_none(settings: Sequence[Setting], effort: Effort) -> list[list[Ran]]:
         asked.extend(settings)
-        runs = [replace(run, seed=seed) for run, seed in zip((climbed, begun(climbed)), effort.seeds, strict=True)]
+        runs = [
+            replace(run, seed=seed)
+            for run, seed in zip((climbed, begun(climbed)), effort.seeds, strict=True)
+        ]
         return [runs for _ in settings]
 
     monkeypatch.setattr(ablations, "ran", run_none)
@@ -300,7 +379,10 @@ def test_an_ablation_is_measured_beside_the_full_system(
     row = BY_NAME["no-feedback"]
     check_makeable(row, tmp_path / "out", tmp_path)
     result = make(row, Effort(trials=2), tmp_path / "out", tmp_path)
-    assert [len(result["configuration"]["trainings"][name]) for name in (FULL, "no-feedback")] == [2, 1]
+    assert [len(result["configuration"]["trainings"][name]) for name in (FULL, "no-feedback")] == [
+        2,
+        1,
+    ]
     for system, seeds in ((FULL, 2), ("no-feedback", 1)):
         for where in ("simulation", "simulated stand-in"):
             assert result["numbers"][system][where] == {
@@ -320,21 +402,37 @@ def test_an_ablation_is_measured_beside_the_full_system(
     assert transfer["seeds"] == [FIRST_SEED, FIRST_SEED + 1], (
         "of the trials that are shown, not of those that were asked for"
     )
-    assert transfer["numbers"] == {name: {where: result["numbers"][name][where]} for name in (FULL, "no-feedback")}
-    assert make(row, Effort(trials=2), tmp_path / "out", tmp_path, again=False)["numbers"] == result["numbers"]
+    assert transfer["numbers"] == {
+        name: {where: result["numbers"][name][where]} for name in (FULL, "no-feedback")
+    }
+    assert (
+        make(row, Effort(trials=2), tmp_path / "out", tmp_path, again=False)["numbers"]
+        == result["numbers"]
+    )
     assert not asked, "what was measured is not measured again"
     published = tmp_path / "out" / "no-feedback.json"
-    for kind, measured_again in (("policy", 0), ("heightmap", 6)):  # the policy that runs is the training
-        published.write_text(published.read_text().replace(making._models()[kind], f"another {kind}"))
+    for kind, measured_again in (
+        ("policy", 0),
+        ("heightmap", 6),
+    ):  # the policy that runs is the training
+        published.write_text(
+            published.read_text().replace(making._models()[kind], f"another {kind}")
+        )
         make(row, Effort(trials=2), tmp_path / "out", tmp_path, again=False)
-        assert len(asked) == measured_again, "what ran with a network that is shipped no more is measured again"
+        assert len(asked) == measured_again, (
+            "what ran with a network that is shipped no more is measured again"
+        )
         asked.clear()
     make(row, Effort(trials=2), tmp_path / "out", tmp_path)
-    assert [setting.feedback for setting in asked] == [False] * 2, "the other system is taken as it is"
+    assert [setting.feedback for setting in asked] == [False] * 2, (
+        "the other system is taken as it is"
+    )
     asked.clear()
     put_policy(tmp_path, FULL, 2)
     make(row, Effort(trials=2), tmp_path / "out", tmp_path, again=False)
-    assert [setting.feedback for setting in asked] == [True] * 2, "one more training is run alone, in both places"
+    assert [setting.feedback for setting in asked] == [True] * 2, (
+        "one more training is run alone, in both places"
+    )
     asked.clear()
     put_policy(tmp_path, FULL, 3)
     make(row, Effort(trials=2, first_seed=FIRST_SEED + 1), tmp_path / "out", tmp_path, again=False)
@@ -343,15 +441,22 @@ def test_an_ablation_is_measured_beside_the_full_system(
     file = tmp_path / "out" / "no-feedback.json"
     file.write_text(file.read_text().replace('"commits"', '"commit"'))
     make(row, Effort(trials=2), tmp_path / "out", tmp_path, again=False)
-    assert [setting.feedback for setting in asked] == [True] * 8 + [False] * 2, "nothing is taken of an older form"
+    assert [setting.feedback for setting in asked] == [True] * 8 + [False] * 2, (
+        "nothing is taken of an older form"
+    )
 
 
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_the_shipped_networks_of_a_system_are_those_that_no_training_replaces(system: str) -> None:
     for files in files_of(system, PUBLISHED / "trainings"):
         setting = ablations._setting(files)
-        replaced = {"policy": setting.policy or setting.imitator, "heightmap": setting.predictor or setting.imitator}
-        assert shipped_in(system) == tuple(kind for kind, training in replaced.items() if training is None)
+        replaced = {
+            "policy": setting.policy or setting.imitator,
+            "heightmap": setting.predictor or setting.imitator,
+        }
+        assert shipped_in(system) == tuple(
+            kind for kind, training in replaced.items() if training is None
+        )
 
 
 def test_weights_that_are_not_kept_are_asked_for_before_the_work(tmp_path: Path) -> None:
@@ -361,7 +466,9 @@ def test_weights_that_are_not_kept_are_asked_for_before_the_work(tmp_path: Path)
     (folder / kept.name).write_bytes(kept.read_bytes())
     (known,) = trainings_of(FULL, tmp_path)
     assert known["policy"] == kept.read_text()[:16]
-    with pytest.raises(SaltusError, match=r"policy.onnx are not kept here: git restore --source=\w+ "):
+    with pytest.raises(
+        SaltusError, match=r"policy.onnx are not kept here: git restore --source=\w+ "
+    ):
         ablations.check_weights(FULL, tmp_path, [])
     ablations.check_weights(FULL, tmp_path, [{"simulation": {}}])
     folder.joinpath("policy.onnx").write_bytes(b"weights")
@@ -374,12 +481,22 @@ def put_policy(trained: Path, name: str, seed: int) -> None:
 
 
 def test_a_machine_that_trains_an_ablation_needs_no_camera_and_no_pictures() -> None:
-    program = f"import sys\nsys.modules |= dict.fromkeys({NOT_ON_GPU_MACHINES})\nimport paper.training"
+    program = (
+        f"import sys\nsys.modules |= dict.fromkeys({NOT_ON_GPU_MACHINES})\nimport paper.training"
+    )
     subprocess.run([sys.executable, "-P", "-c", program], check=True, timeout=60)
 
 
 def test_learning_curves_are_those_of_the_trainings(tmp_path: Path) -> None:
-    columns = ("steps", "seconds", "reward", "stairs/level", "stepping_stones/level", "step/level", "gap/level")
+    columns = (
+        "steps",
+        "seconds",
+        "reward",
+        "stairs/level",
+        "stepping_stones/level",
+        "step/level",
+        "gap/level",
+    )
     for seed, count in enumerate((4, 6)):
         folder = tmp_path / FULL / f"seed-{seed}"
         folder.mkdir(parents=True)
@@ -388,11 +505,19 @@ def test_learning_curves_are_those_of_the_trainings(tmp_path: Path) -> None:
         lines = [",".join(columns), *(",".join(map(str, row)) for row in rows)]
         (folder / "progress.csv").write_text("\n".join(lines))
     (tmp_path / "predictor" / "seed-3").mkdir(parents=True)
-    errors = [f"round-{k},{100 * j},1.0,{0.01 * (20 - j - 10 * k)}" for k in (0, 1) for j in range(10)]
-    (tmp_path / "predictor" / "seed-3" / "progress.csv").write_text("\n".join(["network,update,loss,error", *errors]))
+    errors = [
+        f"round-{k},{100 * j},1.0,{0.01 * (20 - j - 10 * k)}" for k in (0, 1) for j in range(10)
+    ]
+    (tmp_path / "predictor" / "seed-3" / "progress.csv").write_text(
+        "\n".join(["network,update,loss,error", *errors])
+    )
     check_makeable(BY_NAME["learning-curves"], tmp_path / "out", tmp_path)
     numbers = make(BY_NAME["learning-curves"], Effort(), tmp_path / "out", tmp_path)["numbers"]
-    assert (numbers["seeds"], numbers["million_steps"], numbers["minutes"]) == (2, [3.0, 5.0], [3.0, 5.0])
+    assert (numbers["seeds"], numbers["million_steps"], numbers["minutes"]) == (
+        2,
+        [3.0, 5.0],
+        [3.0, 5.0],
+    )
     assert numbers["at_the_end"]["stairs/level"] == [3.0, 6.0]
     assert numbers["networks"]["predictor"] == {"round 1": [12.0, 11.0], "round 2": [2.0, 1.0]}
     assert numbers["networks"]["imitation"] == {}

@@ -35,7 +35,9 @@ from saltus.terrain.curriculum import make_terrain
 TINY = NetworkEffort(
     updates=1,
     batch=2,
-    loop=DeviceLoop(robot="go1", grid="line", robots=14, ticks=MIN_TICKS, terrains=("flat", "step"), plans=True),
+    loop=DeviceLoop(
+        robot="go1", grid="line", robots=14, ticks=MIN_TICKS, terrains=("flat", "step"), plans=True
+    ),
 )
 
 
@@ -59,7 +61,9 @@ def test_all_networks_of_a_seed_learn_from_the_data_of_the_predictors_rounds(tra
     records = read_manifest(trained / "data" / "seed-4")
     assert [record.config["heights"] == "true" for record in records] == [True, False]
     assert len({record.seed for record in records}) == 2
-    rounds = [load_checkpoint(trained / "predictor" / "seed-4" / f"round-{i}.pt")[1] for i in range(2)]
+    rounds = [
+        load_checkpoint(trained / "predictor" / "seed-4" / f"round-{i}.pt")[1] for i in range(2)
+    ]
     assert rounds[0]["start"] is None
     assert rounds[1]["start"]["dataset"] == rounds[0]["dataset"]
     _, late = load_checkpoint(trained / "no-latency" / "seed-4" / "network.pt")
@@ -82,12 +86,17 @@ def test_systems_are_made_of_trainings_of_one_seed(trained: Path) -> None:
 
 @pytest.mark.slow
 def test_robots_run_with_what_was_trained(trained: Path) -> None:
-    terrain, effort = make_terrain(TerrainConfig(terrain="flat")), Effort(trials=1, time_limit_s=1.2, processes=1)
+    terrain, effort = (
+        make_terrain(TerrainConfig(terrain="flat")),
+        Effort(trials=1, time_limit_s=1.2, processes=1),
+    )
     with_predictor, imitating = (
         Setting(terrain=terrain, predictor=trained / "no-latency" / "seed-4" / "heightmap.onnx"),
         Setting(terrain=terrain, imitator=trained / "imitation" / "seed-4" / "imitator.onnx"),
     )
-    ((first,), (second,), (shipped,)) = ran([with_predictor, imitating, Setting(terrain=terrain)], effort)
+    ((first,), (second,), (shipped,)) = ran(
+        [with_predictor, imitating, Setting(terrain=terrain)], effort
+    )
     ends = [run.reference[110:] for run in (first, second, shipped)]  # after it stood
     assert not any(np.array_equal(a, b) for a, b in zip(ends, [*ends[1:], ends[0]], strict=True))
     assert all(np.isfinite(end).all() for end in ends)
@@ -105,7 +114,9 @@ def test_an_imitator_that_is_told_what_to_plan_plans_as_the_policy_does(tmp_path
         model.head[-1].weight.zero_()
         model.height_mean.copy_(torch.from_numpy(config.env.bounds.normalised(plan)))
         model.head[-1].bias.zero_()
-    network = ImitationNetwork(write_imitator(model, config, tmp_path / "imitator.onnx", 0, "c0ffee"))
+    network = ImitationNetwork(
+        write_imitator(model, config, tmp_path / "imitator.onnx", 0, "c0ffee")
+    )
     state = features(observation, heights)[None, :PROPRIOCEPTION_SIZE]
     hidden = np.zeros((1, network.hidden_size), np.float32)
     tick = network.tick(np.zeros((1, 2, 48, 16)), np.zeros(1), np.zeros(1, np.bool_), state, hidden)

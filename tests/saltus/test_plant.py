@@ -20,7 +20,9 @@ ONE = np.ones(12)
 
 
 def pd(position: np.ndarray = ROBOT.stand_pose, kp: float = 100.0, kd: float = 4.0) -> JointCommand:
-    return JointCommand(position=position, velocity=0.0 * ONE, kp=kp * ONE, kd=kd * ONE, torque=0.0 * ONE)
+    return JointCommand(
+        position=position, velocity=0.0 * ONE, kp=kp * ONE, kd=kd * ONE, torque=0.0 * ONE
+    )
 
 
 def random_commands(count: int, seed: int = 0) -> list[JointCommand]:
@@ -75,7 +77,9 @@ def test_nothing_is_felt_in_free_fall() -> None:
         state = plant.step(limp)
     np.testing.assert_allclose(state.acceleration_base, 0.0, atol=1e-9)
     np.testing.assert_allclose(state.joint_velocity, 0.0, atol=1e-9)
-    assert start - state.position_base_in_world[2] == pytest.approx(0.5 * GRAVITY * 0.2**2, rel=0.02)
+    assert start - state.position_base_in_world[2] == pytest.approx(
+        0.5 * GRAVITY * 0.2**2, rel=0.02
+    )
 
 
 def test_energy_is_kept_in_flight_without_torque() -> None:
@@ -101,7 +105,9 @@ def test_the_accelerometer_integrates_to_the_velocity() -> None:
         after = plant.step(command)
         specific = rotation_matrix(after.quaternion_base_in_world) @ after.acceleration_base
         change = (specific - [0.0, 0.0, GRAVITY]) * PHYSICS_DT
-        np.testing.assert_allclose(after.velocity_base_in_world - before.velocity_base_in_world, change, atol=1e-9)
+        np.testing.assert_allclose(
+            after.velocity_base_in_world - before.velocity_base_in_world, change, atol=1e-9
+        )
 
 
 def test_reset_starts_over_to_the_bit() -> None:
@@ -151,7 +157,10 @@ def test_believed_torque_is_that_of_the_drive_and_the_applied_one_is_limited() -
     for command in random_commands(50):
         before = plant.state
         state = plant.step(command)
-        law = command.kp * (command.position - before.joint_position) - command.kd * before.joint_velocity
+        law = (
+            command.kp * (command.position - before.joint_position)
+            - command.kd * before.joint_velocity
+        )
         np.testing.assert_allclose(state.joint_torque, law, atol=1e-9)
         assert np.all(np.abs(plant.data.ctrl) <= np.abs(state.joint_torque) + 1e-12)
         np.testing.assert_array_equal(ideal.step(command).joint_torque, ideal.data.ctrl)

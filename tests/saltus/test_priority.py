@@ -72,7 +72,9 @@ def spin(*processes: str, right: bool = True) -> list[tuple[int, int, float]]:
 def may(asking: str) -> bool:
     """Whether this computer lets its user ask for more."""
     code = f"import os, pathlib; {asking}"
-    asked = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False, start_new_session=True)
+    asked = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, check=False, start_new_session=True
+    )
     return asked.returncode == 0
 
 
@@ -81,7 +83,9 @@ AS_SESSION = f"pathlib.Path('{AUTOGROUP}').write_text('{PRIORITY}')"
 
 
 @pytest.mark.parametrize("process", ["render", "heightmap", "policy", "controller"])
-def test_a_process_is_preferred_where_it_has_the_right_and_takes_its_turn_where_not(process: str) -> None:
+def test_a_process_is_preferred_where_it_has_the_right_and_takes_its_turn_where_not(
+    process: str,
+) -> None:
     usual = os.getpriority(os.PRIO_PROCESS, 0)
     ((own, group, _),) = spin(process, right=False)
     assert (own, group) == (usual, 0)
@@ -118,7 +122,9 @@ threading.Thread(target=tell).start()
 def test_slices_of_a_run_are_short_without_any_right() -> None:
     """Those of a supervisor while its run lasts, those of a process in all threads that it starts."""
     command = [sys.executable, "-c", SLICES]
-    told = subprocess.run(command, capture_output=True, text=True, check=True, preexec_fn=without_the_right).stdout
+    told = subprocess.run(
+        command, capture_output=True, text=True, check=True, preexec_fn=without_the_right
+    ).stdout
     usual, *others = map(int, told.split())
     short = SLICE_NS if usual else 0  # before Linux 6.12 programs have none of their own
     assert others == [short, usual, short, short]

@@ -35,9 +35,13 @@ def private_names(tree: ast.AST, own: set[str]) -> Iterator[tuple[int, str]]:
     libraries: set[str] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            names = [(alias.name, alias.asname or alias.name.partition(".")[0]) for alias in node.names]
+            names = [
+                (alias.name, alias.asname or alias.name.partition(".")[0]) for alias in node.names
+            ]
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            names = [(f"{node.module}.{alias.name}", alias.asname or alias.name) for alias in node.names]
+            names = [
+                (f"{node.module}.{alias.name}", alias.asname or alias.name) for alias in node.names
+            ]
         else:
             continue
         for name, bound in names:
@@ -49,13 +53,25 @@ def private_names(tree: ast.AST, own: set[str]) -> Iterator[tuple[int, str]]:
         if isinstance(node, ast.Attribute) and PRIVATE.fullmatch(node.attr):
             name = ast.unparse(node)
             is_of_library = root(node) in libraries and not offered(name)
-            if is_of_library or node.attr not in own | NAMED_TUPLES | {name.rpartition(".")[2] for name in OFFERED}:
+            if is_of_library or node.attr not in own | NAMED_TUPLES | {
+                name.rpartition(".")[2] for name in OFFERED
+            }:
                 yield node.lineno, name
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and MANGLED.fullmatch(node.value):
+        elif (
+            isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and MANGLED.fullmatch(node.value)
+        ):
             yield node.lineno, node.value
-        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ATTRIBUTES:
+        elif (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Name)
+            and node.func.id in ATTRIBUTES
+        ):
             named = [a.value for a in node.args[1:2] if isinstance(a, ast.Constant)]
-            yield from ((node.lineno, name) for name in named if PRIVATE.fullmatch(name) and name not in own)
+            yield from (
+                (node.lineno, name) for name in named if PRIVATE.fullmatch(name) and name not in own
+            )
 
 
 def offered(name: str) -> bool:
@@ -82,7 +98,10 @@ def given_names(tree: ast.AST) -> Iterator[str]:
 
 def test_no_private_name_of_a_library_is_used() -> None:
     files = [
-        path for room in ROOMS for path in (ROOT / room).rglob("*.py") if not any(map(Path.is_symlink, path.parents))
+        path
+        for room in ROOMS
+        for path in (ROOT / room).rglob("*.py")
+        if not any(map(Path.is_symlink, path.parents))
     ]
     trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in files}
     own = {name for tree in trees.values() for name in given_names(tree)}
@@ -110,6 +129,8 @@ def test_reaches_into_a_library_are_seen(source: str) -> None:
     assert list(private_names(ast.parse(source), {"_own"}))
 
 
-@pytest.mark.parametrize("source", ["self._own", "state._replace(x=1)", "import os\nos._exit(1)", "a.__class__"])
+@pytest.mark.parametrize(
+    "source", ["self._own", "state._replace(x=1)", "import os\nos._exit(1)", "a.__class__"]
+)
 def test_names_that_are_ours_or_offered_may_be_used(source: str) -> None:
     assert not list(private_names(ast.parse(source), {"_own"}))

@@ -37,7 +37,9 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
 
 def context(bus: MemoryBus) -> tuple[ProcessContext, Latest]:
     status = bus.latest("status", "render")
-    return ProcessContext("render", RunConfig(robot="go1", grid="line", pace="lockstep"), Path(), bus), status
+    return ProcessContext(
+        "render", RunConfig(robot="go1", grid="line", pace="lockstep"), Path(), bus
+    ), status
 
 
 def test_nothing_is_said_before_it_is_ready_and_then_twice_a_second(clock: FakeTime) -> None:
@@ -97,7 +99,9 @@ def test_a_process_that_stood_still_itself_looks_for_its_router_again(
         assert not subject.stopped
 
 
-def test_a_process_stops_when_its_parent_is_gone(clock: FakeTime, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_stops_when_its_parent_is_gone(
+    clock: FakeTime, monkeypatch: pytest.MonkeyPatch
+) -> None:
     subject, _ = context(MemoryBus("robot/0"))
     monkeypatch.setattr(os, "getppid", lambda: 1)
     subject.ready()
@@ -114,7 +118,9 @@ def handlers() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("handlers")
-def test_errors_are_one_line_and_exit_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_are_one_line_and_exit_code_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     def body(_: ProcessContext) -> None:
         raise ModelError("the model file is damaged")
 

@@ -39,7 +39,9 @@ def test_a_push_moves_a_robot_in_the_air_by_its_impulse() -> None:
     plant = BatchPlant(ROBOT, STAIRS, 2, threads=1)
     plant.reset(clearance=1.0)
     one = np.ones((2, 12))
-    hold = JointCommand(position=ROBOT.stand_pose * one, velocity=0 * one, kp=50 * one, kd=1 * one, torque=0 * one)
+    hold = JointCommand(
+        position=ROBOT.stand_pose * one, velocity=0 * one, kp=50 * one, kd=1 * one, torque=0 * one
+    )
     trial = Trial()
     pushes = Pushes(15.0, [STAIRS] * 2, [trial, trial])
     for _ in range(2 * PUSH_STEPS):
@@ -59,4 +61,6 @@ def test_friction_that_is_given_wins_over_what_trials_draw() -> None:
     )
     assert [given.trial(seed).friction for seed in SEEDS] == [0.35] * len(SEEDS)
     assert len({drawn.trial(seed).friction for seed in SEEDS}) == len(SEEDS)
-    assert [given.trial(seed).payload_kg for seed in SEEDS] == [drawn.trial(seed).payload_kg for seed in SEEDS]
+    assert [given.trial(seed).payload_kg for seed in SEEDS] == [
+        drawn.trial(seed).payload_kg for seed in SEEDS
+    ]

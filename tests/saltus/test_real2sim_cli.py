@@ -36,20 +36,44 @@ def patch(tmp_path: Path) -> Path:
 def test_the_list_of_experiments_says_what_each_shows(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["real2sim", "experiments", "--json"]) == 0
     table = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert {"joint_chirp", "wall_two_ranges", "drop"} <= {entry["name"] for entry in table["experiments"]}
-    assert all(entry["shows"] and entry["limits"] and entry["duration_s"] > 0 for entry in table["experiments"])
+    assert {"joint_chirp", "wall_two_ranges", "drop"} <= {
+        entry["name"] for entry in table["experiments"]
+    }
+    assert all(
+        entry["shows"] and entry["limits"] and entry["duration_s"] > 0
+        for entry in table["experiments"]
+    )
 
 
 def test_an_experiment_leaves_a_run_log(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["real2sim", "experiments", "--run", "drop", "--profile", "ideal", "--out", "log", "--json"]) == 0
+    assert (
+        main(
+            [
+                "real2sim",
+                "experiments",
+                "--run",
+                "drop",
+                "--profile",
+                "ideal",
+                "--out",
+                "log",
+                "--json",
+            ]
+        )
+        == 0
+    )
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     log = read_run_log(Path(said["log"]))
     assert log.meta["base"] == "free"
     assert said["seconds"] == pytest.approx(log.joints.time_s[-1] - log.joints.time_s[0])
 
 
-def test_a_patch_becomes_a_profile_that_is_found_by_name(patch: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["real2sim", "apply", str(patch), "--profile", "mine", "--base", "go1", "--json"]) == 0
+def test_a_patch_becomes_a_profile_that_is_found_by_name(
+    patch: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        main(["real2sim", "apply", str(patch), "--profile", "mine", "--base", "go1", "--json"]) == 0
+    )
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     file, names = "profiles/mine.toml", ["coulomb_friction"]
     assert said == {"profile": "mine", "file": file, "added": names, "updated": [], "lacks": []}
@@ -58,7 +82,9 @@ def test_a_patch_becomes_a_profile_that_is_found_by_name(patch: Path, capsys: py
     assert set(PROFILE.actuator) < set(profile.actuator)
     (friction,) = set(profile.actuator) - set(PROFILE.actuator)
     assert isinstance(friction, CoulombFriction)
-    assert main(["real2sim", "apply", str(patch), "--profile", "mine"]) == 0, "a patch may be applied again"
+    assert main(["real2sim", "apply", str(patch), "--profile", "mine"]) == 0, (
+        "a patch may be applied again"
+    )
     assert "mine with coulomb_friction updated\n" in capsys.readouterr().out
     assert load_profile("mine", ROBOT) == profile
 
@@ -73,7 +99,9 @@ def test_effects_of_the_shipped_profile_that_a_new_one_lacks_are_named(
     assert "--base shipped" in said
 
 
-def test_profiles_that_are_shipped_are_not_overwritten(patch: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_profiles_that_are_shipped_are_not_overwritten(
+    patch: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["real2sim", "apply", str(patch), "--profile", "go1"]) == 2
     assert "go1" in capsys.readouterr().err
     assert load_profile("go1", ROBOT) == PROFILE
@@ -85,7 +113,9 @@ def test_a_name_that_is_no_profile_is_told_with_the_nearest(patch: Path) -> None
         load_profile("mien", ROBOT)
 
 
-def test_an_experiment_is_not_written_over_a_run_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_experiment_is_not_written_over_a_run_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "log").mkdir()
     (tmp_path / "log" / "meta.json").write_text("{}")
     assert main(["real2sim", "experiments", "--run", "drop", "--out", "log"]) == 2

@@ -29,7 +29,9 @@ def status(process: str, time_s: float, **received: tuple[int, float]) -> Proces
     )
 
 
-def verdict_of(share: float, late_s: float, speed: float, seconds: float = 2.9) -> RealTimeFactor | None:
+def verdict_of(
+    share: float, late_s: float, speed: float, seconds: float = 2.9
+) -> RealTimeFactor | None:
     """What is said that long after the robot's first word, where one stream brings `share` and the other keeps up."""
     now_ns = time.monotonic_ns()
     clock = RunClock(now_ns - round(1e9 * seconds), speed=speed)
@@ -38,7 +40,9 @@ def verdict_of(share: float, late_s: float, speed: float, seconds: float = 2.9) 
     for k in range(int(seconds / PERIOD_S) + 1):
         length_s = PERIOD_S * speed
         asked = TOPICS["policy/plan"].rate_hz * length_s
-        monitor.take(status("controller", k * length_s, policy_plan=(round(share * asked), 0.01 + late_s)))
+        monitor.take(
+            status("controller", k * length_s, policy_plan=(round(share * asked), 0.01 + late_s))
+        )
         monitor.take(status("policy", k * length_s, controller_state=(round(asked), 0.01)))
     return monitor.verdict()
 
@@ -66,7 +70,9 @@ def test_within_three_seconds_it_is_known(speed: float) -> None:
 @given(
     share=st.floats(0.05, 1.0), late_s=st.floats(0.0, 1.0), speed=st.sampled_from([1.0, 0.5, 0.2]),
 )  # fmt: skip
-def test_what_keeps_up_stays_and_what_does_not_is_to_run_slower(share: float, late_s: float, speed: float) -> None:
+def test_what_keeps_up_stays_and_what_does_not_is_to_run_slower(
+    share: float, late_s: float, speed: float
+) -> None:
     factor = verdict_of(share, late_s, speed)
     assert factor is not None
     # A stream of few messages in half a second knows its share in steps of one message

@@ -27,7 +27,9 @@ def frames() -> list[DepthFrame]:
     return list(read_realsense(BAG))
 
 
-def test_unit_intrinsics_and_invalid_pixels_are_the_recordings_own(frames: list[DepthFrame]) -> None:
+def test_unit_intrinsics_and_invalid_pixels_are_the_recordings_own(
+    frames: list[DepthFrame],
+) -> None:
     assert [f.frame_id for f in frames] == [0, 1]
     assert frames[1].time_ns > frames[0].time_ns
     for frame in frames:
@@ -46,7 +48,9 @@ def test_the_crop_is_that_of_the_models_camera(frames: list[DepthFrame]) -> None
     for row, column in ((5, 3), (24, 8), (40, 12)):
         if not valid[row, column]:
             continue
-        edges_u = frame.cx + (column + np.array([0, 1]) - MODEL_CAMERA.cx) / MODEL_CAMERA.fx * frame.fx
+        edges_u = (
+            frame.cx + (column + np.array([0, 1]) - MODEL_CAMERA.cx) / MODEL_CAMERA.fx * frame.fx
+        )
         edges_v = frame.cy + (row + np.array([0, 1]) - MODEL_CAMERA.cy) / MODEL_CAMERA.fy * frame.fy
         (left, right), (top, bottom) = np.rint(edges_u).astype(int), np.rint(edges_v).astype(int)
         patch = frame.depth[top:bottom, left:right]
@@ -65,11 +69,17 @@ def test_two_frames_without_a_robot_keep_warming(frames: list[DepthFrame]) -> No
 
 @pytest.mark.parametrize("packed", [False, True])
 @pytest.mark.parametrize("unit_m", [0.001, 0.0001, 0.00025])
-def test_a_database_of_rosbag2_is_the_same_recording(tmp_path: Path, unit_m: float, packed: bool) -> None:
+def test_a_database_of_rosbag2_is_the_same_recording(
+    tmp_path: Path, unit_m: float, packed: bool
+) -> None:
     """As the SDK writes it since 2026; a D405 counts tenths of a millimetre, an L515 quarters."""
-    mine = list(read_realsense(write_database(tmp_path / "desk.db3", 3, unit_m=unit_m, packed=packed)))
+    mine = list(
+        read_realsense(write_database(tmp_path / "desk.db3", 3, unit_m=unit_m, packed=packed))
+    )
     for frame, other in zip(mine, read_realsense(write_bag(tmp_path / "desk.bag", 3)), strict=True):
-        np.testing.assert_allclose(frame.depth * frame.depth_unit_m, other.depth * other.depth_unit_m)
+        np.testing.assert_allclose(
+            frame.depth * frame.depth_unit_m, other.depth * other.depth_unit_m
+        )
         assert frame.depth_unit_m == unit_m
         for name in ("fx", "fy", "cx", "cy", "frame_id"):
             assert getattr(frame, name) == getattr(other, name)
@@ -77,7 +87,9 @@ def test_a_database_of_rosbag2_is_the_same_recording(tmp_path: Path, unit_m: flo
 
 
 @pytest.mark.parametrize("name", ["desk.db3", "desk.bag"])
-def test_a_camera_without_joints_is_no_run_log(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_camera_without_joints_is_no_run_log(
+    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = (write_database if name.endswith("db3") else write_bag)(tmp_path / name)
     assert main(["real2sim", "import", str(path), "--out", str(tmp_path / "log")]) == 2
     assert f"`saltus render fit {path}`" in capsys.readouterr().err

@@ -51,7 +51,9 @@ from saltus.wire.topics import TOPICS
 def test_what_is_written_is_read(whole: Recording) -> None:
     assert whole.complete
     assert whole.lost == []
-    assert whole.config == RunConfig(robot="go1", grid="line", seed=7, terrain=TerrainConfig(terrain="gap"))
+    assert whole.config == RunConfig(
+        robot="go1", grid="line", seed=7, terrain=TerrainConfig(terrain="gap")
+    )
     sent = {topic: [s for s in run_samples() if s.key.startswith(topic)] for topic in TOPICS}
     for topic, samples in sent.items():
         read = list(whole.payloads(topic))
@@ -60,7 +62,11 @@ def test_what_is_written_is_read(whole: Recording) -> None:
     assert set(whole.topics()) == {topic for topic, samples in sent.items() if samples}
     for _, envelope, message in whole.messages("camera/depth"):
         np.testing.assert_array_equal(message.depth, depth(2 * envelope.sequence - 2).depth)  # type: ignore[union-attr]
-    assert len(list(whole.messages("status/controller"))) == len(list(whole.messages("status"))) == STEPS
+    assert (
+        len(list(whole.messages("status/controller")))
+        == len(list(whole.messages("status")))
+        == STEPS
+    )
 
 
 def test_what_a_prompt_shows_of_values_fits_on_it(whole: Recording) -> None:
@@ -73,10 +79,16 @@ def test_another_reader_opens_it_and_finds_the_definitions(whole: Recording) -> 
         summary = make_reader(file).get_summary()
     assert summary is not None
     schemas = {schema.name: schema for schema in summary.schemas.values()}
-    assert {TYPE_NAME[messages.Heightmap], "sensor_msgs/msg/Image", "tf2_msgs/msg/TFMessage"} <= set(schemas)
+    assert {
+        TYPE_NAME[messages.Heightmap],
+        "sensor_msgs/msg/Image",
+        "tf2_msgs/msg/TFMessage",
+    } <= set(schemas)
     assert {schema.encoding for schema in schemas.values()} == {"ros2msg"}
     topics = {channel.topic for channel in summary.channels.values()}
-    assert {f"/viewer/{name}" for name in ("depth", "camera_info", "tf", "heightmap", "terrain")} <= topics
+    assert {
+        f"/viewer/{name}" for name in ("depth", "camera_info", "tf", "heightmap", "terrain")
+    } <= topics
     assert {channel.metadata["boot_id"] for channel in summary.channels.values()} == {SENDER.hex()}
     for channel in summary.channels.values():
         name = summary.schemas[channel.schema_id].name
@@ -84,26 +96,36 @@ def test_another_reader_opens_it_and_finds_the_definitions(whole: Recording) -> 
         assert b"MSG: std_msgs/Header" in schemas[name].data or name == "rcl_interfaces/msg/Log"
 
 
-def test_fields_of_another_version_are_refused_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fields_of_another_version_are_refused_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """`half_width_90` was called `std` once, and meant something else in the same place."""
     definition_of = codec.definition_of
-    monkeypatch.setattr(codec, "definition_of", lambda name: definition_of(name).replace("half_width_90", "std"))
+    monkeypatch.setattr(
+        codec, "definition_of", lambda name: definition_of(name).replace("half_width_90", "std")
+    )
     older = write(tmp_path / "older.mcap", list(run_samples(3)))
     monkeypatch.undo()
     assert len(list(older.messages("controller/state"))) == 3
-    with pytest.raises(RecordingError, match=r"older.mcap: heightmap/heightmap .*'float64\[\] std'"):
+    with pytest.raises(
+        RecordingError, match=r"older.mcap: heightmap/heightmap .*'float64\[\] std'"
+    ):
         list(older.messages("heightmap/heightmap"))
 
 
 def test_a_recording_holds_its_robot_and_grid(whole: Recording) -> None:
     assert whole.robot == ROBOT
-    older = Recording(whole.path, config=RunConfig(robot="go1/0", grid="line"))  # its prefix stood there
+    older = Recording(
+        whole.path, config=RunConfig(robot="go1/0", grid="line")
+    )  # its prefix stood there
     assert older.robot == ROBOT
     assert Recording(whole.path).robot == ROBOT
     assert whole.grid == older.grid == Recording(whole.path).grid == LINE
 
 
-def test_what_was_flushed_survives_the_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_flushed_survives_the_writer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(recorder, "FLUSH_S", 0.0)
     path = tmp_path / "recording.mcap"
     file = Recorder(path, RunConfig(robot="go1", grid="line"), setup_of(TERRAIN))
@@ -120,10 +142,14 @@ def test_what_was_flushed_survives_the_writer(tmp_path: Path, monkeypatch: pytes
 
 @pytest.mark.parametrize("missed", [0, 3])
 def test_what_came_too_fast_is_told(missed: int, tmp_path: Path) -> None:
-    with Recorder(tmp_path / "recording.mcap", RunConfig(robot="go1", grid="line"), setup_of(TERRAIN)) as file:
+    with Recorder(
+        tmp_path / "recording.mcap", RunConfig(robot="go1", grid="line"), setup_of(TERRAIN)
+    ) as file:
         file.missed = missed
     lost = read_recording(tmp_path / "recording.mcap").lost
-    assert lost == ([f"{missed} messages, which came faster than they were recorded"] if missed else [])
+    assert lost == (
+        [f"{missed} messages, which came faster than they were recorded"] if missed else []
+    )
 
 
 def test_what_was_flushed_is_given_to_the_disk_soon_and_at_the_end(
@@ -146,7 +172,9 @@ def test_what_was_flushed_is_given_to_the_disk_soon_and_at_the_end(
     assert given[-1] == path.stat().st_size > flushed
 
 
-def test_the_index_of_a_long_recording_takes_no_memory_and_says_where_everything_is(tmp_path: Path) -> None:
+def test_the_index_of_a_long_recording_takes_no_memory_and_says_where_everything_is(
+    tmp_path: Path,
+) -> None:
     """It is written as the library would write it, to the byte."""
     rng = np.random.default_rng(5)
     path, plain = tmp_path / "run.mcap", BytesIO()
@@ -155,23 +183,35 @@ def test_the_index_of_a_long_recording_takes_no_memory_and_says_where_everything
     theirs.start(profile="ros2", library="saltus")
     with (
         path.open("wb") as file,
-        closing(IndexedWriter(file, tmp_path, chunk_bytes=200, profile="ros2", library="saltus")) as ours,
+        closing(
+            IndexedWriter(file, tmp_path, chunk_bytes=200, profile="ros2", library="saltus")
+        ) as ours,
     ):
         assert list(tmp_path.iterdir()) == [path]  # nothing is left of it, however the process ends
         for writer in (ours, theirs):
             writer.add_metadata("run", {"seed": "7"})
             assert writer.register_schema("Plan", "ros2msg", b"int8 kind") == 1
-            assert [writer.register_channel(f"/{number}", "cdr", 1, {}) for number in channels] == list(channels)
+            assert [
+                writer.register_channel(f"/{number}", "cdr", 1, {}) for number in channels
+            ] == list(channels)
         tracemalloc.start()
         for chunk in range(chunks):
             for channel in channels[: int(rng.integers(1, 15))]:
                 time_ns, data = int(rng.integers(10**9)), rng.bytes(int(rng.integers(8)))
-                record = Message(channel_id=channel, log_time=time_ns, data=data, publish_time=chunk, sequence=chunk)
+                record = Message(
+                    channel_id=channel,
+                    log_time=time_ns,
+                    data=data,
+                    publish_time=chunk,
+                    sequence=chunk,
+                )
                 ours.add_message(record)
                 theirs.add_message(channel, time_ns, data, chunk, chunk)
             for writer in (ours, theirs):
                 writer.flush()
-        snapshot = tracemalloc.take_snapshot().filter_traces([tracemalloc.Filter(True, indexed_writer.__file__)])
+        snapshot = tracemalloc.take_snapshot().filter_traces(
+            [tracemalloc.Filter(True, indexed_writer.__file__)]
+        )
         tracemalloc.stop()
         for writer in (ours, theirs):
             writer.finish()
@@ -193,7 +233,9 @@ def test_malformed_samples_are_counted_not_recorded(tmp_path: Path) -> None:
             file.write(bad)
         file.write(replace(good, key="nonsense/key"))
         file.write(good)
-    assert file.rejected == {f"policy/plan/{reason}": 1 for reason in ("empty", "envelope", "malformed")}
+    assert file.rejected == {
+        f"policy/plan/{reason}": 1 for reason in ("empty", "envelope", "malformed")
+    }
     assert len(payloads(read_recording(path))) == 1
 
 
@@ -209,7 +251,9 @@ def test_the_digest_is_that_of_the_run_not_of_the_file(whole: Recording, tmp_pat
 
 
 @pytest.mark.parametrize("topic", ["heightmap/heightmap", "policy/plan", "controller/state"])
-def test_the_digest_sees_every_bit_and_every_gap(whole: Recording, tmp_path: Path, topic: str) -> None:
+def test_the_digest_sees_every_bit_and_every_gap(
+    whole: Recording, tmp_path: Path, topic: str
+) -> None:
     samples = list(run_samples())
     index = [i for i, s in enumerate(samples) if s.key == topic][STEPS // 2]
     payload = bytearray(samples[index].payload)
@@ -223,13 +267,18 @@ def test_the_digest_sees_every_bit_and_every_gap(whole: Recording, tmp_path: Pat
 
 
 def asked_again(samples: Iterable[RawSample], seed: int) -> Iterator[RawSample]:
-    """Each message up to three times, under a new number each time; statuses are not answers, and come once."""
+    """Each message up to three times, under a new number each time.
+
+    Statuses are not answers, and come once.
+    """
     rng, numbers = np.random.default_rng(seed), Counter[str]()
     for sample in samples:
         _, capture_ns = struct.unpack_from("<qq", sample.attachment)
         for _ in range(1 if sample.key.startswith("status") else rng.integers(1, 4)):
             numbers[sample.key] += 1
-            yield replace(sample, attachment=Envelope(numbers[sample.key], capture_ns, SENDER).to_bytes())
+            yield replace(
+                sample, attachment=Envelope(numbers[sample.key], capture_ns, SENDER).to_bytes()
+            )
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -258,7 +307,9 @@ def test_in_real_time_all_is_recorded_that_is_sent(tmp_path: Path) -> None:
 def test_rates_and_ages_in_real_time(tmp_path: Path) -> None:
     epoch_ns = 123_456_789
     timing = rates_and_ages(
-        write(tmp_path / "recording.mcap", list(run_samples(epoch_ns=epoch_ns)), "realtime", epoch_ns)
+        write(
+            tmp_path / "recording.mcap", list(run_samples(epoch_ns=epoch_ns)), "realtime", epoch_ns
+        )
     )
     for topic in ("controller/state", "policy/plan", "plant/truth"):
         assert timing[topic].rate_hz == pytest.approx(100.0)
@@ -294,10 +345,13 @@ def test_signals_tear_no_message_of_a_recording(tmp_path: Path) -> None:
             armed = False
             WHOLE.interrupt(KeyboardInterrupt())
 
-    config = RunConfig(robot="go1", grid="line", pace="lockstep", terrain=TerrainConfig(terrain="gap"))
+    config = RunConfig(
+        robot="go1", grid="line", pace="lockstep", terrain=TerrainConfig(terrain="gap")
+    )
     samples = list(run_samples(20 * STEPS))
     before = signal.signal(signal.SIGALRM, handle)
-    gc.disable()  # Python swallows what is raised in a callback of its collector, and Hypothesis leaves one there
+    # Python swallows what is raised in a callback of its collector, and Hypothesis leaves one there
+    gc.disable()
     try:
         with Recorder(tmp_path / "run.mcap", config, setup_of(TERRAIN)) as file:
             signal.setitimer(signal.ITIMER_REAL, 2e-4, 2e-4)

@@ -24,7 +24,9 @@ PAGES: dict[str, str] = reference.pages()
 
 @pytest.mark.parametrize("page", PAGES)
 def test_pages_are_those_that_the_code_makes(page: str) -> None:
-    assert (ROOT / "docs" / "reference" / page).read_text() == PAGES[page], "run python tools/reference.py"
+    assert (ROOT / "docs" / "reference" / page).read_text() == PAGES[page], (
+        "run python tools/reference.py"
+    )
 
 
 def test_every_effect_topic_and_field_is_explained() -> None:
@@ -39,13 +41,24 @@ def test_every_effect_topic_and_field_is_explained() -> None:
 def test_every_event_that_a_process_sends_is_explained_and_no_other() -> None:
     """By the source: what follows `event(` and its like is a code, or made of one of an enumeration."""
     rooms = ("saltus", "render", "heightmap", "policy", "controller")
-    sources = [path.read_text() for room in rooms for path in (ROOT / room).rglob("*.py") if path.name != "events.py"]
-    sent = {code for text in sources for code in re.findall(r"""\b(?:_?event|_tell)\(\s*"(\w+)\"""", text)}
+    sources = [
+        path.read_text()
+        for room in rooms
+        for path in (ROOT / room).rglob("*.py")
+        if path.name != "events.py"
+    ]
+    sent = {
+        code
+        for text in sources
+        for code in re.findall(r"""\b(?:_?event|_tell)\(\s*"(\w+)\"""", text)
+    }
     assert len(sent) >= 10
     assert sent <= CODES.keys()
     made = {code for code in CODES if re.match(r"mode_|heightmap_(ok|warming|degraded)$", code)}
     assert len(made) == len(ControllerMode) + len(HeightmapStatus) - 1
-    assert [code for code in CODES.keys() - made if not any(f'"{code}"' in text for text in sources)] == []
+    assert [
+        code for code in CODES.keys() - made if not any(f'"{code}"' in text for text in sources)
+    ] == []
     assert all(f"| `{code}` |" in PAGES["messages.md"] for code in CODES)
 
 

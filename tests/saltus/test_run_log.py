@@ -46,10 +46,15 @@ def test_export_reads_back_to_the_bit(recording: Recording, directory: Path) -> 
     rows = recording.of(JointLog)
     np.testing.assert_array_equal(log.joints.q, np.concatenate([m.position for m in rows]))
     assert log.joints.tau_est is not None
-    # a drive reports the torque of the step that is over, a row says what the command of its own time makes of it
-    np.testing.assert_array_equal(log.joints.tau_est[:-1], np.concatenate([m.torque_estimated for m in rows])[1:])
+    # a drive reports the torque of the step that is over, a row says what the command of its own
+    # time makes of it
+    np.testing.assert_array_equal(
+        log.joints.tau_est[:-1], np.concatenate([m.torque_estimated for m in rows])[1:]
+    )
     for gain in ("kp", "kd"):
-        np.testing.assert_array_equal(getattr(log.joints, gain), np.concatenate([getattr(m, gain) for m in rows]))
+        np.testing.assert_array_equal(
+            getattr(log.joints, gain), np.concatenate([getattr(m, gain) for m in rows])
+        )
     np.testing.assert_allclose(np.diff(log.joints.time_s), 0.002, atol=1e-9)
     states = recording.of(RobotState)
     truths = recording.of(GroundTruth)
@@ -57,12 +62,16 @@ def test_export_reads_back_to_the_bit(recording: Recording, directory: Path) -> 
     assert log.base is not None
     assert log.feet is not None
     np.testing.assert_array_equal(log.imu.values[:, 4:7], [m.angular_velocity_base for m in states])
-    np.testing.assert_array_equal(log.base.values[:, :3], [m.position_base_in_world for m in truths])
+    np.testing.assert_array_equal(
+        log.base.values[:, :3], [m.position_base_in_world for m in truths]
+    )
     np.testing.assert_array_equal(log.feet.values, [m.foot_force for m in truths])
     assert len(log.base.time_s) == STEPS
 
 
-def test_depth_is_in_millimetres_and_what_is_not_measured_is_zero(recording: Recording, directory: Path) -> None:
+def test_depth_is_in_millimetres_and_what_is_not_measured_is_zero(
+    recording: Recording, directory: Path
+) -> None:
     depth = read_run_log(directory).depth
     assert depth is not None
     assert depth.capture_s is not None
@@ -88,12 +97,17 @@ def test_rows_of_a_run_in_real_time_follow_each_other(tmp_path: Path) -> None:
     early = [
         raw(s.key, replace(m, time_ns=m.time_ns - 3_000_000 * (m.step % 3)), k)
         for k, s in enumerate(run_samples())
-        if isinstance(m := codec.decode(JointLog, s.payload) if s.key == "controller/joints" else None, JointLog)
+        if isinstance(
+            m := codec.decode(JointLog, s.payload) if s.key == "controller/joints" else None,
+            JointLog,
+        )
     ]
     export_run_log(write(tmp_path / "recording.mcap", early), tmp_path / "log")
     time_s = read_run_log(tmp_path / "log").joints.time_s
     assert np.diff(time_s).min() > 0.0
-    np.testing.assert_allclose(np.diff(time_s[::5]), np.tile([0.007, 0.007, 0.016], STEPS)[: STEPS - 1], atol=1e-9)
+    np.testing.assert_allclose(
+        np.diff(time_s[::5]), np.tile([0.007, 0.007, 0.016], STEPS)[: STEPS - 1], atol=1e-9
+    )
 
 
 def test_everything_but_meta_and_joints_may_be_missing(directory: Path) -> None:
@@ -181,7 +195,10 @@ def test_archives_of_numpy_mean_the_same(directory: Path, whole: bool) -> None:
         arrays = {column: table[column].to_numpy() for column in table.column_names}
         if whole and name == "joints":
             signals = {signal: getattr(expected.joints, signal) for signal in JOINT_SIGNALS}
-            arrays = {"t": expected.joints.time_s, **{s: v for s, v in signals.items() if v is not None}}
+            arrays = {
+                "t": expected.joints.time_s,
+                **{s: v for s, v in signals.items() if v is not None},
+            }
         np.savez(directory / f"{name}.npz", **arrays)
         csv.unlink()
     log = read_run_log(directory)
@@ -207,10 +224,19 @@ def test_what_was_written_reads_back_to_the_bit(directory: Path, tmp_path: Path)
 def test_segments_stand_beside_or_within_the_excitation(outer: bool) -> None:
     named = [{"name": "a", "t0": 0, "t1": 1.5, "condition": "slow"}]
     assert (
-        segments({"segments": named, "excitation": "text"} if outer else {"excitation": {"segments": named}}) == named
+        segments(
+            {"segments": named, "excitation": "text"}
+            if outer
+            else {"excitation": {"segments": named}}
+        )
+        == named
     )
     assert segments({"excitation": "text"}) == []
-    for wrong in ({"name": "a", "t0": 0, "t1": 1}, {**named[0], "t1": -1.0}, {**named[0], "t0": "0"}):
+    for wrong in (
+        {"name": "a", "t0": 0, "t1": 1},
+        {**named[0], "t1": -1.0},
+        {**named[0], "t0": "0"},
+    ):
         with pytest.raises(RecordingError, match="segment"):
             segments({"segments": [wrong]})
 
@@ -242,7 +268,20 @@ def test_a_run_is_imported_by_its_folder_its_recording_and_by_find(tmp_path: Pat
 def test_the_page_of_the_form_names_every_column_and_claim_that_is_read() -> None:
     page = (Path(__file__).parents[2] / "docs" / "real2sim.md").read_text()
     form = page.split("## Writing a run log")[1].split("\n## ")[0]
-    columns = {f"{signal}_J" for signal in JOINT_SIGNALS} | {*IMU_COLUMNS, *BASE_COLUMNS, *FEET_COLUMNS, *DEPTH_ARRAYS}
-    claims = {*GAINS, *OPTIONAL, *GROUND, *CAMERA, *CAMERA_OPTIONAL, "payload_position", "excitation"}
+    columns = {f"{signal}_J" for signal in JOINT_SIGNALS} | {
+        *IMU_COLUMNS,
+        *BASE_COLUMNS,
+        *FEET_COLUMNS,
+        *DEPTH_ARRAYS,
+    }
+    claims = {
+        *GAINS,
+        *OPTIONAL,
+        *GROUND,
+        *CAMERA,
+        *CAMERA_OPTIONAL,
+        "payload_position",
+        "excitation",
+    }
     code = " ".join(form.split("`")[1::2])
     assert columns | claims <= set(re.findall(r"\w+", code))

@@ -40,7 +40,9 @@ def test_the_robot_is_ideal(model: mujoco.MjModel) -> None:
     assert model.opt.timestep == PHYSICS_DT
     assert [model.joint(i).name for i in range(1, 13)] == list(JOINTS)
     assert [model.actuator(i).name for i in range(12)] == list(JOINTS)
-    np.testing.assert_allclose(model.jnt_range[1:], np.stack([ROBOT.joint_lower, ROBOT.joint_upper], axis=-1))
+    np.testing.assert_allclose(
+        model.jnt_range[1:], np.stack([ROBOT.joint_lower, ROBOT.joint_upper], axis=-1)
+    )
 
 
 @pytest.mark.parametrize("pose", POSES)
@@ -71,7 +73,9 @@ def test_the_legs_mirror_each_other(model: mujoco.MjModel) -> None:
     for part in ("hip", "thigh", "calf"):
         bodies = [model.body(f"{leg}_{part}") for leg in LEGS]
         for right, left in (bodies[:2], bodies[2:]):
-            mirrored = right.ipos if part == "calf" else right.ipos * [1, -1, 1]  # the calf is one part for both sides
+            mirrored = (
+                right.ipos if part == "calf" else right.ipos * [1, -1, 1]
+            )  # the calf is one part for both sides
             np.testing.assert_allclose(left.ipos, mirrored)
             np.testing.assert_allclose(left.mass, right.mass)
             np.testing.assert_allclose(np.sort(left.inertia), np.sort(right.inertia), rtol=1e-6)
@@ -93,7 +97,11 @@ def test_options_reach_the_model(model: mujoco.MjModel) -> None:
     plain = model.body(scene.TRUNK).ipos
     shift = np.array([0.02, -0.01, 0.03])
     model = scene.build_spec(
-        ROBOT, level.make("stairs", steps=3, rise_m=0.1, run_m=0.3), friction=0.33, com_shift=shift, columns=9
+        ROBOT,
+        level.make("stairs", steps=3, rise_m=0.1, run_m=0.3),
+        friction=0.33,
+        com_shift=shift,
+        columns=9,
     ).compile()
     np.testing.assert_allclose(model.body(scene.TRUNK).ipos, plain + shift)
     assert np.all(model.geom_friction[model.geom_group == scene.ROBOT_GROUP, 0] == 0.33)

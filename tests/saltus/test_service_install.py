@@ -24,14 +24,20 @@ assert _spec is not None
 assert _spec.loader is not None
 tool = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(tool)
-LISTED = [Requirement(line) for line in tool.FILE.read_text().splitlines() if not line.startswith("#")]
+LISTED = [
+    Requirement(line) for line in tool.FILE.read_text().splitlines() if not line.startswith("#")
+]
 
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the packages of service.txt and no others, as links to their files."""
     folder = tmp_path_factory.mktemp("packages")
-    files = {str(file): str(file.locate()) for listed in LISTED for file in distribution(listed.name).files or ()}
+    files = {
+        str(file): str(file.locate())
+        for listed in LISTED
+        for file in distribution(listed.name).files or ()
+    }
     for name, file in files.items():
         link = folder / name
         if ".." not in link.parts and link.suffix != ".pyc":
@@ -40,7 +46,13 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-SALTUS = (sys.executable, "-S", "-P", "-m", "saltus.cli.main")  # -S: without the packages of this Python
+SALTUS = (
+    sys.executable,
+    "-S",
+    "-P",
+    "-m",
+    "saltus.cli.main",
+)  # -S: without the packages of this Python
 
 
 def with_only(environment: Path) -> dict[str, str]:
@@ -52,7 +64,9 @@ def with_only(environment: Path) -> dict[str, str]:
 def running(environment: Path, *command: str) -> Iterator["subprocess.Popen[str]"]:
     """A command of Saltus with these packages; a service manager ends it."""
     words = [*SALTUS, *command]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=with_only(environment)) as process:
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, text=True, env=with_only(environment)
+    ) as process:
         try:
             yield process
         finally:
@@ -62,11 +76,15 @@ def running(environment: Path, *command: str) -> Iterator["subprocess.Popen[str]
 
 def test_the_list_is_what_the_packages_say_that_they_need() -> None:
     made = [Requirement(line) for line in tool.service_requirements()]
-    assert [listed.name for listed in LISTED] == [each.name for each in made], "run python tools/service.py"
+    assert [listed.name for listed in LISTED] == [each.name for each in made], (
+        "run python tools/service.py"
+    )
 
 
 def test_all_of_it_is_small() -> None:
-    files = {str(file.locate()) for listed in LISTED for file in distribution(listed.name).files or ()}
+    files = {
+        str(file.locate()) for listed in LISTED for file in distribution(listed.name).files or ()
+    }
     sizes = [Path(file).stat().st_size for file in files if not file.endswith(".pyc")]
     own = sum(path.stat().st_size for path in (ROOT / "models").glob("*.onnx"))
     assert 100e6 < sum(sizes) + own < MOST_BYTES
@@ -87,7 +105,8 @@ def test_a_router_and_the_service_run_on_it(environment: Path, tmp_path: Path) -
 
 def test_a_command_that_needs_more_says_so_in_one_line(environment: Path, tmp_path: Path) -> None:
     done = subprocess.run(
-        [*SALTUS, "demo"], env=with_only(environment), cwd=tmp_path, capture_output=True, text=True, check=False,
+        [*SALTUS, "demo"], env=with_only(environment), cwd=tmp_path, capture_output=True, text=True,
+        check=False,
         timeout=PATIENCE_S,
     )  # fmt: skip
     assert done.returncode == 2

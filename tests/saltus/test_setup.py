@@ -23,7 +23,12 @@ DEFAULTS = {"DEFAULT_ROBOT", "LINE", "HEIGHTMAP_X"}
 def defaults_in(source: str) -> set[str]:
     """Names of default robots and grids that a module reads."""
     tree = ast.parse(source)
-    imported = {name.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for name in node.names}
+    imported = {
+        name.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for name in node.names
+    }
     read = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
     return DEFAULTS & (imported | read)
 
@@ -32,7 +37,11 @@ def defaults_in(source: str) -> set[str]:
 def test_no_module_below_the_command_line_has_a_default_robot_or_grid(room: str) -> None:
     files = {str(path.relative_to(ROOT)): path for path in sorted((ROOT / room).rglob("*.py"))}
     if room == "saltus":  # it links to the other rooms
-        files = {name: path for name, path in files.items() if not any(p.is_symlink() for p in path.parents)}
+        files = {
+            name: path
+            for name, path in files.items()
+            if not any(p.is_symlink() for p in path.parents)
+        }
     found = {name for name, path in files.items() if defaults_in(path.read_text(encoding="utf-8"))}
     assert not {name for name in found if not name.startswith(MAY)}
 
@@ -43,7 +52,9 @@ def test_no_module_below_the_command_line_has_a_default_robot_or_grid(room: str)
 def test_a_setup_reads_back_equal_and_its_fingerprint_tells_it_from_others(
     robot: str, terrain: str, camera: str
 ) -> None:
-    run = RunConfig(robot=robot, grid="line", terrain=TerrainConfig(terrain=terrain), camera=camera, seed=5)
+    run = RunConfig(
+        robot=robot, grid="line", terrain=TerrainConfig(terrain=terrain), camera=camera, seed=5
+    )
     setup = named_setup(run)
     assert Setup.from_toml(setup.to_toml()) == setup
     others = {

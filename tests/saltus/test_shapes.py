@@ -11,7 +11,9 @@ TESTS = Path(__file__).parents[1]
 
 def python(code: str) -> subprocess.CompletedProcess[str]:
     """Runs a program in a fresh process, beside the modules that tests share."""
-    return subprocess.run([sys.executable, "-c", code], cwd=TESTS, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [sys.executable, "-c", code], cwd=TESTS, capture_output=True, text=True, check=False
+    )
 
 
 def test_laws_of_numpy_and_torch_keep_the_shapes_that_they_state() -> None:
@@ -25,11 +27,15 @@ def test_laws_of_numpy_and_torch_keep_the_shapes_that_they_state() -> None:
         "rotations.rotation_matrix(np.zeros(3))",
         "rotations.quaternion_from_roll_pitch_yaw(np.zeros(5), np.zeros(4), np.zeros(5))",
         "grid.LINE.points_in_world(np.zeros((5, 3)), np.zeros(4))",
-        "joint_command.JointCommand(**dict.fromkeys(('position', 'velocity', 'kp', 'kd', 'torque'), np.zeros((4, 3))))",
+        "joint_command.JointCommand(**dict.fromkeys(('position', 'velocity', 'kp', 'kd', "
+        "'torque'), np.zeros((4, 3))))",
     ],
 )
 def test_another_shape_is_refused(call: str) -> None:
-    run = python(f"import shape_checks, numpy as np; from saltus import grid, joint_command, rotations; {call}")
+    run = python(
+        f"import shape_checks, numpy as np; from saltus import grid, joint_command, rotations; "
+        f"{call}"
+    )
     assert run.returncode == 1
     assert "TypeCheckError" in run.stderr
 

@@ -47,7 +47,9 @@ def until(condition: Callable[[], bool]) -> None:
 
 def sample(number: int, size: int, age_ns: int = 0) -> RawSample:
     payload = np.random.default_rng(number).bytes(size)
-    return RawSample(f"event/{number}", payload, bytes([number % 256]) * 33, time.monotonic_ns() - age_ns)
+    return RawSample(
+        f"event/{number}", payload, bytes([number % 256]) * 33, time.monotonic_ns() - age_ns
+    )
 
 
 def due(sharer: Sharer) -> Sharer:
@@ -61,13 +63,18 @@ def test_what_is_handed_on_is_what_came_in_and_no_batch_is_too_large(seed: int) 
     rng, sent = np.random.default_rng(seed), list[bytes]()
     sizes = rng.choice([0, 1, 300, 40_000, 600_000, codec.PAYLOAD_MAX, codec.PAYLOAD_MAX + 1], 25)
     given_ = [sample(number, int(size), age_ns=number * MS) for number, size in enumerate(sizes)]
-    given_ += [replace(given_[0], key="x" * 70_000), replace(given_[1], attachment=bytes(70_000))]  # of a stranger
+    given_ += [
+        replace(given_[0], key="x" * 70_000),
+        replace(given_[1], attachment=bytes(70_000)),
+    ]  # of a stranger
     sharer = Sharer(sent.append, lambda: True)
     sharer.take([])  # it learns that somebody looks on
     due(sharer).take(given_)
     assert all(len(batch) < codec.PAYLOAD_MAX + 100_000 for batch in sent)
     got = [each for batch in sent for each in unpacked(batch)]
-    assert [(g.key, g.payload, g.attachment) for g in got] == [(s.key, s.payload, s.attachment) for s in given_]
+    assert [(g.key, g.payload, g.attachment) for g in got] == [
+        (s.key, s.payload, s.attachment) for s in given_
+    ]
     late_ns = [g.arrival_ns - s.arrival_ns for g, s in zip(got, given_, strict=True)]
     assert min(late_ns) >= 0
     assert max(late_ns) < TIMEOUT_S * 1e9
@@ -92,7 +99,9 @@ def test_while_nobody_looks_on_nothing_is_sent_or_kept() -> None:
     assert [each.key for each in unpacked(sent[-1])] == ["event/6"]
 
 
-def test_batches_come_once_a_period_and_nothing_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_batches_come_once_a_period_and_nothing_is_left_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     now_s, sent = [100.0], list[bytes]()
     monkeypatch.setattr(sharing.time, "monotonic", lambda: now_s[0])
     sharer = Sharer(sent.append, lambda: True)
@@ -120,7 +129,9 @@ def test_a_batch_that_was_cut_or_changed_raises_nothing() -> None:
     due(sharer).take([sample(number, 50) for number in range(4)])
     whole, rng = sent[0], np.random.default_rng(0)
     ends = [unpacked(whole[:end]) for end in range(len(whole))]
-    assert [len(each) for each in ends] == sorted(len(each) for each in ends)  # all that is before the cut
+    assert [len(each) for each in ends] == sorted(
+        len(each) for each in ends
+    )  # all that is before the cut
     assert {len(each) for each in ends} == {0, 1, 2, 3}
     for _ in range(300):
         changed = bytearray(whole)
@@ -131,11 +142,19 @@ def test_a_batch_that_was_cut_or_changed_raises_nothing() -> None:
 def test_an_onlooker_hears_by_its_supervisor_and_others_hear_no_batches(bus: ZenohBus) -> None:
     with ZenohBus.of_run(bus.endpoint, RUN) as page:  # type: ignore[attr-defined]
         heard, everything = bus.stream(), page.stream()
-        sharer, looks_on, publisher = bus.sharer(), Onlooker(page, 1000), bus.publisher("done", "render")
+        sharer, looks_on, publisher = (
+            bus.sharer(),
+            Onlooker(page, 1000),
+            bus.publisher("done", "render"),
+        )
         got, direct = list[RawSample](), list[RawSample]()
 
         def steps(samples: list[RawSample]) -> list[int]:
-            return [codec.decode(Done, each.payload).step for each in samples if each.key == "done/render"]
+            return [
+                codec.decode(Done, each.payload).step
+                for each in samples
+                if each.key == "done/render"
+            ]
 
         def arrives(number: int) -> bool:
             publisher.put(Done(time_ns=MS, step=number, process="render"))
@@ -162,7 +181,11 @@ def test_a_supervisor_that_has_nothing_to_say_is_there_and_without_one_an_onlook
     bus: ZenohBus,
 ) -> None:
     with ZenohBus.of_run(bus.endpoint, RUN) as page:  # type: ignore[attr-defined]
-        looks_on, sharer, publisher = Onlooker(page, 1000), bus.sharer(), bus.publisher("done", "render")
+        looks_on, sharer, publisher = (
+            Onlooker(page, 1000),
+            bus.sharer(),
+            bus.publisher("done", "render"),
+        )
         end_s = time.monotonic() + 2.0 * UNSHARED_S
         while time.monotonic() < end_s:
             sharer.take([])
@@ -189,7 +212,11 @@ def test_who_listened_for_itself_hears_by_a_supervisor_that_hands_on_and_nothing
 ) -> None:
     """As when a page is there before the supervisor has loaded its processes."""
     with ZenohBus.of_run(bus.endpoint, RUN) as page:  # type: ignore[attr-defined]
-        heard, looks_on, publisher = bus.stream(), Onlooker(page, 1000), bus.publisher("done", "render")
+        heard, looks_on, publisher = (
+            bus.stream(),
+            Onlooker(page, 1000),
+            bus.publisher("done", "render"),
+        )
         sharer, got, number = bus.sharer(), list[int](), 0
 
         def says_one(*, hands_on: bool) -> None:

@@ -83,7 +83,9 @@ except BaseException as error:
 @pytest.mark.parametrize("number", [signal.SIGINT, *ENDING])
 def test_a_signal_waits_for_modules_that_are_being_imported(number: int, tmp_path: Path) -> None:
     (tmp_path / "compiled.py").write_text(COMPILED)
-    process = subprocess.Popen([sys.executable, "-c", LOADING, str(tmp_path)], stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", LOADING, str(tmp_path)], stderr=subprocess.PIPE, text=True
+    )
     while not (tmp_path / "begun").exists():
         assert process.poll() is None
         time.sleep(0.02)
@@ -93,7 +95,9 @@ def test_a_signal_waits_for_modules_that_are_being_imported(number: int, tmp_pat
 
 
 @pytest.mark.parametrize("number", ENDING)
-def test_outside_of_a_command_handlers_are_as_before_and_what_is_ignored_stays_so(number: signal.Signals) -> None:
+def test_outside_of_a_command_handlers_are_as_before_and_what_is_ignored_stays_so(
+    number: signal.Signals,
+) -> None:
     before = signal.getsignal(number)
     with pytest.raises(Ended) as ended, ending_by_signals():
         signal.raise_signal(number)

@@ -18,7 +18,14 @@ from saltus.errors import SaltusError
 pytestmark = pytest.mark.site
 
 ROOT = Path(__file__).parents[2]
-FETCHED = {("script", "src"), ("img", "src"), ("link", "href"), ("iframe", "src"), ("video", "src"), ("source", "src")}
+FETCHED = {
+    ("script", "src"),
+    ("img", "src"),
+    ("link", "href"),
+    ("iframe", "src"),
+    ("video", "src"),
+    ("source", "src"),
+}
 """What a browser loads by itself; other addresses are for a reader to follow."""
 
 
@@ -57,7 +64,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def pages(site: Path) -> dict[Path, Page]:
-    return {path: Page(path.read_text()) for path in site.rglob("*.html") if path.name != "404.html"}
+    return {
+        path: Page(path.read_text()) for path in site.rglob("*.html") if path.name != "404.html"
+    }
 
 
 @pytest.mark.slow
@@ -70,7 +79,9 @@ def test_every_address_on_every_page_leads_somewhere(pages: dict[Path, Page]) ->
             if address.scheme in ("http", "https", "mailto", "data"):
                 continue
             there = (path.parent / unquote(address.path)).resolve() if address.path else path
-            has_place = not address.fragment or there not in pages or _has(pages[there], address.fragment)
+            has_place = (
+                not address.fragment or there not in pages or _has(pages[there], address.fragment)
+            )
             if not there.is_file() or not has_place:
                 lost.append(f"{path.name}: {link}")
     assert lost == []
@@ -82,9 +93,15 @@ def _has(page: Page, fragment: str) -> bool:
 
 @pytest.mark.slow
 def test_a_page_fetches_nothing_from_a_network(site: Path, pages: dict[Path, Page]) -> None:
-    fetched = [link for page in pages.values() for tag, name, link in page.links if (tag, name) in FETCHED]
+    fetched = [
+        link for page in pages.values() for tag, name, link in page.links if (tag, name) in FETCHED
+    ]
     assert len(fetched) > 100
-    assert [link for link in fetched if urlparse(link).scheme in ("http", "https") or link.startswith("//")] == []
+    assert [
+        link
+        for link in fetched
+        if urlparse(link).scheme in ("http", "https") or link.startswith("//")
+    ] == []
     sheets = list(site.rglob("*.css"))
     assert sheets
     for sheet in sheets:
@@ -101,25 +118,39 @@ def test_the_reference_shows_all_that_is_offered(site: Path) -> None:
 
 
 def test_every_message_that_is_explained_is_one_of_saltus() -> None:
-    headings = re.findall(r"^### `(.*)`$", (ROOT / "docs" / "troubleshooting.md").read_text(), re.MULTILINE)
+    headings = re.findall(
+        r"^### `(.*)`$", (ROOT / "docs" / "troubleshooting.md").read_text(), re.MULTILINE
+    )
     assert len(headings) > 25
     rooms = ("saltus", "heightmap", "render", "policy", "controller", "real2sim")
     known = "\0".join(
-        text for room in rooms for path in (ROOT / room).rglob("*.py") for text in _texts(ast.parse(path.read_text()))
+        text
+        for room in rooms
+        for path in (ROOT / room).rglob("*.py")
+        for text in _texts(ast.parse(path.read_text()))
     )
-    wanted = {each: "[^\0]*".join(map(re.escape, each.replace("'", "`").strip("… ").split("…"))) for each in headings}
+    wanted = {
+        each: "[^\0]*".join(map(re.escape, each.replace("'", "`").strip("… ").split("…")))
+        for each in headings
+    }
     assert [heading for heading, pattern in wanted.items() if not re.search(pattern, known)] == []
 
 
 def _texts(module: ast.Module) -> list[str]:
     """Texts of a module but its docstrings; what is filled in is `…`."""
-    documented = {ast.get_docstring(n, clean=False) for n in ast.walk(module) if isinstance(n, DOCUMENTED)}
+    documented = {
+        ast.get_docstring(n, clean=False) for n in ast.walk(module) if isinstance(n, DOCUMENTED)
+    }
     found = []
     for node in ast.walk(module):
         if isinstance(node, ast.JoinedStr):
             parts = (part.value if isinstance(part, ast.Constant) else "…" for part in node.values)
             found.append("".join(map(str, parts)))
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value not in documented:
+        elif (
+            isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and node.value not in documented
+        ):
             found.append(node.value)
     return [text.replace("'", "`") for text in found]
 
@@ -127,7 +158,9 @@ def _texts(module: ast.Module) -> list[str]:
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
-def test_every_command_on_every_page_is_one_that_saltus_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_command_on_every_page_is_one_that_saltus_takes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.chdir(ROOT)
     found = []
     for path in [*ROOT.glob("docs/**/*.md"), *ROOT.glob("*.md"), *ROOT.glob("models/*.md")]:

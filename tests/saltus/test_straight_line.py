@@ -1,4 +1,7 @@
-"""Laws of compiled laws: they are the same function; only what is asked for is computed, in the branch that asks."""
+"""Laws of compiled laws: they are the same function.
+
+Only what is asked for is computed, in the branch that asks.
+"""
 
 from dataclasses import dataclass
 
@@ -25,7 +28,10 @@ def rotated(pair, angle):
     near = xp.sum(pair.left * pair.left, axis=-1) < 1.0
     return Pair(
         left=xp.where(near, pair.left @ matrix.mT, xp.clip(pair.left, -0.5, None)),
-        right=xp.minimum(xp.maximum(pair.right, xp.floor(pair.left)), xp.atan2(pair.left, pair.right)) / (s + 2.0),
+        right=xp.minimum(
+            xp.maximum(pair.right, xp.floor(pair.left)), xp.atan2(pair.left, pair.right)
+        )
+        / (s + 2.0),
     ), near
 
 
@@ -35,7 +41,10 @@ PAIR = Pair(left=np.zeros(3), right=np.zeros(3))
 def test_a_compiled_law_is_the_law():
     compiled, rng = straight_line(rotated, PAIR, np.zeros(())), np.random.default_rng(0)
     for _ in range(200):
-        pair, angle = Pair(left=rng.normal(size=3), right=rng.normal(size=3)), np.asarray(rng.uniform(-4.0, 4.0))
+        pair, angle = (
+            Pair(left=rng.normal(size=3), right=rng.normal(size=3)),
+            np.asarray(rng.uniform(-4.0, 4.0)),
+        )
         (one, near), (other, flag) = rotated(pair, angle), compiled(pair, angle)
         assert (other.name, flag, flag.dtype) == ("pair", near, np.bool_)
         np.testing.assert_allclose(other.left, one.left, atol=1e-15)
@@ -48,7 +57,8 @@ def test_what_comes_back_as_it_came_is_the_same_array():
 
 
 @pytest.mark.parametrize(("law", "value", "error"), [
-    (lambda a: 1.0 / a, 0.0, ZeroDivisionError), (lambda a: namespace(a).sin(a), np.inf, ValueError),
+    (lambda a: 1.0 / a, 0.0, ZeroDivisionError),
+    (lambda a: namespace(a).sin(a), np.inf, ValueError),
 ])  # fmt: skip
 def test_numbers_without_a_result_raise(law, value, error):
     with pytest.raises(error):

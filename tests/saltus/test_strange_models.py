@@ -32,7 +32,9 @@ def _heights(path: Path) -> Floats:
 
 def _plans(path: Path) -> Floats:
     actor = PolicyActor(ROBOT, LINE, path)
-    return actor.values(np.random.default_rng(0).normal(size=(3, size_with(LINE, actor.past_steps))))
+    return actor.values(
+        np.random.default_rng(0).normal(size=(3, size_with(LINE, actor.past_steps)))
+    )
 
 
 @pytest.mark.parametrize(("kind", "numbers"), [("heightmap", _heights), ("policy", _plans)])
@@ -62,7 +64,8 @@ def test_the_fingerprint_is_that_of_the_bytes_that_were_given_to_the_runtime() -
 
 def test_names_of_second_files_are_told(tmp_path: Path) -> None:
     expected = {
-        "two_files": "weights.bin", "a_weight_above": "../weights.bin", "branch_in_a_branch_outside": "weights.bin",
+        "two_files": "weights.bin", "a_weight_above": "../weights.bin",
+        "branch_in_a_branch_outside": "weights.bin",
     }  # fmt: skip
     paths = {path.parent.name: path for path, _ in strange_models("policy", tmp_path)}
     for name, place in expected.items():

@@ -62,12 +62,14 @@ FOLDERS: dict[str, tuple[dict[str, bytes], str | None]] = {
         {"robot.toml": TOML.replace("\n", "\r\n").encode(), "m.xml": MODEL.replace("\n", "\r\n").encode()}, None
     ),
     "one of two is named": (
-        {"robot.toml": (TOML + 'mjcf = "m.xml"\n').encode(), "m.xml": MODEL.encode(), "n.xml": b""}, None
+        {"robot.toml": (TOML + 'mjcf = "m.xml"\n').encode(), "m.xml": MODEL.encode(), "n.xml": b""},
+        None
     ),
     "two models": ({"robot.toml": TOML.encode(), "m.xml": MODEL.encode(), "n.xml": b""}, "2 .xml files lie beside it"),
     "no model": ({"robot.toml": TOML.encode()}, "0 .xml files lie beside it"),
     "another is named": (
-        {"robot.toml": (TOML + 'mjcf = "n.xml"\n').encode(), "m.xml": MODEL.encode()}, "there is no file '.*n.xml'"
+        {"robot.toml": (TOML + 'mjcf = "n.xml"\n').encode(), "m.xml": MODEL.encode()},
+        "there is no file '.*n.xml'"
     ),
     "no TOML": ({"m.xml": MODEL.encode()}, "there is no .*robot.toml: name its model, .*m.xml, or write robot.toml"),
     "nothing": ({}, "there is no .*robot.toml: put the robot's MJCF there"),

@@ -35,7 +35,10 @@ CASES = {
     "alone": ([RAN, FELL], "not upright"),
     "too slow": ([RAN, FELL, SLOW], f"{SLOW[2]}; then not upright"),
     "outside of the run": ([BEFORE, RAN, FELL, AFTERWARDS], "not upright"),
-    "stopped": ([RAN, STOPPED, UNPLANNED, FELL], f"the robot stopped: {STOPPED[2]}; then not upright"),
+    "stopped": (
+        [RAN, STOPPED, UNPLANNED, FELL],
+        f"the robot stopped: {STOPPED[2]}; then not upright",
+    ),
     "dead": (
         [RAN, DIED, BLIND, STOPPED, FELL],
         f"a process died: {DIED[2]}; then no images: {BLIND[2]}; "
@@ -50,7 +53,9 @@ def recorded(event: tuple[float, str, str]) -> RawSample:
     """Each from a process of its own."""
     time_s, code, detail = event
     if code == "fell":
-        outcome = Outcome(success=False, cause="not_upright", time_s=1.0, distance_m=2.0, mean_speed_mps=1.0)
+        outcome = Outcome(
+            success=False, cause="not_upright", time_s=1.0, distance_m=2.0, mean_speed_mps=1.0
+        )
         detail = json.dumps(asdict(outcome))
     message = Event(time_ns=round(1e9 * time_s), process=code, code=code, detail=detail)
     envelope = Envelope(1, message.time_ns, code.ljust(16).encode()[:16])
@@ -59,7 +64,9 @@ def recorded(event: tuple[float, str, str]) -> RawSample:
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("turned", [False, True])
-def test_what_began_a_failure_comes_first_and_its_end_last(case: str, turned: bool, tmp_path: Path) -> None:
+def test_what_began_a_failure_comes_first_and_its_end_last(
+    case: str, turned: bool, tmp_path: Path
+) -> None:
     events, explanation = CASES[case]
     config = RunConfig(robot="go1", grid="line")
     with Recorder(tmp_path / "run.mcap", config, named_setup(config)) as file:

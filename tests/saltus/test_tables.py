@@ -24,7 +24,11 @@ from saltus.terrain.terrain import Terrain
 
 Path = tuple[str | int, ...]
 RUN = RunConfig(
-    robot="go1", grid="line", terrain=TerrainConfig(terrain="gap", gap_m=0.5), policy_model="a", heightmap_model="b"
+    robot="go1",
+    grid="line",
+    terrain=TerrainConfig(terrain="gap", gap_m=0.5),
+    policy_model="a",
+    heightmap_model="b",
 )
 TABLES: dict[str, tuple[str, Callable[[str], Any]]] = {
     "run": (to_toml(RUN), partial(from_toml, RunConfig)),
@@ -32,12 +36,18 @@ TABLES: dict[str, tuple[str, Callable[[str], Any]]] = {
     "camera": (load_camera("d435i").to_toml(), DepthCamera.from_toml),
     "terrain": (make_terrain(TerrainConfig(terrain="gap")).to_toml(), Terrain.from_toml),
     "grid": (HeightGrid(x=(-0.1, 0.1)).to_toml(), HeightGrid.from_toml),
-    "robot": ((shipped_folder("go1") / SUPPLEMENT_FILE).read_text(), partial(from_toml, Supplement)),
+    "robot": (
+        (shipped_folder("go1") / SUPPLEMENT_FILE).read_text(),
+        partial(from_toml, Supplement),
+    ),
     "training of policies": (
         to_toml(for_gpu("go1", "line")),
         lambda text: changed(for_gpu("go1", "line"), read_toml(text)),
     ),
-    "training of heights": (to_toml(HeightmapTrainConfig()), partial(from_toml, HeightmapTrainConfig)),
+    "training of heights": (
+        to_toml(HeightmapTrainConfig()),
+        partial(from_toml, HeightmapTrainConfig),
+    ),
 }
 FREE = {"terrain": {"params"}}
 """What may have any name."""
@@ -45,7 +55,9 @@ FREE = {"terrain": {"params"}}
 
 def paths(value: Any, where: Path = ()) -> Iterator[Path]:
     """Of all tables, lists of tables and values within."""
-    pairs = value.items() if isinstance(value, dict) else enumerate(value) if is_tables(value) else ()
+    pairs = (
+        value.items() if isinstance(value, dict) else enumerate(value) if is_tables(value) else ()
+    )
     for key, part in pairs:
         yield (*where, key)
         yield from paths(part, (*where, key))
@@ -79,7 +91,10 @@ def test_what_is_wrong_is_refused_by_its_name(kind: str, path: Path) -> None:
     text, read = TABLES[kind]
     table, key = tomllib.loads(text), path[-1]
     value = part_at(table, path)
-    wrong: list[Any] = ["much" if not isinstance(value, str) else 7, {"much": 1} if not isinstance(value, dict) else 3]
+    wrong: list[Any] = [
+        "much" if not isinstance(value, str) else 7,
+        {"much": 1} if not isinstance(value, dict) else 3,
+    ]
     if isinstance(value, float):
         wrong.append(float("nan"))
     for other in wrong:

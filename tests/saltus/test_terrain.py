@@ -23,7 +23,9 @@ from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import WIDTH, Terrain, checked
 
 KINDS = tuple(FAMILIES)
-FAMILY = [TerrainConfig(terrain=kind, difficulty=d) for kind in KINDS for d in (None, 0.0, 0.4, 1.0)]
+FAMILY = [
+    TerrainConfig(terrain=kind, difficulty=d) for kind in KINDS for d in (None, 0.0, 0.4, 1.0)
+]
 LEVEL_FAMILY = [config for config in FAMILY if config.terrain in LEVEL]
 RAMPS = [config for config in FAMILY if config not in LEVEL_FAMILY]
 SINGLE = ("step", "step_down", "gap", "ditch")
@@ -34,7 +36,9 @@ def name_of(config: TerrainConfig) -> str:
 
 
 def random_x(terrain: Terrain, count: int) -> np.ndarray:
-    return np.random.default_rng(0).uniform(terrain.boxes[0].low[0], terrain.boxes[-1].high[0], count)
+    return np.random.default_rng(0).uniform(
+        terrain.boxes[0].low[0], terrain.boxes[-1].high[0], count
+    )
 
 
 def by_rays(terrain: Terrain, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -46,7 +50,9 @@ def by_rays(terrain: Terrain, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     groups[scene.TERRAIN_GROUP] = 1
     down, hit, top = np.array([0.0, 0.0, -1.0]), np.zeros(1, dtype=np.int32), 10.0
     starts = (np.array([a, b, top]) for a, b in zip(x, y, strict=True))
-    return np.array([top - mujoco.mj_ray(model, data, start, down, groups, 1, -1, hit) for start in starts])
+    return np.array(
+        [top - mujoco.mj_ray(model, data, start, down, groups, 1, -1, hit) for start in starts]
+    )
 
 
 @pytest.mark.parametrize("config", FAMILY, ids=name_of)
@@ -73,7 +79,12 @@ def test_columns_are_as_high_as_the_same_boxes_one_by_one(config: TerrainConfig)
     np.testing.assert_allclose(one_by_one, terrain.height_at(x, 0.0), atol=1e-12)
 
 
-@given(st.tuples(st.floats(-3, 3), st.floats(-1, 1)), st.floats(0.1, 3), st.floats(-1, 1), st.floats(0.1, 2))
+@given(
+    st.tuples(st.floats(-3, 3), st.floats(-1, 1)),
+    st.floats(0.1, 3),
+    st.floats(-1, 1),
+    st.floats(0.1, 2),
+)
 @settings(max_examples=50, deadline=None)
 def test_a_ramp_leads_from_one_place_to_another(
     start: tuple[float, float], ahead: float, up: float, thickness: float
@@ -93,10 +104,14 @@ def test_a_ramp_is_where_the_convention_says() -> None:
     up = Terrain(kind="ramp", boxes=(ramp,), finish_x=3.0)
     over = 0.1 / np.cos(0.3)  # half the thickness, along the plumb line
     x = np.linspace(-0.5, 2.5, 7)
-    np.testing.assert_allclose(up.height_at(x, 2.0), 0.5 + over + np.tan(0.3) * (x - 1.0), atol=1e-12)
+    np.testing.assert_allclose(
+        up.height_at(x, 2.0), 0.5 + over + np.tan(0.3) * (x - 1.0), atol=1e-12
+    )
     aside = replace(up, boxes=(replace(ramp, yaw=0.5 * np.pi),))
     y = np.linspace(0.5, 3.5, 7)
-    np.testing.assert_allclose(aside.height_at(np.ones(7), y), 0.5 + over + np.tan(0.3) * (y - 2.0), atol=1e-12)
+    np.testing.assert_allclose(
+        aside.height_at(np.ones(7), y), 0.5 + over + np.tan(0.3) * (y - 2.0), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -104,26 +119,40 @@ def test_the_rim_goes_on_and_holes_have_the_lowest_underside(seed: int) -> None:
     terrain = random_terrain(seed)
     y = np.linspace(-1.9, 1.9, 50)
     reach = terrain.arrays.center[:, 0] + terrain.arrays.extent[:, 0]
-    np.testing.assert_array_equal(terrain.height_at(0.0 * y + 90.0, y), terrain.height_at(0.0 * y + reach.max(), y))
-    far = Terrain(kind="two", boxes=(Box.at((0, 0, 0), (1, 1, 1)), Box.at((5, 0, 0), (1, 1, 2))), finish_x=5.0)
+    np.testing.assert_array_equal(
+        terrain.height_at(0.0 * y + 90.0, y), terrain.height_at(0.0 * y + reach.max(), y)
+    )
+    far = Terrain(
+        kind="two", boxes=(Box.at((0, 0, 0), (1, 1, 1)), Box.at((5, 0, 0), (1, 1, 2))), finish_x=5.0
+    )
     assert far.height_at(2.0, 0.0) == -1.0
-    np.testing.assert_array_equal(far.height_at(np.array([-0.5, 0.5, 4.5, 5.5, 9.0]), 0.0), [0.5, 0.5, 1.0, 1.0, 1.0])
+    np.testing.assert_array_equal(
+        far.height_at(np.array([-0.5, 0.5, 4.5, 5.5, 9.0]), 0.0), [0.5, 0.5, 1.0, 1.0, 1.0]
+    )
 
 
 @pytest.mark.parametrize("config", LEVEL_FAMILY, ids=name_of)
-def test_edges_are_where_the_height_changes_and_belong_to_the_higher_side(config: TerrainConfig) -> None:
+def test_edges_are_where_the_height_changes_and_belong_to_the_higher_side(
+    config: TerrainConfig,
+) -> None:
     terrain = make_terrain(config)
-    changes = [box.high[0] for box, beyond in pairwise(terrain.boxes) if box.high[2] != beyond.high[2]]
+    changes = [
+        box.high[0] for box, beyond in pairwise(terrain.boxes) if box.high[2] != beyond.high[2]
+    ]
     assert set(changes) <= set(terrain.edges_x)
     assert np.all(np.diff(terrain.edges_x) > 0.0)
     for x in terrain.edges_x:
-        assert terrain.height_at(x, 0.0) == max(terrain.height_at(x - 1e-9, 0.0), terrain.height_at(x + 1e-9, 0.0))
+        assert terrain.height_at(x, 0.0) == max(
+            terrain.height_at(x - 1e-9, 0.0), terrain.height_at(x + 1e-9, 0.0)
+        )
     if terrain.edges_x.size == 0:
         assert (terrain.timing_x, terrain.timed) == (terrain.start_x, "from the start")
     else:
         assert terrain.first_edge_x == 1.5
         assert (terrain.timing_x, terrain.timed) == (1.0, "from 0.5 m before the first edge")
-        assert terrain.finish_x - terrain.edges_x[-1] == pytest.approx(1.0 if config.terrain in SINGLE else 0.5)
+        assert terrain.finish_x - terrain.edges_x[-1] == pytest.approx(
+            1.0 if config.terrain in SINGLE else 0.5
+        )
 
 
 def test_edges_of_turned_boxes_are_their_ends_along_the_course() -> None:
@@ -177,11 +206,18 @@ def test_torch_equals_numpy_in_any_shape(terrain: Terrain) -> None:
     x, y = places(terrain, 98, seed=2)
     x, y = np.concatenate([x, [-50.0, 50.0]]), np.concatenate([y, [0.0, 0.0]])
     heights = terrain.height_at(x, y)
-    exactly = {"atol": 0.0 if terrain.columns else 1e-12, "rtol": 0.0}  # sines of torch are rounded otherwise
+    exactly = {
+        "atol": 0.0 if terrain.columns else 1e-12,
+        "rtol": 0.0,
+    }  # sines of torch are rounded otherwise
     for shape in ((100,), (4, 25), (2, 5, 10)):
-        np.testing.assert_array_equal(terrain.height_at(x.reshape(shape), y.reshape(shape)), heights.reshape(shape))
+        np.testing.assert_array_equal(
+            terrain.height_at(x.reshape(shape), y.reshape(shape)), heights.reshape(shape)
+        )
         places_there = (torch.from_numpy(each.reshape(shape)) for each in (x, y))
-        np.testing.assert_allclose(terrain.height_at(*places_there).numpy(), heights.reshape(shape), **exactly)
+        np.testing.assert_allclose(
+            terrain.height_at(*places_there).numpy(), heights.reshape(shape), **exactly
+        )
     single = terrain.height_at(torch.from_numpy(x).float(), torch.from_numpy(y).float())
     assert single.dtype == torch.float32
     np.testing.assert_allclose(single.numpy(), heights, atol=1e-6 if terrain.columns else 2e-5)
@@ -192,13 +228,18 @@ def test_torch_equals_numpy_in_any_shape(terrain: Terrain) -> None:
 def test_a_stack_equals_its_terrains(terrains: list[Terrain]) -> None:
     stack = TerrainStack(terrains)
     rng = np.random.default_rng(0)
-    x, y = rng.uniform(-3.0, 20.0, (len(terrains), 200)), rng.uniform(-2.5, 2.5, (len(terrains), 200))
+    x, y = (
+        rng.uniform(-3.0, 20.0, (len(terrains), 200)),
+        rng.uniform(-2.5, 2.5, (len(terrains), 200)),
+    )
     x[:, 0] = [t.edges_x[0] if t.edges_x.size else 0.0 for t in terrains]
     expected = np.stack([t.height_at(*row) for t, *row in zip(terrains, x, y, strict=True)])
     np.testing.assert_allclose(
         stack.height_at(x, y), expected, atol=0.0 if len(terrains) == len(LEVEL_FAMILY) else 1e-12
     )
-    np.testing.assert_allclose(stack.height_at(torch.from_numpy(x), torch.from_numpy(y)).numpy(), expected, atol=1e-12)
+    np.testing.assert_allclose(
+        stack.height_at(torch.from_numpy(x), torch.from_numpy(y)).numpy(), expected, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("terrain", ANY, ids=lambda terrain: terrain.fingerprint)
@@ -239,10 +280,19 @@ BOX = "[[boxes]]\nlow = [0, 0, 0]\nhigh = [1, 1, 1]"
         (f"kind = 'x'\nfinish_x = inf\n{BOX}", "finite"),
         (f"kind = 'x'\nfinish_x = 1.0\n{BOX}\nroll = 1.0", "unknown key"),
         (f"kind = 'x'\nfinish_x = 1.0\n{BOX}\npitch = nan", "must be a number"),
-        ("kind = 'x'\nfinish_x = 1.0\n[[boxes]]\nlow = [0, 0, 0]\nhigh = [1, 0, 1]", "more than 0 m"),
+        (
+            "kind = 'x'\nfinish_x = 1.0\n[[boxes]]\nlow = [0, 0, 0]\nhigh = [1, 0, 1]",
+            "more than 0 m",
+        ),
         ("kind = 'x'\nfinish_x = 1.0\n[[boxes]]\nlow = [0, 0, 0]\nhigh = [1, 1]", "3 entries"),
-        ("kind = 'x'\nfinish_x = 1.0\n[[boxes]]\ncenter = [0, 0, 0]\nsize = [1, 1, -1]", "more than 0 m"),
-        ("kind = 'x'\nfinish_x = 1.0\n[[boxes]]\ncenter = [0, 0, 0]\nsizes = [1, 1, 1]", r"unknown key 'boxes\[0\]"),
+        (
+            "kind = 'x'\nfinish_x = 1.0\n[[boxes]]\ncenter = [0, 0, 0]\nsize = [1, 1, -1]",
+            "more than 0 m",
+        ),
+        (
+            "kind = 'x'\nfinish_x = 1.0\n[[boxes]]\ncenter = [0, 0, 0]\nsizes = [1, 1, 1]",
+            r"unknown key 'boxes\[0\]",
+        ),
     ],
 )
 def test_what_is_no_terrain_is_refused(text: str, named: str) -> None:
@@ -268,12 +318,19 @@ def test_difficulty_sets_the_sizes(d: float) -> None:
     assert made["ramp_up"]["slope_deg"] == made["ramp_down"]["slope_deg"] == pytest.approx(30.0 * d)
 
 
-@pytest.mark.parametrize(("kind", "size"), [(kind, size) for kind in KINDS for size in FAMILIES[kind].sizes])
+@pytest.mark.parametrize(
+    ("kind", "size"), [(kind, size) for kind in KINDS for size in FAMILIES[kind].sizes]
+)
 def test_an_explicit_size_wins_and_comes_back_and_is_bounded(kind: str, size: str) -> None:
     law = FAMILIES[kind].sizes[size]
     for value in (law.low, law.high):
         given_size = int(value) if size == "steps" else value
-        assert make_terrain(TerrainConfig(terrain=kind, difficulty=0.3, **{size: given_size})).params[size] == value
+        assert (
+            make_terrain(TerrainConfig(terrain=kind, difficulty=0.3, **{size: given_size})).params[
+                size
+            ]
+            == value
+        )
     for value in (law.low - 1e-6, law.high + 1e-6, float("nan")):
         with pytest.raises(ConfigError, match=rf"{size} = .*{law.low:g} to {law.high:g}"):
             make_terrain(TerrainConfig(terrain=kind, **{size: value}))
@@ -296,7 +353,9 @@ def test_a_size_of_another_terrain_is_an_error(kind: str) -> None:
 def test_drawn_gaps_keep_their_range_and_their_seed() -> None:
     def gaps(seed: int) -> np.ndarray:
         sizes = {"steps": 8, "stone_m": 0.5, "gap_m": 0.1, "gap_max_m": 0.4}
-        return np.diff(level.make("stepping_stones", np.random.default_rng(seed), **sizes).edges_x)[::2]
+        return np.diff(level.make("stepping_stones", np.random.default_rng(seed), **sizes).edges_x)[
+            ::2
+        ]
 
     np.testing.assert_array_equal(gaps(1), gaps(1))
     assert np.all((gaps(1) >= 0.1 - 1e-12) & (gaps(1) <= 0.4 + 1e-12))
@@ -307,7 +366,10 @@ def test_drawn_gaps_keep_their_range_and_their_seed() -> None:
 
 
 def test_drawn_depths_of_ditches_keep_their_range_and_their_seed() -> None:
-    ditches = [TerrainConfig(terrain="ditch", depth_m=0.1, depth_max_m=0.9, layout_seed=seed) for seed in range(40)]
+    ditches = [
+        TerrainConfig(terrain="ditch", depth_m=0.1, depth_max_m=0.9, layout_seed=seed)
+        for seed in range(40)
+    ]
     assert all(map(is_drawn, ditches))
     depths = [-make_terrain(ditch).boxes[1].high[2] for ditch in ditches]
     assert 0.1 <= min(depths) < 0.2 < 0.8 < max(depths) <= 0.9
@@ -319,7 +381,9 @@ def test_drawn_depths_of_ditches_keep_their_range_and_their_seed() -> None:
 @pytest.mark.parametrize("rise", [0.22, -0.22, 0.1])
 def test_irregular_stairs_keep_their_ranges_and_their_seed(rise: float) -> None:
     def stairs(seed: int) -> Terrain:
-        return make_terrain(TerrainConfig(terrain="irregular", steps=100, rise_m=rise, layout_seed=seed))
+        return make_terrain(
+            TerrainConfig(terrain="irregular", steps=100, rise_m=rise, layout_seed=seed)
+        )
 
     terrain = stairs(1)
     rises = np.diff([box.high[2] for box in terrain.boxes]) / rise
@@ -330,7 +394,9 @@ def test_irregular_stairs_keep_their_ranges_and_their_seed(rise: float) -> None:
 
 
 @pytest.mark.parametrize("config", FAMILY, ids=name_of)
-def test_a_terrain_that_is_written_to_a_file_is_the_same_terrain(config: TerrainConfig, tmp_path: Path) -> None:
+def test_a_terrain_that_is_written_to_a_file_is_the_same_terrain(
+    config: TerrainConfig, tmp_path: Path
+) -> None:
     path = tmp_path / "course.toml"
     path.write_text(make_terrain(config).to_toml())
     assert make_terrain(TerrainConfig(terrain=str(path))) == make_terrain(config)
@@ -348,7 +414,11 @@ COURSE = "kind = 'x'\nfinish_x = 1.0\n[[boxes]]\nlow = [-2, -2, -1]\nhigh = [9, 
         (COURSE.replace("low = [-2, -2, -1]", ""), {}, r"the key 'boxes\[0\].low' is missing"),
         (f"{COURSE}pitch = -15", {}, "pitch = -15: it is in radians"),
         (f"{COURSE}yaw = 90", {}, "yaw = 90: it is in radians"),
-        (COURSE.replace("[-2, -2, -1]", "[-0.4, -2, -1]"), {}, "no ground under the start: .* -0.5 to 0.5 m"),
+        (
+            COURSE.replace("[-2, -2, -1]", "[-0.4, -2, -1]"),
+            {},
+            "no ground under the start: .* -0.5 to 0.5 m",
+        ),
         (COURSE.replace("[-2, -2, -1]", "[-2, 1, -1]"), {}, "no ground under the start"),
         (COURSE.replace("9, 2", "0.9, 2"), {}, "no ground under the finish: .* 1 to 1.5 m"),
         (COURSE.replace("1.0", "-1.0"), {}, "finish_x = -1 m"),
@@ -376,7 +446,12 @@ def test_a_terrain_that_nobody_knows_is_refused() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_title_names_each_size_with_its_unit(kind: str) -> None:
-    sizes = course_title(make_terrain(TerrainConfig(terrain=kind))).partition(" (")[2].rstrip(")").split(", ")
+    sizes = (
+        course_title(make_terrain(TerrainConfig(terrain=kind)))
+        .partition(" (")[2]
+        .rstrip(")")
+        .split(", ")
+    )
     assert [size.split()[-1] for size in sizes if size] == [
         {"steps": "steps", "slope_deg": "deg"}.get(name, "m") for name in FAMILIES[kind].sizes
     ]

@@ -58,8 +58,12 @@ def test_a_course_ends_on_level_ground_behind_its_last_edge():
     after = course.finish_x[:, None] + np.linspace(-0.9, 4.0, 40)
     heights = course.height_at(after, 0.0 * after)
     assert np.ptp(heights, axis=1).max() == 0.0
-    assert (heights[np.isin(kind, [KINDS.index(name) for name in DESCENDING], invert=True)] >= 0.0).all()
-    before, all_along = (np.linspace(*ends, 500) + np.zeros((N, 1)) for ends in ((-1.0, 0.5), (0.0, 6.0)))
+    assert (
+        heights[np.isin(kind, [KINDS.index(name) for name in DESCENDING], invert=True)] >= 0.0
+    ).all()
+    before, all_along = (
+        np.linspace(*ends, 500) + np.zeros((N, 1)) for ends in ((-1.0, 0.5), (0.0, 6.0))
+    )
     assert (course.height_at(before, 0.0 * before) == 0.0).all()
     assert (course.height_at(all_along, 0.0 * all_along)[kind == 4] >= -TRENCH_DEPTH).all()
 
@@ -82,19 +86,26 @@ class Draws:
         return self._draws[:size]
 
 
-STEPS = {kind: count // {"pyramid": 2, "hurdles": 2}.get(kind, 1) for kind, count in REPEATS.items()}
+STEPS = {
+    kind: count // {"pyramid": 2, "hurdles": 2}.get(kind, 1) for kind, count in REPEATS.items()
+}
 STEPS["stepping_stones"] -= 1  # the last column is the ground behind the stones
 
 
 @pytest.mark.parametrize("kind", KINDS[1:])
 def test_a_course_of_a_batch_equals_the_single_course_of_its_sizes(kind):
-    """But for where it begins and ends; stones of one gap and of gaps that differ, stairs that lead down and up."""
+    """But for where it begins and ends.
+
+    Stones of one gap and of gaps that differ, stairs that lead down and up.
+    """
     rng = np.random.default_rng(5)
     difficulty, draws = rng.uniform(size=12), rng.uniform(size=(12, DRAWS.count))
     course = draw_courses(np.full(12, KINDS.index(kind)), difficulty, draws)
     way = rng.uniform(-0.5, 20.0, 300)
     for i, d in enumerate(difficulty):
-        sizes = {n: s.base + s.slope * d for n, s in FAMILIES[kind].sizes.items() if s.base is not None}
+        sizes = {
+            n: s.base + s.slope * d for n, s in FAMILIES[kind].sizes.items() if s.base is not None
+        }
         if kind == "irregular":
             sizes["rise_m"] *= np.sign(course.top[i, 1])
         if kind == "stepping_stones" and draws[i, 2] < 0.5:
@@ -126,7 +137,9 @@ def test_kinds_that_lead_down_hurdles_and_ditches():
         first = step[of(name)][:, :3]
         np.testing.assert_allclose(first, rise[of(name), None] + 0.0 * first, atol=1e-12)
     np.testing.assert_allclose(last[of("pyramid")], 0.0, atol=1e-12)
-    np.testing.assert_allclose(course.top[of("pyramid")].max(1), 8.0 * (0.05 + 0.2 * difficulty[of("pyramid")]))
+    np.testing.assert_allclose(
+        course.top[of("pyramid")].max(1), 8.0 * (0.05 + 0.2 * difficulty[of("pyramid")])
+    )
     rises, runs = step[of("irregular")][:, :16], run[of("irregular")][:, :15]
     assert (np.sign(rises) == np.sign(rises[:, :1])).all()
     assert set(np.sign(rises[:, 0])) == {-1.0, 1.0}

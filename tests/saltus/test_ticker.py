@@ -101,7 +101,9 @@ def _waits_at_once(ticker: Ticker, fake: FakeTime) -> bool:
 
 
 @given(stall_periods=st.integers(0, 40), catch_up=st.integers(1, 20))
-def test_a_stall_is_made_up_for_up_to_the_limit_and_counted_beyond_it(stall_periods: int, catch_up: int) -> None:
+def test_a_stall_is_made_up_for_up_to_the_limit_and_counted_beyond_it(
+    stall_periods: int, catch_up: int
+) -> None:
     fake = FakeTime()
     with pytest.MonkeyPatch.context() as patch:
         stop_time(patch, fake)
@@ -146,7 +148,9 @@ def test_lockstep_time_is_what_was_set_and_never_goes_back(times: list[int]) -> 
         assert run.now_ns() == highest
 
 
-@given(speed=st.floats(0.01, 1.0), epoch_ns=st.integers(0, 10**15), passed_ns=st.integers(0, 10**13))
+@given(
+    speed=st.floats(0.01, 1.0), epoch_ns=st.integers(0, 10**15), passed_ns=st.integers(0, 10**13)
+)
 def test_a_slowed_clock_passes_at_its_speed_and_turns_waits_into_the_machines(
     speed: float, epoch_ns: int, passed_ns: int
 ) -> None:
@@ -157,7 +161,9 @@ def test_a_slowed_clock_passes_at_its_speed_and_turns_waits_into_the_machines(
     assert RunClock(epoch_ns).of_monotonic(epoch_ns + passed_ns) == passed_ns
 
 
-@given(speed=st.sampled_from([1.0, 0.5, 0.25, 0.1]), busy_ms=st.lists(st.integers(0, 95), max_size=30))
+@given(
+    speed=st.sampled_from([1.0, 0.5, 0.25, 0.1]), busy_ms=st.lists(st.integers(0, 95), max_size=30)
+)
 def test_a_slowed_loop_ticks_on_the_grid_of_its_own_clock(speed: float, busy_ms: list[int]) -> None:
     fake = FakeTime()
     with pytest.MonkeyPatch.context() as patch:
@@ -192,7 +198,14 @@ def test_nothing_but_names_certificates_and_what_ros_stamps_is_of_the_wall_clock
         for room in rooms
         for path in (ROOT / room).rglob("*.py")
         for node in ast.walk(ast.parse(path.read_text()))
-        if (isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and (node.value.id, node.attr) in WALL)
-        or (isinstance(node, ast.ImportFrom) and any((node.module, name.name) in WALL for name in node.names))
+        if (
+            isinstance(node, ast.Attribute)
+            and isinstance(node.value, ast.Name)
+            and (node.value.id, node.attr) in WALL
+        )
+        or (
+            isinstance(node, ast.ImportFrom)
+            and any((node.module, name.name) in WALL for name in node.names)
+        )
     }
     assert found == set(READ_BY)

@@ -6,7 +6,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 MOST_BYTES = 25_000_000
-"""The shipped networks and their checkpoints take 20 MB. Weights of ablations are made again by their command."""
+"""The shipped networks and their checkpoints take 20 MB.
+
+Weights of ablations are made again by their command.
+"""
 
 
 def tracked() -> list[Path]:
@@ -14,11 +17,15 @@ def tracked() -> list[Path]:
     git = shutil.which("git")
     if git is None:
         return []
-    listed = subprocess.run([git, "ls-files", "-z"], cwd=ROOT, capture_output=True, encoding="utf-8", check=False)
+    listed = subprocess.run(
+        [git, "ls-files", "-z"], cwd=ROOT, capture_output=True, encoding="utf-8", check=False
+    )
     return [ROOT / name for name in listed.stdout.split("\0") if name]
 
 
 def test_the_tree_is_small() -> None:
     sizes = {path: path.lstat().st_size for path in tracked() if path.exists()}
     largest = sorted(sizes, key=lambda path: -sizes[path])[:5]
-    assert sum(sizes.values()) < MOST_BYTES, [f"{path.relative_to(ROOT)}: {sizes[path]}" for path in largest]
+    assert sum(sizes.values()) < MOST_BYTES, [
+        f"{path.relative_to(ROOT)}: {sizes[path]}" for path in largest
+    ]

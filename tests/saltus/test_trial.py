@@ -59,7 +59,11 @@ def test_draws_fill_their_ranges_and_only_those() -> None:
 
 def test_a_trial_changes_the_robots_effects_and_the_nominal_one_does_not() -> None:
     trial = Trial.draw(5)
-    for profile in (IDEAL, PROFILE, dataclasses.replace(PROFILE, actuator=(*PROFILE.actuator, TorqueGain(gain=0.8)))):
+    for profile in (
+        IDEAL,
+        PROFILE,
+        dataclasses.replace(PROFILE, actuator=(*PROFILE.actuator, TorqueGain(gain=0.8))),
+    ):
         changed = trial.applied_to(profile)
         before = [e.gain for e in profile.actuator if isinstance(e, TorqueGain)] or [1.0]
         (gain,) = [e.gain for e in changed.actuator if isinstance(e, TorqueGain)]
@@ -93,7 +97,10 @@ def test_a_trial_draws_around_what_was_found() -> None:
         room = 0.05 * (high - low) + 1e-12
         assert low - 1e-12 <= min(drawn) <= low + room
         assert high - room <= max(drawn) <= high + 1e-12
-    latest = [Trial.draw(seed).applied_to(Profile(camera=(CameraLatency(latency=0.5),))) for seed in range(50)]
+    latest = [
+        Trial.draw(seed).applied_to(Profile(camera=(CameraLatency(latency=0.5),)))
+        for seed in range(50)
+    ]
     assert max(e.latency for p in latest for e in p.camera if isinstance(e, CameraLatency)) == 0.5
 
 

@@ -20,7 +20,9 @@ from saltus.terrain.curriculum import FAMILIES, make_terrain
 SIZE = (320, 240)
 
 
-def frames(kind: str, count: int = 2, *, heightmap: bool = True, x: float = 1.0, yaw: float = 0.0) -> np.ndarray:
+def frames(
+    kind: str, count: int = 2, *, heightmap: bool = True, x: float = 1.0, yaw: float = 0.0
+) -> np.ndarray:
     """Pictures of a robot that stands and turns by `yaw`."""
     terrain = make_terrain(TerrainConfig(terrain=kind))
     time_s = np.arange(0.0, count / 30.0 - 1e-6, 0.01)
@@ -57,7 +59,18 @@ def test_turned_boxes_and_a_wide_heightmap_can_be_drawn() -> None:
     pose = standing_pose(ROBOT, terrain, np.asarray(1.0), np.asarray(0.4), np.zeros(()))[None]
     height = terrain.height_at(*grid.points_in_world(pose[0, :2], np.asarray(0.4))) - pose[0, 2]
     shown, without = (
-        next(render_run(ROBOT, terrain, np.zeros(1), pose[:, :7], pose[:, 7:], grid, heights[None], size=SIZE))
+        next(
+            render_run(
+                ROBOT,
+                terrain,
+                np.zeros(1),
+                pose[:, :7],
+                pose[:, 7:],
+                grid,
+                heights[None],
+                size=SIZE,
+            )
+        )
         for heights in (height, np.full_like(height, np.nan))
     )
     assert pink(shown[None]) > pink(frames("flat", count=1))
@@ -102,7 +115,9 @@ def test_the_file_holds_every_frame(tmp_path: Path) -> None:
     assert duration_s == pytest.approx(7 / 30, abs=0.01)
     content = path.read_bytes()
     assert b"avc1" in content  # H.264
-    assert content.index(b"moov") < content.index(b"mdat")  # a browser can start before it has the whole file
+    assert content.index(b"moov") < content.index(
+        b"mdat"
+    )  # a browser can start before it has the whole file
 
 
 def test_a_run_without_samples_has_no_video() -> None:

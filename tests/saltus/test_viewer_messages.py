@@ -36,7 +36,9 @@ EVENT = Event(time_ns=5 * MS, process="heightmap", code="depth_lost", detail="no
 def one_of(derived: Any, topic: str) -> Any:
     """The last message of a topic, decoded by its own definition."""
     message = [each for each in derived if each.topic == topic][-1]
-    return PlainReader().decode(message.type_name, ros.definition_of(message.type_name), message.payload)
+    return PlainReader().decode(
+        message.type_name, ros.definition_of(message.type_name), message.payload
+    )
 
 
 def derive(steps: int, *without: str) -> list[viewer.ViewerMessage]:
@@ -56,7 +58,9 @@ def test_plain_readers_decode_every_channel_of_a_recording(tmp_path: Path) -> No
     for topic, type_name, message, _ in messages_of(recording.path):
         read.setdefault(topic, []).append(message)
         types[topic] = type_name
-    assert {topic: types.get(topic) for topic in viewer.TOPICS} == {t: n for t, (n, _) in viewer.TOPICS.items()}
+    assert {topic: types.get(topic) for topic in viewer.TOPICS} == {
+        t: n for t, (n, _) in viewer.TOPICS.items()
+    }
     for name, row in TOPICS.items():
         if row.recorded:
             found = [types[topic] for topic in types if topic[1:].startswith(name)]
@@ -68,11 +72,17 @@ def test_plain_readers_decode_every_channel_of_a_recording(tmp_path: Path) -> No
     }
     assert [len(read[topic]) for topic in ("/viewer/robot", "/viewer/terrain")] == [1, 1]
     (line,) = read["/viewer/log"]
-    assert (line.name, line.msg, line.function) == ("heightmap", "depth_lost nothing for 110 ms", "depth_lost")
+    assert (line.name, line.msg, line.function) == (
+        "heightmap",
+        "depth_lost nothing for 110 ms",
+        "depth_lost",
+    )
 
 
 @pytest.mark.parametrize("status", HeightmapStatus)
-def test_a_grid_map_has_the_heights_where_the_package_looks_for_them(status: HeightmapStatus) -> None:
+def test_a_grid_map_has_the_heights_where_the_package_looks_for_them(
+    status: HeightmapStatus,
+) -> None:
     """Place of cell (i, j) as in grid_map_core: from the far left corner back and to the right."""
     heightmap: Any = replace(dict(run_messages(3))["heightmap/heightmap"], status=status)
     grid = PlainReader().decode(
@@ -91,7 +101,10 @@ def test_a_grid_map_has_the_heights_where_the_package_looks_for_them(status: Hei
     for name, array in zip(grid.layers, grid.data, strict=True):
         sizes = {each.label: (each.size, each.stride) for each in array.layout.dim}
         assert sizes == {"column_index": (columns, rows * columns), "row_index": (rows, rows)}
-        assert [each.label for each in array.layout.dim] == ["column_index", "row_index"]  # column-major
+        assert [each.label for each in array.layout.dim] == [
+            "column_index",
+            "row_index",
+        ]  # column-major
         layers[name] = array.data.reshape(columns, rows).T
     x = info.pose.position.x + 0.5 * info.length_x - info.resolution * (np.arange(rows) + 0.5)
     y = info.pose.position.y + 0.5 * info.length_y - info.resolution * (np.arange(columns) + 0.5)
@@ -101,10 +114,16 @@ def test_a_grid_map_has_the_heights_where_the_package_looks_for_them(status: Hei
     for column in range(columns):
         wanted = heightmap.height if usable else np.full(rows, np.nan)
         np.testing.assert_allclose(layers["elevation"][::-1, column], wanted, rtol=1e-6)
-        np.testing.assert_allclose(layers["variance"][::-1, column], (heightmap.half_width_90 / SIGMA) ** 2, rtol=1e-6)
+        np.testing.assert_allclose(
+            layers["variance"][::-1, column], (heightmap.half_width_90 / SIGMA) ** 2, rtol=1e-6
+        )
 
 
-GRIDS = [SCAN, HeightGrid(x=(-0.4, 0.0, 0.4), y=(-0.2, 0.0, 0.2)), HeightGrid(x=(0.3,), y=(-0.1, 0.0, 0.1))]
+GRIDS = [
+    SCAN,
+    HeightGrid(x=(-0.4, 0.0, 0.4), y=(-0.2, 0.0, 0.2)),
+    HeightGrid(x=(0.3,), y=(-0.1, 0.0, 0.1)),
+]
 
 
 @pytest.mark.parametrize("grid", GRIDS)
@@ -113,12 +132,19 @@ def test_a_grid_map_of_any_grid_has_its_plane_at_every_cell(grid: HeightGrid) ->
     x, y = grid.points.T
     heightmap: Any = replace(
         dict(run_messages(3))["heightmap/heightmap"], x=np.array(grid.x), y=np.array(grid.y),
-        height=0.3 * x - 0.2 * y, half_width_90=0.02 + 0.0 * x, age_s=np.where(x > 0.2, np.inf, 0.5 + y),
+        height=0.3 * x - 0.2 * y, half_width_90=0.02 + 0.0 * x,
+        age_s=np.where(x > 0.2, np.inf, 0.5 + y),
     )  # fmt: skip
     message = ros.grid_map(heightmap)
     info, columns, rows = message.info, *(each.size for each in message.data[0].layout.dim)
-    layers = {n: a.data.reshape(columns, rows).T for n, a in zip(message.layers, message.data, strict=True)}
-    assert (rows, columns) == (round(info.length_x / info.resolution), round(info.length_y / info.resolution))
+    layers = {
+        n: a.data.reshape(columns, rows).T
+        for n, a in zip(message.layers, message.data, strict=True)
+    }
+    assert (rows, columns) == (
+        round(info.length_x / info.resolution),
+        round(info.length_y / info.resolution),
+    )
     x = info.pose.position.x + 0.5 * info.length_x - info.resolution * (np.arange(rows) + 0.5)
     y = info.pose.position.y + 0.5 * info.length_y - info.resolution * (np.arange(columns) + 0.5)
     held = np.clip(x, grid.x[0], grid.x[-1])  # a line is as wide as two cells
@@ -135,12 +161,17 @@ def test_clouds_have_predicted_and_true_heights_at_the_same_points() -> None:
     sent: Any = dict(run_messages(step))
     heightmap, truth = sent["heightmap/heightmap"], sent["plant/truth"]
     for topic, columns in (
-        ("/viewer/heightmap", (heightmap.x, 0.0 * heightmap.x, heightmap.height, heightmap.half_width_90)),
+        (
+            "/viewer/heightmap",
+            (heightmap.x, 0.0 * heightmap.x, heightmap.height, heightmap.half_width_90),
+        ),
         ("/viewer/true_heights", (heightmap.x, 0.0 * heightmap.x, truth.height)),
     ):
         cloud = one_of(derived, topic)
         table = cloud.data.view(np.float32).reshape(cloud.width, -1)
-        assert [field.name for field in cloud.fields] == ["x", "y", "z", "half_width_90"][: len(columns)]
+        assert [field.name for field in cloud.fields] == ["x", "y", "z", "half_width_90"][
+            : len(columns)
+        ]
         np.testing.assert_allclose(table, np.stack(columns, axis=-1), rtol=1e-6)
         assert cloud.header.frame_id == "base_yaw"
         assert 10**9 * cloud.header.stamp.sec + cloud.header.stamp.nanosec == heightmap.time_ns
@@ -163,14 +194,21 @@ def test_frames_of_legs_are_where_the_model_has_them_and_feet_are_at_their_ends(
             t, r = link.transform.translation, link.transform.rotation
             place, rotation = chain[link.header.frame_id]
             chain[link.child_frame_id] = (
-                place + rotation @ np.array([t.x, t.y, t.z]), rotation @ rotation_matrix(np.array([r.w, r.x, r.y, r.z]))
+                place + rotation @ np.array([t.x, t.y, t.z]),
+                rotation @ rotation_matrix(np.array([r.w, r.x, r.y, r.z]))
             )  # fmt: skip
-        ends = {part.body: part for part in looks.primitives if part.body.endswith("calf") and part.kind == "ball"}
+        ends = {
+            part.body: part
+            for part in looks.primitives
+            if part.body.endswith("calf") and part.kind == "ball"
+        }
         feet = [
             chain[f"{leg}_calf"][0] + chain[f"{leg}_calf"][1] @ ends[f"{leg}_calf"].position
             for leg in ("FR", "FL", "RR", "RL")
         ]
-        np.testing.assert_allclose(feet, legs.position(joints), atol=2e-3)  # the model's feet may be 1 mm aside
+        np.testing.assert_allclose(
+            feet, legs.position(joints), atol=2e-3
+        )  # the model's feet may be 1 mm aside
 
 
 @pytest.mark.parametrize("name", shipped_robots())
@@ -187,7 +225,10 @@ def test_primitives_fill_what_triangles_enclose(name: str) -> None:
                 elif part.kind == "ball":
                     reach = np.linalg.norm(rotation * half, axis=1)
                 else:
-                    reach = np.linalg.norm(rotation[:, :2] * half[:2], axis=1) + np.abs(rotation[:, 2]) * half[2]
+                    reach = (
+                        np.linalg.norm(rotation[:, :2] * half[:2], axis=1)
+                        + np.abs(rotation[:, 2]) * half[2]
+                    )
                 lows.append(part.position - reach)
                 highs.append(part.position + reach)
         # triangles have 16 sides: they lie within what is round, by 2 % of its radius
@@ -209,7 +250,9 @@ def test_planned_feet_are_where_the_leg_controller_swings_them() -> None:
         )  # fmt: skip
         body = observe(state, KINEMATICS)
         stance_s = np.asarray((1.0 - GaitConfig().swing_ratio) / plan.stepping_frequency_hz)
-        path = swing.nominal_path(body, body.foot_yaw, np.ones(4), stance_s, np.asarray(state.base_height))
+        path = swing.nominal_path(
+            body, body.foot_yaw, np.ones(4), stance_s, np.asarray(state.base_height)
+        )
         wanted = path + reference_of(plan_of(plan), body.yaw).foot_residual
         planned = footholds.planned(state, plan, None)
         np.testing.assert_allclose(planned[~contact], wanted[~contact], atol=1e-12)
@@ -217,7 +260,9 @@ def test_planned_feet_are_where_the_leg_controller_swings_them() -> None:
         heightmap = sent["heightmap/heightmap"]
         on_ground = footholds.planned(state, plan, heightmap)[~contact]
         np.testing.assert_allclose(on_ground[:, :2], wanted[~contact, :2], atol=1e-12)
-        np.testing.assert_allclose(on_ground[:, 2], np.interp(on_ground[:, 0], heightmap.x, heightmap.height))
+        np.testing.assert_allclose(
+            on_ground[:, 2], np.interp(on_ground[:, 0], heightmap.x, heightmap.height)
+        )
 
 
 def test_markers_show_forces_stance_and_planned_feet() -> None:
@@ -226,7 +271,11 @@ def test_markers_show_forces_stance_and_planned_feet() -> None:
     state: Any = replace(sent["controller/state"], leg_contact=np.array([True, False, True, False]))  # type: ignore[arg-type]
     derived = []
     for _ in range(viewer.EVERY):
-        for key, message in (("plant/truth", truth), ("policy/plan", sent["policy/plan"]), ("controller/state", state)):
+        for key, message in (
+            ("plant/truth", truth),
+            ("policy/plan", sent["policy/plan"]),
+            ("controller/state", state),
+        ):
             derived += list(made.derive(key, message, message.time_ns))
     feet = observe(state, KINEMATICS).foot_yaw
     stance, force = one_of(derived, "/viewer/contacts").markers
@@ -238,7 +287,9 @@ def test_markers_show_forces_stance_and_planned_feet() -> None:
     np.testing.assert_allclose(places(stance), feet[[0, 2]], atol=1e-12)
     np.testing.assert_allclose(places(force)[0::2], feet[[0, 2]], atol=1e-12)
     lengths = places(force)[1::2] - places(force)[0::2]
-    np.testing.assert_allclose(lengths, [[0, 0, 60 * FORCE_M_PER_N], [0, 0, 30 * FORCE_M_PER_N]], atol=1e-12)
+    np.testing.assert_allclose(
+        lengths, [[0, 0, 60 * FORCE_M_PER_N], [0, 0, 30 * FORCE_M_PER_N]], atol=1e-12
+    )
     planned = Footholds(ROBOT).planned(state, sent["policy/plan"], None)[[1, 3]]  # type: ignore[arg-type]
     np.testing.assert_allclose(places(target), planned, atol=1e-12)
     np.testing.assert_allclose(places(way)[1::2], planned, atol=1e-12)
@@ -251,18 +302,30 @@ def test_numbers_are_those_of_the_newest_messages() -> None:
     sent: Any = dict(run_messages(step))
     before: Any = dict(run_messages(step - 1))
     numbers = one_of(derived, "/viewer/numbers")
-    truth, errors = sent["plant/truth"], np.abs(before["heightmap/heightmap"].height - before["plant/truth"].height)
+    truth, errors = (
+        sent["plant/truth"],
+        np.abs(before["heightmap/heightmap"].height - before["plant/truth"].height),
+    )
     assert numbers.speed == pytest.approx(np.hypot(*truth.velocity_base_in_world[:2]))
     assert numbers.x == truth.position_base_in_world[0]
     assert (numbers.height_error_mm, numbers.height_error_max_mm) == pytest.approx(
         (1e3 * errors.mean(), 1e3 * errors.max())
     )
-    assert numbers.half_width_90_mm == pytest.approx(1e3 * before["heightmap/heightmap"].half_width_90.mean())
-    assert (numbers.mode, numbers.plan_status, numbers.heightmap_status) == (1, PlanStatus.GO, HeightmapStatus.OK)
+    assert numbers.half_width_90_mm == pytest.approx(
+        1e3 * before["heightmap/heightmap"].half_width_90.mean()
+    )
+    assert (numbers.mode, numbers.plan_status, numbers.heightmap_status) == (
+        1,
+        PlanStatus.GO,
+        HeightmapStatus.OK,
+    )
     assert (numbers.plan_age_ms, numbers.heightmap_age_ms) == pytest.approx((13.0, 13.0))
-    assert [numbers.foot_force_fr, numbers.foot_force_fl, numbers.foot_force_rr, numbers.foot_force_rl] == [
-        *truth.foot_force
-    ]
+    assert [
+        numbers.foot_force_fr,
+        numbers.foot_force_fl,
+        numbers.foot_force_rr,
+        numbers.foot_force_rl,
+    ] == [*truth.foot_force]
     assert numbers.base_height == pytest.approx(0.27)
 
 
@@ -276,5 +339,7 @@ def test_a_robot_without_truth_stands_at_the_origin_and_nothing_true_is_said() -
     np.testing.assert_allclose([t.x, t.y, t.z], [0.0, 0.0, state.base_height])
     np.testing.assert_allclose([r.w, r.x, r.y, r.z], state.quaternion_base_in_world)
     numbers = one_of(derived, "/viewer/numbers")
-    assert np.isnan([numbers.x, numbers.height_error_mm, numbers.plan_age_ms, numbers.foot_force_fr]).all()
+    assert np.isnan(
+        [numbers.x, numbers.height_error_mm, numbers.plan_age_ms, numbers.foot_force_fr]
+    ).all()
     assert (numbers.plan_status, numbers.heightmap_status) == (viewer.NEVER, viewer.NEVER)

@@ -18,7 +18,9 @@ MOUNT = {"position": [0.27, 0.0, 0.09], "pitch": 0.52}
 HALF = {"width": 32, "height": 24, "fx": 20.0, "fy": 20.0, "cx": 16.0, "cy": 12.0}
 
 
-def _as(name: str, bag: Bag, says: str = "", description: Description | None = None, **expected: Any) -> Stranger:
+def _as(
+    name: str, bag: Bag, says: str = "", description: Description | None = None, **expected: Any
+) -> Stranger:
     return Stranger(
         name=f"bag: {name}",
         write=partial(write, bag),
@@ -29,11 +31,18 @@ def _as(name: str, bag: Bag, says: str = "", description: Description | None = N
 
 
 def _no(name: str, bag: Bag, says: str, description: Description | None = None) -> Stranger:
-    return Stranger(name=f"bag: {name}", write=partial(write, bag), description=description or described(), says=says)
+    return Stranger(
+        name=f"bag: {name}",
+        write=partial(write, bag),
+        description=description or described(),
+        says=says,
+    )
 
 
 def _joints(**signals: Any) -> Callable[[RunLog], RunLog]:
-    return lambda log: replace(log, joints=replace(log.joints, **{k: v(log) for k, v in signals.items()}))
+    return lambda log: replace(
+        log, joints=replace(log.joints, **{k: v(log) for k, v in signals.items()})
+    )
 
 
 def _rows(table: str, change: Callable[[np.ndarray], None]) -> Callable[[RunLog], RunLog]:
@@ -72,7 +81,9 @@ def _fill(columns: slice, value: float) -> Callable[[np.ndarray], None]:
     return fill
 
 
-def _moved(name: str, bag: Bag, move: Callable[[Path], Path], says: str = "", **expected: Any) -> Stranger:
+def _moved(
+    name: str, bag: Bag, move: Callable[[Path], Path], says: str = "", **expected: Any
+) -> Stranger:
     """A bag whose files lie otherwise."""
     base = _as(name, bag, says, **expected)
     return replace(base, write=lambda folder: move(write(bag, folder)))
@@ -97,7 +108,12 @@ K = (50.0, 51.0, 30.0, 22.0)
 P = (44.0, 45.0, 31.0, 23.0)
 OF_K, OF_P = (50.0, 51.0, 30.5, 22.5), (44.0, 45.0, 31.5, 23.5)
 LARGE = {"k": (80.0, 80.0, 63.5, 47.5), "info_size": (128, 96)}
-COLOUR = Images(topic="/color/image_raw", info_topic="/color/camera_info", encoding="rgb8", k=(99.0, 99.0, 9.0, 9.0))
+COLOUR = Images(
+    topic="/color/image_raw",
+    info_topic="/color/camera_info",
+    encoding="rgb8",
+    k=(99.0, 99.0, 9.0, 9.0),
+)
 MONO = replace(COLOUR, topic="/mono/image_raw", info_topic="/mono/camera_info", encoding="mono8")
 SMALL = (2, 5)
 LARGE_ONES = tuple(i for i in range(len(truth().depth.depth_mm)) if i not in SMALL)  # type: ignore[union-attr]
@@ -107,19 +123,49 @@ NO_DEPTH = ("depth", "camera")
 BAGS: tuple[Stranger, ...] = (
     *(
         _as(f"{kind} {packing}", Bag(kind=kind, compression=packing))
-        for kind, packing in (("sqlite3", ""), ("mcap", ""), ("ros1", ""), ("ros1", "BZ2"), ("ros1", "LZ4"))
+        for kind, packing in (
+            ("sqlite3", ""),
+            ("mcap", ""),
+            ("ros1", ""),
+            ("ros1", "BZ2"),
+            ("ros1", "LZ4"),
+        )
     ),
     _as("simulated time, from 0", Bag(start_s=0.0)),
-    *(_moved(f"{kind} file beside its metadata", Bag(kind=kind), _file) for kind in ("sqlite3", "mcap")),
-    *(_moved(f"{kind} folder without metadata", Bag(kind=kind), _without_metadata) for kind in ("sqlite3", "mcap")),
+    *(
+        _moved(f"{kind} file beside its metadata", Bag(kind=kind), _file)
+        for kind in ("sqlite3", "mcap")
+    ),
+    *(
+        _moved(f"{kind} folder without metadata", Bag(kind=kind), _without_metadata)
+        for kind in ("sqlite3", "mcap")
+    ),
     *(_moved(f"{kind} file alone", Bag(kind=kind), _alone) for kind in ("sqlite3", "mcap")),
     # signals that are not there in fact
     _as(
-        "torque is no number", Bag(change=_joints(tau_est=_nan)), "tau_est is no number throughout", lacks=("tau_est",)
+        "torque is no number",
+        Bag(change=_joints(tau_est=_nan)),
+        "tau_est is no number throughout",
+        lacks=("tau_est",),
     ),
-    _as("speed is no number", Bag(change=_joints(dq=_nan)), "dq is no number throughout", lacks=("dq",)),
-    _as("speed of one joint is none", Bag(change=_joints(dq=_nan_of_one)), r"dq of \w+ is no number", lacks=("dq",)),
-    _as("speed is zero", Bag(change=_joints(dq=_zero)), "dq is zero throughout while joints move", lacks=("dq",)),
+    _as(
+        "speed is no number",
+        Bag(change=_joints(dq=_nan)),
+        "dq is no number throughout",
+        lacks=("dq",),
+    ),
+    _as(
+        "speed of one joint is none",
+        Bag(change=_joints(dq=_nan_of_one)),
+        r"dq of \w+ is no number",
+        lacks=("dq",),
+    ),
+    _as(
+        "speed is zero",
+        Bag(change=_joints(dq=_zero)),
+        "dq is zero throughout while joints move",
+        lacks=("dq",),
+    ),
     _as("no speed", Bag(change=_joints(dq=_none)), lacks=("dq",)),
     _as(
         "zero quaternion of the IMU",
@@ -144,7 +190,11 @@ BAGS: tuple[Stranger, ...] = (
         Bag(change=_joints(dq=_some_nan)),
         "dq: 36 of 1800 values that are no numbers; .*leave_out",
     ),
-    _no("no angle is a number", Bag(change=_joints(q=_nan)), r"angles of '\w+' are no numbers .*\[joint_names\]"),
+    _no(
+        "no angle is a number",
+        Bag(change=_joints(q=_nan)),
+        r"angles of '\w+' are no numbers .*\[joint_names\]",
+    ),
     _as(
         "some speeds left out",
         Bag(change=_joints(dq=_some_nan)),
@@ -152,7 +202,12 @@ BAGS: tuple[Stranger, ...] = (
         description=replace(described(camera=MOUNT), leave_out=("dq",)),
     ),
     *(
-        _as(f"{name} left out", Bag(), lacks=(name,), description=replace(described(camera=MOUNT), leave_out=(name,)))
+        _as(
+            f"{name} left out",
+            Bag(),
+            lacks=(name,),
+            description=replace(described(camera=MOUNT), leave_out=(name,)),
+        )
         for name in ("tau_est", "q_des", "imu", "base", "depth")
     ),
     _no(
@@ -161,7 +216,11 @@ BAGS: tuple[Stranger, ...] = (
         "leave_out has 'q', which no log may lack",
         replace(described(), leave_out=("q",)),
     ),
-    _as("a gripper on the topic of the legs", Bag(gripper=True), "30 of 180 messages name fewer joints"),
+    _as(
+        "a gripper on the topic of the legs",
+        Bag(gripper=True),
+        "30 of 180 messages name fewer joints",
+    ),
     # images
     _as(
         "an image without a stamp",
@@ -175,7 +234,12 @@ BAGS: tuple[Stranger, ...] = (
         "2 of 10 messages bear no stamp",
         kept=tuple(range(2, 10)),
     ),
-    _as("two sizes", Bag(images=(Images(small=SMALL),)), "2 of 10 depth images are 32x24", kept=LARGE_ONES),
+    _as(
+        "two sizes",
+        Bag(images=(Images(small=SMALL),)),
+        "2 of 10 depth images are 32x24",
+        kept=LARGE_ONES,
+    ),
     _as(
         "two sizes, the smaller one stated",
         Bag(images=(Images(small=SMALL, has_info=False),)),
@@ -191,7 +255,11 @@ BAGS: tuple[Stranger, ...] = (
         r"\[claims.camera\] is of 9x9 pixels, images are 64x48",
         described(camera={"width": 9, "height": 9}),
     ),
-    _as("colour beside depth", Bag(images=(Images(), COLOUR)), r"no depth, and left out: /color/image_raw \(rgb8\)"),
+    _as(
+        "colour beside depth",
+        Bag(images=(Images(), COLOUR)),
+        r"no depth, and left out: /color/image_raw \(rgb8\)",
+    ),
     _as(
         "colour alone",
         Bag(images=(COLOUR,)),
@@ -199,7 +267,13 @@ BAGS: tuple[Stranger, ...] = (
         description=described(),
         lacks=NO_DEPTH,
     ),
-    _as("mono8 alone", Bag(images=(MONO,)), r"/mono/image_raw \(mono8\)", description=described(), lacks=NO_DEPTH),
+    _as(
+        "mono8 alone",
+        Bag(images=(MONO,)),
+        r"/mono/image_raw \(mono8\)",
+        description=described(),
+        lacks=NO_DEPTH,
+    ),
     _as(
         "depth without camera_info beside colour",
         Bag(images=(Images(has_info=False), COLOUR)),
@@ -247,10 +321,18 @@ BAGS: tuple[Stranger, ...] = (
             ("32FC1; compressedDepth png", 2),
         )
     ),
-    _as("compressed as PNG", Bag(images=(Images(topic=DEPTH + "/compressed", compression="16UC1; png compressed "),))),
+    _as(
+        "compressed as PNG",
+        Bag(images=(Images(topic=DEPTH + "/compressed", compression="16UC1; png compressed "),)),
+    ),
     _as(
         "raw and compressed",
-        Bag(images=(Images(), Images(topic=COMPRESSED, compression="16UC1; compressedDepth", has_info=False))),
+        Bag(
+            images=(
+                Images(),
+                Images(topic=COMPRESSED, compression="16UC1; compressedDepth", has_info=False),
+            )
+        ),
     ),
     _no(
         "compressed by RVL",
@@ -266,7 +348,13 @@ BAGS: tuple[Stranger, ...] = (
     *(
         _as(
             f"K and P of {topic}",
-            Bag(images=(Images(topic=topic, k=K, p=P, info_topic=topic.rpartition("/")[0] + "/camera_info"),)),
+            Bag(
+                images=(
+                    Images(
+                        topic=topic, k=K, p=P, info_topic=topic.rpartition("/")[0] + "/camera_info"
+                    ),
+                )
+            ),
             says,
             lens=lens,
         )
@@ -280,7 +368,16 @@ BAGS: tuple[Stranger, ...] = (
     _as("no P", Bag(images=(Images(k=K, p=(0.0, 0.0, 0.0, 0.0)),)), lens=OF_K),
     _as(
         "no K",
-        Bag(images=(Images(topic="/depth/image_raw", info_topic="/depth/camera_info", k=(0.0, 0.0, 0.0, 0.0), p=P),)),
+        Bag(
+            images=(
+                Images(
+                    topic="/depth/image_raw",
+                    info_topic="/depth/camera_info",
+                    k=(0.0, 0.0, 0.0, 0.0),
+                    p=P,
+                ),
+            )
+        ),
         lens=OF_P,
     ),
     _as(
@@ -291,10 +388,23 @@ BAGS: tuple[Stranger, ...] = (
         description=described(),
     ),
     _as("binning", Bag(images=(Images(**LARGE, binning=2),)), lens=(40.0, 40.0, 32.0, 24.0)),
-    _as("a region of interest", Bag(images=(Images(**LARGE, roi=(20, 10, 64, 48)),)), lens=(80.0, 80.0, 44.0, 38.0)),
+    _as(
+        "a region of interest",
+        Bag(images=(Images(**LARGE, roi=(20, 10, 64, 48)),)),
+        lens=(80.0, 80.0, 44.0, 38.0),
+    ),
     _as(
         "a region of interest, binned",
-        Bag(images=(Images(k=(160.0, 160.0, 127.5, 95.5), info_size=(256, 192), binning=2, roi=(40, 20, 128, 96)),)),
+        Bag(
+            images=(
+                Images(
+                    k=(160.0, 160.0, 127.5, 95.5),
+                    info_size=(256, 192),
+                    binning=2,
+                    roi=(40, 20, 128, 96),
+                ),
+            )
+        ),
         lens=(80.0, 80.0, 44.0, 38.0),
     ),
     _as("the size of the binned image stated", Bag(images=(Images(binning=2),))),

@@ -31,7 +31,12 @@ class Images:
     """Bytes after each row."""
     compression: str = ""
     """Format of a CompressedImage; an Image if empty."""
-    k: tuple[float, float, float, float] = (CAMERA["fx"], CAMERA["fy"], CAMERA["cx"] - 0.5, CAMERA["cy"] - 0.5)
+    k: tuple[float, float, float, float] = (
+        CAMERA["fx"],
+        CAMERA["fy"],
+        CAMERA["cx"] - 0.5,
+        CAMERA["cy"] - 0.5,
+    )
     p: tuple[float, float, float, float] | None = None
     """fx, fy, cx, cy of the projection, if it is not K."""
     binning: int = 0
@@ -76,8 +81,16 @@ def write(bag: Bag, folder: Path) -> Path:
             for row in range(0, len(log.joints.time_s), 5):
                 time_s = float(log.joints.time_s[row]) + 1e-3
                 fields = {name: np.array([0.5]) for name in ("position", "velocity", "effort")}
-                out.put("/joint_states", "sensor_msgs/msg/JointState", time_s, name=["gripper"], **fields)
-        for row in zip(log.base.time_s, log.base.values, strict=True) if log.base is not None else ():
+                out.put(
+                    "/joint_states",
+                    "sensor_msgs/msg/JointState",
+                    time_s,
+                    name=["gripper"],
+                    **fields,
+                )
+        for row in (
+            zip(log.base.time_s, log.base.values, strict=True) if log.base is not None else ()
+        ):
             put_odometry(out, *row)
         for images in bag.images:
             put_images(out, log, images)
@@ -93,7 +106,9 @@ def later(log: RunLog, start_s: float) -> RunLog:
         name: replace(getattr(log, name), time_s=getattr(log, name).time_s + start_s)
         for name in ("joints", "imu", "base")
     }
-    depth = replace(log.depth, arrival_s=log.depth.arrival_s + start_s, capture_s=log.depth.capture_s + start_s)
+    depth = replace(
+        log.depth, arrival_s=log.depth.arrival_s + start_s, capture_s=log.depth.capture_s + start_s
+    )
     return replace(log, depth=depth, **moved)
 
 
@@ -117,11 +132,15 @@ def put_images(bag: RosBag, log: RunLog, images: Images) -> None:
         else:
             data = pixels(shown, images)
             bag.put(
-                images.topic, "sensor_msgs/msg/Image", *times, height=shown.shape[0], width=shown.shape[1],
-                encoding=images.encoding, is_bigendian=int(images.big_endian), step=data.shape[1], data=data.ravel(),
+                images.topic, "sensor_msgs/msg/Image", *times, height=shown.shape[0],
+                width=shown.shape[1],
+                encoding=images.encoding, is_bigendian=int(images.big_endian), step=data.shape[1],
+                data=data.ravel(),
             )  # fmt: skip
         if images.has_info:
-            bag.put(images.info_topic, "sensor_msgs/msg/CameraInfo", *times, **calibration(bag, images))
+            bag.put(
+                images.info_topic, "sensor_msgs/msg/CameraInfo", *times, **calibration(bag, images)
+            )
 
 
 def calibration(bag: RosBag, images: Images) -> dict[str, Any]:
@@ -133,11 +152,17 @@ def calibration(bag: RosBag, images: Images) -> dict[str, Any]:
         "P": np.array([px, 0, pcx, 0, 0, py, pcy, 0, 0, 0, 1.0, 0]),
     }  # fmt: skip
     region = bag.make(
-        "sensor_msgs/msg/RegionOfInterest", x_offset=x, y_offset=y, width=width, height=height, do_rectify=False
+        "sensor_msgs/msg/RegionOfInterest",
+        x_offset=x,
+        y_offset=y,
+        width=width,
+        height=height,
+        do_rectify=False,
     )
     fields = named if bag.is_ros1 else {name.lower(): values for name, values in named.items()}
     return {
-        "height": images.info_size[1], "width": images.info_size[0], "distortion_model": "plumb_bob", **fields,
+        "height": images.info_size[1], "width": images.info_size[0],
+        "distortion_model": "plumb_bob", **fields,
         "binning_x": images.binning, "binning_y": images.binning, "roi": region,
     }  # fmt: skip
 
@@ -169,7 +194,9 @@ def packed(depth_mm: np.ndarray, form: str) -> np.ndarray:
     if form.startswith("32FC1"):
         a, b = INVERSE
         with np.errstate(divide="ignore"):
-            whole = np.where(depth_mm == 0, 0, np.clip(a / (1e-3 * depth_mm) + b, 1, 65535)).astype(np.uint16)
+            whole = np.where(depth_mm == 0, 0, np.clip(a / (1e-3 * depth_mm) + b, 1, 65535)).astype(
+                np.uint16
+            )
         head = struct.pack("<iff", 0, a, b)
     data = cv2.imencode(".png", whole)[1].tobytes()
     return np.frombuffer(data if "compressedDepth" not in form else head + data, np.uint8)
@@ -181,7 +208,13 @@ def same_log(
 ) -> None:  # fmt: skip
     """All is that of the truth; `lens` is fx, fy, cx, cy, `kept` the images that are there, `lacks` what is not."""
     true = truth()
-    same_joints(log, lacks=(*lacks, *(name for name in ("dq_des", "tau_ff") if getattr(true.joints, name) is None)))
+    same_joints(
+        log,
+        lacks=(
+            *lacks,
+            *(name for name in ("dq_des", "tau_ff") if getattr(true.joints, name) is None),
+        ),
+    )
     for name in ("imu", "base"):
         found, expected = getattr(log, name), getattr(true, name)
         assert (found is not None) == (name in tables and name not in lacks), name
@@ -206,4 +239,7 @@ def same_log(
     camera = log.meta["camera"]
     own = lens or tuple(CAMERA[key] for key in ("fx", "fy", "cx", "cy"))
     np.testing.assert_allclose([camera[key] for key in ("fx", "fy", "cx", "cy")], own, rtol=1e-9)
-    assert (camera["width"], camera["height"]) == (log.depth.depth_mm.shape[2], log.depth.depth_mm.shape[1])
+    assert (camera["width"], camera["height"]) == (
+        log.depth.depth_mm.shape[2],
+        log.depth.depth_mm.shape[1],
+    )

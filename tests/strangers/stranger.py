@@ -41,13 +41,19 @@ class Stranger:
 
 def described(topics: Topics | None = None, **claims: Any) -> Description:
     """A description for a bag of the truth."""
-    return Description(claims={"base": "free", **claims}, topics=topics or Topics(joints="/joint_states"))
+    return Description(
+        claims={"base": "free", **claims}, topics=topics or Topics(joints="/joint_states")
+    )
 
 
-def same_joints(log: RunLog, *, lacks: tuple[str, ...] = (), rows: slice = slice(None), atol: float = 1e-9) -> None:
+def same_joints(
+    log: RunLog, *, lacks: tuple[str, ...] = (), rows: slice = slice(None), atol: float = 1e-9
+) -> None:
     """The joints are those of the truth, but for signals that the file does not have."""
     true = truth().joints
-    np.testing.assert_allclose(log.joints.time_s, true.time_s[rows] - true.time_s[rows][0], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(
+        log.joints.time_s, true.time_s[rows] - true.time_s[rows][0], rtol=0, atol=1e-6
+    )
     for signal in JOINT_SIGNALS:
         expected, found = getattr(true, signal), getattr(log.joints, signal)
         if expected is None or signal in lacks:

@@ -46,14 +46,24 @@ def columns(*, space: str = " ") -> dict[str, np.ndarray]:
     log = truth()
     named = {"t": log.joints.time_s}
     for signal, word in SIGNALS.items():
-        named |= {f"{word}{space}{joint}": getattr(log.joints, signal)[:, i] for i, joint in enumerate(JOINTS)}
+        named |= {
+            f"{word}{space}{joint}": getattr(log.joints, signal)[:, i]
+            for i, joint in enumerate(JOINTS)
+        }
     return named
 
 
 def lines(form: Text, named: dict[str, np.ndarray] | None = None) -> list[str]:
-    """The rows of a text, after its names; a column of words and one of degrees stand between the others."""
+    """The rows of a text, after its names.
+
+    A column of words and one of degrees stand between the others.
+    """
     named = columns(space="_" if form.separator == " " else " ") if named is None else named
-    said = list(named) if form.separator == " " else [*named, "mode", "Temp [°C]" if form.encoding != "ascii" else "T"]
+    said = (
+        list(named)
+        if form.separator == " "
+        else [*named, "mode", "Temp [°C]" if form.encoding != "ascii" else "T"]
+    )
     if form.quotes:
         said = [f'"{name}"' for name in said]
     rows = [form.mark + form.separator.join(said)]
@@ -92,7 +102,11 @@ def _read(form: Text, *, says: str = "", rows: slice = slice(None), **described:
         "trailing" * form.trailing,
         getattr(form.damage, "__name__", ""),
     ]
-    own = replace(COLUMNS, q="q_{joint}", dq="dq_{joint}", q_des="told_{joint}") if form.separator == " " else COLUMNS
+    own = (
+        replace(COLUMNS, q="q_{joint}", dq="dq_{joint}", q_des="told_{joint}")
+        if form.separator == " "
+        else COLUMNS
+    )
     return Stranger(
         name=" ".join([f"text {name}", *filter(None, extra)]),
         write=partial(write_text, form),
@@ -106,7 +120,15 @@ def _forms() -> list[Text]:
     """Every separator with every decimal sign that it may have, and with every encoding."""
     forms = [
         Text(separator=separator, decimal=decimal, encoding=encoding)
-        for separator, decimal in ((",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), ("|", "."), ("|", ","))
+        for separator, decimal in (
+            (",", "."),
+            (";", "."),
+            (";", ","),
+            ("\t", "."),
+            ("\t", ","),
+            ("|", "."),
+            ("|", ","),
+        )
         for encoding in ("utf-8", "utf-8-sig", "utf-16", "latin-1")
     ]
     forms += [Text(separator=" ", newline=newline) for newline in ("\n", "\r\n")]
@@ -131,7 +153,11 @@ def _with(text: str, row: int = 50) -> Callable[[list[str]], list[str]]:
     """A text in place of the first value of a row."""
 
     def damage(rows: list[str]) -> list[str]:
-        return [*rows[:row], ",".join([rows[row].split(",")[0], text, *rows[row].split(",")[2:]]), *rows[row + 1 :]]
+        return [
+            *rows[:row],
+            ",".join([rows[row].split(",")[0], text, *rows[row].split(",")[2:]]),
+            *rows[row + 1 :],
+        ]
 
     return damage
 
@@ -150,7 +176,10 @@ def _without_names(rows: list[str]) -> list[str]:
 
 def _many_names(rows: list[str]) -> list[str]:
     more = [f"motor{i}" for i in range(400)]
-    return [",".join([rows[0].replace("q FR_hip", "position 0"), *more]), *(row + ",0" * 400 for row in rows[1:])]
+    return [
+        ",".join([rows[0].replace("q FR_hip", "position 0"), *more]),
+        *(row + ",0" * 400 for row in rows[1:]),
+    ]
 
 
 def _units(rows: list[str]) -> list[str]:
@@ -175,10 +204,19 @@ REFUSED_TEXTS = {
     ),
     "thousands": (Text(damage=_with("1'000.5")), "column 'q FR_hip', row 50: .*1'000.5"),
     "a shorter row": (Text(damage=_short_row), "row 50 has 38 columns, the line of names 39"),
-    "no names": (Text(damage=_without_names), "first line has no names of columns; put one before it"),
+    "no names": (
+        Text(damage=_without_names),
+        "first line has no names of columns; put one before it",
+    ),
     "hundreds of other names": (Text(damage=_many_names), "'q FR_hip' is missing: did you mean"),
-    "a row of units": (Text(damage=_units), r"column 't', row 1: .*'\[s\]'.*row of units\? Delete it"),
-    "decimal commas between commas": (Text(decimal=","), "decimal signs are commas, write it with semicolons"),
+    "a row of units": (
+        Text(damage=_units),
+        r"column 't', row 1: .*'\[s\]'.*row of units\? Delete it",
+    ),
+    "decimal commas between commas": (
+        Text(decimal=","),
+        "decimal signs are commas, write it with semicolons",
+    ),
 }
 
 
@@ -189,7 +227,10 @@ def _npz(folder: Path, named: dict[str, Any], name: str = "mine.npz") -> Path:
 
 def _arrays() -> dict[str, np.ndarray]:
     log = truth()
-    return {"time": log.joints.time_s.astype(np.float64), **{name: getattr(log.joints, name) for name in SIGNALS}}
+    return {
+        "time": log.joints.time_s.astype(np.float64),
+        **{name: getattr(log.joints, name) for name in SIGNALS},
+    }
 
 
 def _parquet(folder: Path) -> Path:
@@ -215,8 +256,14 @@ def _zip(name: str, *inside: str) -> Callable[[Path], Path]:
 
 ARRAYS = replace(DESCRIPTION, columns=TableColumns(time="time", q="q", dq="dq", q_des="q_des"))
 EVEN = replace(DESCRIPTION, columns=TableColumns(rate_hz=500.0, q="q", dq="dq", q_des="q_des"))
-SINGLE = replace(DESCRIPTION, columns=TableColumns(time="t", q="q {joint}", dq="dq {joint}", q_des="told {joint}"))
-SEVERAL = replace(DESCRIPTION, columns=TableColumns(rate_hz=500.0, q="{log}/q", dq="{log}/dq", q_des="{log}/q_des"))
+SINGLE = replace(
+    DESCRIPTION,
+    columns=TableColumns(time="t", q="q {joint}", dq="dq {joint}", q_des="told {joint}"),
+)
+SEVERAL = replace(
+    DESCRIPTION,
+    columns=TableColumns(rate_hz=500.0, q="{log}/q", dq="{log}/dq", q_des="{log}/q_des"),
+)
 LACKS = ("dq_des", "tau_ff", "tau_est")
 
 
@@ -240,19 +287,36 @@ def _halves(folder: Path) -> Path:
     )
 
 
-def _of(name: str, write: Callable[[Path], Path], description: Description, says: str = "") -> Stranger:
-    return Stranger(name=name, write=write, description=description, check=partial(same_joints, lacks=LACKS), says=says)
+def _of(
+    name: str, write: Callable[[Path], Path], description: Description, says: str = ""
+) -> Stranger:
+    return Stranger(
+        name=name,
+        write=write,
+        description=description,
+        check=partial(same_joints, lacks=LACKS),
+        says=says,
+    )
 
 
-def _no(name: str, write: Callable[[Path], Path], says: str, description: Description = DESCRIPTION) -> Stranger:
+def _no(
+    name: str, write: Callable[[Path], Path], says: str, description: Description = DESCRIPTION
+) -> Stranger:
     return Stranger(name=name, write=write, description=description, says=says)
 
 
 TABLES: tuple[Stranger, ...] = (
     *(_read(form) for form in _forms()),
     _read(Text(damage=cut_off), rows=slice(0, 149), says="last row of mine.csv is cut off"),
-    _read(Text(damage=cut_off, separator=";", decimal=",", newline="\r\n"), rows=slice(0, 149), says="cut off"),
-    *(_no(f"text with {name}", partial(write_text, form), says) for name, (form, says) in REFUSED_TEXTS.items()),
+    _read(
+        Text(damage=cut_off, separator=";", decimal=",", newline="\r\n"),
+        rows=slice(0, 149),
+        says="cut off",
+    ),
+    *(
+        _no(f"text with {name}", partial(write_text, form), says)
+        for name, (form, says) in REFUSED_TEXTS.items()
+    ),
     _no(
         "one column for all joints",
         partial(write_text, Text()),
@@ -269,8 +333,19 @@ TABLES: tuple[Stranger, ...] = (
     ),
     _of("npz of single columns", lambda folder: _npz(folder, columns()), SINGLE),
     _of("npz by another name", lambda folder: _npz(folder, _arrays(), "log.dat.npz"), ARRAYS),
-    Stranger(name="npz of several logs", write=_halves, description=SEVERAL, check=_half, says="c: 5 rows are too few"),
-    _no("npz without an array", lambda folder: _npz(folder, {"time": np.arange(9.0)}), "array 'q' is missing", ARRAYS),
+    Stranger(
+        name="npz of several logs",
+        write=_halves,
+        description=SEVERAL,
+        check=_half,
+        says="c: 5 rows are too few",
+    ),
+    _no(
+        "npz without an array",
+        lambda folder: _npz(folder, {"time": np.arange(9.0)}),
+        "array 'q' is missing",
+        ARRAYS,
+    ),
     _no(
         "npz of other joints",
         lambda folder: _npz(folder, _arrays() | {"q": np.zeros((150, 8))}),
@@ -283,7 +358,12 @@ TABLES: tuple[Stranger, ...] = (
         "unequal length",
         ARRAYS,
     ),
-    _no("npz of objects", lambda folder: _npz(folder, _objects()), "cannot read .*allow_pickle", ARRAYS),
+    _no(
+        "npz of objects",
+        lambda folder: _npz(folder, _objects()),
+        "cannot read .*allow_pickle",
+        ARRAYS,
+    ),
     _no(
         "npz of images",
         lambda folder: _npz(folder, _arrays() | {"q": np.zeros((9, 9, 9))}),
@@ -303,10 +383,26 @@ TABLES: tuple[Stranger, ...] = (
     ),
     _no("a zip of texts", _zip("mine.zip", "mine.csv"), "zip of other files; .*unpack it"),
     _no("HDF5", _raw("mine.h5", b"\x89HDF\r\n\x1a\n" + bytes(99)), "is an HDF5 file.*numpy.savez"),
-    _no("MATLAB", _raw("mine.mat", b"MATLAB 5.0 MAT-file" + bytes(99)), "is a .mat of MATLAB.*numpy.savez"),
-    _no("a pickle", _raw("mine.pkl", pickle.dumps({"q": [1.0]})), "is a pickle of Python.*numpy.savez"),
-    _no("a single array", _raw("mine.npy", b"\x93NUMPY\x01\x00"), "is a single array of numpy.*numpy.savez"),
-    _no("gzip", _raw("mine.csv.gz", b"\x1f\x8b\x08" + bytes(20)), "compressed by gzip: unpack it first"),
+    _no(
+        "MATLAB",
+        _raw("mine.mat", b"MATLAB 5.0 MAT-file" + bytes(99)),
+        "is a .mat of MATLAB.*numpy.savez",
+    ),
+    _no(
+        "a pickle",
+        _raw("mine.pkl", pickle.dumps({"q": [1.0]})),
+        "is a pickle of Python.*numpy.savez",
+    ),
+    _no(
+        "a single array",
+        _raw("mine.npy", b"\x93NUMPY\x01\x00"),
+        "is a single array of numpy.*numpy.savez",
+    ),
+    _no(
+        "gzip",
+        _raw("mine.csv.gz", b"\x1f\x8b\x08" + bytes(20)),
+        "compressed by gzip: unpack it first",
+    ),
     _no("nothing", _raw("mine.csv", b""), "is empty"),
     _no("bytes", _raw("mine.csv", bytes(range(256)) * 9), "it is no text"),
     _no("an image", _raw("mine.csv", b"\x89PNG\r\n\x1a\n" + bytes(99)), "it is no text"),

@@ -17,7 +17,9 @@ def test_the_layout_names_only_what_is_there() -> None:
     for config in panels.values():
         named |= set(config.get("topics", {}))
         named |= {config[key] for key in ("topicToRender",) if key in config}
-        named |= {value for key, value in config.get("imageMode", {}).items() if key.endswith("Topic")}
+        named |= {
+            value for key, value in config.get("imageMode", {}).items() if key.endswith("Topic")
+        }
         fields += [path["value"].split(".") for path in config.get("paths", ())]
     assert named | {topic for topic, _ in fields} <= set(viewer.TOPICS)
     assert set(viewer.TOPICS) - named - {"/viewer/numbers", "/viewer/tf", "/viewer/depth"} == set()

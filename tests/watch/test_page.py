@@ -42,7 +42,13 @@ def test_both_runs_say_what_they_are_and_how_they_do(tab: Tab) -> None:
     play(tab, on=True)
     for said in ("one: gap, seed 7", "two: gap, seed 7", "recording"):
         assert said in tab.text()
-    for said in ("controller/state", "policy/plan", "status/controller", "16 x 48 pixels", "mean error"):
+    for said in (
+        "controller/state",
+        "policy/plan",
+        "status/controller",
+        "16 x 48 pixels",
+        "mean error",
+    ):
         tab.until(lambda said=said: tab.text().count(said) == 2, f"'{said}' of each run")
 
 
@@ -54,13 +60,19 @@ def test_the_time_line_plays_pauses_and_is_dragged(tab: Tab) -> None:
     last_s = (STEPS - 1) * 0.01
     for key, time_s in (("End", last_s), ("Home", 0.0), ("End", last_s)):
         tab.press(key)
-        tab.until(lambda time_s=time_s: slider(tab) == pytest.approx(time_s, abs=0.011), f"the time {time_s}")
+        tab.until(
+            lambda time_s=time_s: slider(tab) == pytest.approx(time_s, abs=0.011),
+            f"the time {time_s}",
+        )
         tab.until(lambda time_s=time_s: f"{time_s:.2f} s" in tab.text(), f"the scene of {time_s} s")
     assert "Play" in tab.text()
 
 
 def test_the_picture_is_drawn_follows_the_time_and_stands_still_while_it_pauses(tab: Tab) -> None:
-    """Robots and ground move from the first scene to the last; what does not change is drawn as before."""
+    """Robots and ground move from the first scene to the last.
+
+    What does not change is drawn as before.
+    """
 
     def drawn(key: str, time_s: float) -> np.ndarray:
         tab.press(key)

@@ -14,7 +14,9 @@ from saltus.wire.messages import HeightmapStatus
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
-    return RecordedRun(write(tmp_path_factory.mktemp("run") / "recording.mcap", list(run_samples())).path)
+    return RecordedRun(
+        write(tmp_path_factory.mktemp("run") / "recording.mcap", list(run_samples())).path
+    )
 
 
 def pixels(run: RecordedRun, scene: Scene, colour: tuple[int, int, int]) -> int:
@@ -44,7 +46,9 @@ def test_only_what_is_known_is_drawn(run: RecordedRun) -> None:
     assert scene.heights is not None
     unknown = replace(scene, heights=replace(scene.heights, true=None))
     assert pixels(run, scene, TRUE) > 100 > pixels(run, unknown, TRUE)
-    empty = replace(scene, heights=None, depth=None, mode=None, speed_mps=float("nan"), base_pose=None)
+    empty = replace(
+        scene, heights=None, depth=None, mode=None, speed_mps=float("nan"), base_pose=None
+    )
     assert pixels(run, empty, PREDICTED) == 0
     assert pixels(run, empty, INK) > 0
 

@@ -1,4 +1,7 @@
-"""Heights in two dimensions are a net, whose colours say how sure each point is; a line stays a curve."""
+"""Heights in two dimensions are a net, whose colours say how sure each point is.
+
+A line stays a curve.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -23,7 +26,11 @@ from saltus.wire import codec
 from saltus.wire.codec import Envelope
 
 WORLD = World(
-    title="", config=RunConfig(robot="go1", grid="line"), robot=ROBOT, terrain=flat.make(), camera=load_camera("ideal")
+    title="",
+    config=RunConfig(robot="go1", grid="line"),
+    robot=ROBOT,
+    terrain=flat.make(),
+    camera=load_camera("ideal"),
 )
 
 
@@ -31,12 +38,21 @@ def scene_of(grid: HeightGrid, half_width: np.ndarray) -> Scene:
     sent: Any = dict(run_messages(3))
     x, y = grid.points.T
     heights = replace(
-        sent["heightmap/heightmap"], x=np.array(grid.x), y=np.array(grid.y), height=0.1 * x + 0.01 * y,
+        sent["heightmap/heightmap"], x=np.array(grid.x), y=np.array(grid.y),
+        height=0.1 * x + 0.01 * y,
         half_width_90=half_width,
     )  # fmt: skip
     arrivals = [
-        Arrival(message.time_ns + LATENCY_NS, key, Envelope(1, message.time_ns, bytes(16)), codec.encode(message))
-        for key, message in {"controller/state": sent["controller/state"], "heightmap/heightmap": heights}.items()
+        Arrival(
+            message.time_ns + LATENCY_NS,
+            key,
+            Envelope(1, message.time_ns, bytes(16)),
+            codec.encode(message),
+        )
+        for key, message in {
+            "controller/state": sent["controller/state"],
+            "heightmap/heightmap": heights,
+        }.items()
     ]
     return SceneMaker(WORLD).make(arrivals, heights.time_ns + LATENCY_NS, ())
 
@@ -52,12 +68,18 @@ def test_a_scan_is_a_net_and_a_line_a_curve_in_any_order(drawing: Drawing) -> No
     for grid in (LINE, SCAN, LINE):
         drawing.draw(scene_of(grid, np.full(grid.size, 0.02)), np.zeros(3))
         rows, columns = grid.shape
-        assert drawing._predicted.points.shape == ((rows - 1) * columns + rows * (columns - 1), 2, 3)
+        assert drawing._predicted.points.shape == (
+            (rows - 1) * columns + rows * (columns - 1),
+            2,
+            3,
+        )
         assert drawing._widths.visible == (columns == 1)
 
 
 def test_a_guess_has_the_colour_of_guesses(drawing: Drawing) -> None:
-    drawing.draw(scene_of(SCAN, np.where(SCAN.points[:, 0] > 0.05, 2.0 * GUESS_M, 0.0)), np.zeros(3))
+    drawing.draw(
+        scene_of(SCAN, np.where(SCAN.points[:, 0] > 0.05, 2.0 * GUESS_M, 0.0)), np.zeros(3)
+    )
     colours = drawing._predicted.colors
     assert colours.shape == drawing._predicted.points.shape
     assert {tuple(colour) for colour in colours.reshape(-1, 3).tolist()} == {PREDICTED, GUESSED}

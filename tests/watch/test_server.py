@@ -28,13 +28,16 @@ def server() -> Iterator[Server]:
 
 def wrong_paths(token: str) -> list[str]:
     return [
-        "/", "", "/index.html", f"/?token={token}", f"/x/{token}/", f"/{token}x/", f"/{token[:-1]}/",
+        "/", "", "/index.html", f"/?token={token}", f"/x/{token}/", f"/{token}x/",
+        f"/{token[:-1]}/",
         f"/{token.swapcase()}/", f"//{token[1:]}/", f"/%2e%2e/{token}x", "/" + "a" * len(token),
     ]  # fmt: skip
 
 
 def get(server: Server, path: str) -> tuple[int, bytes, dict[str, str]]:
-    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=10)) as link:
+    with contextlib.closing(
+        http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=10)
+    ) as link:
         link.request("GET", path or "/")
         answer = link.getresponse()
         return answer.status, answer.read(), dict(answer.headers)
@@ -84,7 +87,10 @@ def test_no_page_opens_a_tunnel(server: Server) -> None:
 
 @pytest.mark.parametrize("command", ["watch", "demo --watch"])
 def test_without_viser_one_line_says_what_to_install(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "viser", None)  # as where it is not installed

@@ -18,7 +18,9 @@ from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.terrain import Terrain
 
 FLAT = make_terrain(TerrainConfig(terrain="flat"))
-TERRAINS = [make_terrain(TerrainConfig(terrain=name)) for name in FAMILIES] + [random_terrain(s) for s in range(3)]
+TERRAINS = [make_terrain(TerrainConfig(terrain=name)) for name in FAMILIES] + [
+    random_terrain(s) for s in range(3)
+]
 
 
 def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
@@ -54,20 +56,26 @@ def test_boxes_and_what_is_turned_have_the_volume_of_what_they_stand_for() -> No
 
 
 @pytest.mark.parametrize("terrain", TERRAINS, ids=lambda terrain: terrain.kind)
-def test_tops_and_walls_of_a_terrain_enclose_its_boxes_and_tops_are_its_ground(terrain: Terrain) -> None:
+def test_tops_and_walls_of_a_terrain_enclose_its_boxes_and_tops_are_its_ground(
+    terrain: Terrain,
+) -> None:
     boxes = terrain.arrays
     (tops, top_faces), (walls, wall_faces) = terrain_tops(boxes), terrain_walls(boxes)
     vertices = np.concatenate([tops, walls])
     faces = np.concatenate([top_faces, wall_faces + len(tops)])
     check_closed(vertices, faces)
-    assert volume(vertices, faces) == pytest.approx(float(np.sum(np.prod(2.0 * boxes.half_size, axis=-1))))
+    assert volume(vertices, faces) == pytest.approx(
+        float(np.sum(np.prod(2.0 * boxes.half_size, axis=-1)))
+    )
     middle = tops.reshape(-1, 4, 3).mean(axis=1)
     highest = terrain.height_at(middle[:, 0], middle[:, 1])
     assert (middle[:, 2] <= highest + 1e-9).all()
     assert np.isclose(middle[:, 2], highest).any()
     ends = terrain_edges(boxes)
     assert ends.shape == (4 * len(terrain.boxes), 2, 3)
-    assert {tuple(np.round(v, 9)) for v in ends.reshape(-1, 3)} == {tuple(np.round(v, 9)) for v in tops}
+    assert {tuple(np.round(v, 9)) for v in ends.reshape(-1, 3)} == {
+        tuple(np.round(v, 9)) for v in tops
+    }
 
 
 def test_feet_that_are_drawn_are_where_the_kinematics_has_them() -> None:
@@ -76,12 +84,17 @@ def test_feet_that_are_drawn_are_where_the_kinematics_has_them() -> None:
     for _ in range(20):
         joints = ROBOT.stand_pose + rng.uniform(-0.3, 0.3, 12)
         places: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        for body, offset, turn in zip(shapes.shapes, shapes.offsets, shapes.turns(joints), strict=True):
+        for body, offset, turn in zip(
+            shapes.shapes, shapes.offsets, shapes.turns(joints), strict=True
+        ):
             position, rotation = places.get(shapes.parents[body], (np.zeros(3), np.eye(3)))
             own = np.zeros(3) if body == "trunk" else offset
             places[body] = position + rotation @ own, rotation @ rotation_matrix(turn)
         for leg, foot in zip(LEGS, legs.position(joints), strict=True):
             position, rotation = places[f"{leg}_calf"]
-            drawn = position + np.concatenate([s.vertices for s in shapes.shapes[f"{leg}_calf"]]) @ rotation.T
+            drawn = (
+                position
+                + np.concatenate([s.vertices for s in shapes.shapes[f"{leg}_calf"]]) @ rotation.T
+            )
             around = drawn[np.linalg.norm(drawn - foot, axis=1) < 1.5 * ROBOT.foot_radius]
             assert np.linalg.norm(around.mean(axis=0) - foot) < ROBOT.foot_radius

@@ -39,7 +39,10 @@ class Sender:
 
     def _run(self) -> None:
         keys = [key for key, _ in run_messages(0)]
-        publishers = {key: self._bus.publisher(*(key.split("/") if "status" in key else (key,))) for key in keys}
+        publishers = {
+            key: self._bus.publisher(*(key.split("/") if "status" in key else (key,)))
+            for key in keys
+        }
         while not self.ended.wait(PERIOD_S):
             now_ns = self._clock.now_ns()
             for key, message in run_messages(0):
@@ -48,7 +51,9 @@ class Sender:
 
 @pytest.fixture
 def robots(tmp_path: Path) -> Iterator[list[Sender]]:
-    config = RunConfig(robot="go1", grid="line", pace="realtime", epoch_ns=time.monotonic_ns() - 10**9)
+    config = RunConfig(
+        robot="go1", grid="line", pace="realtime", epoch_ns=time.monotonic_ns() - 10**9
+    )
     (put_run(tmp_path, config) / RUN_FILE).write_text(to_toml(config))
     endpoint, router = open_router()
     write_client(tmp_path / CLIENT_FILE, endpoint)
@@ -59,11 +64,16 @@ def robots(tmp_path: Path) -> Iterator[list[Sender]]:
     router.close()
 
 
-def test_each_robot_has_a_panel_and_one_that_falls_silent_is_told(robots: list[Sender], tmp_path: Path) -> None:
+def test_each_robot_has_a_panel_and_one_that_falls_silent_is_told(
+    robots: list[Sender], tmp_path: Path
+) -> None:
     command = ("watch", str(tmp_path), "--robots", *ROBOTS, "--port", "0")
     with page_of(*command, folder=tmp_path) as (address, _), browser(1200, 480) as tab:
         tab.open(address)
-        tab.until(lambda: all(f"{prefix}: stairs" in tab.text() for prefix in ROBOTS), "a panel of each robot")
+        tab.until(
+            lambda: all(f"{prefix}: stairs" in tab.text() for prefix in ROBOTS),
+            "a panel of each robot",
+        )
         tab.until(lambda: tab.text().count("mean error") == 2, "heights of each robot")
         assert "Faults" not in tab.text()  # the buttons are for the one robot of a run
         robots[1].end()

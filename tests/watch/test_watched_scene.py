@@ -38,12 +38,16 @@ def plain(value: Any) -> Any:
 def same(one: Scene, other: Scene, *left_out: str) -> None:
     for field in fields(Scene):
         if field.name not in left_out:
-            np.testing.assert_equal(plain(getattr(one, field.name)), plain(getattr(other, field.name)), field.name)
+            np.testing.assert_equal(
+                plain(getattr(one, field.name)), plain(getattr(other, field.name)), field.name
+            )
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
-    return RecordedRun(write(tmp_path_factory.mktemp("run") / "recording.mcap", list(run_samples())).path)
+    return RecordedRun(
+        write(tmp_path_factory.mktemp("run") / "recording.mcap", list(run_samples())).path
+    )
 
 
 def test_a_scene_knows_nothing_that_came_later(run: RecordedRun, tmp_path: Path) -> None:
@@ -76,11 +80,20 @@ def test_ages_and_states_are_those_of_the_table_of_topics(run: RecordedRun) -> N
     topic, sent_ns = TOPICS["policy/plan"], 1_000 * MS
     payload = next(s.payload for s in run_samples() if s.key == topic.name)
     row = Arrival(sent_ns + LATENCY_NS, topic.name, Envelope(1, sent_ns, bytes(16)), payload)
-    ages = {0: "ok", topic.degraded_age_s: "ok", topic.invalid_age_s: "degraded", 1.0: "invalid", -0.1: "future"}
+    ages = {
+        0: "ok",
+        topic.degraded_age_s: "ok",
+        topic.invalid_age_s: "degraded",
+        1.0: "invalid",
+        -0.1: "future",
+    }
     for age_s, status in ages.items():
         scene = maker.make([row], sent_ns + round(1e9 * age_s), ())
         shown = {each.name: each for each in scene.topics}
-        assert (shown[topic.name].status, shown[topic.name].age_ms) == (status, pytest.approx(1e3 * age_s))
+        assert (shown[topic.name].status, shown[topic.name].age_ms) == (
+            status,
+            pytest.approx(1e3 * age_s),
+        )
         assert shown["controller/state"].status == SILENT
     assert world.config.seed == 7
 
@@ -88,7 +101,14 @@ def test_ages_and_states_are_those_of_the_table_of_topics(run: RecordedRun) -> N
 def test_a_malformed_message_is_not_drawn(run: RecordedRun) -> None:
     rows = [
         Arrival(MS, key, Envelope(1, MS, bytes(16)), payload)
-        for key in ("plant/truth", "controller/state", "camera/depth", "heightmap/heightmap", "policy/plan", "status/x")
+        for key in (
+            "plant/truth",
+            "controller/state",
+            "camera/depth",
+            "heightmap/heightmap",
+            "policy/plan",
+            "status/x",
+        )
         for payload in (b"", b"\x00\x01\x00\x00junk")
     ]
     scene = run._maker.make(rows, 2 * MS, ())
@@ -97,7 +117,9 @@ def test_a_malformed_message_is_not_drawn(run: RecordedRun) -> None:
 
 
 @pytest.mark.parametrize("shared", [True, False])
-def test_a_run_that_is_watched_gives_the_scenes_of_its_recording(tmp_path: Path, *, shared: bool) -> None:
+def test_a_run_that_is_watched_gives_the_scenes_of_its_recording(
+    tmp_path: Path, *, shared: bool
+) -> None:
     """In lockstep to the bit: only the numbers of messages differ, of which the first are lost.
 
     The page hears by the run's supervisor, or, at a router without one, itself.
@@ -108,7 +130,11 @@ def test_a_run_that_is_watched_gives_the_scenes_of_its_recording(tmp_path: Path,
     try:
         with LiveRun(tmp_path, endpoint) as live, ZenohBus.of_run(endpoint, config) as bus:
             until_s = time.monotonic() + PATIENCE_S
-            publishers = {key: bus.publisher(*key.split("/controller")[:1]) for key, _ in run_messages(0) if "/" in key}
+            publishers = {
+                key: bus.publisher(*key.split("/controller")[:1])
+                for key, _ in run_messages(0)
+                if "/" in key
+            }
             publishers["status/controller"] = bus.publisher("status", "controller")
             stream, sharer = bus.stream(), bus.sharer()
 
@@ -127,7 +153,11 @@ def test_a_run_that_is_watched_gives_the_scenes_of_its_recording(tmp_path: Path,
                     publishers[key].put(message)
                 while now().time_s < step * STEP_S:
                     assert time.monotonic() < until_s, f"the messages of step {step} do not arrive"
-            while scene.time_s < (STEPS - 1) * STEP_S or scene.heights is None or scene.topics[3].age_ms > 0.0:
+            while (
+                scene.time_s < (STEPS - 1) * STEP_S
+                or scene.heights is None
+                or scene.topics[3].age_ms > 0.0
+            ):
                 assert time.monotonic() < until_s, "the last message does not arrive"
                 time.sleep(0.01)
                 scene = now()

@@ -22,19 +22,38 @@ from saltus.provenance import commit
 
 def main() -> int:
     """Runs the command; errors are one line."""
-    parser = argparse.ArgumentParser(prog="python -m saltus.heightmap.scan.training", description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("runs/scan"), help="folder of checkpoint, CSV, ONNX, tables")
-    parser.add_argument("--config", type=Path, help="TOML file with the settings that are to be other ones")
-    parser.add_argument("--start", type=Path, help="ONNX file of a network to begin with, as models/scan.onnx")
+    parser = argparse.ArgumentParser(
+        prog="python -m saltus.heightmap.scan.training", description=__doc__
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("runs/scan"),
+        help="folder of checkpoint, CSV, ONNX, tables",
+    )
+    parser.add_argument(
+        "--config", type=Path, help="TOML file with the settings that are to be other ones"
+    )
+    parser.add_argument(
+        "--start", type=Path, help="ONNX file of a network to begin with, as models/scan.onnx"
+    )
     parser.add_argument("--commit", help="which code trains, where this machine has no repository")
     parser.add_argument("--seed", type=int, help="of weights and flights")
     parser.add_argument("--minutes", type=float, help="how long to train")
-    parser.add_argument("--updates", type=int, help="how many updates to make, in place of --minutes")
+    parser.add_argument(
+        "--updates", type=int, help="how many updates to make, in place of --minutes"
+    )
     parser.add_argument("--batch", type=int, help="robots at once")
-    parser.add_argument("--robots", type=int, default=512, help="robots of each row of the evaluation; 0: none")
-    parser.add_argument("--rows", help="rows of the evaluation, with commas between them, in place of all")
+    parser.add_argument(
+        "--robots", type=int, default=512, help="robots of each row of the evaluation; 0: none"
+    )
+    parser.add_argument(
+        "--rows", help="rows of the evaluation, with commas between them, in place of all"
+    )
     parser.add_argument("--device", default="cuda" if has_gpu() else "cpu")
-    parser.add_argument("--compile", action="store_true", help="compile network and rays; pays after minutes")
+    parser.add_argument(
+        "--compile", action="store_true", help="compile network and rays; pays after minutes"
+    )
     given = parser.parse_args()
     try:
         return _run(given)
@@ -44,8 +63,12 @@ def main() -> int:
 
 
 def _run(given: argparse.Namespace) -> int:
-    settings = load_changes(ScanTrainSettings(), given.config) if given.config else ScanTrainSettings()
-    changes = {name: getattr(given, name) for name in ("seed", "batch") if getattr(given, name) is not None}
+    settings = (
+        load_changes(ScanTrainSettings(), given.config) if given.config else ScanTrainSettings()
+    )
+    changes = {
+        name: getattr(given, name) for name in ("seed", "batch") if getattr(given, name) is not None
+    }
     settings = replace(settings, **changes)
     if (given.minutes is None) == (given.updates is None):
         raise SaltusError("say how long to train, by --minutes or by --updates, e.g. --minutes 8")
@@ -59,7 +82,8 @@ def _run(given: argparse.Namespace) -> int:
         speed = (found.images - images) / (now - began)
         began, images = now, found.images
         print(
-            f"seed {settings.seed}  {found.seconds:6.0f} s  {found.update:7d} updates  {speed:7.0f} images/s  "
+            f"seed {settings.seed}  {found.seconds:6.0f} s  {found.update:7d} updates  "
+            f"{speed:7.0f} images/s  "
             f"loss {found.loss:.4f}  seen {found.seen_mm:5.2f} of {found.map_mm:5.2f} mm  "
             f"unseen {found.unseen_mm:6.1f} mm  inside {100 * found.inside_seen:4.1f} "
             f"{100 * found.inside_all:4.1f} %  rate {found.rate:.1e}",
@@ -67,15 +91,24 @@ def _run(given: argparse.Namespace) -> int:
         )
 
     model = train(
-        settings, given.out, minutes=given.minutes, updates=given.updates, device=device, compiled=given.compile,
+        settings, given.out, minutes=given.minutes, updates=given.updates, device=device,
+        compiled=given.compile,
         progress=show, start=read_weights(given.start) if given.start else None,
     )  # fmt: skip
     export(model.cpu(), settings, given.out / "scan.onnx")
     if given.robots:
         rows = _rows(settings, given.rows)
-        results = evaluate(model.to(device), settings, robots=given.robots, device=device, rows=rows)
+        results = evaluate(
+            model.to(device), settings, robots=given.robots, device=device, rows=rows
+        )
         write_results(results, given.out / "scan.json")
-        text = card(settings, results, parameters(model), trained_images(given.out), given.commit or commit())
+        text = card(
+            settings,
+            results,
+            parameters(model),
+            trained_images(given.out),
+            given.commit or commit(),
+        )
         (given.out / "scan.md").write_text(text, encoding="utf-8")
         print(table_of(results), flush=True)
     return 0

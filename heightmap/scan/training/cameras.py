@@ -36,7 +36,8 @@ class Cameras(NamedTuple):
     """As they are, and `true_rotation`."""
     true_rotation: Tensor
     rays: Tensor
-    """In the axes of the image, with 1 along the optical axis: (robots, 2, rows * columns / 2, 3)."""
+    """In the axes of the image, with 1 along the optical axis: (robots, 2, rows * columns / 2,
+    3)."""
     near: Tensor
     """Range [m], shape (robots,); and `far`."""
     far: Tensor
@@ -56,7 +57,9 @@ class Cameras(NamedTuple):
     """Share of images that never come, shape (robots,)."""
 
 
-def draw_cameras(camera_height: Tensor, body_height: Tensor, settings: FlightSettings, draws: Draws) -> Cameras:
+def draw_cameras(
+    camera_height: Tensor, body_height: Tensor, settings: FlightSettings, draws: Draws
+) -> Cameras:
     """Cameras at these heights above the ground on bodies of these heights [m], each of shape (robots,)."""
     n = len(camera_height)
     down = torch.deg2rad(draws.uniform(*settings.down_deg, n, 2))
@@ -79,14 +82,17 @@ def draw_cameras(camera_height: Tensor, body_height: Tensor, settings: FlightSet
 
     ahead = each(draws.uniform(*settings.ahead_m, n, 2))
     up = (camera_height - body_height)[:, None].expand(n, 2)
-    position = torch.stack((ahead * yaw.cos(), ahead * yaw.sin() + draws.normal(0.02, n, 1), up), -1)
+    position = torch.stack(
+        (ahead * yaw.cos(), ahead * yaw.sin() + draws.normal(0.02, n, 1), up), -1
+    )
     errors = settings.errors
     off = rotation(each(draws.normal(CALIBRATION_RAD * errors, n, 2, 3)))
     fov = torch.deg2rad(draws.log_uniform(*settings.fov_deg, n))
     half = 0.5 * fov
     return Cameras(
         position=position, rotation=known,
-        true_position=position + each(draws.normal(CALIBRATION_M * errors, n, 2, 3)), true_rotation=off @ known,
+        true_position=position + each(draws.normal(CALIBRATION_M * errors, n, 2, 3)),
+        true_rotation=off @ known,
         rays=_rays(half.tan(), draws.uniform(*settings.shape, n), two, settings),
         near=draws.uniform(0.05, 0.3, n), far=draws.uniform(1.5, 5.0, n),
         noise=draws.log_uniform(*DEPTH_NOISE, n) * errors, white=draws.uniform(0.2, 0.8, n),
@@ -127,7 +133,9 @@ def with_errors(depth: Tensor, cameras: Cameras, draws: Draws) -> Tensor:
     valid = image > 0.0
     distance = cameras.noise[:, None, None] * image**2
     white = cameras.white[:, None, None]
-    noise = white * draws.normal(1.0, n, rows, 2 * half) + (1.0 - white**2).sqrt() * _blobs(n, rows, 2 * half, 3, draws)
+    noise = white * draws.normal(1.0, n, rows, 2 * half) + (1.0 - white**2).sqrt() * _blobs(
+        n, rows, 2 * half, 3, draws
+    )
     noisy = image * cameras.scale[:, None, None] + distance * noise
     kept = valid & ~_at_edges(image, valid, cameras, draws)
     level = torch.special.ndtri(cameras.holes.clamp(1e-6, 0.5))[:, None, None]
@@ -143,7 +151,9 @@ def with_errors(depth: Tensor, cameras: Cameras, draws: Draws) -> Tensor:
 def _blobs(n: int, rows: int, columns: int, size: int, draws: Draws) -> Tensor:
     """Noise of deviation 1 that pixels share over about `size` of them: at 424 x 240 one ray is 5 to 7 pixels."""
     small = draws.normal(1.0, n, 1, max(2, rows // size), max(2, columns // size))
-    wide = functional.interpolate(small, size=(rows, columns), mode="bilinear", align_corners=True)[:, 0]
+    wide = functional.interpolate(small, size=(rows, columns), mode="bilinear", align_corners=True)[
+        :, 0
+    ]
     return wide * 1.5  # interpolation takes a third of the deviation
 
 

@@ -10,8 +10,10 @@ from saltus.heightmap.scan.training.settings import ScanTrainSettings
 METHODS = ("network", "map 2 cm, drift, feet", "map 2 cm, feet", "map 4 cm", "flat")
 """In the order of the card's tables."""
 _MEANING = (
-    "Errors are means over flights that no training saw, after 1 s of motion. A point is seen if a ray ended "
-    "within 3 cm of it, visible if one did in the last 0.2 s. Each entry: mean error [mm], share inside the "
+    "Errors are means over flights that no training saw, after 1 s of motion. A point is seen if a "
+    "ray ended "
+    "within 3 cm of it, visible if one did in the last 0.2 s. Each entry: mean error [mm], share "
+    "inside the "
     "90 % interval, median half-width [mm], share of all points."
 )
 
@@ -21,7 +23,9 @@ def read_results(path: Path) -> list[Score]:
     return [Score(**table) for table in json.loads(path.read_text(encoding="utf-8"))]
 
 
-def card(settings: ScanTrainSettings, scores: list[Score], parameters: int, images: int, commit: str) -> str:
+def card(
+    settings: ScanTrainSettings, scores: list[Score], parameters: int, images: int, commit: str
+) -> str:
     """The card as Markdown; `commit` says which code trained last."""
     trained = f"{images / 1e6:.1f} million images, seed {settings.seed}, {parameters:,} parameters, commit {commit}"
     rows = list(dict.fromkeys(score.row for score in scores))
@@ -37,11 +41,18 @@ def card(settings: ScanTrainSettings, scores: list[Score], parameters: int, imag
 
 
 def _table(row: str, grid: str, scores: list[Score]) -> str:
-    found = {(s.method, s.group): s for s in scores if (s.row, s.grid, s.family) == (row, grid, "every")}
+    found = {
+        (s.method, s.group): s for s in scores if (s.row, s.grid, s.family) == (row, grid, "every")
+    }
     if not found:
         return ""
     points = "187 points, 1.6 x 1.0 m" if grid == "scan" else "30 points, -0.4 to 0.8 m ahead"
-    lines = [f"## {row[0].upper()}{row[1:]}: {points}", "", f"| | {' | '.join(GROUPS)} |", "|---" * 6 + "|"]
+    lines = [
+        f"## {row[0].upper()}{row[1:]}: {points}",
+        "",
+        f"| | {' | '.join(GROUPS)} |",
+        "|---" * 6 + "|",
+    ]
     for method in METHODS:
         cells = [_cell(found.get((method, group)), method) for group in GROUPS]
         lines.append(f"| {method} | {' | '.join(cells)} |")
@@ -58,8 +69,14 @@ def _cell(score: Score | None, method: str) -> str:
 
 
 def _families(scores: list[Score]) -> str:
-    found = {(s.family, s.method, s.group): s for s in scores if (s.row, s.grid) == ("usual", "scan")}
-    families = [f for f in dict.fromkeys(s.family for s in scores) if f != "every" and (f, "network", "all") in found]
+    found = {
+        (s.family, s.method, s.group): s for s in scores if (s.row, s.grid) == ("usual", "scan")
+    }
+    families = [
+        f
+        for f in dict.fromkeys(s.family for s in scores)
+        if f != "every" and (f, "network", "all") in found
+    ]
     if not families:
         return ""
     lines = [

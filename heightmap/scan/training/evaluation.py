@@ -61,8 +61,10 @@ class Score:
 def usual_flights(trained: FlightSettings) -> FlightSettings:
     """Flights of the first row: D435i errors, 30 to 110 ms late, odometry off by 3 %."""
     return replace(
-        trained, families=FAMILIES, odometry=(1.0, 1.0), latency_s=(0.03, 0.11), rate_hz=(15.0, 40.0), images=60,
-        height_m=(0.15, 1.2), down_deg=(0.0, 60.0), fov_deg=(50.0, 100.0), pitch_deg=(8.0, 40.0), errors=1.0,
+        trained, families=FAMILIES, odometry=(1.0, 1.0), latency_s=(0.03, 0.11),
+        rate_hz=(15.0, 40.0), images=60,
+        height_m=(0.15, 1.2), down_deg=(0.0, 60.0), fov_deg=(50.0, 100.0), pitch_deg=(8.0, 40.0),
+        errors=1.0,
     )  # fmt: skip
 
 
@@ -75,8 +77,10 @@ def rows_of(trained: FlightSettings) -> dict[str, FlightSettings]:
         "good odometry": replace(usual, odometry=(0.0, 0.0)),
         "bad odometry": replace(usual, odometry=(2.0, 2.0)),
         "Go1's mount": replace(
-            usual, gaits=("bound",), height_m=(0.36, 0.36), above_m=(0.092, 0.092), ahead_m=(0.272, 0.272),
-            down_deg=(29.8, 29.8), turned=0.0, rolled=0.0, pairs=0.0, aim_deg=0.0, fov_deg=(21.43, 21.43),
+            usual, gaits=("bound",), height_m=(0.36, 0.36), above_m=(0.092, 0.092),
+            ahead_m=(0.272, 0.272),
+            down_deg=(29.8, 29.8), turned=0.0, rolled=0.0, pairs=0.0, aim_deg=0.0,
+            fov_deg=(21.43, 21.43),
             shape=(3.0, 3.0), rate_hz=(40.0, 40.0), latency_s=(0.04, 0.06), feet=1.0, speed_mps=1.0,
         ),
         "no feet": replace(usual, feet=0.0),
@@ -114,7 +118,9 @@ class _Tally:
         inside = (error <= half_width).double()
         for index, mask in enumerate(groups):
             weight = mask.double()
-            values = torch.stack((weight.sum(1), (weight * error).sum(1), (weight * inside).sum(1)), -1)
+            values = torch.stack(
+                (weight.sum(1), (weight * error).sum(1), (weight * inside).sum(1)), -1
+            )
             self.sums[index].index_add_(0, family, values)
             self.widths[index].append(half_width[mask][::WIDTHS_KEPT].cpu())
 
@@ -124,19 +130,26 @@ class _Tally:
         for index, group in enumerate(GROUPS):
             widths = torch.cat(self.widths[index]) if self.widths[index] else torch.zeros(0)
             width = 1e3 * float(widths.median()) if len(widths) else float("nan")
-            for family, values in zip(("every", *FAMILIES), torch.cat((every[index], sums[index])), strict=True):
+            for family, values in zip(
+                ("every", *FAMILIES), torch.cat((every[index], sums[index])), strict=True
+            ):
                 count, error, inside = values.tolist()
-                whole = sums[0].sum(0)[0] if family == "every" else sums[0][FAMILIES.index(family)][0]
+                whole = (
+                    sums[0].sum(0)[0] if family == "every" else sums[0][FAMILIES.index(family)][0]
+                )
                 if count:
                     yield Score(
-                        row=row, grid=grid, method=method, group=group, family=family, points=int(count),
-                        share=count / float(whole), error_mm=1e3 * error / count, inside=inside / count,
+                        row=row, grid=grid, method=method, group=group, family=family,
+                        points=int(count),
+                        share=count / float(whole), error_mm=1e3 * error / count,
+                        inside=inside / count,
                         half_width_mm=width if family == "every" else float("nan"),
                     )  # fmt: skip
 
 
 def evaluate(
-    model: ScanModel | None, settings: ScanTrainSettings, *, robots: int, device: torch.device, batch: int = 128,
+    model: ScanModel | None, settings: ScanTrainSettings, *, robots: int, device: torch.device,
+    batch: int = 128,
     rows: dict[str, FlightSettings] | None = None, rivals: dict[str, MapSettings] | None = None,
 ) -> list[Score]:  # fmt: skip
     """Scores of the network, if any, and of its rivals on the same images, odometry and feet."""
@@ -147,14 +160,17 @@ def evaluate(
         for start in range(0, robots, batch):
             draws = Draws(EVAL_SEED + start, device)
             with torch.no_grad():
-                _fly(model, settings.map, rivals, flights, min(batch, robots - start), draws, tallies)
+                _fly(
+                    model, settings.map, rivals, flights, min(batch, robots - start), draws, tallies
+                )
         for (grid, method), tally in tallies.items():
             scores += tally.scores(row, grid, method)
     return scores
 
 
 def _fly(
-    model: ScanModel | None, map_settings: MapSettings, rivals: dict[str, MapSettings], flights: FlightSettings,
+    model: ScanModel | None, map_settings: MapSettings, rivals: dict[str, MapSettings],
+    flights: FlightSettings,
     robots: int, draws: Draws, tallies: dict[tuple[str, str], _Tally],
 ) -> None:  # fmt: skip
     flight = draw_flight(robots, flights, draws)
@@ -168,14 +184,22 @@ def _fly(
         judged = shot.now_s >= AFTER_S
         told_by: dict[str, tuple[Heights, ElevationMap, Surroundings, MapSettings]] = {}
         if model is not None:
-            told_by["network"] = *_told(model, own, shot, 1.0 / flight.rate_hz, map_settings), map_settings
+            told_by["network"] = (
+                *_told(model, own, shot, 1.0 / flight.rate_hz, map_settings),
+                map_settings,
+            )
             own = told_by["network"][1]
         for name, rival in rivals.items():
             measured = shot.measured
             if not rival.foot_gain:
                 measured = measured._replace(standing=torch.zeros_like(measured.standing))
             maps[name], about = advanced(maps[name], measured, rival)
-            told_by[name] = (geometric_heights(maps[name], about, shot.now_s, rival), maps[name], about, rival)
+            told_by[name] = (
+                geometric_heights(maps[name], about, shot.now_s, rival),
+                maps[name],
+                about,
+                rival,
+            )
         if bool(judged.any()):
             for grid_name, grid in GRIDS.items():
                 _judge(grid_name, grid, told_by, flight, shot, seen, judged, flights, tallies)
@@ -187,25 +211,35 @@ def _told(
     """Heights of a network after an image, with the map that remembers them."""
     state, around = advanced(state, shot.measured, settings)
     if not model.settings.frame:
-        heights = told(model, inputs_of(state, around, shot.now_s, shot.measured.body_height), around.filled)
+        heights = told(
+            model, inputs_of(state, around, shot.now_s, shot.measured.body_height), around.filled
+        )
         return heights, remembered(state, heights), around
     alone, inputs, around = of_image(state, shot.measured, shot.now_s, settings)
-    heights = kept(state, alone.corner, told(model, inputs, around.filled), images_apart_s, settings)
+    heights = kept(
+        state, alone.corner, told(model, inputs, around.filled), images_apart_s, settings
+    )
     return heights, remembered(state, heights), around
 
 
 def _judge(
-    name: str, grid: HeightGrid, told_by: dict[str, tuple[Heights, ElevationMap, Surroundings, MapSettings]],
+    name: str, grid: HeightGrid,
+    told_by: dict[str, tuple[Heights, ElevationMap, Surroundings, MapSettings]],
     flight: Flight, shot: Shot, seen: LastSeen, judged: Tensor, flights: FlightSettings,
     tallies: dict[tuple[str, str], _Tally],
 ) -> None:  # fmt: skip
     points = torch.tensor(grid.points, dtype=shot.position.dtype, device=shot.position.device)
     points = points.expand(len(shot.position), -1, -1)
     place = turned(points, shot.angles[:, 2]) + shot.position[:, None, :2]
-    truth = heights_at(flight.ground.height, place[..., 0], place[..., 1], flights.raster_m) - shot.position[:, 2:]
+    truth = (
+        heights_at(flight.ground.height, place[..., 0], place[..., 1], flights.raster_m)
+        - shot.position[:, 2:]
+    )
     age = shot.now_s[:, None] - seen.at(place)
     was_seen, visible = torch.isfinite(age), age <= VISIBLE_S
-    groups = torch.stack((torch.ones_like(was_seen), was_seen, visible, was_seen & ~visible, ~was_seen))
+    groups = torch.stack(
+        (torch.ones_like(was_seen), was_seen, visible, was_seen & ~visible, ~was_seen)
+    )
     groups, family = groups[:, judged], flight.ground.family[judged]
 
     def add(method: str, height: Tensor, half_width: Tensor) -> None:
@@ -232,9 +266,13 @@ def table_of(scores: list[Score]) -> str:
     for score in scores:
         if score.family == "every":
             found.setdefault((score.row, score.grid, score.method), {})[score.group] = score
-    lines = [f"{'row':26} {'grid':4} {'method':21} " + "  ".join(f"{group:^24}" for group in GROUPS)]
+    lines = [
+        f"{'row':26} {'grid':4} {'method':21} " + "  ".join(f"{group:^24}" for group in GROUPS)
+    ]
     for (row, grid, method), by_group in found.items():
-        lines.append(f"{row:26} {grid:4} {method:21} " + "  ".join(_cell(by_group.get(g)) for g in GROUPS))
+        lines.append(
+            f"{row:26} {grid:4} {method:21} " + "  ".join(_cell(by_group.get(g)) for g in GROUPS)
+        )
     lines += ["", "by family, scan, usual: seen / never [mm]"]
     kept: dict[str, dict[str, Any]] = {}
     for score in scores:

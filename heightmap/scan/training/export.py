@@ -27,7 +27,8 @@ def export(model: ScanModel, settings: ScanTrainSettings, path: Path) -> None:
             weight.copy_(weight.half())
     side = settings.map.side
     example = (
-        torch.zeros(1, side, side), torch.zeros(1, len(MEASURED), side, side), torch.ones(1, len(MEMORY), side, side),
+        torch.zeros(1, side, side), torch.zeros(1, len(MEASURED), side, side),
+        torch.ones(1, len(MEMORY), side, side),
         torch.zeros(1, len(NUMBERS)),
     )  # fmt: skip
     write_onnx(
@@ -47,4 +48,7 @@ def read_weights(path: Path) -> dict[str, Tensor]:
     """
     ModelFile(path)  # compares its checksum
     tensors = onnx.load_model(path).graph.initializer
-    return {tensor.name: torch.from_numpy(numpy_helper.to_array(tensor).astype(np.float32)) for tensor in tensors}
+    return {
+        tensor.name: torch.from_numpy(numpy_helper.to_array(tensor).astype(np.float32))
+        for tensor in tensors
+    }

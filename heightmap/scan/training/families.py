@@ -18,7 +18,9 @@ def _flat(place: Place, _: Draws) -> Tensor:
 
 
 def _rubble(place: Place, draws: Draws) -> Tensor:
-    return with_boxes(torch.zeros_like(place.u), place, draws, count=48, side=(0.1, 1.0), tall=(0.02, 0.22))
+    return with_boxes(
+        torch.zeros_like(place.u), place, draws, count=48, side=(0.1, 1.0), tall=(0.02, 0.22)
+    )
 
 
 def _blocks(place: Place, draws: Draws) -> Tensor:
@@ -35,7 +37,10 @@ def _strips(place: Place, draws: Draws) -> Tensor:
     """Steps up and down across the way."""
     k = place.segments(0.15)
     runs = draws.uniform(0.15, 1.0, place.n, k)
-    height = draws.normal(1.0, place.n, k + 1).clamp(-2.0, 2.0) * draws.uniform(0.03, 0.2, place.n)[:, None]
+    height = (
+        draws.normal(1.0, place.n, k + 1).clamp(-2.0, 2.0)
+        * draws.uniform(0.03, 0.2, place.n)[:, None]
+    )
     return _between_sides(profile(place.u, edges_of(runs, place), height), place, draws)
 
 
@@ -43,7 +48,9 @@ def _flights_of_stairs(place: Place, draws: Draws, u: Tensor) -> Tensor:
     """Stairs up and down with landings; their middle is at height 0."""
     k = place.segments(0.2)
     run, rise = draws.uniform(0.2, 0.45, place.n, 1), draws.uniform(0.04, 0.25, place.n, 1)
-    turn = draws.chance(0.15, place.n, k + 1).cumsum(1)  # flights: every one leads up, down, or is a landing
+    turn = draws.chance(0.15, place.n, k + 1).cumsum(
+        1
+    )  # flights: every one leads up, down, or is a landing
     way = draws.one_of((-1.0, 1.0, 1.0, -1.0, 0.0), place.n, k + 2).gather(1, turn.clamp(max=k + 1))
     uneven = draws.normal(0.15, place.n, k) * draws.chance(0.3, place.n, 1)
     rises = rise * way * (1.0 + draws.normal(0.15, place.n, k + 1) * draws.chance(0.3, place.n, 1))
@@ -97,11 +104,18 @@ def _stones(place: Place, draws: Draws) -> Tensor:
     return torch.where(inside, top, -place.trench[:, None, None])
 
 
-def _alternating(place: Place, draws: Draws, first: tuple[float, float], second: tuple[float, float]) -> Tensor:
+def _alternating(
+    place: Place, draws: Draws, first: tuple[float, float], second: tuple[float, float]
+) -> Tensor:
     """Edges of segments of two kinds by turns."""
     k = 2 * place.segments(first[0] + second[0])
     odd = torch.arange(k, device=draws.device) % 2
-    return edges_of(torch.where(odd == 0, draws.uniform(*first, place.n, k), draws.uniform(*second, place.n, k)), place)
+    return edges_of(
+        torch.where(
+            odd == 0, draws.uniform(*first, place.n, k), draws.uniform(*second, place.n, k)
+        ),
+        place,
+    )
 
 
 def _by_turns(place: Place, edges: Tensor, even: Tensor, odd: Tensor) -> Tensor:
@@ -114,7 +128,10 @@ def _by_turns(place: Place, edges: Tensor, even: Tensor, odd: Tensor) -> Tensor:
 def _stones_line(place: Place, draws: Draws) -> Tensor:
     """Stones across the whole way, with gaps between them."""
     edges = _alternating(place, draws, (0.25, 0.8), (0.03, 0.6))
-    top = draws.normal(1.0, place.n, edges.shape[1] + 1).clamp(-2.0, 2.0) * draws.uniform(0.0, 0.06, place.n)[:, None]
+    top = (
+        draws.normal(1.0, place.n, edges.shape[1] + 1).clamp(-2.0, 2.0)
+        * draws.uniform(0.0, 0.06, place.n)[:, None]
+    )
     return _by_turns(place, edges, top, -place.trench[:, None].expand_as(top))
 
 
@@ -131,11 +148,15 @@ def _hurdles(place: Place, draws: Draws) -> Tensor:
 
 
 def _walls(place: Place, draws: Draws) -> Tensor:
-    return with_boxes(torch.zeros_like(place.u), place, draws, count=8, side=(0.1, 3.0), tall=(0.2, 1.2))
+    return with_boxes(
+        torch.zeros_like(place.u), place, draws, count=8, side=(0.1, 3.0), tall=(0.2, 1.2)
+    )
 
 
 def _clutter(place: Place, draws: Draws) -> Tensor:
-    return with_boxes(torch.zeros_like(place.u), place, draws, count=40, side=(0.04, 0.4), tall=(0.02, 0.4))
+    return with_boxes(
+        torch.zeros_like(place.u), place, draws, count=40, side=(0.04, 0.4), tall=(0.02, 0.4)
+    )
 
 
 def _rough(place: Place, draws: Draws) -> Tensor:
@@ -159,8 +180,10 @@ def _between_sides(height: Tensor, place: Place, draws: Draws) -> Tensor:
 
 
 KINDS: dict[str, Callable[[Place, Draws], Tensor]] = {
-    "flat": _flat, "rubble": _rubble, "blocks": _blocks, "strips": _strips, "stairs": _stairs, "pyramid": _pyramid,
-    "ramps": _ramps, "stones": _stones, "stones_line": _stones_line, "ditches": _ditches, "hurdles": _hurdles,
+    "flat": _flat, "rubble": _rubble, "blocks": _blocks, "strips": _strips, "stairs": _stairs,
+    "pyramid": _pyramid,
+    "ramps": _ramps, "stones": _stones, "stones_line": _stones_line, "ditches": _ditches,
+    "hurdles": _hurdles,
     "walls": _walls, "clutter": _clutter, "rough": _rough, "hills": _hills,
 }  # fmt: skip
 """The law of each family."""

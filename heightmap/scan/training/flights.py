@@ -71,7 +71,9 @@ def draw_flight(robots: int, settings: FlightSettings, draws: Draws) -> Flight:
     rate = draws.log_uniform(*settings.rate_hz, robots)
     latency = draws.uniform(*settings.latency_s, robots)
     camera_height = draws.log_uniform(*settings.height_m, robots)
-    body_height = (camera_height - draws.uniform(*settings.above_m, robots)).clamp(min=LOWEST_BODY_M)
+    body_height = (camera_height - draws.uniform(*settings.above_m, robots)).clamp(
+        min=LOWEST_BODY_M
+    )
     motion = draw_motion(ground, body_height, latency + settings.images / rate, settings, draws)
     return Flight(
         ground=ground,
@@ -96,7 +98,9 @@ def redrawn(flight: Batch, rows: Tensor, other: Batch) -> Batch:
     return flight
 
 
-def shoot(flight: Flight, settings: FlightSettings, draws: Draws, march: March = first_hits) -> Shot:
+def shoot(
+    flight: Flight, settings: FlightSettings, draws: Draws, march: March = first_hits
+) -> Shot:
     """The next image of every robot; the flight's number of images goes on."""
     exposed_s = flight.image / flight.rate_hz
     now_s = exposed_s + flight.latency_s
@@ -106,7 +110,9 @@ def shoot(flight: Flight, settings: FlightSettings, draws: Draws, march: March =
     feet, standing = _feet(flight, now_s, position, angles, draws)
     believed = at(flight.odometry.angles, now_s)
     now = Pose(at(flight.odometry.position, now_s), rotation(believed))
-    then = Pose(at(flight.odometry.position, exposed_s), rotation(at(flight.odometry.angles, exposed_s)))
+    then = Pose(
+        at(flight.odometry.position, exposed_s), rotation(at(flight.odometry.angles, exposed_s))
+    )
     measured = Measurement(points, depth, then, now, feet, standing, flight.told_height, exposed_s)
     return Shot(measured, now_s, hits, position, angles, believed[:, 2])
 
@@ -116,7 +122,10 @@ def _image(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Points in the base as measured [m], their depth [m] and where the rays truly ended [m]."""
     cameras, n = flight.cameras, len(exposed_s)
-    base, turn = at(flight.motion.position, exposed_s), rotation(at(flight.motion.angles, exposed_s))
+    base, turn = (
+        at(flight.motion.position, exposed_s),
+        rotation(at(flight.motion.angles, exposed_s)),
+    )
     origin = base[:, None] + (turn[:, None] @ cameras.true_position[..., None])[..., 0]
     rays = cameras.rays @ (turn[:, None] @ cameras.true_rotation).mT
     count = rays.shape[2]
@@ -132,7 +141,9 @@ def _image(
     return points.flatten(1, 2), depth.flatten(1), start + true[..., None] * rays
 
 
-def _feet(flight: Flight, now_s: Tensor, position: Tensor, angles: Tensor, draws: Draws) -> tuple[Tensor, Tensor]:
+def _feet(
+    flight: Flight, now_s: Tensor, position: Tensor, angles: Tensor, draws: Draws
+) -> tuple[Tensor, Tensor]:
     """Standing feet in the base [m], and which are told to stand."""
     motion = flight.motion
     place = (now_s / 0.01).round().long().clamp(max=motion.feet.shape[1] - 1)
@@ -145,16 +156,20 @@ def _feet(flight: Flight, now_s: Tensor, position: Tensor, angles: Tensor, draws
 
 
 def true_heights(
-    flight: Flight, shot: Shot, state: ElevationMap, around: Surroundings, map_settings: MapSettings,
+    flight: Flight, shot: Shot, state: ElevationMap, around: Surroundings,
+    map_settings: MapSettings,
     settings: FlightSettings,
 ) -> Tensor:  # fmt: skip
     """Heights of the map's cells as they truly are around the base, in the odometry's corrected world [m].
 
-    Heights are relative to the base, which the robot believes at `around.base` and at its believed yaw.
+    Heights are relative to the base, which the robot believes at `around.base` and at its believed
+    yaw.
     """
     x, y = centres(state.corner, map_settings, around.base)
     side = map_settings.side
-    offset = torch.stack(torch.broadcast_tensors(x - around.base[:, :1, None], y - around.base[:, 1:2, None]), -1)
+    offset = torch.stack(
+        torch.broadcast_tensors(x - around.base[:, :1, None], y - around.base[:, 1:2, None]), -1
+    )
     place = turned(offset.reshape(len(offset), -1, 2), shot.angles[:, 2] - shot.believed_yaw)
     place = place + shot.position[:, None, :2]
     ground = heights_at(flight.ground.height, place[..., 0], place[..., 1], settings.raster_m)

@@ -8,7 +8,14 @@ from dataclasses import replace
 
 from saltus.arrays import Array, namespace
 from saltus.heightmap.scan.cells import moved
-from saltus.heightmap.scan.elevation import WIDEST, ElevationMap, Measurement, Surroundings, advanced, new_map
+from saltus.heightmap.scan.elevation import (
+    WIDEST,
+    ElevationMap,
+    Measurement,
+    Surroundings,
+    advanced,
+    new_map,
+)
 from saltus.heightmap.scan.planes import Heights, Inputs, inputs_of
 from saltus.heightmap.scan.settings import MapSettings
 
@@ -22,7 +29,9 @@ def of_image(
     return alone, inputs_of(alone, around, now_s, measured.body_height), around
 
 
-def kept(state: ElevationMap, corner: Array, told: Heights, images_apart_s: Array, settings: MapSettings) -> Heights:
+def kept(
+    state: ElevationMap, corner: Array, told: Heights, images_apart_s: Array, settings: MapSettings
+) -> Heights:
     """Heights of all images in the window of `state`, which holds in `told` those of the images before.
 
     `told` is of the last image, in the window that begins at `corner`; `images_apart_s` has shape

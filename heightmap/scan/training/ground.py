@@ -51,7 +51,9 @@ def draw_ground(robots: int, settings: FlightSettings, draws: Draws) -> Ground:
     rows = draws.chance(0.15, robots).nonzero()[:, 0]
     if len(rows):
         place = Place.drawn(len(rows), settings, draws)
-        height[rows] = with_boxes(height[rows], place, draws, count=6, side=(0.05, 0.5), tall=(0.02, 0.4))
+        height[rows] = with_boxes(
+            height[rows], place, draws, count=6, side=(0.05, 0.5), tall=(0.02, 0.4)
+        )
     height.clamp_(-HIGHEST_M, HIGHEST_M)
     return Ground(height, family, floor, top=height.amax((1, 2)), bottom=height.amin((1, 2)))
 
@@ -64,7 +66,10 @@ def _bumps(robots: int, settings: FlightSettings, draws: Draws) -> Tensor:
     waves = smooth(draws.normal(1.0, robots, 8, 8), raster) * slow[:, None, None]
     return (
         waves
-        + smooth(draws.normal(1.0, robots, max(4, round(side / 0.08)), max(4, round(side / 0.08))), raster)
+        + smooth(
+            draws.normal(1.0, robots, max(4, round(side / 0.08)), max(4, round(side / 0.08))),
+            raster,
+        )
         * (fine[:, None, None])
     )
 
@@ -75,7 +80,9 @@ def heights_at(height: Tensor, x: Tensor, y: Tensor, raster_m: float) -> Tensor:
     i, j = ((c / raster_m + (0.5 * raster - 0.5)).clamp(0.0, raster - 1.001) for c in (x, y))
     first_i, first_j = i.floor(), j.floor()
     s, t = i - first_i, j - first_j
-    index = ((first_i * raster + first_j).long()).flatten(1)  # exact in single precision below 4,096 cells a side
+    index = ((first_i * raster + first_j).long()).flatten(
+        1
+    )  # exact in single precision below 4,096 cells a side
     flat = height.flatten(1)
     a, b, c, d = (flat.gather(1, index + step).view_as(i) for step in (0, 1, raster, raster + 1))
     return torch.lerp(torch.lerp(a, b, t), torch.lerp(c, d, t), s)

@@ -14,7 +14,15 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from saltus.heightmap.scan.elevation import WIDEST
-from saltus.heightmap.scan.planes import MEASURED, MEMORY, MOST_IMAGES, NUMBERS, OLDEST_S, Heights, Inputs
+from saltus.heightmap.scan.planes import (
+    MEASURED,
+    MEMORY,
+    MOST_IMAGES,
+    NUMBERS,
+    OLDEST_S,
+    Heights,
+    Inputs,
+)
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.settings import NetworkSettings
 
@@ -26,7 +34,10 @@ _SHOWN = 3.0  # a difference of heights is shown as this many times USUAL_M at m
 _NUMBERS = (0.005, 0.005, 0.005, 0.002, 0.002, MOST_IMAGES, 36.0)  # what usual `NUMBERS` are
 _OUTPUTS = 4  # of a height: residual, its gate, the memory's gate, half-width
 _OWN_FIRST = 5.0  # at first the network's own height counts e^5 times as much as another candidate
-_AROUND = (3, 7)  # sides of squares of fine cells whose highest and lowest are candidates: 2 and 6 cm away
+_AROUND = (
+    3,
+    7,
+)  # sides of squares of fine cells whose highest and lowest are candidates: 2 and 6 cm away
 _TOLD_AROUND = 5
 CANDIDATES = 2 * len(_AROUND) + 4 + 2 + 1
 """Heights of a cell that the network chooses among, beside its own: extremes of the map around it,
@@ -63,7 +74,9 @@ class ScanModel(nn.Module):
         planes = 2 + len(MEASURED) + 2 * (len(MEMORY) if settings.memory else 0)
         a, b, c, d = settings.channels
         self.stem = nn.Conv2d(planes * self.sub**2 + len(NUMBERS), a, 3, padding=1)
-        self.down = nn.ModuleList(nn.Conv2d(i, o, 3, stride=2, padding=1) for i, o in ((a, b), (b, c), (c, d)))
+        self.down = nn.ModuleList(
+            nn.Conv2d(i, o, 3, stride=2, padding=1) for i, o in ((a, b), (b, c), (c, d))
+        )
         self.deep = nn.Conv2d(d, d, 3, padding=1)
         self.up = nn.ModuleList(nn.Conv2d(i, o, 1) for i, o in ((d, c), (c, b), (b, a)))
         self.join = nn.ModuleList(nn.Conv2d(o, o, 3, padding=1) for o in (c, b, a))
@@ -78,11 +91,17 @@ class ScanModel(nn.Module):
                 bias[_OUTPUTS * self.sub**2 : (_OUTPUTS + 1) * self.sub**2] = _OWN_FIRST
 
     def forward(
-        self, filled: Tensor, measured: Tensor, memory: Tensor, numbers: Tensor, truth: Tensor | None = None
+        self,
+        filled: Tensor,
+        measured: Tensor,
+        memory: Tensor,
+        numbers: Tensor,
+        truth: Tensor | None = None,
     ) -> tuple[Tensor, ...]:
         """Height above `filled` [m] and half-width [m], each of shape (batch, side, side); see `Inputs`.
 
-        With `truth`, true heights above `filled`, also the mean error [m] of the candidates by their weights.
+        With `truth`, true heights above `filled`, also the mean error [m] of the candidates by
+        their weights.
         """
         x = self._shown(Inputs(filled, measured, memory, numbers))
         skips = []
@@ -99,7 +118,11 @@ class ScanModel(nn.Module):
         out = functional.pixel_shuffle(self.head(x), self.sub).float()
         height, half_width = self._own(out[:, :_OUTPUTS], measured, memory)
         if not self.settings.choice:
-            return (height, half_width) if truth is None else (height, half_width, (height - truth).abs())
+            return (
+                (height, half_width)
+                if truth is None
+                else (height, half_width, (height - truth).abs())
+            )
         candidates = torch.cat((height[:, None], _candidates(filled, measured, memory)), 1)
         weights = out[:, _OUTPUTS:].softmax(1)
         height = (weights * candidates).sum(1)
@@ -111,7 +134,9 @@ class ScanModel(nn.Module):
         residual, gate, keep, width = out.unbind(1)
         height = USUAL_M * residual * torch.sigmoid(gate)
         if self.settings.memory:
-            unknown = 2.0 * (1.0 - 2.0 * measured[:, 0])  # begins with the map where measured, else with the memory
+            unknown = 2.0 * (
+                1.0 - 2.0 * measured[:, 0]
+            )  # begins with the map where measured, else with the memory
             has_told = (memory[:, 1] < WIDEST).float()
             height = height + torch.sigmoid(keep + unknown) * has_told * memory[:, 0]
         half_width = NARROWEST_M + USUAL_M * functional.softplus(width - 2.0)
@@ -132,14 +157,22 @@ class ScanModel(nn.Module):
             return (value / (0.1 * USUAL_M)).clamp(-_SHOWN, _SHOWN)
 
         planes = [
-            (inputs.filled / (3.0 * USUAL_M)).clamp(-_SHOWN, _SHOWN), heights(inputs.filled), m["known"],
-            (m["deviation"] / (0.1 * USUAL_M)).clamp(max=_SHOWN), m["age"] / OLDEST_S * _SHOWN, fine(m["new"]),
-            m["new_count"].clamp(max=20.0).add(1.0).log(), heights(m["new_high"]), heights(m["new_low"]),
+            (inputs.filled / (3.0 * USUAL_M)).clamp(-_SHOWN, _SHOWN), heights(inputs.filled),
+            m["known"],
+            (m["deviation"] / (0.1 * USUAL_M)).clamp(max=_SHOWN), m["age"] / OLDEST_S * _SHOWN,
+            fine(m["new"]),
+            m["new_count"].clamp(max=20.0).add(1.0).log(), heights(m["new_high"]),
+            heights(m["new_low"]),
             heights(m["high"]), heights(m["low"]), fine(m["foot"]), m["foot_count"].clamp(max=1.0),
         ]  # fmt: skip
         if self.settings.memory:
             told, width = inputs.memory.unbind(1)
-            planes += [heights(told), fine(told), (width / WIDEST + 1e-3).log() / 3.0, (width < WIDEST).float()]
+            planes += [
+                heights(told),
+                fine(told),
+                (width / WIDEST + 1e-3).log() / 3.0,
+                (width < WIDEST).float(),
+            ]
         fine_planes = functional.pixel_unshuffle(torch.stack(planes, 1), self.sub)
         numbers = (inputs.numbers / self.usual).clamp(-_SHOWN, _SHOWN)
         side = fine_planes.shape[-1]

@@ -42,7 +42,10 @@ class Motion(NamedTuple):
 def draw_motion(
     ground: Ground, body_height: Tensor, duration_s: Tensor, settings: FlightSettings, draws: Draws
 ) -> Motion:
-    """Motion over the ground; the way of the first `duration_s` lies around the patch's middle. Both (robots,)."""
+    """Motion over the ground; the way of the first `duration_s` lies around the patch's middle.
+
+    Both (robots,).
+    """
     n = len(body_height)
     steps = math.ceil((settings.images / settings.rate_hz[0] + settings.latency_s[1]) / STEP_S) + 2
     time = torch.arange(steps, device=draws.device) * STEP_S
@@ -55,11 +58,15 @@ def draw_motion(
     support = _support(ground, xy, angles[..., 2], body_height, settings)
     z = support + body_height[:, None] + sway[..., 2]
     position = torch.cat((xy + sway[..., :2], z[..., None]), -1)
-    feet, standing = _feet(ground, position, angles, phase, frequency, gait, body_height, support, settings)
+    feet, standing = _feet(
+        ground, position, angles, phase, frequency, gait, body_height, support, settings
+    )
     return Motion(position, angles, feet, standing, body_height, gait)
 
 
-def _sway(gait: Tensor, phase: Tensor, time: Tensor, settings: FlightSettings, draws: Draws) -> tuple[Tensor, Tensor]:
+def _sway(
+    gait: Tensor, phase: Tensor, time: Tensor, settings: FlightSettings, draws: Draws
+) -> tuple[Tensor, Tensor]:
     """Displacement of the base [m] and its angles [rad] over the time, each of shape (robots, steps, 3)."""
     n, degree = len(gait), math.pi / 180.0
     is_hand, is_bound = (gait == GAITS.index(name) for name in ("hand", "bound"))
@@ -71,7 +78,10 @@ def _sway(gait: Tensor, phase: Tensor, time: Tensor, settings: FlightSettings, d
 
     def carried(size: float) -> Tensor:
         waves = [
-            (2.0 * math.pi * draws.log_uniform(0.2, 2.5, n)[:, None] * time + draws.uniform(0.0, 6.3, n)[:, None]).sin()
+            (
+                2.0 * math.pi * draws.log_uniform(0.2, 2.5, n)[:, None] * time
+                + draws.uniform(0.0, 6.3, n)[:, None]
+            ).sin()
             for _ in range(3)
         ]
         return (draws.uniform(0.2, 1.0, n) * is_hand * size)[:, None] * sum(waves[1:], waves[0])
@@ -86,28 +96,52 @@ def _sway(gait: Tensor, phase: Tensor, time: Tensor, settings: FlightSettings, d
     )
     lean = draws.normal(2.0 * degree, n, 2)[:, None, :].expand(n, len(time), 2)
     rate = torch.where(draws.chance(0.25, n), draws.uniform(-1.5, 1.5, n), draws.normal(0.25, n))
-    yaw = draws.uniform(-math.pi, math.pi, n)[:, None] + rate[:, None] * time + wave(2.0 * degree, 2.0 * degree, 1)
-    angles = torch.stack((roll + lean[..., 0], tilt + lean[..., 1], yaw + carried(10.0 * degree)), -1)
-    sway = torch.stack((carried(0.03), carried(0.03) + wave(0.015, 0.01, 1), bounce + carried(0.04)), -1)
+    yaw = (
+        draws.uniform(-math.pi, math.pi, n)[:, None]
+        + rate[:, None] * time
+        + wave(2.0 * degree, 2.0 * degree, 1)
+    )
+    angles = torch.stack(
+        (roll + lean[..., 0], tilt + lean[..., 1], yaw + carried(10.0 * degree)), -1
+    )
+    sway = torch.stack(
+        (carried(0.03), carried(0.03) + wave(0.015, 0.01, 1), bounce + carried(0.04)), -1
+    )
     return sway, angles
 
 
-def _way(gait: Tensor, yaw: Tensor, duration_s: Tensor, settings: FlightSettings, draws: Draws) -> Tensor:
+def _way(
+    gait: Tensor, yaw: Tensor, duration_s: Tensor, settings: FlightSettings, draws: Draws
+) -> Tensor:
     """Where the base goes [m], shape (robots, steps, 2); its middle is near the patch's."""
     n, steps = yaw.shape
     fastest = torch.where(gait == GAITS.index("bound"), 1.0, 0.7) * settings.speed_mps
     speed = draws.uniform(0.0, 1.0, n).sqrt() * fastest * ~draws.chance(0.08, n)
-    slip = torch.where(draws.chance(0.2, n), draws.uniform(-math.pi, math.pi, n), draws.normal(0.1, n))
+    slip = torch.where(
+        draws.chance(0.2, n), draws.uniform(-math.pi, math.pi, n), draws.normal(0.1, n)
+    )
     heading = yaw + slip[:, None]
     time = torch.arange(steps, device=yaw.device) * STEP_S
-    change = 1.0 + 0.3 * (draws.uniform(0.5, 3.0, n)[:, None] * time + draws.uniform(0.0, 6.3, n)[:, None]).sin()
-    velocity = (speed[:, None] * change)[..., None] * torch.stack((heading.cos(), heading.sin()), -1)
+    change = (
+        1.0
+        + 0.3
+        * (draws.uniform(0.5, 3.0, n)[:, None] * time + draws.uniform(0.0, 6.3, n)[:, None]).sin()
+    )
+    velocity = (speed[:, None] * change)[..., None] * torch.stack(
+        (heading.cos(), heading.sin()), -1
+    )
     way = velocity.cumsum(1) * STEP_S
     middle = (0.5 * duration_s / STEP_S).long().clamp(max=steps - 1)
-    return way - way[torch.arange(n, device=yaw.device), middle][:, None] + draws.uniform(-0.4, 0.4, n, 1, 2)
+    return (
+        way
+        - way[torch.arange(n, device=yaw.device), middle][:, None]
+        + draws.uniform(-0.4, 0.4, n, 1, 2)
+    )
 
 
-def _support(ground: Ground, xy: Tensor, yaw: Tensor, body_height: Tensor, settings: FlightSettings) -> Tensor:
+def _support(
+    ground: Ground, xy: Tensor, yaw: Tensor, body_height: Tensor, settings: FlightSettings
+) -> Tensor:
     """Height that the base rides on [m], shape (robots, steps): what is under it, ahead of time and smoothed."""
     reach = (0.7 * body_height).clamp(0.15, 0.35)[:, None]
     cos, sin = yaw.cos() * reach, yaw.sin() * reach
@@ -115,18 +149,24 @@ def _support(ground: Ground, xy: Tensor, yaw: Tensor, body_height: Tensor, setti
     under = torch.stack(
         [
             nearest_heights(
-                ground.height, xy[..., 0] + cos * a - sin * b, xy[..., 1] + sin * a + cos * b, settings.raster_m
+                ground.height,
+                xy[..., 0] + cos * a - sin * b,
+                xy[..., 1] + sin * a + cos * b,
+                settings.raster_m,
             )
             for a, b in places
         ]
     ).amax(0)
     under = torch.maximum(under, ground.floor[:, None])
-    raised = functional.max_pool1d(functional.pad(under[:, None], (15, 15), mode="replicate"), 31, 1)
+    raised = functional.max_pool1d(
+        functional.pad(under[:, None], (15, 15), mode="replicate"), 31, 1
+    )
     return functional.avg_pool1d(functional.pad(raised, (20, 20), mode="replicate"), 41, 1)[:, 0]
 
 
 def _feet(
-    ground: Ground, position: Tensor, angles: Tensor, phase: Tensor, frequency: Tensor, gait: Tensor,
+    ground: Ground, position: Tensor, angles: Tensor, phase: Tensor, frequency: Tensor,
+    gait: Tensor,
     body_height: Tensor, support: Tensor, settings: FlightSettings,
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
     """Where feet stand [m] and which do: each stays where the hip is in the middle of its stance."""
@@ -134,16 +174,25 @@ def _feet(
     offsets, duty = (torch.tensor(values, device=phase.device)[gait] for values in (_PHASES, _DUTY))
     turn = (phase[..., None] + offsets[:, None, :]) % 1.0
     steps_off = (turn - 0.5 * duty[:, None, None]) / frequency[:, None, None] / STEP_S
-    place = (torch.arange(steps, device=phase.device)[None, :, None] - steps_off).round().long().clamp(0, steps - 1)
+    place = (
+        (torch.arange(steps, device=phase.device)[None, :, None] - steps_off)
+        .round()
+        .long()
+        .clamp(0, steps - 1)
+    )
     robots = torch.arange(n, device=phase.device)[:, None, None]
     middle, yaw = position[robots, place][..., :2], angles[robots, place][..., 2]
-    length, width = (size * (body_height / 0.28).clamp(0.7, 2.0)[:, None, None] for size in (0.19, 0.13))
+    length, width = (
+        size * (body_height / 0.28).clamp(0.7, 2.0)[:, None, None] for size in (0.19, 0.13)
+    )
     hips = torch.tensor(((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)), device=phase.device)
     a, b = length * hips[:, 0], width * hips[:, 1]
     x = middle[..., 0] + yaw.cos() * a - yaw.sin() * b
     y = middle[..., 1] + yaw.sin() * a + yaw.cos() * b
     z = nearest_heights(ground.height, x, y, settings.raster_m)
-    standing = (turn < duty[:, None, None]) & ((z - support[..., None]).abs() < _FOOT_REACH_M + 0.2 * length)
+    standing = (turn < duty[:, None, None]) & (
+        (z - support[..., None]).abs() < _FOOT_REACH_M + 0.2 * length
+    )
     return torch.stack((x, y, z), -1), standing
 
 

@@ -41,7 +41,10 @@ def draw_odometry(motion: Motion, settings: FlightSettings, draws: Draws) -> Odo
     time = torch.arange(steps, device=draws.device) * STEP_S
 
     def swing(size: float) -> Tensor:
-        cycle = 2.0 * math.pi * draws.log_uniform(0.3, 3.0, n)[:, None] * time + draws.uniform(0.0, 6.3, n)[:, None]
+        cycle = (
+            2.0 * math.pi * draws.log_uniform(0.3, 3.0, n)[:, None] * time
+            + draws.uniform(0.0, 6.3, n)[:, None]
+        )
         return draws.normal(size, n)[:, None] * cycle.sin()
 
     level = [draws.normal(LEVEL_RAD, n)[:, None] + swing(LEVEL_RAD) for _ in range(2)]
@@ -51,9 +54,13 @@ def draw_odometry(motion: Motion, settings: FlightSettings, draws: Draws) -> Odo
     yaw = motion.angles[:, :-1, 2]
     own = _turned(step[..., :2], -yaw)
     factor = 1.0 + scale[:, None, None] * draws.normal(SPEED_SHARE, n, 1, 2)
-    extra = draws.normal(SPEED_MPS, n, 1, 2) * STEP_S + draws.normal(WALK_M * math.sqrt(STEP_S), n, steps - 1, 2)
+    extra = draws.normal(SPEED_MPS, n, 1, 2) * STEP_S + draws.normal(
+        WALK_M * math.sqrt(STEP_S), n, steps - 1, 2
+    )
     level_step = _turned(own * factor + scale[:, None, None] * extra, yaw + off[:, :-1, 2])
-    height = draws.normal(HEIGHT_MPS, n, 1) * STEP_S + draws.normal(WALK_M * math.sqrt(STEP_S), n, steps - 1)
+    height = draws.normal(HEIGHT_MPS, n, 1) * STEP_S + draws.normal(
+        WALK_M * math.sqrt(STEP_S), n, steps - 1
+    )
     climb = step[..., 2] + scale[:, None] * height
     moves = torch.cat((level_step, climb[..., None]), -1).cumsum(1)
     first = motion.position[:, :1]

@@ -31,7 +31,9 @@ class Place:
     @classmethod
     def drawn(cls, n: int, settings: FlightSettings, draws: Draws) -> Self:
         """Any yaw, an origin near the patch's middle, any depth of trenches."""
-        steps = (torch.arange(settings.raster, device=draws.device) + 0.5) * settings.raster_m - 0.5 * settings.patch_m
+        steps = (
+            torch.arange(settings.raster, device=draws.device) + 0.5
+        ) * settings.raster_m - 0.5 * settings.patch_m
         x, y = steps[None, :, None], steps[None, None, :]
         yaw = draws.uniform(-math.pi, math.pi, n)[:, None, None]
         along = draws.uniform(-0.5, 0.5, n), draws.uniform(-0.5, 0.5, n)

@@ -8,7 +8,8 @@ from saltus.heightmap.scan.training.ground import Ground, heights_at, nearest_he
 BISECTIONS = 9
 """A bracket of 10 cm becomes one of 0.2 mm."""
 REACH = 0.75
-"""Part of a cell: so far from where a ray enters the cells' ground it may enter the bilinear one."""
+"""Part of a cell: so far from where a ray enters the cells' ground it may enter the bilinear
+one."""
 FURTHEST_M = 0.25
 """The same along a steep ray, at most [m]."""
 MARGIN_M = 0.01
@@ -17,7 +18,13 @@ _LEVEL = 1e-6  # a ray that is more level than this meets no ground that it does
 
 
 def first_hits(
-    ground: Ground, origin: Tensor, direction: Tensor, near: Tensor, far: Tensor, raster_m: float, samples: int
+    ground: Ground,
+    origin: Tensor,
+    direction: Tensor,
+    near: Tensor,
+    far: Tensor,
+    raster_m: float,
+    samples: int,
 ) -> Tensor:
     """How far along each ray the ground is, in lengths of its direction.
 
@@ -34,15 +41,22 @@ def first_hits(
         samples: Places between which a hit is looked for; an obstacle that is thinner along the ray
             may be missed.
     """
-    height, top, bottom = ground.height, ground.top[:, None] + MARGIN_M, ground.bottom[:, None] - MARGIN_M
+    height, top, bottom = (
+        ground.height,
+        ground.top[:, None] + MARGIN_M,
+        ground.bottom[:, None] - MARGIN_M,
+    )
     fall = direction[..., 2].clamp(max=-_LEVEL)
     falls = direction[..., 2] < -_LEVEL
     begin = torch.maximum(near, torch.where(falls, (top - origin[..., 2]) / fall, near))
     end = torch.minimum(far, torch.where(falls, (bottom - origin[..., 2]) / fall, far))
     step = (end - begin).clamp(min=0.0) / samples
     index = _first_below(height, origin, direction, begin, step, raster_m, samples)
-    # The march compares with cells, the bisection with what is bilinear between them, up to most of a cell away.
-    reach = (REACH * raster_m / direction[..., :2].norm(dim=-1).clamp(min=1e-3)).clamp(max=FURTHEST_M)
+    # The march compares with cells, the bisection with what is bilinear between them, up to most of
+    # a cell away.
+    reach = (REACH * raster_m / direction[..., :2].norm(dim=-1).clamp(min=1e-3)).clamp(
+        max=FURTHEST_M
+    )
     number = index.clamp(1, samples)
     low = torch.maximum(begin + (number - 1) * step - reach, begin)
     size = begin + number * step + torch.minimum(reach, step + raster_m) - low
@@ -59,7 +73,13 @@ def first_hits(
 
 
 def _first_below(
-    height: Tensor, origin: Tensor, direction: Tensor, begin: Tensor, step: Tensor, raster_m: float, samples: int
+    height: Tensor,
+    origin: Tensor,
+    direction: Tensor,
+    begin: Tensor,
+    step: Tensor,
+    raster_m: float,
+    samples: int,
 ) -> Tensor:
     """Number of the first sample that is in the ground; `samples` + 1 where none is."""
     numbers = torch.arange(samples + 1, device=height.device, dtype=height.dtype)

@@ -7,7 +7,8 @@ from saltus.errors import ConfigError, nearest_hint
 from saltus.heightmap.scan.settings import MapSettings
 
 FAMILIES = (
-    "flat", "rubble", "blocks", "strips", "stairs", "pyramid", "ramps", "stones", "stones_line", "ditches", "hurdles",
+    "flat", "rubble", "blocks", "strips", "stairs", "pyramid", "ramps", "stones", "stones_line",
+    "ditches", "hurdles",
     "walls", "clutter", "rough", "hills",
 )  # fmt: skip
 """Kinds of ground."""
@@ -81,11 +82,15 @@ class FlightSettings(Value):
                 raise ConfigError(f"{name} is empty: name one at least")
         share = (0.0, 1.0)
         check_between(
-            self, patch_m=(1.0, 50.0), raster_m=(0.002, 0.1), trench_m=(0.001, 5.0), rows=(4, 1024), columns=(4, 1024),
-            samples=(4, 1024), images=(2, 10_000), rate_hz=(1.0, 200.0), latency_s=(0.0, 0.5), height_m=(0.05, 3.0),
-            down_deg=(-30.0, 90.0), above_m=(-1.0, 1.0), ahead_m=(-1.0, 1.0), aim_deg=(0.0, 180.0), shape=(0.1, 10.0),
+            self, patch_m=(1.0, 50.0), raster_m=(0.002, 0.1), trench_m=(0.001, 5.0), rows=(4, 1024),
+            columns=(4, 1024),
+            samples=(4, 1024), images=(2, 10_000), rate_hz=(1.0, 200.0), latency_s=(0.0, 0.5),
+            height_m=(0.05, 3.0),
+            down_deg=(-30.0, 90.0), above_m=(-1.0, 1.0), ahead_m=(-1.0, 1.0), aim_deg=(0.0, 180.0),
+            shape=(0.1, 10.0),
             rolled=share, turned=share, pairs=share, fov_deg=(5.0, 150.0),
-            pitch_deg=(0.0, 80.0), speed_mps=(0.0, 5.0), feet=share, errors=(0.0, 3.0), odometry=(0.0, 10.0),
+            pitch_deg=(0.0, 80.0), speed_mps=(0.0, 5.0), feet=share, errors=(0.0, 3.0),
+            odometry=(0.0, 10.0),
         )  # fmt: skip
 
     @property
@@ -118,7 +123,9 @@ class NetworkSettings(Value):
 
     def __post_init__(self) -> None:
         if self.frame and self.memory:
-            raise ConfigError("frame: a network that is shown each image alone has no memory: memory = false")
+            raise ConfigError(
+                "frame: a network that is shown each image alone has no memory: memory = false"
+            )
         check_between(self, channels=(1, 1024), deep=(0, 64), deep_channels=(1, 4096))
 
 
@@ -147,6 +154,7 @@ class ScanTrainSettings(Value):
 
     def __post_init__(self) -> None:
         check_between(
-            self, batch=(1, 65_536), round=(1, 1_000_000), learning_rate=(0.0, 1.0), weight_decay=(0.0, 1.0),
+            self, batch=(1, 65_536), round=(1, 1_000_000), learning_rate=(0.0, 1.0),
+            weight_decay=(0.0, 1.0),
             gradient_norm=(1e-3, 1e6), average=(0.0, 1.0), seed=(0, 2**31),
         )  # fmt: skip

@@ -13,7 +13,9 @@ TOGETHER = 8
 
 def smooth(values: Tensor, raster: int) -> Tensor:
     """Bicubic through a coarse grid of values: (n, k, k) -> (n, raster, raster)."""
-    return functional.interpolate(values[:, None], size=(raster, raster), mode="bicubic", align_corners=True)[:, 0]
+    return functional.interpolate(
+        values[:, None], size=(raster, raster), mode="bicubic", align_corners=True
+    )[:, 0]
 
 
 def profile(u: Tensor, edges: Tensor, height: Tensor) -> Tensor:
@@ -43,20 +45,32 @@ def edges_of(runs: Tensor, place: Place) -> Tensor:
 
 
 def with_boxes(
-    height: Tensor, place: Place, draws: Draws, *, count: int, side: tuple[float, float], tall: tuple[float, float]
+    height: Tensor,
+    place: Place,
+    draws: Draws,
+    *,
+    count: int,
+    side: tuple[float, float],
+    tall: tuple[float, float],
 ) -> Tensor:
     """Ground with boxes of any yaw on it, whose tops are level, `tall` above the ground in their middles [m]."""
     n, raster = height.shape[0], height.shape[-1]
     half = 0.5 * place.patch_m
     x, y = draws.uniform(-half, half, n, count), draws.uniform(-half, half, n, count)
-    yaw, a, b = draws.uniform(0.0, 3.1416, n, count), *(0.5 * draws.log_uniform(*side, n, count) for _ in range(2))
+    yaw, a, b = (
+        draws.uniform(0.0, 3.1416, n, count),
+        *(0.5 * draws.log_uniform(*side, n, count) for _ in range(2)),
+    )
     i, j = (((c + half) / place.patch_m * raster).long().clamp(0, raster - 1) for c in (x, y))
     under = height.flatten(1).gather(1, i * raster + j)
     tops = under + draws.uniform(*tall, n, count)
     for first in range(0, count, TOGETHER):
         part = slice(first, first + TOGETHER)
         cos, sin, a_, b_, top = (t[:, part, None, None] for t in (yaw.cos(), yaw.sin(), a, b, tops))
-        dx, dy = place.x[:, None] - x[:, part, None, None], place.y[:, None] - y[:, part, None, None]
+        dx, dy = (
+            place.x[:, None] - x[:, part, None, None],
+            place.y[:, None] - y[:, part, None, None],
+        )
         inside = ((cos * dx + sin * dy).abs() < a_) & ((cos * dy - sin * dx).abs() < b_)
         height = torch.maximum(height, torch.where(inside, top, -torch.inf).amax(1))
     return height

@@ -15,11 +15,24 @@ from torch.nn import functional
 from saltus.errors import ModelError
 from saltus.files import atomic_write
 from saltus.heightmap.scan.cells import centres
-from saltus.heightmap.scan.elevation import ElevationMap, Measurement, Surroundings, advanced, new_map
+from saltus.heightmap.scan.elevation import (
+    ElevationMap,
+    Measurement,
+    Surroundings,
+    advanced,
+    new_map,
+)
 from saltus.heightmap.scan.planes import MEASURED, Heights, Inputs, inputs_of, remembered
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.draws import Draws
-from saltus.heightmap.scan.training.flights import Flight, March, draw_flight, redrawn, shoot, true_heights
+from saltus.heightmap.scan.training.flights import (
+    Flight,
+    March,
+    draw_flight,
+    redrawn,
+    shoot,
+    true_heights,
+)
 from saltus.heightmap.scan.training.framewise import of_image
 from saltus.heightmap.scan.training.graph import Graph
 from saltus.heightmap.scan.training.model import ScanModel, loss
@@ -27,14 +40,27 @@ from saltus.heightmap.scan.training.rays import first_hits
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
 GROUPS = 4
-"""Flights of so many groups of robots begin one after the other, so that every batch has young and old maps."""
+"""Flights of so many groups of robots begin one after the other, so that every batch has young and
+old maps."""
 WARM_UP = 0.03
 """Share of a training in which its rate grows."""
 NEAR_M = 1.0
 """Cells that are farther than this from the base count half."""
 UNSEEN = 0.5
-"""Weight of a cell that was never measured, nor any beside it: those are judged as seen, within 3 cm of a hit."""
-COLUMNS = ("update", "images", "seconds", "loss", "map_mm", "seen_mm", "unseen_mm", "inside_seen", "inside_all", "rate")
+"""Weight of a cell that was never measured, nor any beside it: those are judged as seen, within 3
+cm of a hit."""
+COLUMNS = (
+    "update",
+    "images",
+    "seconds",
+    "loss",
+    "map_mm",
+    "seen_mm",
+    "unseen_mm",
+    "inside_seen",
+    "inside_all",
+    "rate",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +94,10 @@ class Calls:
 
     @classmethod
     def of(cls, model: ScanModel, *, compiled: bool) -> Self:
-        """Compiling takes half a minute; torch 2.11 loses parts of named tuples, so the map stays as it is."""
+        """Compiling takes half a minute.
+
+        Torch 2.11 loses parts of named tuples, so the map stays as it is.
+        """
         if not compiled:
             return cls(first_hits, seen, model)
         return cls(torch.compile(first_hits), seen, torch.compile(model))
@@ -77,11 +106,13 @@ class Calls:
 class Trainer:
     """One training: network, optimiser, mean of weights, and how far it is.
 
-    A round draws all of its flights from the seed and its own number, so that a training that goes on from a checkpoint
-    does what one would have done that was not interrupted.
+    A round draws all of its flights from the seed and its own number, so that a training that goes
+    on from a checkpoint does what one would have done that was not interrupted.
     """
 
-    def __init__(self, settings: ScanTrainSettings, device: torch.device, *, compiled: bool = False) -> None:
+    def __init__(
+        self, settings: ScanTrainSettings, device: torch.device, *, compiled: bool = False
+    ) -> None:
         self.settings, self.device = settings, device
         torch.manual_seed(settings.seed)
         self.model, self.average = (_new_model(settings, device) for _ in range(2))
@@ -89,7 +120,8 @@ class Trainer:
         on_gpu = device.type == "cuda"
         self._rate, self._forgets = (torch.zeros((), device=device) for _ in range(2))
         self.optimiser = torch.optim.AdamW(
-            self.model.parameters(), lr=self._rate if on_gpu else 0.0, weight_decay=settings.weight_decay,
+            self.model.parameters(), lr=self._rate if on_gpu else 0.0,
+            weight_decay=settings.weight_decay,
             fused=on_gpu, capturable=on_gpu,
         )  # fmt: skip
         self.rounds, self.seconds = 0, 0.0
@@ -128,8 +160,10 @@ class Trainer:
         self.seconds += time.monotonic() - began
         made = self.updates
         return Progress(
-            update=made, images=made * settings.batch, seconds=self.seconds, loss=found[0], map_mm=1e3 * found[1],
-            seen_mm=1e3 * found[2], unseen_mm=1e3 * found[3], inside_seen=found[4], inside_all=found[5], rate=rate,
+            update=made, images=made * settings.batch, seconds=self.seconds, loss=found[0],
+            map_mm=1e3 * found[1],
+            seen_mm=1e3 * found[2], unseen_mm=1e3 * found[3], inside_seen=found[4],
+            inside_all=found[5], rate=rate,
         )  # fmt: skip
 
     def _set(self, rate: float, updates: int) -> None:
@@ -144,9 +178,15 @@ class Trainer:
         images, batch = self.settings.flight.images, self.settings.batch
         size = -(-batch // GROUPS)
         for group in range(GROUPS):
-            due = update and group * size < batch and (update + group * images // GROUPS) % images == 0
+            due = (
+                update
+                and group * size < batch
+                and (update + group * images // GROUPS) % images == 0
+            )
             if due:
-                self._renew(torch.arange(group * size, min((group + 1) * size, batch), device=self.device))
+                self._renew(
+                    torch.arange(group * size, min((group + 1) * size, batch), device=self.device)
+                )
 
     def _renew(self, rows: Tensor) -> None:
         settings = self.settings
@@ -155,10 +195,15 @@ class Trainer:
             redrawn(self._state, rows, new_map(len(rows), settings.map, self._flight.ground.height))
 
     def _update(self) -> None:
-        """One image of every robot, and one step down; all of it in place, so that a GPU can repeat it by itself."""
+        """One image of every robot, and one step down.
+
+        All of it in place, so that a GPU can repeat it by itself.
+        """
         settings, state = self.settings, self._state
         with torch.no_grad():
-            state, inputs, around, truth = example(self._flight, state, settings, self._draws, self._calls)
+            state, inputs, around, truth = example(
+                self._flight, state, settings, self._draws, self._calls
+            )
             known = inputs.measured[:, MEASURED.index("known")] > 0.0
             weight = _weight(state, known, around, settings.map)
         on_gpu = self.device.type == "cuda"
@@ -176,10 +221,14 @@ class Trainer:
             estimate = Heights(estimate.height.detach(), estimate.half_width.detach())
             for mine, new in zip(self._state, remembered(state, estimate), strict=True):
                 mine.copy_(new)
-            self._totals += torch.nan_to_num(_figures(value.detach(), around.filled, estimate, truth, known))
+            self._totals += torch.nan_to_num(
+                _figures(value.detach(), around.filled, estimate, truth, known)
+            )
 
     def begin_with(self, weights: dict[str, Tensor]) -> None:
-        """Takes weights in place of those that were drawn; what only this network has stays as it was drawn.
+        """Takes weights in place of those that were drawn.
+
+        What only this network has stays as it was drawn.
 
         Raises:
             ModelError: they are of a network of other sizes, or of another kind.
@@ -188,14 +237,19 @@ class Trainer:
         for name in [name for name in weights if name.startswith("head.") and name in own]:
             rows = len(weights[name])  # outputs that this network has beside those
             if own[name].shape[1:] == weights[name].shape[1:] and rows < len(own[name]):
-                weights = {**weights, name: torch.cat((weights[name].to(self.device), own[name][rows:]))}
+                weights = {
+                    **weights,
+                    name: torch.cat((weights[name].to(self.device), own[name][rows:])),
+                }
         added = {name: own[name] for name in own if name.startswith("blocks.")}
         try:
             for model in (self.model, self.average):
                 model.load_state_dict({**added, **weights})
         except RuntimeError as error:
             reason = str(error).splitlines()[-1].strip()
-            raise ModelError(f"the weights to start with do not fit the network of the settings: {reason}") from error
+            raise ModelError(
+                f"the weights to start with do not fit the network of the settings: {reason}"
+            ) from error
 
     def save(self, path: Path) -> None:
         """Writes what `resume` reads, whole or not at all."""
@@ -218,7 +272,9 @@ class Trainer:
         """
         table = read_checkpoint(path)
         if table["settings"] != self.settings.to_toml():
-            raise ModelError(f"{path} is of a training with other settings: name another folder with --out")
+            raise ModelError(
+                f"{path} is of a training with other settings: name another folder with --out"
+            )
         self.model.load_state_dict(table["model"])
         self.average.load_state_dict(table["average"])
         self.optimiser.load_state_dict(table["optimiser"])
@@ -248,7 +304,12 @@ def example(
     shown = state
     if settings.network.frame:
         shown, inputs, around = of_image(state, shot.measured, shot.now_s, settings.map)
-    return state, inputs, around, true_heights(flight, shot, shown, around, settings.map, settings.flight)
+    return (
+        state,
+        inputs,
+        around,
+        true_heights(flight, shot, shown, around, settings.map, settings.flight),
+    )
 
 
 def train(
@@ -256,7 +317,9 @@ def train(
     device: torch.device, compiled: bool = False, progress: Callable[[Progress], None] | None = None,
     save_every_s: float = 60.0, start: dict[str, Tensor] | None = None,
 ) -> ScanModel:  # fmt: skip
-    """Trains until time or updates are over; goes on where `folder` has a checkpoint of the same training.
+    """Trains until time or updates are over.
+
+    Goes on where `folder` has a checkpoint of the same training.
 
     Without one it begins with `start`, weights by name, or from nothing.
 
@@ -288,7 +351,9 @@ def train(
     return trainer.average.eval()
 
 
-def _shares(trainer: Trainer, last_s: float, minutes: float | None, updates: int | None) -> tuple[float, float]:
+def _shares(
+    trainer: Trainer, last_s: float, minutes: float | None, updates: int | None
+) -> tuple[float, float]:
     """How much of the way is behind at the beginning of the next round, and at its end."""
     if minutes is not None:
         whole = 60.0 * minutes
@@ -303,10 +368,14 @@ def _shares(trainer: Trainer, last_s: float, minutes: float | None, updates: int
 
 def _schedule(share: float) -> float:
     """Grows at first, then falls as a cosine; never quite to 0."""
-    return min(1.0, (share + 1e-3) / WARM_UP) * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * min(share, 1.0))))
+    return min(1.0, (share + 1e-3) / WARM_UP) * (
+        0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * min(share, 1.0)))
+    )
 
 
-def _weight(state: ElevationMap, known: Tensor, around: Surroundings, settings: MapSettings) -> Tensor:
+def _weight(
+    state: ElevationMap, known: Tensor, around: Surroundings, settings: MapSettings
+) -> Tensor:
     x, y = centres(state.corner, settings, around.base)
     away = (x - around.base[:, :1, None]) ** 2 + (y - around.base[:, 1:2, None]) ** 2
     near = torch.where(away < NEAR_M**2, 1.0, 0.5)
@@ -314,7 +383,9 @@ def _weight(state: ElevationMap, known: Tensor, around: Surroundings, settings: 
     return near * torch.where(beside, 1.0, UNSEEN)
 
 
-def _figures(value: Tensor, filled: Tensor, estimate: Heights, truth: Tensor, known: Tensor) -> Tensor:
+def _figures(
+    value: Tensor, filled: Tensor, estimate: Heights, truth: Tensor, known: Tensor
+) -> Tensor:
     error = (estimate.height - truth).abs()
     inside = (error <= estimate.half_width).float()
     seen = known.float()
@@ -333,8 +404,13 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     try:
         table = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # what a file that is something else makes of its unpickling
-        raise ModelError(f"{path} is no checkpoint of a scan's network: torch cannot read it") from error
-    if not isinstance(table, dict) or not {"settings", "rounds", "model", "average"} <= table.keys():
+        raise ModelError(
+            f"{path} is no checkpoint of a scan's network: torch cannot read it"
+        ) from error
+    if (
+        not isinstance(table, dict)
+        or not {"settings", "rounds", "model", "average"} <= table.keys()
+    ):
         raise ModelError(f"{path} is no checkpoint of a scan's network")
     return table
 

@@ -1,11 +1,19 @@
-"""Candidates for what may differ from the claims about a robot on the ground; coordinates are 0 where nothing does."""
+"""Candidates for what may differ from the claims about a robot on the ground.
+
+Coordinates are 0 where nothing does.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.effects.body import LEAST_TURNING_M, NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, claimed_body
+from saltus.effects.body import (
+    LEAST_TURNING_M,
+    NOMINAL_CONTACT_TIME_CONSTANT_S,
+    NOMINAL_FRICTION,
+    claimed_body,
+)
 from saltus.effects.motor_limits import LOSS_AT_KNEE, TorqueSaturation
 from saltus.effects.offsets_and_factors import ContactCompliance, FootFriction
 from saltus.real2sim.problem.body.replay import Rig
@@ -51,8 +59,12 @@ class Claims:
         return cls(
             payload_kg=float(log.meta.get("payload_kg") or 0.0),
             friction=float(ground.get("friction", NOMINAL_FRICTION)),
-            contact_time_constant=float(ground.get("contact_time_constant", NOMINAL_CONTACT_TIME_CONSTANT_S)),
-            payload_position=None if position is None else tuple(float(value) for value in position),
+            contact_time_constant=float(
+                ground.get("contact_time_constant", NOMINAL_CONTACT_TIME_CONSTANT_S)
+            ),
+            payload_position=None
+            if position is None
+            else tuple(float(value) for value in position),
             motor_strength=float(log.meta.get("motor_strength") or 1.0),
         )
 
@@ -75,8 +87,9 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
 
     Args:
         claims: Of the log; effects count from there.
-        slips_at: A coefficient of friction at which feet would slip in this log. Above it nothing changes with the
-            coefficient, so that only a step as far as this shows in which direction the residuals go.
+        slips_at: A coefficient of friction at which feet would slip in this log. Above it nothing
+            changes with the coefficient, so that only a step as far as this shows in which
+            direction the residuals go.
         calf_limit: Torque to which the parameters of a saturation refer [Nm].
     """
     slip_step = SECANT * (claims.friction - slips_at)
@@ -103,7 +116,9 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
             Unknown("softness", lowest, highest, 2.0),
             where="feet",
             coordinates=Coordinates(
-                parameters=lambda x: {"time_constant": claims.contact_time_constant * float(np.sqrt(1.0 + x[0]))},
+                parameters=lambda x: {
+                    "time_constant": claims.contact_time_constant * float(np.sqrt(1.0 + x[0]))
+                },
                 unknowns=lambda values: (claims.softness(values["time_constant"]),),
             ),
         ),
@@ -124,7 +139,9 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
         ),
         candidate("viscous_friction", sought("coefficient", 0.05), where="joints"),
         candidate("coulomb_friction", sought("torque", 0.1), where="joints"),
-        candidate("drive_rate", Unknown("continuous", 0.0, 1.0, 1.0), is_nuisance=True, where="joints"),
+        candidate(
+            "drive_rate", Unknown("continuous", 0.0, 1.0, 1.0), is_nuisance=True, where="joints"
+        ),
         # of a contact a log claims friction and time constant; engines want more to be said, and a
         # step of time
         candidate(
@@ -148,7 +165,8 @@ def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
         payload_kg=claims.payload_kg + value["payload_mass.mass"],
         com_shift=np.stack([value[f"com_offset.{axis}"] for axis in "xyz"], axis=-1),
         inertia_scale=1.0 + value["base_inertia.scale"],
-        contact_time_constant=claims.contact_time_constant * np.sqrt(1.0 + value["contact_compliance.softness"]),
+        contact_time_constant=claims.contact_time_constant
+        * np.sqrt(1.0 + value["contact_compliance.softness"]),
         torsion=LEAST_TURNING_M + value["soft_feet.torsion"],
         rolling=LEAST_TURNING_M + value["soft_feet.rolling"],
     )
@@ -168,16 +186,27 @@ def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
 
 
 def on_top_of(saturation: TorqueSaturation, candidate: Candidate, limit: float) -> Candidate:
-    """The candidate of a saturation that adds to one of the profile; it states what both together are at the calf."""
+    """The candidate of a saturation that adds to one of the profile.
+
+    It states what both together are at the calf.
+    """
 
     def known(torque: Floats) -> Floats:
         return np.asarray(torque - saturation.delivered(np.tile(torque[:, None], 12))[:, CALF])
 
-    return beside(candidate, known, lambda torque, loss, corner: loss * np.maximum(torque - corner, 0.0), limit)
+    return beside(
+        candidate,
+        known,
+        lambda torque, loss, corner: loss * np.maximum(torque - corner, 0.0),
+        limit,
+    )
 
 
 def _knee_and_plateau(loss: float, corner: float, limit: float) -> dict[str, float]:
-    """At the calf; a loss of at most 5 % per Nm never takes 5 % of all, and has its knee at the limit."""
+    """At the calf.
+
+    A loss of at most 5 % per Nm never takes 5 % of all, and has its knee at the limit.
+    """
     knee = loss * corner / (loss - LOSS_AT_KNEE) if loss > LOSS_AT_KNEE else limit
     plateau = limit - loss * max(limit - corner, 0.0)
     return {"knee": min(knee, limit), "plateau": plateau}

@@ -23,7 +23,17 @@ from saltus.rotations import rotation_matrix
 KINDS = ("position", "tilt", "velocity", "q", "dq")
 """Kinds of signals, each with one noise: the axes of a sensor are alike."""
 SIGNALS = (
-    *("base_x", "base_y", "base_z", "base_roll", "base_pitch", "base_yaw", "base_vx", "base_vy", "base_vz"),
+    *(
+        "base_x",
+        "base_y",
+        "base_z",
+        "base_roll",
+        "base_pitch",
+        "base_yaw",
+        "base_vx",
+        "base_vy",
+        "base_vz",
+    ),
     *(f"{signal}_{joint}" for signal in ("q", "dq") for joint in JOINTS),
 )
 """Along the heading and in the base frame, see `errors`."""
@@ -71,8 +81,8 @@ def errors(measured: Floats, simulated: Floats) -> Floats:
         simulated: The same, shape (..., 34).
 
     Returns:
-        Position of the base along the measured heading, rotation vector in the base frame, velocity along the heading,
-        joints, joint velocities; shape (..., 33).
+        Position of the base along the measured heading, rotation vector in the base frame, velocity
+        along the heading, joints, joint velocities; shape (..., 33).
     """
     quaternion = rotations.unit(measured[..., 3:7])
     rotation = rotation_matrix(quaternion)
@@ -81,13 +91,23 @@ def errors(measured: Floats, simulated: Floats) -> Floats:
     moved = measured - simulated
 
     def turned(vector: Floats) -> list[Floats]:
-        return [c * vector[..., 0] + s * vector[..., 1], c * vector[..., 1] - s * vector[..., 0], vector[..., 2]]
+        return [
+            c * vector[..., 0] + s * vector[..., 1],
+            c * vector[..., 1] - s * vector[..., 0],
+            vector[..., 2],
+        ]
 
     model = rotations.unit(simulated[..., 3:7])
     w, v = model[..., :1], model[..., 1:]
-    tilt = 2.0 * (w * quaternion[..., 1:] - quaternion[..., :1] * v - np.cross(v, quaternion[..., 1:]))
+    tilt = 2.0 * (
+        w * quaternion[..., 1:] - quaternion[..., :1] * v - np.cross(v, quaternion[..., 1:])
+    )
     tilt = tilt * np.sign(np.sum(model * quaternion, axis=-1, keepdims=True))
-    parts = [np.stack(turned(moved[..., :3]), axis=-1), tilt, np.stack(turned(moved[..., 19:22]), axis=-1)]
+    parts = [
+        np.stack(turned(moved[..., :3]), axis=-1),
+        tilt,
+        np.stack(turned(moved[..., 19:22]), axis=-1),
+    ]
     return np.concatenate([*parts, moved[..., 7:19], moved[..., 22:]], axis=-1)
 
 
@@ -103,7 +123,9 @@ def read_noise(log: RunLog) -> Noise:
         (joints.time_s, joints.q),
         (joints.time_s, joints.q if joints.dq is None else joints.dq),
     ]
-    found = np.array([stream_noise.read_noise(*stream).of_means(BLOCK_STEPS * PHYSICS_DT) for stream in streams])
+    found = np.array(
+        [stream_noise.read_noise(*stream).of_means(BLOCK_STEPS * PHYSICS_DT) for stream in streams]
+    )
     return Noise(sigma=np.maximum(found[:, 0], SMALLEST), correlation=found[:, 1])
 
 
@@ -112,24 +134,34 @@ class BodyWhitening:
 
     Args:
         noise: Of the sensors.
-        starts: Error of each window under the starting error of each dimension, one standard deviation large, shape
-            (dimensions, w, blocks, 33).
-        measured: What is added to errors, were windows to start as measured rather than where they are likeliest,
-            shape (w, blocks, 33).
-        unrepeated: Variance of what a right simulation does not repeat either, shape (w, blocks, 33).
-        lasting: Power of errors of the start late in each window, in units of the noise, shape (w,).
+        starts: Error of each window under the starting error of each dimension, one standard
+            deviation large, shape (dimensions, w, blocks, 33).
+        measured: What is added to errors, were windows to start as measured rather than where they
+            are likeliest, shape (w, blocks, 33).
+        unrepeated: Variance of what a right simulation does not repeat either, shape (w, blocks,
+            33).
+        lasting: Power of errors of the start late in each window, in units of the noise, shape
+            (w,).
         segment: Of each window, shape (w,).
     """
 
     def __init__(
-        self, noise: Noise, starts: Floats, measured: Floats, unrepeated: Floats, lasting: Floats, segment: Indices
+        self,
+        noise: Noise,
+        starts: Floats,
+        measured: Floats,
+        unrepeated: Floats,
+        lasting: Floats,
+        segment: Indices,
     ) -> None:
         sensors = noise.sigma[KIND_OF_SIGNAL] ** 2
         self._sigma = np.sqrt(sensors + unrepeated)
         unrepeated_power = np.mean(unrepeated / sensors, axis=(1, 2))
         worst = np.array([unrepeated_power[segment == s].max() for s in segment])
         is_steady = lasting <= max(LARGEST_LASTING, float(lasting.min()))
-        self.is_reproducible = is_steady & (worst <= max(LARGEST_UNREPEATED, float(worst[is_steady].min())))
+        self.is_reproducible = is_steady & (
+            worst <= max(LARGEST_UNREPEATED, float(worst[is_steady].min()))
+        )
         self._noise, self._measured = noise, measured
         plain = noise.plain(starts, self._sigma)  # (d, w, blocks, 33)
         flat = plain.reshape(*plain.shape[:2], -1).transpose(1, 2, 0)
@@ -162,11 +194,22 @@ class StartNoise:
     def of(cls, noise: Noise, *, has_gyro: bool) -> "StartNoise":
         """Noise of smoothed states; `noise` is that of means over blocks."""
         # a parabola through n samples has 9 / (4 n) of their variance in its middle
-        position, tilt, velocity, q, dq = np.sqrt(2.25 * BLOCK_STEPS / SMOOTHING_STEPS) * noise.sigma
+        position, tilt, velocity, q, dq = (
+            np.sqrt(2.25 * BLOCK_STEPS / SMOOTHING_STEPS) * noise.sigma
+        )
         # and its slope 12 / n^3
         rate = np.sqrt(12.0 * BLOCK_STEPS / SMOOTHING_STEPS**3) / PHYSICS_DT * noise.sigma[1]
         place, heading = UNKNOWN_PLACE_M, UNKNOWN_HEADING_RAD
-        parts = [place, place, position, tilt, tilt, heading, *[velocity] * 3, *[rate * (0.5 if has_gyro else 1.0)] * 3]
+        parts = [
+            place,
+            place,
+            position,
+            tilt,
+            tilt,
+            heading,
+            *[velocity] * 3,
+            *[rate * (0.5 if has_gyro else 1.0)] * 3,
+        ]
         return cls(sigma=np.array([*parts, *[q] * 12, *[dq] * 12]))
 
     def moved(self, qpos: Floats, qvel: Floats, by: Floats) -> tuple[Floats, Floats]:
@@ -181,7 +224,9 @@ class StartNoise:
             Shapes (k, w, 19) and (k, w, 18).
         """
         change = np.broadcast_to(by * self.sigma, (len(by), len(qpos), 36))
-        quaternion = rotations.turned(np.broadcast_to(qpos[:, 3:7], (*change.shape[:2], 4)), change[..., 3:6])
+        quaternion = rotations.turned(
+            np.broadcast_to(qpos[:, 3:7], (*change.shape[:2], 4)), change[..., 3:6]
+        )
         joints = qpos[:, 7:] + change[..., 12:24]
         places = np.concatenate([qpos[:, :3] + change[..., :3], quaternion, joints], axis=-1)
         order = np.r_[6:9, 9:12, 24:36]
@@ -216,9 +261,13 @@ class Starts:
             effects: What they change by with an effect of usual size, shape (e, w, blocks, 33).
         """
         error = noise.plain(claimed).reshape(len(claimed), 1, -1)
-        slope, effect = (noise.plain(s).reshape(*s.shape[:2], -1).transpose(1, 0, 2) for s in (slopes, effects))
+        slope, effect = (
+            noise.plain(s).reshape(*s.shape[:2], -1).transpose(1, 0, 2) for s in (slopes, effects)
+        )
         information = slope @ slope.mT + np.eye(len(slopes))
-        rest = effect - (effect @ slope.mT) @ np.linalg.solve(information, slope)  # (w, e, m): what no start imitates
+        rest = effect - (effect @ slope.mT) @ np.linalg.solve(
+            information, slope
+        )  # (w, e, m): what no start imitates
         on_effects = np.sum(rest @ effect.mT, axis=0) + np.eye(len(effects))
         sizes = -np.linalg.solve(on_effects, np.sum(rest @ error.mT, axis=0))
         error = error + sizes.T @ effect

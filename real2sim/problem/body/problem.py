@@ -18,8 +18,23 @@ from saltus.constants import PHYSICS_DT
 from saltus.effects.motor_limits import TorqueSaturation
 from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
-from saltus.real2sim.problem.body.candidates import CALF, FRICTION_RANGE, Claims, candidates, on_top_of, rig_of
-from saltus.real2sim.problem.body.noise import SIGNALS, BodyWhitening, Noise, StartNoise, Starts, errors, read_noise
+from saltus.real2sim.problem.body.candidates import (
+    CALF,
+    FRICTION_RANGE,
+    Claims,
+    candidates,
+    on_top_of,
+    rig_of,
+)
+from saltus.real2sim.problem.body.noise import (
+    SIGNALS,
+    BodyWhitening,
+    Noise,
+    StartNoise,
+    Starts,
+    errors,
+    read_noise,
+)
 from saltus.real2sim.problem.body.replay import BodyReplay, Limit, Pull, Rig, finer, likeliest
 from saltus.real2sim.problem.body.windows import BLOCKS, BodyWindows, cut_windows
 from saltus.real2sim.problem.joints.torque_curve import fitted_to
@@ -126,13 +141,16 @@ class BodyProblem(Problem):
     def __init__(self, log: RunLog) -> None:
         if log.base is None or log.meta.get("base") != "free" or len(log.meta["joints"]) != 12:
             raise RecordingError(
-                "the body shows only where a quadruped stands free and base.csv says how its base moves"
+                "the body shows only where a quadruped stands free and base.csv says how its base "
+                "moves"
             )
         self.segments = segments_of(log)
         self._windows = cut_windows(log, self.segments)
         self.model, self._held = model_of(log), tuple[Limit | Pull, ...]()
         self._robot, self._claims = robot_of(log), Claims.of(log)
-        self.candidates = self._candidates(0.5 * self._claims.friction)  # until it is known where feet slip
+        self.candidates = self._candidates(
+            0.5 * self._claims.friction
+        )  # until it is known where feet slip
         self._boxes = boxes_of(log)
         self._span_s = float(log.joints.time_s[0]), float(log.joints.time_s[-1])
         self._index()
@@ -145,14 +163,20 @@ class BodyProblem(Problem):
         """See `Problem`: limits and pulls of the drives; a fitted saturation adds to theirs."""
         problem = copy(self)
         problem._held = tuple(
-            fitted_to(effect, self.model) if isinstance(effect, TorqueSaturation) else effect.fitted(self._robot)
+            fitted_to(effect, self.model)
+            if isinstance(effect, TorqueSaturation)
+            else effect.fitted(self._robot)
             for effect in profile.actuator
             if isinstance(effect, Limit | Pull)
         )
         problem._replay = problem._replayed(problem._ground)
-        for saturation in (effect for effect in problem._held if isinstance(effect, TorqueSaturation)):
+        for saturation in (
+            effect for effect in problem._held if isinstance(effect, TorqueSaturation)
+        ):
             problem.candidates = tuple(
-                on_top_of(saturation, candidate, self._calf_limit) if candidate.effect == saturation.name else candidate
+                on_top_of(saturation, candidate, self._calf_limit)
+                if candidate.effect == saturation.name
+                else candidate
                 for candidate in self.candidates
             )
         told = tuple(effect for effect in profile.actuator if not isinstance(effect, Limit | Pull))
@@ -162,7 +186,9 @@ class BodyProblem(Problem):
         """Whitened residuals, shape (n, 1, m)."""
         rig = self._rig(unknowns[:, 0])
         fineness = unknowns[:, 0, self.names.index("contact_solver.fineness"), None, None, None]
-        whitened = self._whiten(self._errors(self._replay.states(rig)) + fineness * self._time_step_error)
+        whitened = self._whiten(
+            self._errors(self._replay.states(rig)) + fineness * self._time_step_error
+        )
         return np.clip(whitened.reshape(len(unknowns), 1, -1), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
 
     def _candidates(self, slips_at: float) -> tuple[Candidate, ...]:
@@ -197,12 +223,15 @@ class BodyProblem(Problem):
         """Effects that would not be seen, with the reason.
 
         Args:
-            ratio: Tangential over normal force of feet under load, 0 where there is none, shape (w, steps, 4).
+            ratio: Tangential over normal force of feet under load, 0 where there is none, shape (w,
+                steps, 4).
             normal: Normal force [N], same shape.
         """
         friction = self._claims.friction
         sizes = self.visibility(TYPICAL | {"foot_friction.less": 0.5 * friction})
-        unseen = {name.partition(".")[0]: sigma for name, sigma in sizes.items() if sigma < LEAST_SIGMA}
+        unseen = {
+            name.partition(".")[0]: sigma for name, sigma in sizes.items() if sigma < LEAST_SIGMA
+        }
         return {
             effect: f"{_because(effect, friction, ratio, normal)}{IN_WORDS[effect]} would move all residuals by "
             f"{sigma:.1f} sigma"
@@ -215,7 +244,10 @@ class BodyProblem(Problem):
         Where slip begins, residuals bend sharply: a search that steps by derivatives must begin
         close.
         """
-        column, most = self.names.index("foot_friction.less"), max(self._claims.friction - FRICTION_RANGE[0], 0.0)
+        column, most = (
+            self.names.index("foot_friction.less"),
+            max(self._claims.friction - FRICTION_RANGE[0], 0.0),
+        )
         best, grid = 0.0, np.linspace(0.0, most, SCANNED)
         for _ in range(3):
             sets = np.repeat(self.absent[None, None], len(grid), axis=0)
@@ -251,7 +283,10 @@ class BodyProblem(Problem):
         return likeliest(squares)
 
     def _whitening(self, noise: Noise, *, has_gyro: bool) -> BodyWhitening:
-        """Moves the starts of the windows to where they are likeliest; what is then unknown of errors."""
+        """Moves the starts of the windows to where they are likeliest.
+
+        What is then unknown of errors.
+        """
         windows, rig = self._windows, self._rig()
         spread = StartNoise.of(noise, has_gyro=has_gyro)
         single = np.eye(spread.sigma.size)[:, None, :].repeat(len(windows.start_s), axis=1)
@@ -266,8 +301,12 @@ class BodyProblem(Problem):
         draws[..., spread.is_free] = 0.0  # far off, but to no effect
         missed = self._moved(spread, draws) - np.einsum("kwd,dwbs->kwbs", draws, slopes)
         measured = -np.einsum("wd,dwbs->wbs", starts.likeliest, slopes)
-        unrepeated = np.mean(missed**2, axis=0) + self._from_small_changes() + self._from_time_steps()
-        lasting = np.sum(noise.plain(slopes[~spread.is_free])[:, :, LATE:] ** 2, axis=0).mean(axis=(1, 2))
+        unrepeated = (
+            np.mean(missed**2, axis=0) + self._from_small_changes() + self._from_time_steps()
+        )
+        lasting = np.sum(noise.plain(slopes[~spread.is_free])[:, :, LATE:] ** 2, axis=0).mean(
+            axis=(1, 2)
+        )
         return BodyWhitening(noise, slopes, measured, unrepeated, lasting, windows.segment)
 
     def _from_small_changes(self) -> Floats:
@@ -280,13 +319,18 @@ class BodyProblem(Problem):
         change = small * np.random.default_rng(1).standard_normal((PAIRS, len(small)))
         sets = self.absent + np.concatenate([0.0 * small[None], change, -change])
         error = self._errors(self._replay.states(self._rig(sets)))
-        return np.asarray(np.mean((0.5 * (error[1 : PAIRS + 1] + error[PAIRS + 1 :]) - error[0]) ** 2, axis=0))
+        return np.asarray(
+            np.mean((0.5 * (error[1 : PAIRS + 1] + error[PAIRS + 1 :]) - error[0]) ** 2, axis=0)
+        )
 
     def _from_time_steps(self) -> Floats:
         """Square of what a finer step of time changes beyond first order, (w, BLOCKS, 33); keeps the first order."""
         rig = self._rig()
         claimed = self._errors(self._replay.states(rig))[0]
-        half, quarter = (self._errors(self._replayed(way).states(rig))[0] - claimed for way in finer(self._ground))
+        half, quarter = (
+            self._errors(self._replayed(way).states(rig))[0] - claimed
+            for way in finer(self._ground)
+        )
         self._time_step_error = QUARTER_TO_NONE * quarter
         return np.asarray((quarter - HALF_TO_QUARTER * half) ** 2)
 
@@ -299,7 +343,9 @@ class BodyProblem(Problem):
 
     def _replayed(self, solver: Solver, windows: BodyWindows | None = None) -> BodyReplay:
         windows, position = windows or self._windows, self._claims.payload_position
-        return BodyReplay(self._robot, windows, self._boxes, self._span_s, solver, position, self._held)
+        return BodyReplay(
+            self._robot, windows, self._boxes, self._span_s, solver, position, self._held
+        )
 
     def _errors(self, states: Floats) -> Floats:
         """Shape (n, w, BLOCKS, 33); a simulation that diverged is as far off as can be."""

@@ -47,9 +47,10 @@ def likeliest(squares: Callable[[Solver, Floats], Floats]) -> Solver:
     """The way to compute contacts with which a log agrees best, whatever else its robot has.
 
     Args:
-        squares: Mean square of what is left in each window under a solver, for n robots and grounds together, shape
-            (n, w): multiples of the claimed time constant and friction, and friction against rolling [m], shape (n, 3).
-            Their logarithms are compared: windows with much to explain otherwise do not decide alone.
+        squares: Mean square of what is left in each window under a solver, for n robots and grounds
+            together, shape (n, w): multiples of the claimed time constant and friction, and
+            friction against rolling [m], shape (n, 3). Their logarithms are compared: windows with
+            much to explain otherwise do not decide alone.
     """
 
     def left(ground: Solver, *others: tuple[float, float, float]) -> Floats:
@@ -65,7 +66,9 @@ def likeliest(squares: Callable[[Solver, Floats], Floats]) -> Solver:
             return best
         # feet that resist rolling look like ground that creeps, until it is known how much they do
         bounds = LEAST_ROLLING_M, MOST_ROLLING_M
-        found = minimize_scalar(lambda x: rolling(ground, x), bounds=bounds, method="bounded", options={"maxiter": 8})
+        found = minimize_scalar(
+            lambda x: rolling(ground, x), bounds=bounds, method="bounded", options={"maxiter": 8}
+        )
         return min(best, float(found.fun))
 
     return min(GROUNDS, key=least)
@@ -96,7 +99,8 @@ class Rig:
         corner: Torque at the calf beyond which it is [Nm], shape (n,).
         viscous: Friction of each joint [Nm s/rad], shape (n,).
         coulomb: [Nm], shape (n,).
-        continuous: How the drives' loop runs: 0 at the physics' 500 Hz, 1 without pause, shape (n,).
+        continuous: How the drives' loop runs: 0 at the physics' 500 Hz, 1 without pause, shape
+            (n,).
     """
 
     body: BodyModel
@@ -124,7 +128,8 @@ class BodyReplay:
         boxes: Its terrain.
         span_s: Start and end of the log, over which a battery empties.
         solver: Of contacts.
-        payload_position: Of what is on top of the trunk [m], base frame, shape (3,); None for the simulator's own.
+        payload_position: Of what is on top of the trunk [m], base frame, shape (3,); None for the
+            simulator's own.
         held: What the drives have that no unknown says; a fitted saturation adds to theirs.
     """
 
@@ -138,11 +143,19 @@ class BodyReplay:
         payload_position: Sequence[float] | None = None,
         held: Sequence[Limit | Pull] = (),
     ) -> None:
-        self._windows, self._held = windows, sorted(held, key=lambda effect: isinstance(effect, TorqueSaturation))
+        self._windows, self._held = (
+            windows,
+            sorted(held, key=lambda effect: isinstance(effect, TorqueSaturation)),
+        )
         self._made: dict[bool, FreeRobots] = {}
         self._count = len(windows.start_s)
         self._sets = max(1, CHUNK // max(1, self._count))
-        self._solver, self._robot, self._boxes, self._payload_position = solver, robot, boxes, payload_position
+        self._solver, self._robot, self._boxes, self._payload_position = (
+            solver,
+            robot,
+            boxes,
+            payload_position,
+        )
         middle = windows.start_s + 0.5 * WINDOW_STEPS * PHYSICS_DT
         # a motor's torque reaches each joint through its reduction: limits of torque scale with it
         self._per_calf = robot.reduction / robot.reduction[2]
@@ -180,18 +193,24 @@ class BodyReplay:
         """Robots whose feet slide, or resist turning and rolling, too: twice the rows for a contact."""
         if turns not in self._made:
             solver = replace(self._solver, dimensions=6) if turns else self._solver
-            self._made[turns] = FreeRobots(self._robot, self._sets * self._count, self._boxes, solver=solver)
+            self._made[turns] = FreeRobots(
+                self._robot, self._sets * self._count, self._boxes, solver=solver
+            )
             if self._payload_position is not None:
                 self._made[turns].set_payload_position(np.asarray(self._payload_position))
         return self._made[turns]
 
     def _run(self, rig: Rig, qpos: Floats, qvel: Floats, forces: Floats | None = None) -> Floats:
         sets, windows = len(rig.gain), self._windows
-        robots = self._robots(turns=max(rig.body.torsion.max(), rig.body.rolling.max()) > LEAST_TURNING_M)
+        robots = self._robots(
+            turns=max(rig.body.torsion.max(), rig.body.rolling.max()) > LEAST_TURNING_M
+        )
         sims = sets * self._count
         bodies = map_arrays(lambda values: np.repeat(values, self._count, axis=0), rig.body)
         robots.set_bodies(bodies, slice(sims))
-        robots.set_contacts(*(np.repeat(part, self._count, axis=0) for part in _contacts(self._solver, rig)))
+        robots.set_contacts(
+            *(np.repeat(part, self._count, axis=0) for part in _contacts(self._solver, rig))
+        )
         robots.derive(np.arange(sims))
         drives = _Drives(rig, windows, self._age, self._per_calf, self._held)
         coulomb = np.repeat(rig.coulomb, self._count)[:, None]
@@ -215,7 +234,12 @@ class _Drives:
     """Torques of all simulations of a batch."""
 
     def __init__(
-        self, rig: Rig, windows: BodyWindows, age: Floats, per_calf: Floats, held: Sequence[Limit | Pull]
+        self,
+        rig: Rig,
+        windows: BodyWindows,
+        age: Floats,
+        per_calf: Floats,
+        held: Sequence[Limit | Pull],
     ) -> None:
         self._limits = [effect for effect in held if isinstance(effect, Limit)]
         self._pulls = [effect for effect in held if isinstance(effect, Pull)]
@@ -226,7 +250,10 @@ class _Drives:
         self._strength = strength.reshape(-1, 1)
         self._loss = np.repeat(rig.loss, self._count)[:, None]
         self._corner = np.repeat(rig.corner, self._count)[:, None] * per_calf
-        self._is_late, self._saturates = bool(np.any(self._late > 0.0)), bool(np.any(rig.loss != 0.0))
+        self._is_late, self._saturates = (
+            bool(np.any(self._late > 0.0)),
+            bool(np.any(rig.loss != 0.0)),
+        )
         # Over a step in which its torque were not held, a drive would see its own mean velocity:
         # half of the damping is the engine's, which is implicit, and the angle is half a step
         # ahead.
@@ -243,7 +270,9 @@ class _Drives:
             torque = _after(limit, position, velocity, torque)
             asked = torque if isinstance(limit, TorqueSpeedLimit) else asked
         if self._saturates:
-            torque = torque - np.sign(asked) * self._loss * np.maximum(np.abs(asked) - self._corner, 0.0)
+            torque = torque - np.sign(asked) * self._loss * np.maximum(
+                np.abs(asked) - self._corner, 0.0
+            )
         torque = torque if self._is_even else self._strength * torque
         for pull in self._pulls:  # at the joint, whatever the drive gives
             torque = _after(pull, position, velocity, torque)
@@ -253,7 +282,9 @@ class _Drives:
         now = HISTORY_STEPS + step
         if not self._is_late:
             return np.tile(self._told[:, now], (self._sets, 1))
-        told = held_late(lambda ago: self._told[:, now - ago[:, 0, 0]].transpose(1, 0, 2), self._late)
+        told = held_late(
+            lambda ago: self._told[:, now - ago[:, 0, 0]].transpose(1, 0, 2), self._late
+        )
         return told.reshape(-1, 12)
 
 

@@ -22,7 +22,8 @@ def carried_by(log: RunLog) -> float:
     that is carried, or hangs, puts none on its feet. Legs are taken as light.
 
     Args:
-        log: With base "free", its pose measured, and the joints of a quadruped in the order of `JOINTS`.
+        log: With base "free", its pose measured, and the joints of a quadruped in the order of
+            `JOINTS`.
     """
     robot, joints, base = robot_of(log), log.joints, log.base
     if base is None:
@@ -30,7 +31,9 @@ def carried_by(log: RunLog) -> float:
     part = slice(None, None, EVERY)
     torque = drive_torque(log)[part]
     jacobian = np.asarray(LegKinematics(robot).jacobian(joints.q[part])).swapaxes(-1, -2)
-    pushed = -np.einsum("nlij,nlj->nli", np.linalg.pinv(jacobian), torque.reshape(-1, 4, 3))  # on the robot, base frame
+    pushed = -np.einsum(
+        "nlij,nlj->nli", np.linalg.pinv(jacobian), torque.reshape(-1, 4, 3)
+    )  # on the robot, base frame
     row = np.clip(np.searchsorted(base.time_s, joints.time_s[part]), 0, len(base.time_s) - 1)
     up = rotation_matrix(base.values[row, 3:7])[:, 2]  # the world's vertical in the base frame
     weight = GRAVITY * (robot.mass + float(log.meta.get("payload_kg") or 0.0))

@@ -50,9 +50,11 @@ class BodyWindows:
         segment: Index of the segment of each, shape (w,).
         qpos: State at the start, shape (w, 19).
         qvel: Shape (w, 18).
-        drive: Commands to the drives: kp q_des + kd dq_des + tau_ff for each physics step, `HISTORY_STEPS` before the
-            start included [Nm], shape (w, HISTORY_STEPS + WINDOW_STEPS, 12).
-        measured: Means over blocks, columns as `POSE`, `JOINTS`, `VELOCITY`, `RATES`, shape (w, BLOCKS, 34).
+        drive: Commands to the drives: kp q_des + kd dq_des + tau_ff for each physics step,
+            `HISTORY_STEPS` before the start included [Nm], shape (w, HISTORY_STEPS + WINDOW_STEPS,
+            12).
+        measured: Means over blocks, columns as `POSE`, `JOINTS`, `VELOCITY`, `RATES`, shape (w,
+            BLOCKS, 34).
         kp: Shape (12,).
         kd: Shape (12,).
     """
@@ -116,15 +118,23 @@ def track(log: RunLog, segment: Segment) -> Track:
     joints, base = log.joints, log.base
     if base is None:
         raise ValueError("the log has no base.csv")
-    rows = joints.time_s[(joints.time_s >= segment.start_s - 1e-6) & (joints.time_s <= segment.end_s + 1e-6)]
+    rows = joints.time_s[
+        (joints.time_s >= segment.start_s - 1e-6) & (joints.time_s <= segment.end_s + 1e-6)
+    ]
     time_s = np.arange(rows[0], rows[-1] + 0.5 * PHYSICS_DT, PHYSICS_DT)
     position = sampled(time_s, base.time_s, base.values[:, :3])
     turn = rotations.unit(sampled(time_s, base.time_s, rotations.continuous(base.values[:, 3:7])))
     q = sampled(time_s, joints.time_s, joints.q)
-    dq = np.gradient(q, PHYSICS_DT, axis=0) if joints.dq is None else sampled(time_s, joints.time_s, joints.dq)
+    dq = (
+        np.gradient(q, PHYSICS_DT, axis=0)
+        if joints.dq is None
+        else sampled(time_s, joints.time_s, joints.dq)
+    )
     velocity = sampled(time_s, base.time_s, base.values[:, 7:10])
     gyro = None if log.imu is None else sampled(time_s, log.imu.time_s, log.imu.values[:, 4:7])
-    return Track(time_s=time_s, states=np.concatenate([position, turn, q, velocity, dq], axis=1), gyro=gyro)
+    return Track(
+        time_s=time_s, states=np.concatenate([position, turn, q, velocity, dq], axis=1), gyro=gyro
+    )
 
 
 def angular_velocity(quaternion: Floats) -> Floats:
@@ -139,7 +149,9 @@ def angular_velocity(quaternion: Floats) -> Floats:
 def _starts(segments: Sequence[Segment]) -> list[tuple[int, float]]:
     """Segment and earliest start [s] of each window: end to end, or spread where the log is longer than the budget."""
     length = WINDOW_STEPS * PHYSICS_DT
-    edge = 0.5 * SMOOTHING_STEPS * PHYSICS_DT  # states at the very edge of a stretch would be noisier by half
+    edge = (
+        0.5 * SMOOTHING_STEPS * PHYSICS_DT
+    )  # states at the very edge of a stretch would be noisier by half
     room = [max(0.0, s.end_s - s.start_s - edge) for s in segments]
     share = min(1.0, BUDGET_S / max(sum(room), 1e-9))
     starts, owed = [], 0.0

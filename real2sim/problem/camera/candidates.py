@@ -18,7 +18,9 @@ FLOOR = 1.3e-3  # 1/m: noise of a D435 over z^2 (plane fits on real frames)
 _candidate = partial(candidate, where="camera")
 
 
-def camera_candidates(latency_s: float, focal_px: float, ends_m: tuple[float, float]) -> tuple[Candidate, ...]:
+def camera_candidates(
+    latency_s: float, focal_px: float, ends_m: tuple[float, float]
+) -> tuple[Candidate, ...]:
     """All effects of a camera, nuisances last, counted from the claimed latency, for images of this focal length [px].
 
     `ends_m` are the farthest depths with all and with nothing cut.
@@ -42,8 +44,14 @@ def camera_candidates(latency_s: float, focal_px: float, ends_m: tuple[float, fl
                 unknowns=lambda values: (1.0 / values["alpha"] - 1.0,),
             ),
         ),
-        *(_candidate(n, sought("offset", 1e-3), least_closed=GEOMETRY) for n in ("camera_pitch", "camera_height")),
-        *(_candidate(n, sought("scale", 3e-3), least_closed=GEOMETRY) for n in ("camera_fov", "depth_scale")),
+        *(
+            _candidate(n, sought("offset", 1e-3), least_closed=GEOMETRY)
+            for n in ("camera_pitch", "camera_height")
+        ),
+        *(
+            _candidate(n, sought("scale", 3e-3), least_closed=GEOMETRY)
+            for n in ("camera_fov", "depth_scale")
+        ),
         _candidate("depth_bias", sought("bias", 1e-3), least_closed=GEOMETRY),
         # of what lies beyond the end, how much is cut; where the end is, images say themselves
         _candidate(
@@ -51,7 +59,9 @@ def camera_candidates(latency_s: float, focal_px: float, ends_m: tuple[float, fl
             Unknown("share", 0.0, 1.0, 0.05),
             coordinates=Coordinates(
                 parameters=lambda x: {"max": farthest_m + float(x[0]) * (clip_m - farthest_m)},
-                unknowns=lambda values: ((values["max"] - farthest_m) / min(clip_m - farthest_m, -1e-9),),
+                unknowns=lambda values: (
+                    (values["max"] - farthest_m) / min(clip_m - farthest_m, -1e-9),
+                ),
             ),
         ),
         # variance: noise adds up in it
@@ -59,7 +69,9 @@ def camera_candidates(latency_s: float, focal_px: float, ends_m: tuple[float, fl
             "depth_noise",
             Unknown("variance", 0.0, 400.0, 0.2),
             coordinates=Coordinates(
-                parameters=lambda x: {"subpixel_sigma": FLOOR * math.sqrt(float(x[0])) * focal_px * BASELINE_M},
+                parameters=lambda x: {
+                    "subpixel_sigma": FLOOR * math.sqrt(float(x[0])) * focal_px * BASELINE_M
+                },
                 unknowns=lambda values: ((values["subpixel_sigma"] / sigma_px) ** 2,),
             ),
         ),
@@ -115,7 +127,13 @@ class CameraEffects:
     arrival_jitter: float = 0.0
 
     @classmethod
-    def of(cls, candidates: tuple[Candidate, ...], values: Floats, clip_m: float) -> "CameraEffects":
+    def of(
+        cls, candidates: tuple[Candidate, ...], values: Floats, clip_m: float
+    ) -> "CameraEffects":
         """Reads a vector of unknowns of `candidates`, shape (unknowns,), where measured depth ends at `clip_m`."""
-        names = [f"{c.effect}_{u.name}" if len(c.unknowns) > 1 else c.effect for c in candidates for u in c.unknowns]
+        names = [
+            f"{c.effect}_{u.name}" if len(c.unknowns) > 1 else c.effect
+            for c in candidates
+            for u in c.unknowns
+        ]
         return cls(**dict(zip(names, values.tolist(), strict=True)), clip_m=clip_m)

@@ -22,15 +22,22 @@ from saltus.real2sim.problem.camera.edges import (
 from saltus.real2sim.problem.camera.model import WHOLE
 from saltus.real2sim.problem.camera.noise_parts import NoiseParts, noise_parts
 
-USUAL_SPREAD = 0.3  # of the logarithm of noise from camera to camera: plane fits on real frames differ by as much
-QUIET_SPREAD = 3.0  # the same where there is less: pooled or filtered images are quieter by any factor
+# Of the logarithm of noise from camera to camera: plane fits on real frames differ by as much
+USUAL_SPREAD = 0.3
+QUIET_SPREAD = (
+    3.0  # the same where there is less: pooled or filtered images are quieter by any factor
+)
 USUAL_LOSS = 1e-3  # of the images: what a camera without effects may lose
 NOISE_MODEL = 0.1  # of a logarithm of variance: real noise is not exactly z^2
-MAX_DENSE_FRAMES, MAX_DENSE_ROWS = 300, 40  # images and rows in which edges and copies are looked for
+MAX_DENSE_FRAMES, MAX_DENSE_ROWS = (
+    300,
+    40,
+)  # images and rows in which edges and copies are looked for
 FEWEST_EDGES = 20
 ROUNDING_PX = 0.1  # of the corner: an error of a quarter of what is claimed of an edge
 FEWEST_LOST = 20.0  # pixels that a segment would lose without a filter
-LEAST_NOISE_M = 5e-4  # rounding to 1 mm alone has 2.9e-4: then the scene makes equal neighbours, and noise does not
+# Rounding to 1 mm alone has 2.9e-4: then the scene makes equal neighbours, and noise does not
+LEAST_NOISE_M = 5e-4
 AT_LEAST_PX = 2.0  # of a reach that leaves next to no hole
 BLOCKS = 5  # of images: each longer than a temporal filter remembers
 CHANCE_MODEL = 0.2  # of the copies that are usual
@@ -72,16 +79,29 @@ class CountRows:
         constant = (1e-3 * np.exp(effects.noise_floor_constant)) ** 2
         left = _left(effects)
         expected = np.choose(
-            self.kind, [0.0, left, effects.edge_holes - left, 0.0, effects.noise_floor_level, effects.hole_fill, 0.0]
+            self.kind,
+            [
+                0.0,
+                left,
+                effects.edge_holes - left,
+                0.0,
+                effects.noise_floor_level,
+                effects.hole_fill,
+                0.0,
+            ],
         )
         value = self.value.copy()
         is_noise, is_lost = self.kind == NOISE, self.kind == LOST
-        expected[is_noise] = np.log(filtered * (quadratic * self.argument[is_noise] + constant) + (1e-3**2) / 12.0)
+        expected[is_noise] = np.log(
+            filtered * (quadratic * self.argument[is_noise] + constant) + (1e-3**2) / 12.0
+        )
         # no effect repeats itself from image to image, or along a column
         value[self.kind == PATTERN] = repeating = self.noise.log_repeating(predicted)
         value[is_noise] = self.noise.log_variances(predicted) - repeating
         residual = (value - expected) / np.where(expected > value, self.sigma_above, self.sigma)
-        residual[is_lost] = _signed_deviance(self.value[is_lost], self.argument[is_lost], effects.frame_drop)
+        residual[is_lost] = _signed_deviance(
+            self.value[is_lost], self.argument[is_lost], effects.frame_drop
+        )
         return np.asarray(residual)
 
 
@@ -128,9 +148,21 @@ def _noise_rows(data: CameraData, noise: NoiseParts) -> list[Row]:
     values = noise.log_variances(data.predicted) - repeating
     sigma = np.hypot(noise.deviation, NOISE_MODEL)
     rows = []
-    for k, *found, s, range4 in zip(noise.segment, values, repeating, sigma, noise.range4, strict=True):
+    for k, *found, s, range4 in zip(
+        noise.segment, values, repeating, sigma, noise.range4, strict=True
+    ):
         for kind, value, argument in zip((NOISE, PATTERN), found, (range4, 0.0), strict=True):
-            rows.append((kind, int(k), _middle_s(data, k), float(value), float(s), float(s), float(argument)))
+            rows.append(
+                (
+                    kind,
+                    int(k),
+                    _middle_s(data, k),
+                    float(value),
+                    float(s),
+                    float(s),
+                    float(argument),
+                )
+            )
     return rows
 
 
@@ -156,7 +188,9 @@ def _dense_view(data: CameraData) -> DenseView:
     model = replace(data.model, tangents=data.camera.tangents(grid[0].ravel(), grid[1].ravel()))
     return DenseView(
         owner=data.owner[looked],
-        predicted_m=model.predict(data.view, data.kept[looked]).reshape(len(looked), len(row), width),
+        predicted_m=model.predict(data.view, data.kept[looked]).reshape(
+            len(looked), len(row), width
+        ),
         measured_mm=data.images_mm[np.ix_(looked, row)],
         range_m=WHOLE * data.camera.range_m,
         clip_mm=np.inf if data.clip_m is None else 1e3 * data.clip_m,
@@ -173,12 +207,20 @@ def _edge_rows(data: CameraData, view: DenseView) -> list[Row]:
             continue
         for kind, values in ((HOLES, counts.holes), (COPIES, counts.copies)):
             # edges of one image lose their pixels together
-            images = [np.mean(values[mine & (counts.frame == f)]) for f in np.unique(counts.frame[mine])]
+            images = [
+                np.mean(values[mine & (counts.frame == f)]) for f in np.unique(counts.frame[mine])
+            ]
             sigma = float(np.hypot(_deviation_of_mean(images), EDGE_MODEL_PX))
             # a ghost of an edge takes away what is usual there: fewer copies than that are no
             # effect
-            above = sigma if kind == HOLES else float(np.hypot(sigma, CHANCE_MODEL * np.mean(counts.by_chance[mine])))
-            rows.append((kind, int(k), _middle_s(data, k), float(np.mean(images)), sigma, above, 0.0))
+            above = (
+                sigma
+                if kind == HOLES
+                else float(np.hypot(sigma, CHANCE_MODEL * np.mean(counts.by_chance[mine])))
+            )
+            rows.append(
+                (kind, int(k), _middle_s(data, k), float(np.mean(images)), sigma, above, 0.0)
+            )
     return rows
 
 
@@ -214,7 +256,17 @@ def _filled_rows(data: CameraData, view: DenseView) -> list[Row]:
         by_chance = 1.0 / np.sqrt(holes + 0.5) / -np.log(unfilled)
         sigma = float(np.sqrt(deviation**2 + by_chance**2 + EDGE_MODEL_PX**2))
         above = AT_LEAST_PX if holes < FEW_HOLES else sigma
-        rows.append((FILLED, int(k), _middle_s(data, k), reach_px(holes, pixels, unfilled), sigma, above, 0.0))
+        rows.append(
+            (
+                FILLED,
+                int(k),
+                _middle_s(data, k),
+                reach_px(holes, pixels, unfilled),
+                sigma,
+                above,
+                0.0,
+            )
+        )
     return rows
 
 
@@ -223,14 +275,21 @@ def _lost_rows(data: CameraData) -> list[Row]:
     rows = []
     for k in np.unique(owner[owner >= 0]):
         lost = data.frames.lost[owner == k]
-        rows.append((LOST, int(k), _middle_s(data, k), float(lost.mean()), 1.0, 1.0, float(len(lost))))
+        rows.append(
+            (LOST, int(k), _middle_s(data, k), float(lost.mean()), 1.0, 1.0, float(len(lost)))
+        )
     return rows
 
 
 def _usual_rows(data: CameraData, noise: NoiseParts) -> list[Row]:
-    """Rows known of cameras without a log; without them, added noise looks like a camera that has more."""
+    """Rows known of cameras without a log.
+
+    Without them, added noise looks like a camera that has more.
+    """
     owners_of = np.unique(noise.segment)
-    less, more = (spread * float(np.sqrt(len(owners_of))) for spread in (QUIET_SPREAD, USUAL_SPREAD))
+    less, more = (
+        spread * float(np.sqrt(len(owners_of))) for spread in (QUIET_SPREAD, USUAL_SPREAD)
+    )
     return [(USUAL, int(k), _middle_s(data, k), 0.0, less, more, 0.0) for k in owners_of]
 
 

@@ -13,7 +13,13 @@ from saltus.real2sim.problem.camera.frames import Frames, frames_of
 from saltus.real2sim.problem.camera.model import WHOLE, DepthModel, aligned, misfit
 from saltus.real2sim.problem.camera.noise import NoiseLaw, fitted_noise, second_differences
 from saltus.real2sim.problem.camera.pixels import PixelGrid, clip_guess, is_broken
-from saltus.real2sim.problem.camera.rays import BaseMotion, ClaimedCamera, VisibleScene, claimed_camera, claimed_scenes
+from saltus.real2sim.problem.camera.rays import (
+    BaseMotion,
+    ClaimedCamera,
+    VisibleScene,
+    claimed_camera,
+    claimed_scenes,
+)
 from saltus.real2sim.problem.log import boxes_of, segments_of
 from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_log import RunLog
@@ -60,7 +66,12 @@ def camera_data(log: RunLog) -> CameraData:
     """Prepares a log; `RecordingError` where it has no image, or none within segments and motion."""
     if log.depth is None or not len(log.depth.frame_id):
         raise RecordingError("the log has no images: depth.npz is missing or empty")
-    camera, motion, frames, segments = claimed_camera(log), BaseMotion(log), frames_of(log.depth), segments_of(log)
+    camera, motion, frames, segments = (
+        claimed_camera(log),
+        BaseMotion(log),
+        frames_of(log.depth),
+        segments_of(log),
+    )
     scenes = claimed_scenes(boxes_of(log))
     kept, owner = _choose(frames, segments, motion, camera, scenes[0])
     images = log.depth.depth_mm[frames.index[kept]]
@@ -73,7 +84,9 @@ def camera_data(log: RunLog) -> CameraData:
         return replace(model, tangents=camera.tangents(pixels.row, pixels.column))
 
     def difference() -> Floats:
-        return second_differences(grid.as_image(np.where(known & whole, measured - predicted, np.nan)))
+        return second_differences(
+            grid.as_image(np.where(known & whole, measured - predicted, np.nan))
+        )
 
     measured = in_images(grid)
     models = [
@@ -90,15 +103,24 @@ def camera_data(log: RunLog) -> CameraData:
     ]
     model = models[0]
     if len(models) > 1:  # the reading of the terrain that the images fit best
-        model = min(models, key=lambda each: misfit(each.predict(AS_CLAIMED, kept), measured, camera.range_m))
-    model = replace(model, is_hole=log.depth.depth_mm[frames.filtered][:, grid.row, grid.column] == 0)
+        model = min(
+            models,
+            key=lambda each: misfit(each.predict(AS_CLAIMED, kept), measured, camera.range_m),
+        )
+    model = replace(
+        model, is_hole=log.depth.depth_mm[frames.filtered][:, grid.row, grid.column] == 0
+    )
     view = aligned(model, kept, measured)
     predicted = model.predict(view, kept)
     # at the end of the range noise is cut
     known = (measured > 0.0) & (np.maximum(predicted, measured) < WHOLE * camera.range_m)
-    known &= ~_near_edge(grid, predicted, np.zeros_like(predicted), lambda side: seen_by(side).predict(view, kept))
+    known &= ~_near_edge(
+        grid, predicted, np.zeros_like(predicted), lambda side: seen_by(side).predict(view, kept)
+    )
     clip_m = clip_guess(images, camera.range_m)
-    whole = np.ones_like(known) if clip_m is None else np.maximum(predicted, measured) < WHOLE * clip_m
+    whole = (
+        np.ones_like(known) if clip_m is None else np.maximum(predicted, measured) < WHOLE * clip_m
+    )
     noise = fitted_noise(grid.as_image(predicted)[..., 1:-1], difference())
     known &= ~_near_edge(grid, measured, noise.sigma(measured), in_images)
     return CameraData(
@@ -130,7 +152,11 @@ def owners(time_s: Floats, segments: Sequence[Segment]) -> Indices:
 
 
 def _choose(
-    frames: Frames, segments: Sequence[Segment], motion: BaseMotion, camera: ClaimedCamera, scene: VisibleScene
+    frames: Frames,
+    segments: Sequence[Segment],
+    motion: BaseMotion,
+    camera: ClaimedCamera,
+    scene: VisibleScene,
 ) -> tuple[Indices, Indices]:
     """Evenly spaced frames of those that lie in a segment and within the measured motion, and not in a box.
 
@@ -140,16 +166,22 @@ def _choose(
     exposed_s = frames.stamp_s - camera.latency_s
     position, rotation = motion.at(exposed_s)
     place = (position + rotation @ camera.mount.position)[:, None]
-    is_within = np.all((place > scene.box_low - BLIND_M) & (place < scene.box_high + BLIND_M), axis=2).any(axis=1)
+    is_within = np.all(
+        (place > scene.box_low - BLIND_M) & (place < scene.box_high + BLIND_M), axis=2
+    ).any(axis=1)
     is_told = (owner >= 0) & (exposed_s >= motion.start_s) & (exposed_s <= motion.end_s)
     usable = np.flatnonzero(is_told & ~is_within)
     if not usable.size:
-        raise RecordingError("the log has no image within its segments and the measured motion of its base")
+        raise RecordingError(
+            "the log has no image within its segments and the measured motion of its base"
+        )
     kept = usable[np.unique(np.linspace(0, len(usable) - 1, MAX_FRAMES).astype(np.int64))]
     return kept, owner[kept]
 
 
-def _near_edge(grid: PixelGrid, depth: Floats, sigma: Floats, at: Callable[[PixelGrid], Floats]) -> NDArray[np.bool_]:
+def _near_edge(
+    grid: PixelGrid, depth: Floats, sigma: Floats, at: Callable[[PixelGrid], Floats]
+) -> NDArray[np.bool_]:
     """Pixels of a grid near an edge, shape (kept, pixels); `at` gives depth [m] at the pixels of another grid."""
     broken = np.zeros(depth.shape, dtype=bool)
     for one, other in grid.around():

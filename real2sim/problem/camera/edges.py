@@ -9,13 +9,19 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
 
-WINDOW = 12  # px to the left of an edge in which holes and copies are counted: more than a matching window loses
+# Px to the left of an edge in which holes and copies are counted: more than a matching window loses
+WINDOW = 12
 PAST_EDGE = 2  # px: where an edge is, is known to about a pixel
 JUMP = 0.08  # of the depth behind; a smaller step is bridged by a matching window
 MOST_HOLES = 0.3  # usual share: behind such edges nothing can be told
 AMBIENT = 3  # px at least, beyond the window, from which the usual share is known
 BELOW_MM = 10.0  # several times the noise of a pixel
-SLOPES_MM = (0.5, 1.5, 3.0, 6.0)  # of depth from pixel to pixel: on a slope, neighbours are equal by chance less often
+SLOPES_MM = (
+    0.5,
+    1.5,
+    3.0,
+    6.0,
+)  # of depth from pixel to pixel: on a slope, neighbours are equal by chance less often
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,7 +56,9 @@ def edge_counts(
     start = np.maximum(first - WINDOW, 0)
     keep = _count(edge, frame, row, start, last - 1) == 1
     keep &= _count(predicted_m >= range_m, frame, row, start, last) == 0
-    frame, row, column, first, last, start = (a[keep] for a in (frame, row, column, first, last, start))
+    frame, row, column, first, last, start = (
+        a[keep] for a in (frame, row, column, first, last, start)
+    )
     if not frame.size:
         return EdgeCounts(frame=frame, holes=np.empty(0), copies=np.empty(0), by_chance=np.empty(0))
     hole = measured_mm == 0
@@ -63,9 +71,14 @@ def edge_counts(
     for is_pair, is_copy in _by_slope(seen_m, measured_mm, clip_mm):
         copies += _count(is_copy, frame, row, first, last)
         # what is near has noise of its own
-        for low, high, usual_low, usual_high in ((first, column, start, first), (column, last, last, beyond)):
+        for low, high, usual_low, usual_high in (
+            (first, column, start, first),
+            (column, last, last, beyond),
+        ):
             usual_pairs = float(_count(is_pair, frame, row, usual_low, usual_high).sum())
-            usual = float(_count(is_copy, frame, row, usual_low, usual_high).sum()) / max(usual_pairs, 1.0)
+            usual = float(_count(is_copy, frame, row, usual_low, usual_high).sum()) / max(
+                usual_pairs, 1.0
+            )
             here = _count(is_pair, frame, row, low, high)
             by_chance += usual * here
             pairs += here
@@ -115,7 +128,8 @@ AROUND_PX = 3  # from an edge of either side: a camera mixes the pixels there
 BROKEN = 0.04  # of depth, from pixel to pixel: an edge
 DEPTHS = 6  # parts of the depth: each has noise of its own
 FEWEST = 50  # pairs of neighbours that differ by 3 mm: the shape of their differences is then known
-SURE = 4.0  # standard deviations from which copies are more than chance, where there are no holes beside them
+# Standard deviations from which copies are more than chance, where there are no holes beside them
+SURE = 4.0
 FEW_HOLES = 3.0  # that stay: fewer say at least how far a filter reaches
 SHAPE = {1: 1.5, 2: -0.6, 3: 0.1}
 """Weights that interpolate to 0: of the logarithm of how often neighbours differ by so many mm,
@@ -130,7 +144,9 @@ class FilledShare:
     deviation: float
 
 
-def plain_pixels(predicted_m: Floats, measured_mm: NDArray[np.uint16], range_m: float) -> NDArray[np.bool_]:
+def plain_pixels(
+    predicted_m: Floats, measured_mm: NDArray[np.uint16], range_m: float
+) -> NDArray[np.bool_]:
     """Pixels away from edges, with something in range to see and a valid pixel somewhere to their left.
 
     Args:
@@ -161,12 +177,18 @@ def filled(
     1 mm. Noise that is smooth in the image makes neighbours alike that are 2 px apart as well.
     Copies do neither: the smaller of the two excesses counts.
     """
-    whole = plain & (measured_mm > 0) & (measured_mm < clip_mm) & (1e3 * predicted_m < clip_mm - BELOW_MM)
+    whole = (
+        plain
+        & (measured_mm > 0)
+        & (measured_mm < clip_mm)
+        & (1e3 * predicted_m < clip_mm - BELOW_MM)
+    )
     if not whole.any():
         return None
     values = measured_mm.astype(np.int32)
     limits = np.quantile(
-        predicted_m[whole][:: max(1, int(whole.sum()) // 20_000)], np.linspace(0.0, 1.0, DEPTHS + 1)[1:-1]
+        predicted_m[whole][:: max(1, int(whole.sum()) // 20_000)],
+        np.linspace(0.0, 1.0, DEPTHS + 1)[1:-1],
     )
     part = np.searchsorted(limits, predicted_m)
     next_to, apart = (_differences(values, whole, part, step) for step in (1, 2))
@@ -192,7 +214,9 @@ def reach_px(holes: float, pixels: float, unfilled: float) -> float:
     return whole + (1.0 - left / unfilled**whole) / (1.0 - unfilled)
 
 
-def _differences(values: NDArray[np.int32], whole: NDArray[np.bool_], part: Indices, step: int) -> Floats:
+def _differences(
+    values: NDArray[np.int32], whole: NDArray[np.bool_], part: Indices, step: int
+) -> Floats:
     """How often pixels `step` apart differ by -3 to 3 mm, and how many pairs there are, shape (parts, 8)."""
     pair = whole[..., step:] & whole[..., :-step]
     difference = (values[..., step:] - values[..., :-step])[pair]
@@ -203,19 +227,33 @@ def _differences(values: NDArray[np.int32], whole: NDArray[np.bool_], part: Indi
 
 
 def _excess(next_to: Floats, apart: Floats) -> tuple[float, float, float, float, float]:
-    """Equal neighbours that noise does not make, by shape and by distance; all pairs; variances of the two.
+    """Equal neighbours that noise does not make, by shape and by distance; all pairs.
+
+    Variances of the two.
 
     NaN where noise does not have the shape that is assumed.
     """
     sides = {d: (next_to[3 - d], next_to[3 + d]) for d in SHAPE}
-    falls = sum(sides[1]) >= sum(sides[2]) >= sum(sides[3])  # else depth comes in steps, and noise is not smooth in it
+    falls = (
+        sum(sides[1]) >= sum(sides[2]) >= sum(sides[3])
+    )  # else depth comes in steps, and noise is not smooth in it
     if not falls or min(min(side) for side in sides.values()) < FEWEST or apart[7] < FEWEST:
         return (math.nan,) * 5
     equal, pairs = float(next_to[3]), float(next_to[7])
-    logarithm = sum(weight * 0.5 * math.log(sides[d][0] * sides[d][1]) for d, weight in SHAPE.items())
-    variance = sum((0.5 * weight) ** 2 * (1.0 / sides[d][0] + 1.0 / sides[d][1]) for d, weight in SHAPE.items())
+    logarithm = sum(
+        weight * 0.5 * math.log(sides[d][0] * sides[d][1]) for d, weight in SHAPE.items()
+    )
+    variance = sum(
+        (0.5 * weight) ** 2 * (1.0 / sides[d][0] + 1.0 / sides[d][1]) for d, weight in SHAPE.items()
+    )
     by_chance, ratio = math.exp(logarithm), pairs / float(apart[7])
     far = float(apart[3]) * ratio
     unlike = 1.0 - far / pairs  # a copy takes the place of a pixel that may be equal by chance
     by_distance = (equal - far) / unlike
-    return equal - by_chance, by_distance, pairs, equal + by_chance**2 * variance, (equal + far * ratio) / unlike**2
+    return (
+        equal - by_chance,
+        by_distance,
+        pairs,
+        equal + by_chance**2 * variance,
+        (equal + far * ratio) / unlike**2,
+    )

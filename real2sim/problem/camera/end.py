@@ -10,7 +10,9 @@ from saltus.real2sim.problem.camera.data import CameraData
 from saltus.real2sim.problem.camera.model import DepthModel
 
 PIXELS = 60  # at most: a quarter of those that are compared elsewhere
-BESIDE = 0.15  # of the end by which neighbours may be nearer: floor at 2 m changes by half of it from pixel to pixel
+# Of the end by which neighbours may be nearer: floor at 2 m changes by half of it from pixel to
+# pixel
+BESIDE = 0.15
 JUMP = 0.04  # of depth: more than the slope beside it, from pixel to pixel, is an edge
 
 
@@ -32,7 +34,9 @@ class EndOfRange:
 
     def residuals(self, effects: CameraEffects) -> Floats:
         """Measured less predicted in units of noise, shape (samples,)."""
-        return np.asarray((self.end_m - self.model.predict(effects, self.kept)[self.at]) / self.sigma_m)
+        return np.asarray(
+            (self.end_m - self.model.predict(effects, self.kept)[self.at]) / self.sigma_m
+        )
 
 
 def end_of_range(data: CameraData) -> EndOfRange | None:
@@ -65,12 +69,17 @@ def _beside(data: CameraData, row: Indices, column: Indices) -> Floats:
     """Measured depth [mm] of pixels, infinite where invalid or outside, shape (kept, pixels)."""
     height, width = data.images_mm.shape[1:]
     inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-    values = data.images_mm[:, np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)].astype(np.float64)
+    values = data.images_mm[:, np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)].astype(
+        np.float64
+    )
     return np.where(inside & (values > 0.0), values, np.inf)
 
 
 def _near_jump(data: CameraData, row: Indices, column: Indices) -> np.ndarray:
-    """True where the predicted scene jumps within the margin; a crease is no jump. Shape (kept, pixels)."""
+    """True where the predicted scene jumps within the margin; a crease is no jump.
+
+    Shape (kept, pixels).
+    """
     reach = data.grid.margin + 1
     broken = np.zeros((len(data.kept), len(row)), dtype=bool)
     for rows, columns in ((0, 1), (1, 0)):
@@ -82,7 +91,9 @@ def _near_jump(data: CameraData, row: Indices, column: Indices) -> np.ndarray:
         here = slope[1:-1]
         for other in (slope[:-2], slope[2:]):  # a slope is like its neighbour on one side at least
             here = np.where(
-                np.sign(here) == np.sign(other), np.sign(here) * np.maximum(np.abs(here) - np.abs(other), 0.0), here
+                np.sign(here) == np.sign(other),
+                np.sign(here) * np.maximum(np.abs(here) - np.abs(other), 0.0),
+                here,
             )
         broken |= np.any(np.abs(here) > JUMP, axis=0)
     return broken

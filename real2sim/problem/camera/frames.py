@@ -8,9 +8,12 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats, Indices
 from saltus.recordings.run_log import DepthTable
 
-LATE = 1.6  # of the median gap between arrivals: from here on an image is missing where numbers do not tell
+# Of the median gap between arrivals: from here on an image is missing where numbers do not tell
+LATE = 1.6
 PAUSE = 20.0  # of the median gap: from here on nothing was recorded
-MOSTLY_EQUAL = 0.5  # a scene without motion and noise repeats every image: then equality says nothing
+MOSTLY_EQUAL = (
+    0.5  # a scene without motion and noise repeats every image: then equality says nothing
+)
 JITTER_S = 3e-4  # arrivals that scatter by less are as good as regular
 
 
@@ -58,7 +61,10 @@ def frames_of(depth: DepthTable) -> Frames:
 
 
 def _repeats(depth: DepthTable) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Images that are the one before, by number or by content, and those that are equal to it; shape (n,) each."""
+    """Images that are the one before, by number or by content, and those that are equal to it.
+
+    Shape (n,) each.
+    """
     count = len(depth.frame_id)
     by_number, by_content = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
     by_number[1:] = depth.frame_id[1:] == depth.frame_id[:-1]
@@ -74,7 +80,9 @@ def _losses(depth: DepthTable, repeated: NDArray[np.bool_]) -> tuple[Floats, NDA
         return depth.arrival_s, repeated
     new = np.flatnonzero(~repeated)
     step = np.diff(depth.frame_id[new])
-    if np.all(np.diff(depth.frame_id) <= 1):  # numbers are given on arrival: only the clock shows a gap
+    if np.all(
+        np.diff(depth.frame_id) <= 1
+    ):  # numbers are given on arrival: only the clock shows a gap
         new = np.arange(len(repeated))
         usual = np.median(gap_s)
         is_loss = (gap_s > LATE * usual) & (gap_s < PAUSE * usual)
@@ -93,7 +101,10 @@ def _losses(depth: DepthTable, repeated: NDArray[np.bool_]) -> tuple[Floats, NDA
 
 
 def _jitter(stamp_s: Floats, frame_id: Indices) -> Floats:
-    """Scatter of the stamps about a straight line over the numbers [s]; none where numbers and times disagree."""
+    """Scatter of the stamps about a straight line over the numbers [s].
+
+    None where numbers and times disagree.
+    """
     none = np.zeros_like(stamp_s)
     if len(stamp_s) < 10 or np.any(np.diff(frame_id) <= 0):
         return none

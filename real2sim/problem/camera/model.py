@@ -63,7 +63,11 @@ class DepthModel:
         share = np.ones((len(self.shown), self.tangents.shape[1]))
         for k in range(1, len(share)):
             mixed = alpha**2 + (1.0 - alpha) ** 2 * share[k - 1]
-            share[k] = mixed if self.is_hole is None else np.where(self.is_hole[k] | self.is_hole[k - 1], 1.0, mixed)
+            share[k] = (
+                mixed
+                if self.is_hole is None
+                else np.where(self.is_hole[k] | self.is_hole[k - 1], 1.0, mixed)
+            )
         return np.asarray(share[np.searchsorted(self.shown, kept)])
 
     def rays(self, effects: CameraEffects, kept: Indices) -> tuple[Floats, Floats]:
@@ -81,7 +85,9 @@ class DepthModel:
 
     def _image(self, effects: CameraEffects, kept: Indices) -> Floats:
         depth = self.scene.depth(*self.rays(effects, kept))
-        depth = np.minimum((1.0 + effects.depth_scale) * depth + effects.depth_bias, self.camera.range_m)
+        depth = np.minimum(
+            (1.0 + effects.depth_scale) * depth + effects.depth_bias, self.camera.range_m
+        )
         if effects.range_clip > 0.0:
             depth = depth - effects.range_clip * np.maximum(depth - effects.clip_m, 0.0)
         return depth
@@ -105,13 +111,18 @@ class Shake:
     """Diagonal of K, shape (images, 6)."""
 
     def whitened(self, residual: Floats) -> Floats:
-        """Residuals in units of the pixels' noise, 0 where there is no pixel; shape (images, pixels)."""
+        """Residuals in units of the pixels' noise, 0 where there is no pixel.
+
+        Shape (images, pixels).
+        """
         along = np.einsum("fpk,fp->fk", self.basis, residual)
         return np.asarray(residual - np.einsum("fpk,fk->fp", self.basis, self.cut * along))
 
 
 def shake_of(model: DepthModel, view: CameraEffects, kept: Indices, sigma: Floats) -> Shake:
-    """The shared noise of the images `kept` of `model` from this view; its motion knows how well it was measured.
+    """The shared noise of the images `kept` of `model` from this view.
+
+    Its motion knows how well it was measured.
 
     `sigma` is the noise of each pixel [m], infinite where it is not looked at, shape (kept,
     pixels).
@@ -141,20 +152,29 @@ FRAMES = 60
 SCALE = 0.05
 """Unit of the search [s, rad, m]: a latency, a pitch and a height that change the depth about as
 much."""
-PITCHES, HEIGHTS, LATENCIES = np.linspace(-4.0, 4.0, 17), (-2.0, -1.0, 0.0, 1.0, 2.0), (-1.0, 1.0, 2.0, 3.0, 4.0, 5.0)
+PITCHES, HEIGHTS, LATENCIES = (
+    np.linspace(-4.0, 4.0, 17),
+    (-2.0, -1.0, 0.0, 1.0, 2.0),
+    (-1.0, 1.0, 2.0, 3.0, 4.0, 5.0),
+)
 """First points, in that unit: the bounds of what the problem searches."""
 EVALUATIONS = 250
 
 
 def misfit(predicted: Floats, measured: Floats, range_m: float) -> float:
-    """Mean relative error, at most `GROSS`; a pixel that is invalid should be out of range, but may be a hole."""
+    """Mean relative error, at most `GROSS`.
+
+    A pixel that is invalid should be out of range, but may be a hole.
+    """
     valid = measured > 0.0
     error = np.minimum(np.abs(predicted - measured) / np.where(valid, measured, 1.0), GROSS)
     return float(np.mean(np.where(valid, error, 0.1 * GROSS * (predicted < WHOLE * range_m))))
 
 
 def aligned(model: DepthModel, kept: Indices, measured: Floats) -> CameraEffects:
-    """Latency, pitch and height at which the scene agrees with the images; as claimed where it is not far off there.
+    """Latency, pitch and height at which the scene agrees with the images.
+
+    As claimed where it is not far off there.
 
     Edges need not lie where they are claimed: all pixels count, and none for more than another
     surface does.

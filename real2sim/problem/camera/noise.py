@@ -13,7 +13,9 @@ BINS = 10
 FEWEST = 40  # second differences in a bin: their spread is then known to a tenth
 OUTLIER = 5.0  # spreads of a bin; mixed pixels at edges are beyond
 LEAST_M = 1e-3 / math.sqrt(12.0)  # rounding to a run log's unit of depth
-NORMAL_DEVIATION = float(ndtri(0.75))  # median absolute deviation of a normal distribution of unit variance
+NORMAL_DEVIATION = float(
+    ndtri(0.75)
+)  # median absolute deviation of a normal distribution of unit variance
 SECOND_DIFFERENCE = 6.0  # 1 + 4 + 1: variance of x[-1] - 2 x[0] + x[1] over that of white x
 
 
@@ -52,7 +54,9 @@ def fitted_noise(depth: Floats, difference: Floats) -> NoiseLaw:
     variance = np.array([_variance(d[part], z[part])[0] for part in parts])
     design = np.stack([range_m**4, np.ones_like(range_m)], axis=1) / variance[:, None]
     (quadratic, constant), _ = nnls(design, 1.0 - LEAST_M**2 / variance)
-    return NoiseLaw(quadratic=float(np.sqrt(quadratic)), constant=float(np.sqrt(constant + LEAST_M**2)))
+    return NoiseLaw(
+        quadratic=float(np.sqrt(quadratic)), constant=float(np.sqrt(constant + LEAST_M**2))
+    )
 
 
 def log_variance(difference: Floats, depth: Floats) -> tuple[float, float]:
@@ -74,9 +78,14 @@ def log_repeating(difference: Floats, depth: Floats, group: Indices, block: Indi
     kept = np.clip(difference, -OUTLIER * np.sqrt(variance), OUTLIER * np.sqrt(variance))
     blocks = int(block.max()) + 1
     place, size = group * blocks + block, (int(group.max()) + 1) * blocks
-    sums, counts = (np.bincount(place, weights, size).reshape(-1, blocks) for weights in (kept, np.ones_like(kept)))
+    sums, counts = (
+        np.bincount(place, weights, size).reshape(-1, blocks)
+        for weights in (kept, np.ones_like(kept))
+    )
     apart = np.abs(np.subtract.outer(np.arange(blocks), np.arange(blocks))) > 1
-    products, pairs = (np.einsum("gb,bc,gc->", each, apart.astype(float), each) for each in (sums, counts))
+    products, pairs = (
+        np.einsum("gb,bc,gc->", each, apart.astype(float), each) for each in (sums, counts)
+    )
     if pairs < FEWEST**2:
         return 0.0
     # rounding of a scene that stands still repeats, too
@@ -90,5 +99,7 @@ def _variance(difference: Floats, depth: Floats) -> tuple[float, int]:
     # by hand: `scipy.stats` takes ten times as long, most of it to look at its arguments
     deviation = np.median(np.abs(relative - np.median(relative)))
     spread = deviation / NORMAL_DEVIATION * depth**2
-    kept = difference[np.abs(difference) < OUTLIER * np.maximum(spread, LEAST_M)]  # rounding may leave mostly zeros
+    kept = difference[
+        np.abs(difference) < OUTLIER * np.maximum(spread, LEAST_M)
+    ]  # rounding may leave mostly zeros
     return max(float(np.mean(kept**2)), LEAST_M**2), len(kept)

@@ -42,7 +42,9 @@ class NoiseParts:
     def log_variances(self, predicted: Floats) -> Floats:
         """Logarithm of the variance [m^2] in each part beside predicted depth [m] of shape (kept, pixels)."""
         difference = self._differences(predicted)
-        return np.array([log_variance(difference[at], z)[0] for at, z in zip(self.at, self.depth, strict=True)])
+        return np.array(
+            [log_variance(difference[at], z)[0] for at, z in zip(self.at, self.depth, strict=True)]
+        )
 
     def log_repeating(self, predicted: Floats) -> Floats:
         """Logarithm of what repeating structure adds to the variance in each part, shape (parts,).
@@ -56,7 +58,9 @@ class NoiseParts:
             image, pixel = np.divmod(at, rows * columns)
             row, column = np.divmod(pixel, columns)
             shown = (image - image.min()) * columns + column
-            found.append(max(log_repeating(difference[at], z, *by) for by in ((pixel, age), (shown, row))))
+            found.append(
+                max(log_repeating(difference[at], z, *by) for by in ((pixel, age), (shown, row)))
+            )
         return np.array(found)
 
     def _differences(self, predicted: Floats) -> Floats:
@@ -73,7 +77,9 @@ def noise_parts(data: CameraData) -> NoiseParts:
     depth = data.grid.as_image(data.predicted)[..., 1:-1].ravel()
     known = np.isfinite(data.difference).ravel()
     owner = np.repeat(data.owner, data.difference[0].size)
-    limits = np.quantile(depth[known], np.linspace(0.0, 1.0, RANGES + 1)).tolist() if known.any() else []
+    limits = (
+        np.quantile(depth[known], np.linspace(0.0, 1.0, RANGES + 1)).tolist() if known.any() else []
+    )
     found = []
     for k in np.unique(data.owner):
         for low, high in itertools.pairwise(limits):
@@ -83,7 +89,9 @@ def noise_parts(data: CameraData) -> NoiseParts:
     parts = [at for _, at, _ in found]
     age = np.zeros(len(data.owner), dtype=np.int64)
     for k in np.unique(data.owner):
-        age[data.owner == k] = np.linspace(0.0, AGES - 1e-9, int(np.sum(data.owner == k))).astype(np.int64)
+        age[data.owner == k] = np.linspace(0.0, AGES - 1e-9, int(np.sum(data.owner == k))).astype(
+            np.int64
+        )
     return NoiseParts(
         grid=data.grid,
         measured=data.measured,

@@ -13,7 +13,9 @@ MARGIN = 0.03  # of the image's width: how far an edge may move by what is searc
 LEAST_MARGIN = 2  # px: a camera mixes the pixels at an edge
 BEND = 0.04  # of the disparity: less is what a crease between two planes makes within the margin
 BELOW_MM = 10  # below an end of the range, in which depths are as usual
-PILE = 3.0  # times as many pixels at the end: it then takes away 3 mm of the scene, and not only noise
+PILE = (
+    3.0  # times as many pixels at the end: it then takes away 3 mm of the scene, and not only noise
+)
 FEWEST_AT_END = 30  # pixels
 
 
@@ -34,7 +36,11 @@ class PixelGrid:
         """A grid in images of that size."""
         margin = max(LEAST_MARGIN, round(MARGIN * width))
         row, column = (
-            np.unique(np.linspace(margin, size - 1 - margin, min(count, max(1, size - 2 * margin))).round())
+            np.unique(
+                np.linspace(
+                    margin, size - 1 - margin, min(count, max(1, size - 2 * margin))
+                ).round()
+            )
             for size, count in ((height, ROWS), (width, COLUMNS))
         )
         grid = np.meshgrid(row.astype(np.int64), column.astype(np.int64), indexing="ij")
@@ -42,11 +48,18 @@ class PixelGrid:
 
     def shifted(self, rows: int, columns: int) -> "PixelGrid":
         """The grid moved by whole pixels."""
-        return PixelGrid(row=self.row + rows, column=self.column + columns, columns=self.columns, margin=self.margin)
+        return PixelGrid(
+            row=self.row + rows,
+            column=self.column + columns,
+            columns=self.columns,
+            margin=self.margin,
+        )
 
     def around(self) -> tuple[tuple["PixelGrid", "PixelGrid"], ...]:
         """Pairs of grids on opposite sides of each pixel, near and at the margin, along rows and columns."""
-        steps = [(0, s) for s in range(1, self.margin + 1)] + [(s, 0) for s in range(1, self.margin + 1)]
+        steps = [(0, s) for s in range(1, self.margin + 1)] + [
+            (s, 0) for s in range(1, self.margin + 1)
+        ]
         return tuple((self.shifted(-r, -c), self.shifted(r, c)) for r, c in steps)
 
     def of_images(self, images: NDArray[np.uint16]) -> NDArray[np.uint16]:
@@ -57,9 +70,14 @@ class PixelGrid:
         """Distance of chosen pixels to the nearest of the grid that is not [px], shape (images, pixels)."""
         images = chosen.reshape(len(chosen), -1, self.columns)
         rows, columns = images.shape[1:]
-        steps = (float(np.ptp(self.row)) / max(1, rows - 1), float(np.ptp(self.column)) / max(1, columns - 1))
+        steps = (
+            float(np.ptp(self.row)) / max(1, rows - 1),
+            float(np.ptp(self.column)) / max(1, columns - 1),
+        )
         apart = np.array([distance_transform_edt(image, steps) for image in images])
-        apart[images.all(axis=(1, 2))] = np.hypot(np.ptp(self.row), np.ptp(self.column))  # nothing to be near to
+        apart[images.all(axis=(1, 2))] = np.hypot(
+            np.ptp(self.row), np.ptp(self.column)
+        )  # nothing to be near to
         return apart.reshape(chosen.shape)
 
     def as_image(self, values: Floats) -> Floats:
@@ -68,7 +86,9 @@ class PixelGrid:
 
 
 def is_broken(depth: Floats, before: Floats, after: Floats, sigma: Floats) -> NDArray[np.bool_]:
-    """True where depth [m] jumps between two opposite neighbours of pixels; disparity is linear over a plane.
+    """True where depth [m] jumps between two opposite neighbours of pixels.
+
+    Disparity is linear over a plane.
 
     0 or infinite is no depth, and says nothing in a neighbour. `sigma` is the noise of `depth` [m].
     """

@@ -18,7 +18,8 @@ LINEAR = 30.0  # up to here a residual is as it is; beyond, it is bent towards t
 BEYOND = 1.01  # times an end of the range: at least as far goes a scene that it cuts
 PROBE_S = 0.010  # latency by which it is judged whether the scene moves
 FEWEST_FRAMES = 50  # to tell a share of lost images
-STILL = 0.3  # noise units RMS that 10 ms of latency changes: below, a log of some seconds does not show 10 ms
+# Noise units RMS that 10 ms of latency changes: below, a log of some seconds does not show 10 ms
+STILL = 0.3
 
 
 class CameraProblem(Problem):
@@ -37,7 +38,15 @@ class CameraProblem(Problem):
     blocks = ("camera",)
     places = ({"camera": "camera"},)
     signals = (
-        *("noise", "holes", "copies", "lost images", "usual noise", "filled holes", "noise that repeats"),
+        *(
+            "noise",
+            "holes",
+            "copies",
+            "lost images",
+            "usual noise",
+            "filled holes",
+            "noise that repeats",
+        ),
         *("end of range", "depth"),
     )
     simulator_disagreement = 0.2  # rays are exact: two ray casters differ by less than noise
@@ -56,7 +65,9 @@ class CameraProblem(Problem):
         self.segments = data.segments
         self.segment = np.concatenate([data.owner[frame], counts.segment])
         depth, end = self.signals.index("depth"), self.signals.index("end of range")
-        self.signal = np.concatenate([np.repeat([depth, end], [len(self._at[0]), of_end]), counts.kind])
+        self.signal = np.concatenate(
+            [np.repeat([depth, end], [len(self._at[0]), of_end]), counts.kind]
+        )
         self.time_s = np.concatenate([data.frames.stamp_s[data.kept][frame], counts.time_s])
         self._set_candidates()
 
@@ -87,7 +98,9 @@ class CameraProblem(Problem):
             share = self._data.model.noise_share(effects, self._data.kept)
             counted = self._counts.residuals(effects, predicted, share)
             end = np.empty(0) if self._end is None else self._end.residuals(effects)
-            rows.append(np.concatenate([self._depth_residuals(predicted), _bent(end), _bent(counted)]))
+            rows.append(
+                np.concatenate([self._depth_residuals(predicted), _bent(end), _bent(counted)])
+            )
         return np.stack(rows)[:, None] if rows else np.empty((0, 1, len(self.segment)))
 
     def explanatory_variables(self) -> tuple[ExplanatoryVariable, ...]:
@@ -98,11 +111,16 @@ class CameraProblem(Problem):
             (RANGE, "m", data.predicted[self._at]),
             (ROW, "px", data.grid.row[pixel].astype(np.float64)),
             (COLUMN, "px", data.grid.column[pixel].astype(np.float64)),
-            ("distance to edges and holes", "px", data.grid.distance_to_others(data.known)[self._at]),
+            (
+                "distance to edges and holes",
+                "px",
+                data.grid.distance_to_others(data.known)[self._at],
+            ),
         )
         nothing = np.full(len(self.signal) - len(pixel), np.nan)
         return tuple(
-            ExplanatoryVariable(name=name, unit=unit, values=np.concatenate([v, nothing])) for name, unit, v in seen
+            ExplanatoryVariable(name=name, unit=unit, values=np.concatenate([v, nothing]))
+            for name, unit, v in seen
         )
 
     def _depth_residuals(self, predicted: Floats) -> Floats:
@@ -139,7 +157,9 @@ def _untestable(data: CameraData, counts: CountRows, shift_10ms: Floats) -> dict
         why["frame_drop"] = f"{len(data.frames.due_s)} images, fewer than {FEWEST_FRAMES}"
     if data.clip_m is None:
         farthest = float(np.max(data.predicted[data.known], initial=0.0))
-        why["range_clip"] = f"depth does not end early: a maximum beyond {farthest:.2f} m would not show"
+        why["range_clip"] = (
+            f"depth does not end early: a maximum beyond {farthest:.2f} m would not show"
+        )
     if not data.known.any():
         for name in ("camera_pitch", "camera_height", "camera_fov", "depth_scale", "depth_bias"):
             why[name] = "no pixel that is valid, in range and away from edges"

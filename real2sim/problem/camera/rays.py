@@ -18,8 +18,11 @@ from saltus.robots.mount import Mount
 from saltus.rotations import rotation_matrix
 from saltus.terrain.boxes import Boxes
 
-SMOOTHING_S = 0.06  # a body that keeps its feet on the ground does not change its acceleration faster
-ROUGH = 6.0  # times the noise: smoothing takes away more than noise from the motion of a robot that lands
+SMOOTHING_S = (
+    0.06  # a body that keeps its feet on the ground does not change its acceleration faster
+)
+# Times the noise: smoothing takes away more than noise from the motion of a robot that lands
+ROUGH = 6.0
 SMOOTHING_ORDER = 3
 FARTHEST_M = 65.535  # what a run log can hold: the sky is no hole in an image
 LEAST_NOISE = 1e-4  # m and rad: no motion capture of a walking robot is better
@@ -39,7 +42,10 @@ class ClaimedCamera:
     """Farthest depth; things beyond read as this far, or as nothing."""
 
     def tangents(self, row: Indices, column: Indices) -> Floats:
-        """Where pixels look, camera frame (right, down, forward), of depth 1. Shapes (n,) -> (3, n)."""
+        """Where pixels look, camera frame (right, down, forward), of depth 1.
+
+        Shapes (n,) -> (3, n).
+        """
         x, y = (column + 0.5 - self.cx) / self.fx, (row + 0.5 - self.cy) / self.fy
         return np.stack([x, y, np.ones_like(x)])
 
@@ -147,7 +153,8 @@ class VisibleScene:
 
         Args:
             origin: of the rays [m], world frame, shape (n, 3).
-            direction: world frame, shape (n, 3, rays); of depth 1, so that the result is depth along the optical axis.
+            direction: world frame, shape (n, 3, rays); of depth 1, so that the result is depth
+                along the optical axis.
 
         Returns:
             Shape (n, rays).
@@ -160,7 +167,9 @@ class VisibleScene:
                 nearest = np.where(ground > NEAREST_M, ground, np.inf)
             for low, high in zip(self.box_low, self.box_high, strict=True):
                 first, last = _slab(origin, inverse, low, high)
-                np.copyto(nearest, first, where=(first <= last) & (first > NEAREST_M) & (first < nearest))
+                np.copyto(
+                    nearest, first, where=(first <= last) & (first > NEAREST_M) & (first < nearest)
+                )
         return nearest
 
 

@@ -69,7 +69,12 @@ class Places:
     @classmethod
     def of(cls, reach: Sequence[Reach]) -> "Places":
         """The reach at all places of a leg, from the base outwards."""
-        return cls(**{name: np.array([getattr(r, name) for r in reach])[:, None] for name in ("middle", "side", "end")})
+        return cls(
+            **{
+                name: np.array([getattr(r, name) for r in reach])[:, None]
+                for name in ("middle", "side", "end")
+            }
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,19 +90,31 @@ class JointKind(Candidate):
     def at(self, place: str, reach: Reach) -> Candidate:
         """The candidate at a place of a leg."""
         way = self.coordinates if self.coordinates_at is None else self.coordinates_at(reach)
-        return replace(self, where=place, starts=self.starts_at(self.starts, reach), coordinates=way)
+        return replace(
+            self, where=place, starts=self.starts_at(self.starts, reach), coordinates=way
+        )
 
 
-def _kind(effect: str, *unknowns: Unknown | Callable[[str], Unknown], where: str = "", **more: Any) -> JointKind:
+def _kind(
+    effect: str, *unknowns: Unknown | Callable[[str], Unknown], where: str = "", **more: Any
+) -> JointKind:
     own = unknowns_of(effect, unknowns)
-    return JointKind(effect=effect, where=where, unknowns=own, **{"least_closed": LEAST_CLOSED} | more)
+    return JointKind(
+        effect=effect, where=where, unknowns=own, **{"least_closed": LEAST_CLOSED} | more
+    )
 
 
 def _spring(reach: Reach) -> Coordinates:
     """A spring by its pull at the mean angle, which tells nothing of its stiffness."""
     return Coordinates(
-        parameters=lambda x: {"torque": float(x[0] + x[1] * reach.middle), "stiffness": float(x[1])},
-        unknowns=lambda values: (values["torque"] - values["stiffness"] * reach.middle, values["stiffness"]),
+        parameters=lambda x: {
+            "torque": float(x[0] + x[1] * reach.middle),
+            "stiffness": float(x[1]),
+        },
+        unknowns=lambda values: (
+            values["torque"] - values["stiffness"] * reach.middle,
+            values["stiffness"],
+        ),
     )
 
 
@@ -132,14 +149,18 @@ KINDS = (
         closable_share=JITTERS,
         leaves_chance=True,
     ),
-    _kind("actuator_lag", sought("time_constant", 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
+    _kind(
+        "actuator_lag", sought("time_constant", 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5
+    ),
     _kind(  # starts are shares of the largest speed of the log
         "torque_speed_limit",
         WEIGHT,
         sought("corner", 1.0, is_shape=True),
         Unknown("span", 0.3, 60.0, 1.0, is_shape=True),
         starts=((1.0, 0.0, 1.3), (1.0, 0.3, 0.5), (1.0, 0.5, 0.2), (1.0, 0.6, 0.7)),
-        starts_at=lambda starts, reach: tuple((weight, a * reach.speed, b * reach.speed) for weight, a, b in starts),
+        starts_at=lambda starts, reach: tuple(
+            (weight, a * reach.speed, b * reach.speed) for weight, a, b in starts
+        ),
         coordinates=Coordinates(
             parameters=lambda x: {"corner": float(x[1]), "no_load": float(x[1]) + float(x[2])},
             unknowns=lambda values: (1.0, values["corner"], values["no_load"] - values["corner"]),
@@ -151,7 +172,9 @@ KINDS = (
         Unknown("corner", 1.0, 34.0, 0.5, is_shape=True),
         Unknown("rounding", 0.05, 10.0, 0.5, is_shape=True),
         starts=((0.4, 0.2, 1.0), (0.4, 0.4, 1.0), (0.4, 0.6, 1.0), (0.4, 0.8, 1.0)),
-        starts_at=lambda starts, reach: tuple((loss, corner * reach.torque, width) for loss, corner, width in starts),
+        starts_at=lambda starts, reach: tuple(
+            (loss, corner * reach.torque, width) for loss, corner, width in starts
+        ),
     ),
     _kind("torque_gain", sought("gain", 0.01), resolution=4e-3),
     _kind("battery_sag", sought("loss_at_end", 0.01), starts=((0.1,),)),
@@ -169,7 +192,8 @@ KINDS = (
         sought("stribeck_velocity", 0.02, is_shape=True),
         BEND,
         starts=((0.3, 0.05, 0.0), (0.3, 0.25, 0.0), (0.3, 0.05, 5e-4)),
-        model_error=0.12,  # bristles that bend blunt the peak at standstill: the laws differ by 10 to 20 %
+        # Bristles that bend blunt the peak at standstill: the laws differ by 10 to 20 %
+        model_error=0.12,
         closable_share=0.95,
     ),
     _kind(
@@ -178,7 +202,8 @@ KINDS = (
         sought("motor_side", 0.5, is_shape=True, is_choice=True),
         starts=((0.01, 0.0), (0.01, 1.0)),
         resolution=1e-4,
-        closable_share=0.9,  # which tooth a light leg lies on when little torque is asked for is up to chance
+        # Which tooth a light leg lies on when little torque is asked for is up to chance
+        closable_share=0.9,
     ),
     _kind(
         "joint_spring",
@@ -186,7 +211,8 @@ KINDS = (
         sought("stiffness", 0.2),
         coordinates_at=_spring,
         drive=lambda x, places: (x[0] + x[1] * places.middle, x[1]),
-        least_closed=0.95,  # true ones close 0.998; an integral term of the drive, which it imitates, 0.79 to 0.90
+        # True ones close 0.998; an integral term of the drive, which it imitates, 0.79 to 0.90
+        least_closed=0.95,
     ),
     _kind(  # how far the stop reaches into the range of the log
         "end_stop",
@@ -206,8 +232,15 @@ KINDS = (
         where="trunk",  # all legs have one base
         drive=lambda x, _: (x[0][:, 0], HALF_FREE * x[1][:, 0] / (1.0 - x[1][:, 0]), x[2][:, 0]),
         coordinates=Coordinates(
-            parameters=lambda x: {"give": HALF_FREE * float(x[1] / (1.0 - x[1])), "damping": float(x[2])},
-            unknowns=lambda values: (1.0, values["give"] / (HALF_FREE + values["give"]), values["damping"]),
+            parameters=lambda x: {
+                "give": HALF_FREE * float(x[1] / (1.0 - x[1])),
+                "damping": float(x[2]),
+            },
+            unknowns=lambda values: (
+                1.0,
+                values["give"] / (HALF_FREE + values["give"]),
+                values["damping"],
+            ),
         ),
     ),
     _kind("armature", sought("added", 5e-4), resolution=7e-5),
@@ -220,7 +253,12 @@ KINDS = (
         starts_at=lambda starts, reach: tuple((1.0, step) for step in reach.steps) or starts,
         closable_share=0.95,
     ),
-    _kind("velocity_filter", sought("time_constant", 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
+    _kind(
+        "velocity_filter",
+        sought("time_constant", 1e-3),
+        starts=((0.004,), (0.012,)),
+        resolution=7e-5,
+    ),
     _kind("velocity_scale", sought("scale", 0.02)),
     _kind(LOOP_RATE, Unknown("rate", 0.0, 1.0, 0.25), starts=((0.5,),), is_nuisance=True),
 )
@@ -237,7 +275,11 @@ class JointCandidates:
     """
 
     def __init__(
-        self, places: Sequence[str], limit: Floats, reach: Sequence[Reach], left_out: Sequence[str] = ()
+        self,
+        places: Sequence[str],
+        limit: Floats,
+        reach: Sequence[Reach],
+        left_out: Sequence[str] = (),
     ) -> None:
         self._places, self._limit = tuple(places), limit
         self._reached = Places.of(reach)
@@ -247,7 +289,13 @@ class JointCandidates:
         start = 0
         for kind in (kind for kind in KINDS if kind.effect not in left_out):
             # the loop of a leg's drives has one rate
-            own = (kind.where,) if kind.where else self._places[:1] if kind.is_nuisance else self._places
+            own = (
+                (kind.where,)
+                if kind.where
+                else self._places[:1]
+                if kind.is_nuisance
+                else self._places
+            )
             for joint, place in enumerate(own):
                 listed.append(kind.at(place, reach[joint]))
                 self.columns[kind.effect, joint] = slice(start, start + len(kind.unknowns))
@@ -258,8 +306,14 @@ class JointCandidates:
     def drives(self, unknowns: Floats, dt_s: float) -> Drives:
         """Drives with the effects of sets of unknowns, shape (sets, branches, unknowns)."""
         found = [(kind, self._values(kind, unknowns)) for kind in KINDS]
-        told = {kind.effect: kind.drive(values, self._reached) for kind, values in found if values is not None}
-        own: dict[str, Any] = {effect: values[0] if len(values) == 1 else values for effect, values in told.items()}
+        told = {
+            kind.effect: kind.drive(values, self._reached)
+            for kind, values in found
+            if values is not None
+        }
+        own: dict[str, Any] = {
+            effect: values[0] if len(values) == 1 else values for effect, values in told.items()
+        }
         return Drives(count=len(unknowns), dt_s=dt_s, limit=self._limit[..., None], **own)
 
     def has(self, effects: Sequence[str], unknowns: Floats) -> np.ndarray:
@@ -278,7 +332,9 @@ class JointCandidates:
             return None
         values = []
         for i, unknown in enumerate(kind.unknowns):
-            array = np.ascontiguousarray(unknowns[:, :, [c.start + i for c in present]].transpose(1, 2, 0))
+            array = np.ascontiguousarray(
+                unknowns[:, :, [c.start + i for c in present]].transpose(1, 2, 0)
+            )
             array = np.clip(array, unknown.low, unknown.high) if unknown.is_shape else array
             values.append(np.round(array) if unknown.is_choice else array)
         return tuple(values)
@@ -293,12 +349,21 @@ def knee_and_plateau(taken: Callable[[Floats], Floats], limit: float) -> dict[st
     return {"knee": knee, "plateau": plateau}
 
 
-def beside(candidate: Candidate, known: Callable[[Floats], Floats], law: Law, limit: float) -> Candidate:
-    """The candidate of a saturation whose law adds to a known one; it states what both together take of a torque."""
+def beside(
+    candidate: Candidate, known: Callable[[Floats], Floats], law: Law, limit: float
+) -> Candidate:
+    """The candidate of a saturation whose law adds to a known one.
+
+    It states what both together take of a torque.
+    """
     return replace(
         candidate,
         coordinates=Coordinates(
-            parameters=lambda x: knee_and_plateau(lambda torque: law(torque, *x) + known(torque), limit),
-            unknowns=lambda _: candidate.absent.tolist(),  # what a profile has is assumed, not fitted
+            parameters=lambda x: knee_and_plateau(
+                lambda torque: law(torque, *x) + known(torque), limit
+            ),
+            unknowns=lambda _: (
+                candidate.absent.tolist()
+            ),  # what a profile has is assumed, not fitted
         ),
     )

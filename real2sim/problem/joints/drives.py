@@ -101,14 +101,21 @@ class Drives:
         return np.asarray(sum(bent) / np.maximum(sum(level for level, *_ in both), LEAST_LEVEL))
 
     def twice_as_fine(self) -> "Drives":
-        """The same drives where instants are twice as close; a loop at the coarser rate skips every second one."""
+        """The same drives where instants are twice as close.
+
+        A loop at the coarser rate skips every second one.
+        """
         if self.drive_rate is None:
             return replace(self, dt_s=0.5 * self.dt_s, between=0.0)
         rate = np.maximum(2.0 * self.drive_rate - 1.0, 0.0)
         between = np.minimum(2.0 * self.drive_rate, 1.0)
-        return replace(self, dt_s=0.5 * self.dt_s, drive_rate=rate if rate.any() else None, between=between)
+        return replace(
+            self, dt_s=0.5 * self.dt_s, drive_rate=rate if rate.any() else None, between=between
+        )
 
-    def sent(self, law: Floats, feedforward: Floats, instants: Indices, first: Indices, last: Indices) -> Floats:
+    def sent(
+        self, law: Floats, feedforward: Floats, instants: Indices, first: Indices, last: Indices
+    ) -> Floats:
         """Law and feed-forward [Nm] that the drives use at the instants, shape (windows, branches, joints, sets).
 
         Args:
@@ -128,7 +135,9 @@ class Drives:
         late = _late(law, instants, delay / self.dt_s, first, last)
         return late + _late(feedforward, instants, own, first, last)
 
-    def sensed(self, position: Floats, velocity: Floats, state: DriveState) -> tuple[Floats, Floats]:
+    def sensed(
+        self, position: Floats, velocity: Floats, state: DriveState
+    ) -> tuple[Floats, Floats]:
         """Angles [rad] and velocities [rad/s] that the encoders read, for the true ones.
 
         Shapes are (windows, branches, joints, sets).
@@ -146,9 +155,13 @@ class Drives:
                 filtered = new * velocity + old * state.velocity + kept * state.filtered
             state.velocity, state.filtered = velocity.copy(), filtered
             velocity = filtered
-        return position, velocity if self.velocity_scale is None else velocity * (1.0 + self.velocity_scale)
+        return position, velocity if self.velocity_scale is None else velocity * (
+            1.0 + self.velocity_scale
+        )
 
-    def delivered(self, torque: Floats, velocity: Floats, elapsed: Floats, state: DriveState) -> Floats:
+    def delivered(
+        self, torque: Floats, velocity: Floats, elapsed: Floats, state: DriveState
+    ) -> Floats:
         """Torque on the motor's side of the play."""
         if self.actuator_lag is not None:
             start = torque if state.lagged is None else state.lagged
@@ -186,7 +199,11 @@ class Drives:
 
     def _saturated(self, magnitude: Floats) -> Floats:
         """Torque [Nm] that saturation takes from a commanded one >= 0; a law and pieces add up."""
-        missing = np.zeros(()) if self.torque_saturation is None else lost(magnitude, *self.torque_saturation)
+        missing = (
+            np.zeros(())
+            if self.torque_saturation is None
+            else lost(magnitude, *self.torque_saturation)
+        )
         for slope, corner in self.kinks:
             missing = missing + slope * np.maximum(magnitude - corner, 0.0)
         return missing
@@ -211,10 +228,14 @@ def lost(torque: Floats, slope: Floats, corner: Floats, rounding: Floats) -> Flo
     The corner is rounded over a few times `rounding`: iron saturates little by little.
     """
     at_zero = np.logaddexp(0.0, -corner / rounding)
-    return np.asarray(slope * rounding * (np.logaddexp(0.0, (torque - corner) / rounding) - at_zero))
+    return np.asarray(
+        slope * rounding * (np.logaddexp(0.0, (torque - corner) / rounding) - at_zero)
+    )
 
 
-def saturation_loss(kinks: Kinks, joint_of_leg: int, torque: Floats, legs: slice = slice(None)) -> Floats:
+def saturation_loss(
+    kinks: Kinks, joint_of_leg: int, torque: Floats, legs: slice = slice(None)
+) -> Floats:
     """Torque [Nm] that a saturation in pieces takes of one >= 0, mean of those legs that have it.
 
     `joint_of_leg` counts the joints of a leg from 0.
@@ -228,10 +249,14 @@ def saturation_loss(kinks: Kinks, joint_of_leg: int, torque: Floats, legs: slice
     return loss
 
 
-def _late(stream: Floats, instants: Indices, steps: Floats, first: Indices, last: Indices) -> Floats:
+def _late(
+    stream: Floats, instants: Indices, steps: Floats, first: Indices, last: Indices
+) -> Floats:
     """A held stream that is `steps` instants late, shape (branches, joints, sets), averaged over the coming one."""
     branches, joints = stream.shape[1:]
     place = np.arange(branches * joints).reshape(branches, joints, 1)
     now, first, last = (each[:, None, None, None] for each in (instants, first, last))
     flat = stream.reshape(-1)
-    return held_late(lambda ago: flat[np.clip(now - ago, first, last) * (branches * joints) + place], steps)
+    return held_late(
+        lambda ago: flat[np.clip(now - ago, first, last) * (branches * joints) + place], steps
+    )

@@ -11,10 +11,15 @@ from saltus.real2sim.problem.joints.motion import Rows
 from saltus.recordings.run_log import RunLog
 from saltus.sim.held_robot import HeldRobot
 
-LEAST_TORQUE = 5.0  # Nm commanded: drives of this class lose nothing below it (original's dynamometer table)
-LEAST_FAST = 2.0  # rad/s: a tenth of the smallest no-load speed that is published for robots of this class
+LEAST_TORQUE = (
+    5.0  # Nm commanded: drives of this class lose nothing below it (original's dynamometer table)
+)
+LEAST_FAST = (
+    2.0  # rad/s: a tenth of the smallest no-load speed that is published for robots of this class
+)
 LEAST_SPEED = 0.05  # rad/s: below it a joint stands still
-NEAR_STOP = 0.2  # rad from a claimed limit: soft stops were found to begin 0.09 rad before it, see `EndStop`
+# Rad from a claimed limit: soft stops were found to begin 0.09 rad before it, see `EndStop`
+NEAR_STOP = 0.2
 LEAST_SAG_S = 5.0  # a battery does not empty in less
 FINEST_STEP, COARSEST_STEP = 5e-4, 0.04
 """Steps of an encoder that are looked for [rad]: finer ones drown in noise of 1 mrad, coarser ones
@@ -68,11 +73,15 @@ def untestable(log: RunLog, rows: Rows, reach: Sequence[Reach]) -> dict[str, str
         ):
             why[effect] = f"max |dq| {speed:.3f} < {LEAST_SPEED:g} rad/s: nothing moves"
     if rows.time_s[-1] - rows.time_s[0] < LEAST_SAG_S:
-        why["battery_sag"] = f"the log lasts {rows.time_s[-1] - rows.time_s[0]:.1f} < {LEAST_SAG_S:g} s"
+        why["battery_sag"] = (
+            f"the log lasts {rows.time_s[-1] - rows.time_s[0]:.1f} < {LEAST_SAG_S:g} s"
+        )
     return why
 
 
-def reach_of(rows: Rows, kp: Floats, kd: Floats, robot: HeldRobot, steps: Sequence[float | None]) -> tuple[Reach, ...]:
+def reach_of(
+    rows: Rows, kp: Floats, kd: Floats, robot: HeldRobot, steps: Sequence[float | None]
+) -> tuple[Reach, ...]:
     """How far the log goes at each place of the legs.
 
     Gains have the shape (joints,); `steps` is what `encoder_steps` found.
@@ -132,7 +141,9 @@ def _step(angles: Floats) -> float | None:
     if len(frequency) < 2:  # whatever its velocities say, the joint has not moved by a step
         return None
     # these lines alone: that of all takes long where a large prime number divides their number
-    spectrum = zoom_fft(counts, np.array([first, last]) / size, m=last - first, fs=1.0) / len(angles)
+    spectrum = zoom_fft(counts, np.array([first, last]) / size, m=last - first, fs=1.0) / len(
+        angles
+    )
     # angles that are multiples of a step are in phase at one over it
     score = np.real(spectrum * np.exp(-2j * np.pi * frequency * (angles.min() + 0.5 * BIN)))
     spread = float(np.median(np.abs(score))) / 0.6745
@@ -144,7 +155,9 @@ def _step(angles: Floats) -> float | None:
     near = np.linspace(frequency[best] - line, frequency[best] + line, REFINED)
     some = angles[:: max(1, len(angles) // LEAST_ROWS)]
     step = float(1.0 / near[np.argmax(np.cos(2.0 * np.pi * near[:, None] * some).sum(axis=1))])
-    parts = [float(np.cos(2.0 * np.pi * part / step).mean()) for part in np.array_split(angles, PARTS)]
+    parts = [
+        float(np.cos(2.0 * np.pi * part / step).mean()) for part in np.array_split(angles, PARTS)
+    ]
     return step if sum(part > 0.5 * LEAST_SCORE for part in parts) >= TELLING else None
 
 
@@ -158,14 +171,20 @@ class Grid:
         branches: Joints of each leg, shape (branches, joints).
     """
 
-    def __init__(self, rows: Rows, steps: Sequence[float | None], within: Indices, branches: Indices) -> None:
+    def __init__(
+        self, rows: Rows, steps: Sequence[float | None], within: Indices, branches: Indices
+    ) -> None:
         step = np.array([np.inf if s is None else s for s in steps])
         moves = (np.abs(rows.speed) > LEAST_MOVING) & np.isfinite(step) & rows.q_is_known
         # of variance 1 where phases are uniform
         phase = np.where(moves, np.sqrt(2.0) * np.cos(2.0 * np.pi * rows.q / step), 0.0)
-        self._weight = np.sqrt(moves[within].sum(axis=1))[:, branches]  # (samples, branches, joints)
+        self._weight = np.sqrt(moves[within].sum(axis=1))[
+            :, branches
+        ]  # (samples, branches, joints)
         sums = phase[within].sum(axis=1)[:, branches]
-        self._measured = np.divide(sums, self._weight, where=self._weight > 0.0, out=np.zeros_like(sums))
+        self._measured = np.divide(
+            sums, self._weight, where=self._weight > 0.0, out=np.zeros_like(sums)
+        )
         self._coarse = (phase.sum(axis=0) / np.maximum(moves.sum(axis=0), 1))[branches]
         self.exists = bool(np.any(self._weight))
 
@@ -177,4 +196,6 @@ class Grid:
             count: Number of sets.
         """
         weight = np.zeros((*self._coarse.shape, count)) if quantisation is None else quantisation[0]
-        return np.asarray(self._measured[..., None] - self._weight[..., None] * self._coarse[..., None] * weight)
+        return np.asarray(
+            self._measured[..., None] - self._weight[..., None] * self._coarse[..., None] * weight
+        )

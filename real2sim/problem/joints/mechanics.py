@@ -41,9 +41,10 @@ def rubbed(
         inverse: Of the mass matrix, shape (windows, branches, joints, joints, sets or 1).
         limit: Largest impulse of friction over the step [Nm s].
         impulse: That of the last step, from which the search starts; becomes that of this step.
-        give: By how much the velocity of a joint gives way for an impulse of friction [rad/s per Nm s]: bristles bend
-            like springs, 1 / (stiffness step^2). None where they are rigid.
-        bent: How far bristles are bent, over the step [rad/s], with the sign of the impulse that bent them.
+        give: By how much the velocity of a joint gives way for an impulse of friction [rad/s per Nm
+            s]: bristles bend like springs, 1 / (stiffness step^2). None where they are rigid.
+        bent: How far bristles are bent, over the step [rad/s], with the sign of the impulse that
+            bent them.
     """
     # by hand: `np.clip` takes several times as long for arrays of this size, most of it to look at
     # its arguments
@@ -74,7 +75,8 @@ class Play:
 
     Args:
         width: Of the gaps [rad], shape (branches, joints, sets).
-        motor_side: Where the logged encoder sits, 0 at the joint and 1 at the motor, shape as `width`.
+        motor_side: Where the logged encoder sits, 0 at the joint and 1 at the motor, shape as
+            `width`.
         rotor: Inertia on the motor's side [kg m^2], broadcast with `width`.
         shape: Of all simulations: (windows, branches, joints, sets).
 
@@ -83,7 +85,9 @@ class Play:
         rate: How fast it gets ahead [rad/s].
     """
 
-    def __init__(self, width: Floats, motor_side: Floats, rotor: Floats, shape: tuple[int, ...]) -> None:
+    def __init__(
+        self, width: Floats, motor_side: Floats, rotor: Floats, shape: tuple[int, ...]
+    ) -> None:
         self._half = 0.5 * width
         self._motor_side = motor_side
         self._rotor = rotor
@@ -92,7 +96,10 @@ class Play:
         self._drive = np.zeros(shape)
 
     def begun(self, torque: Floats) -> Floats:
-        """Rotors that push from the start; returns by how much what is logged is then ahead of the joints [rad]."""
+        """Rotors that push from the start.
+
+        Returns by how much what is logged is then ahead of the joints [rad].
+        """
         self.offset = np.sign(torque) * self._half
         return np.asarray(self._motor_side * self.offset)
 
@@ -119,7 +126,8 @@ class Play:
         Args:
             velocity: Of the joints at the end of the step [rad/s].
             acceleration: Over the step [rad/s^2].
-            inverse: Of the mass matrix that the step was made with, shape (windows, branches, joints, joints, sets).
+            inverse: Of the mass matrix that the step was made with, shape (windows, branches,
+                joints, joints, sets).
             dt_s: The step.
         """
         touches = self._touches
@@ -159,7 +167,10 @@ STILL_ROWS = 25
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sway:
-    """A log on uniform rows, with coefficients halfway to the next row; stretches are first rows and ends."""
+    """A log on uniform rows, with coefficients halfway to the next row.
+
+    Stretches are first rows and ends.
+    """
 
     base: RollingBase
     dt_s: float
@@ -173,8 +184,12 @@ class Sway:
             give: Of what holds it, as each branch has it [rad/Nm], shape (branches, sets).
             damping: [Nm s/rad], the same shape.
         """
-        (gives, damped), which = np.unique(np.stack([give, damping]).reshape(2, -1), axis=1, return_inverse=True)
-        moved = np.concatenate([self._moved(gives, damped, slice(*stretch)) for stretch in self.stretches])
+        (gives, damped), which = np.unique(
+            np.stack([give, damping]).reshape(2, -1), axis=1, return_inverse=True
+        )
+        moved = np.concatenate(
+            [self._moved(gives, damped, slice(*stretch)) for stretch in self.stretches]
+        )
         return np.asarray(weight * moved[..., which.reshape(give.shape)])
 
     def load(self, rolled: Floats, rows: Indices) -> Floats:

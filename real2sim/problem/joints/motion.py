@@ -62,7 +62,9 @@ class Rows:
 
 
 def uniform_rows(log: RunLog) -> Rows:
-    """Puts a log's rows on a uniform grid: states are interpolated, commands held. A log must fill one window.
+    """Puts a log's rows on a uniform grid: states are interpolated, commands held.
+
+    A log must fill one window.
 
     Raises:
         RecordingError: fewer rows than a window needs.
@@ -88,10 +90,15 @@ def uniform_rows(log: RunLog) -> Rows:
     def put(values: Floats | None, *, held: bool) -> Floats | None:
         if values is None:
             return None
-        return np.concatenate([_on_grid(table.time_s[s], values[s], grid, dt, held=held) for s, grid in parts])
+        return np.concatenate(
+            [_on_grid(table.time_s[s], values[s], grid, dt, held=held) for s, grid in parts]
+        )
 
     zeros = np.zeros((first, table.q.shape[1]))
-    q, q_des = put(_whole(table.time_s, table.q), held=False), put(_whole(table.time_s, table.commanded_q), held=True)
+    q, q_des = (
+        put(_whole(table.time_s, table.q), held=False),
+        put(_whole(table.time_s, table.commanded_q), held=True),
+    )
     assert q is not None  # noqa: S101 - a log always has both
     assert q_des is not None  # noqa: S101
     dq_des, tau_ff = put(table.dq_des, held=True), put(table.tau_ff, held=True)
@@ -121,11 +128,17 @@ def motions_of(rows: Rows, robot: HeldRobot, kp: Floats, kd: Floats) -> tuple[Mo
 
 
 def _motion(
-    rows: Rows, robot: HeldRobot, gains: tuple[Floats, Floats], legs: LinearLegs, sway: Sway | None, every: int
+    rows: Rows,
+    robot: HeldRobot,
+    gains: tuple[Floats, Floats],
+    legs: LinearLegs,
+    sway: Sway | None,
+    every: int,
 ) -> Motion:
     (kp, kd), branches = gains, robot.branches
     mass, offset, stiffness, damping = (
-        _halfway(values, rows.stretches, every) for values in (legs.mass, legs.offset, legs.stiffness, legs.damping)
+        _halfway(values, rows.stretches, every)
+        for values in (legs.mass, legs.offset, legs.stiffness, legs.damping)
     )
     dt = rows.dt_s / every
     # the midpoint rule: all that resists is taken halfway to the next instant
@@ -200,7 +213,11 @@ def _whole(time_s: Floats, values: Floats) -> Floats:
         return values
     known = [np.isfinite(column) & np.isfinite(time_s) for column in values.T]
     return np.stack(
-        [np.interp(time_s, time_s[k], column[k]) for k, column in zip(known, values.T, strict=True)], axis=1
+        [
+            np.interp(time_s, time_s[k], column[k])
+            for k, column in zip(known, values.T, strict=True)
+        ],
+        axis=1,
     )
 
 
@@ -208,7 +225,9 @@ def _on_grid(time_s: Floats, values: Floats, grid: Floats, dt_s: float, *, held:
     if len(grid) == len(time_s) and np.max(np.abs(grid - time_s)) < JITTER * dt_s:
         return values
     if held:
-        return values[np.clip(np.searchsorted(time_s, grid + JITTER * dt_s, side="right") - 1, 0, None)]
+        return values[
+            np.clip(np.searchsorted(time_s, grid + JITTER * dt_s, side="right") - 1, 0, None)
+        ]
     return np.stack([np.interp(grid, time_s, column) for column in values.T], axis=1)
 
 

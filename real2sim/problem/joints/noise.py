@@ -122,9 +122,13 @@ def smooth_left_out(samples: Floats) -> Floats:
     Where a second at a time leaves far more than a quarter of a second at a time, it is no noise: a
     robot that never rests, of which the claimed model says little.
     """
-    long, short = (_rest(samples, length) for length in (min(LONG, len(samples) // PIECE * PIECE), PIECE))
+    long, short = (
+        _rest(samples, length) for length in (min(LONG, len(samples) // PIECE * PIECE), PIECE)
+    )
     short = short[: len(long)]
-    quiet = [np.quantile(np.mean(pieces**2, axis=1), QUIET_SHARE, axis=0) for pieces in (long, short)]
+    quiet = [
+        np.quantile(np.mean(pieces**2, axis=1), QUIET_SHARE, axis=0) for pieces in (long, short)
+    ]
     return np.where(quiet[1] < FAR_LESS**2 * quiet[0], short, long)
 
 
@@ -133,7 +137,9 @@ def _rest(samples: Floats, length: int) -> Floats:
     pieces = samples[: count * length].reshape(count, length, *samples.shape[1:])
     powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, length), CURVE - 1)
     smooth = powers @ np.linalg.pinv(powers)
-    rest = (pieces - np.einsum("ij,pj...->pi...", smooth, pieces)) * np.sqrt(length / (length - CURVE))
+    rest = (pieces - np.einsum("ij,pj...->pi...", smooth, pieces)) * np.sqrt(
+        length / (length - CURVE)
+    )
     return np.asarray(rest.reshape(-1, PIECE, *samples.shape[1:]))
 
 

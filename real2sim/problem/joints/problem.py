@@ -16,8 +16,19 @@ from saltus.errors import RecordingError
 from saltus.real2sim.problem.joints.candidates import JointCandidates, beside
 from saltus.real2sim.problem.joints.drives import Drives, Kinks, lost, saturation_loss
 from saltus.real2sim.problem.joints.excitation import Grid, encoder_steps, reach_of, untestable
-from saltus.real2sim.problem.joints.motion import motions_of, twice_as_fine, uniform_rows, windows_of
-from saltus.real2sim.problem.joints.noise import Whitening, quieter, repeated, smooth_left_out, whitening
+from saltus.real2sim.problem.joints.motion import (
+    motions_of,
+    twice_as_fine,
+    uniform_rows,
+    windows_of,
+)
+from saltus.real2sim.problem.joints.noise import (
+    Whitening,
+    quieter,
+    repeated,
+    smooth_left_out,
+    whitening,
+)
 from saltus.real2sim.problem.joints.replay import SIGNALS, replay
 from saltus.real2sim.problem.joints.torque_curve import corners_of
 from saltus.real2sim.problem.log import gains, model_of, segments_of, torque_limits
@@ -35,7 +46,12 @@ that."""
 STOP = 0.01  # rad: nearer than this to its limit a joint may touch
 TOGETHER = 32
 """Sets that are simulated together: their arrays then stay in the cache of a core."""
-SLOW = (("coulomb_friction", "stiction"), ("backlash",), ("armature", "viscous_friction"), ("base_roll",))
+SLOW = (
+    ("coulomb_friction", "stiction"),
+    ("backlash",),
+    ("armature", "viscous_friction"),
+    ("base_roll",),
+)
 """Effects that make the replay of all who are simulated with them slower."""
 
 
@@ -62,7 +78,9 @@ class JointProblem(Problem):
 
     def __init__(self, log: RunLog) -> None:
         if log.meta.get("base") != "fixed":
-            raise RecordingError(f"the joints need a held base, the log claims base {log.meta.get('base')!r}")
+            raise RecordingError(
+                f"the joints need a held base, the log claims base {log.meta.get('base')!r}"
+            )
         names = list(log.meta["joints"])
         self.model = model_of(log)
         self._robot = HeldRobot(self.model, names, _base_quaternion(log))
@@ -70,7 +88,9 @@ class JointProblem(Problem):
         kp, kd = gains(log)
         branches = self._robot.branches
         self._motion, self._finer_motion = motions_of(self._rows, self._robot, kp, kd)
-        self._asked = self._rows.q_des + (kd * self._rows.dq_des + self._rows.tau_ff) / np.maximum(kp, 1.0)  # [rad]
+        self._asked = self._rows.q_des + (kd * self._rows.dq_des + self._rows.tau_ff) / np.maximum(
+            kp, 1.0
+        )  # [rad]
         self._averaged = max(1, round(SAMPLE_S / self._rows.dt_s))
         self.samples_per_residual = float(self._averaged)
         self._windows = windows_of(self._rows, branches, self._motion.every, self._averaged)
@@ -81,7 +101,9 @@ class JointProblem(Problem):
         self.reach = reach_of(self._rows, kp, kd, self._robot, self._steps)
         self.untestable = untestable(log, self._rows, self.reach)
         if self._motion.sway is None:
-            self.untestable["base_roll"] = "the log has not all joints of the robot: what moves its base is not known"
+            self.untestable["base_roll"] = (
+                "the log has not all joints of the robot: what moves its base is not known"
+            )
         limits = _torque_limits(self.model, branches)
         self.limit = limits[0]
         self._candidates = JointCandidates(places, limits, self.reach, tuple(self.untestable))
@@ -97,7 +119,9 @@ class JointProblem(Problem):
             members = np.flatnonzero(key == value)
             for start in range(0, len(members), TOGETHER):
                 part = members[start : start + TOGETHER]
-                out[part] = self._whitened(replace(self._drives(unknowns[part]), kinks=self._assumed))
+                out[part] = self._whitened(
+                    replace(self._drives(unknowns[part]), kinks=self._assumed)
+                )
         return out
 
     def residuals_with_kinks(self, unknowns: Floats, corners: Floats, slopes: Floats) -> Floats:
@@ -112,7 +136,9 @@ class JointProblem(Problem):
         return self._whitened(drives).reshape(len(slopes), -1)
 
     def with_saturation(self, corners: Floats, slopes: Floats) -> "JointProblem":
-        """The problem on a simulator that has a saturation in pieces already; a fitted one adds to it.
+        """The problem on a simulator that has a saturation in pieces already.
+
+        A fitted one adds to it.
 
         Args:
             corners: Torque from which on each piece takes [Nm], shape (blocks, places, pieces).
@@ -124,12 +150,21 @@ class JointProblem(Problem):
         return problem
 
     def holding(self, profile: Profile) -> tuple[Problem, Profile]:
-        """See `Problem`: no unknown can represent a measured curve; the plant limits speeds once a step."""
+        """See `Problem`: no unknown can represent a measured curve.
+
+        The plant limits speeds once a step.
+        """
         problem = copy(self)
-        for saturation in (effect for effect in profile.actuator if isinstance(effect, TorqueSaturation)):
+        for saturation in (
+            effect for effect in profile.actuator if isinstance(effect, TorqueSaturation)
+        ):
             problem = problem.with_saturation(*corners_of(saturation, self.model, self.places))
-        problem._holds_limit = any(isinstance(effect, TorqueSpeedLimit) for effect in profile.actuator)
-        told = tuple(effect for effect in profile.actuator if not isinstance(effect, TorqueSaturation))
+        problem._holds_limit = any(
+            isinstance(effect, TorqueSpeedLimit) for effect in profile.actuator
+        )
+        told = tuple(
+            effect for effect in profile.actuator if not isinstance(effect, TorqueSaturation)
+        )
         return problem, replace(profile, actuator=told)
 
     def columns_of(self, effect: str, place: str) -> slice:
@@ -144,12 +179,19 @@ class JointProblem(Problem):
             if candidate.effect != "torque_saturation":
                 return candidate
             place = places.index(candidate.where)
-            return beside(candidate, partial(saturation_loss, self._assumed, place), lost, float(self.limit[place]))
+            return beside(
+                candidate,
+                partial(saturation_loss, self._assumed, place),
+                lost,
+                float(self.limit[place]),
+            )
 
         return tuple(with_assumed(candidate) for candidate in self._candidates.listed)
 
     def _drives(self, unknowns: Floats) -> Drives:
-        return replace(self._candidates.drives(unknowns, self._motion.dt_s), holds_limit=self._holds_limit)
+        return replace(
+            self._candidates.drives(unknowns, self._motion.dt_s), holds_limit=self._holds_limit
+        )
 
     def _whitened(self, drives: Drives) -> Floats:
         white = self._whitening.white(self._apart(drives), self._fresh)[
@@ -158,7 +200,9 @@ class JointProblem(Problem):
         if self._grid.exists:
             grid = self._grid.residuals(drives.encoder_quantisation, drives.count)[self._kept]
             white = np.concatenate([white, grid[:, None]], axis=1)
-        white = np.nan_to_num(white, nan=LARGEST_RESIDUAL, posinf=LARGEST_RESIDUAL, neginf=-LARGEST_RESIDUAL)
+        white = np.nan_to_num(
+            white, nan=LARGEST_RESIDUAL, posinf=LARGEST_RESIDUAL, neginf=-LARGEST_RESIDUAL
+        )
         white = np.clip(white, -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
         white[:, : len(self._signals)][self._missing[self._kept]] = 0.0
         return white.transpose(4, 2, 1, 3, 0).reshape(drives.count, len(self.blocks), -1)
@@ -168,7 +212,11 @@ class JointProblem(Problem):
         motion, windows = self._motion, self._windows
         if drives.backlash is not None:
             # a rotor alone is ten times as fast as with its leg: it crosses a gap in a few steps
-            motion, windows, drives = self._finer_motion, self._finer_windows, drives.twice_as_fine()
+            motion, windows, drives = (
+                self._finer_motion,
+                self._finer_windows,
+                drives.twice_as_fine(),
+            )
         simulated = replay(motion, windows, drives, self._averaged)
         made = [simulated[SIGNALS.index(signal)] for signal in self._signals]
         flat = np.stack([m.reshape(-1, *m.shape[2:])[self._sample] for m in made], axis=1)
@@ -189,7 +237,9 @@ class JointProblem(Problem):
         time_s = rows.time_s[within].mean(axis=1)
         self._signals = tuple(s for s in SIGNALS if getattr(rows, s) is not None)
         branches = self._robot.branches
-        measured = {s: getattr(rows, s) for s in self._signals} | {"q": np.where(rows.q_is_known, rows.q, np.nan)}
+        measured = {s: getattr(rows, s) for s in self._signals} | {
+            "q": np.where(rows.q_is_known, rows.q, np.nan)
+        }
         signals = [measured[s][within].mean(axis=1)[:, branches] for s in self._signals]
         self._measured = np.stack(signals, axis=1)  # (samples, signals, branches, joints)
         self._missing = ~np.isfinite(self._measured) | self._after_a_stop()[:, None, :, None]
@@ -217,7 +267,9 @@ class JointProblem(Problem):
         behind = np.zeros((len(first), means, of_leg.shape[1]), dtype=bool)
         for i, start in enumerate(first):
             whole = of_leg[start : start + (windows.warm_up + windows.length) // every]
-            hit = np.logical_or.accumulate(whole)[windows.warm_up // every + self._averaged - 1 :: self._averaged]
+            hit = np.logical_or.accumulate(whole)[
+                windows.warm_up // every + self._averaged - 1 :: self._averaged
+            ]
             behind[i, : len(hit)] = hit[:means]
         return np.asarray(behind.reshape(-1, of_leg.shape[1])[self._sample])
 
@@ -230,10 +282,14 @@ class JointProblem(Problem):
         self.time_s = np.tile(self._time[self._kept], count)
 
     def _learn_noise(self) -> None:
-        floor = np.array([FLOOR[s] for s in self._signals])[:, None, None] * np.ones(self._measured.shape[2:])
+        floor = np.array([FLOOR[s] for s in self._signals])[:, None, None] * np.ones(
+            self._measured.shape[2:]
+        )
         rows, branches = self._rows, self._robot.branches
         signals = np.stack([getattr(rows, s)[:, branches] for s in self._signals], axis=1)
-        pieces = repeated(rows.time_s, np.nan_to_num(signals), self._asked, self.segments, self._averaged)
+        pieces = repeated(
+            rows.time_s, np.nan_to_num(signals), self._asked, self.segments, self._averaged
+        )
         # an encoder that hunts between two steps does so differently each time: there all pieces
         # are noise
         is_coarse = np.array([step is not None for step in self._steps])[branches]
@@ -241,12 +297,16 @@ class JointProblem(Problem):
         claimed = self._apart(self._candidates.drives(nothing, self._motion.dt_s))[..., 0]
         rough = whitening(smooth_left_out(claimed), floor, is_coarse)
         self._whitening: Whitening = (
-            quieter(whitening(np.concatenate(pieces), floor, is_coarse), rough, is_coarse) if pieces else rough
+            quieter(whitening(np.concatenate(pieces), floor, is_coarse), rough, is_coarse)
+            if pieces
+            else rough
         )
 
 
 def _kinks(corners: Floats, slopes: Floats) -> Kinks:
-    return tuple((slopes[..., k].transpose(1, 2, 0), corners[..., k, None]) for k in range(corners.shape[-1]))
+    return tuple(
+        (slopes[..., k].transpose(1, 2, 0), corners[..., k, None]) for k in range(corners.shape[-1])
+    )
 
 
 def _base_quaternion(log: RunLog) -> Sequence[float]:
@@ -271,9 +331,13 @@ def _named(
     names: Sequence[str], branches: Indices
 ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[dict[str, str], ...]]:
     """Places within a branch, names of the branches, and for each which joint a place is."""
-    split = [[names[j].removesuffix("_joint").rpartition("_") for j in branch] for branch in branches]
+    split = [
+        [names[j].removesuffix("_joint").rpartition("_") for j in branch] for branch in branches
+    ]
     places = tuple(place for _, _, place in split[0])
-    if any(tuple(place for _, _, place in joints) != places for joints in split) or len(set(places)) < len(places):
+    if any(tuple(place for _, _, place in joints) != places for joints in split) or len(
+        set(places)
+    ) < len(places):
         places = tuple(f"joint{i}" for i in range(branches.shape[1]))
     blocks = tuple(joints[0][0] or f"branch{i}" for i, joints in enumerate(split))
     found = [dict(zip(places, [names[j] for j in branch], strict=True)) for branch in branches]

@@ -142,8 +142,14 @@ class _Simulation:
         if drives.velocity_scale is not None:
             self._v /= 1.0 + drives.velocity_scale
         self._acceleration, self._earlier = np.zeros((2, *shape))
-        self._loop = None if drives.drive_rate is None else _FastLoop.of(drives.drive_rate, motion.dt_s)
-        self._kp, self._kd, self._claimed = motion.kp[..., None], motion.kd[..., None], motion.armature[..., None]
+        self._loop = (
+            None if drives.drive_rate is None else _FastLoop.of(drives.drive_rate, motion.dt_s)
+        )
+        self._kp, self._kd, self._claimed = (
+            motion.kp[..., None],
+            motion.kd[..., None],
+            motion.armature[..., None],
+        )
         rotor = self._claimed if drives.armature is None else self._claimed + drives.armature
         self._play = None if drives.backlash is None else Play(*drives.backlash, rotor, shape)
         self._drive_state = DriveState()
@@ -164,7 +170,11 @@ class _Simulation:
         q, v = drives.sensed(q, v, self._drive_state)
         seen_q, seen_v = (q, v) if play is None else play.seen(q, v)
         sent = drives.sent(
-            self._motion.law, self._motion.feedforward, self._windows.start + k, self._windows.first, self._windows.last
+            self._motion.law,
+            self._motion.feedforward,
+            self._windows.start + k,
+            self._windows.first,
+            self._windows.last,
         )
         fresh = sent - self._kp * seen_q - self._kd * seen_v
         if drives.between is None or k % 2 == 0:
@@ -196,7 +206,9 @@ class _Simulation:
                 q -= self._play.begun(torque)
             torque, missing = self._play.transmitted(torque)
             added = -missing if added is None else np.where(missing > 0.0, -self._claimed, added)
-        if drives.viscous_friction is not None:  # the midpoint rule: at half of the step's change of velocity
+        if (
+            drives.viscous_friction is not None
+        ):  # the midpoint rule: at half of the step's change of velocity
             load = load + drives.viscous_friction * v
             added = 0.5 * dt * drives.viscous_friction + (0.0 if added is None else added)
         if self._drive_state.steepness is not None:
@@ -204,7 +216,9 @@ class _Simulation:
             change = dt * stiff * self._mobility[rows]  # of velocity in one step, relative
             # between the midpoint rule, for gentle slopes, and the implicit one, for steep ones: (3
             # + x) / (6 + x) is the weight with which a linear decay is exact, to second order
-            added = (dt * (3.0 + change) / (6.0 + change)) * stiff + (0.0 if added is None else added)
+            added = (dt * (3.0 + change) / (6.0 + change)) * stiff + (
+                0.0 if added is None else added
+            )
         # 3. the legs
         inverse = motion.inverse_mass[rows][..., None]
         if added is None:

@@ -22,7 +22,10 @@ on."""
 
 
 def delivered(curve: Curve, torque: Floats) -> Floats:
-    """Delivered torque for a commanded one >= 0 [Nm]; beyond its last point a curve goes on with its last slope."""
+    """Delivered torque for a commanded one >= 0 [Nm].
+
+    Beyond its last point a curve goes on with its last slope.
+    """
     asked, given = np.array(((0.0, 0.0), *curve)).T
     slope = (given[-1] - given[-2]) / (asked[-1] - asked[-2])
     return np.asarray(np.interp(torque, asked, given) + slope * np.maximum(torque - asked[-1], 0.0))
@@ -32,10 +35,13 @@ def fitted_to(saturation: TorqueSaturation, model: Robot | Path) -> TorqueSatura
     """The saturation in the drives of a log's robot.
 
     Raises:
-        ConfigError: it is a curve, and the log names an MJCF, which does not say to which motors it refers.
+        ConfigError: it is a curve, and the log names an MJCF, which does not say to which motors it
+            refers.
     """
     if saturation.curve and not isinstance(model, Robot):
-        raise ConfigError(f"a saturation given as a curve is one of a robot with a name; the log has {model}")
+        raise ConfigError(
+            f"a saturation given as a curve is one of a robot with a name; the log has {model}"
+        )
     return saturation.fitted(quadruped_of(model))
 
 
@@ -45,15 +51,21 @@ def corners_of(
     """A saturation in pieces: from which torque on each takes [Nm] and what share, shape (blocks, places, pieces)."""
     starts, falls = fitted_to(saturation, model).corners
     names = [[block[place] for place in places[0] if place != "trunk"] for block in places]
-    columns = np.array([[JOINTS.index(name) if name in JOINTS else 0 for name in block] for block in names])
+    columns = np.array(
+        [[JOINTS.index(name) if name in JOINTS else 0 for name in block] for block in names]
+    )
     corners, slopes = (
-        np.asarray(np.broadcast_to(each, falls.shape)[:, columns].transpose(1, 2, 0), dtype=np.float64)
+        np.asarray(
+            np.broadcast_to(each, falls.shape)[:, columns].transpose(1, 2, 0), dtype=np.float64
+        )
         for each in (starts, falls)
     )
     return corners, slopes
 
 
-def with_curve(robot: Robot, before: TorqueSaturation, joints: Sequence[int], curve: Curve) -> TorqueSaturation:
+def with_curve(
+    robot: Robot, before: TorqueSaturation, joints: Sequence[int], curve: Curve
+) -> TorqueSaturation:
     """A saturation with this curve at some joints, indices of `JOINTS`, and what it was at the others."""
     before = before.fitted(robot)
     scale = robot.reduction / robot.reduction[2]
@@ -75,7 +87,9 @@ def as_knee(robot: Robot, saturation: TorqueSaturation) -> TorqueSaturation:
     """A saturation that is given as a curve, by the knee and plateau which that curve has at each joint; else as is."""
     if not saturation.curve:
         return saturation
-    grid = np.linspace(0.0, 1.0, 2001)[1:, None] * robot.torque_limit  # (n, 12): each joint up to its limit
+    grid = (
+        np.linspace(0.0, 1.0, 2001)[1:, None] * robot.torque_limit
+    )  # (n, 12): each joint up to its limit
     given = np.asarray(saturation.fitted(robot).delivered(grid))
     lost = 1.0 - given / grid >= LOSS_AT_KNEE
     knee = np.where(lost.any(axis=0), grid[lost.argmax(axis=0), np.arange(grid.shape[1])], np.inf)

@@ -24,7 +24,14 @@ from saltus.real2sim.problem.joints.drives import Kinks, lost, saturation_loss
 from saltus.real2sim.problem.joints.excitation import LEAST_SAG_S, MOST
 from saltus.real2sim.problem.joints.torque_curve import corners_of
 from saltus.real2sim.problem.jumps.stretch import BASE, Balance, stretch_of
-from saltus.real2sim.problem.log import boxes_of, drive_torque, rates, robot_of, segments_of, torque_limits
+from saltus.real2sim.problem.log import (
+    boxes_of,
+    drive_torque,
+    rates,
+    robot_of,
+    segments_of,
+    torque_limits,
+)
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, LEAST_SIGMA, Candidate, Problem
 from saltus.real2sim.problem.stream_noise import quiet_sigma
 from saltus.recordings.run_log import RunLog
@@ -63,7 +70,8 @@ class JumpProblem(Problem):
     """One robot that jumps, one block "robot".
 
     Args:
-        log: With base "free", `base.csv`, `imu.csv`, commands, and the joints of a quadruped in the order of `JOINTS`.
+        log: With base "free", `base.csv`, `imu.csv`, commands, and the joints of a quadruped in the
+            order of `JOINTS`.
 
     Raises:
         RecordingError: no segment of the log is long enough, or its gyroscope is late.
@@ -103,16 +111,24 @@ class JumpProblem(Problem):
 
     def residuals(self, unknowns: Floats) -> Floats:
         """Whitened residuals, shape (n, 1, m)."""
-        parts = [self._left(unknowns[start : start + SETS, 0]) for start in range(0, len(unknowns), SETS)]
-        whitened = np.concatenate(parts) * self._weight if parts else np.empty((0, len(self.time_s)))
+        parts = [
+            self._left(unknowns[start : start + SETS, 0]) for start in range(0, len(unknowns), SETS)
+        ]
+        whitened = (
+            np.concatenate(parts) * self._weight if parts else np.empty((0, len(self.time_s)))
+        )
         return np.clip(whitened.reshape(len(unknowns), 1, -1), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
 
     def with_saturation(self, corners: Floats, slopes: Floats) -> "JumpProblem":
-        """The problem of a simulator with a saturation in pieces, as `JointProblem` has it; shapes (1, 12, pieces)."""
+        """The problem of a simulator with a saturation in pieces, as `JointProblem` has it.
+
+        Shapes (1, 12, pieces).
+        """
         problem = copy(self)
         shape = (len(LEGS), len(LINKS), 1)
         problem._assumed = tuple(
-            (slopes[0, :, k].reshape(shape), corners[0, :, k].reshape(shape)) for k in range(corners.shape[-1])
+            (slopes[0, :, k].reshape(shape), corners[0, :, k].reshape(shape))
+            for k in range(corners.shape[-1])
         )
         problem._set_candidates(tuple(self.untestable))
         return problem
@@ -120,22 +136,35 @@ class JumpProblem(Problem):
     def holding(self, profile: Profile) -> tuple[Problem, Profile]:
         """See `Problem`: no unknown can represent a measured curve."""
         problem = self
-        for saturation in (effect for effect in profile.actuator if isinstance(effect, TorqueSaturation)):
+        for saturation in (
+            effect for effect in profile.actuator if isinstance(effect, TorqueSaturation)
+        ):
             problem = problem.with_saturation(*corners_of(saturation, self.model, self.places))
-        told = tuple(effect for effect in profile.actuator if not isinstance(effect, TorqueSaturation))
+        told = tuple(
+            effect for effect in profile.actuator if not isinstance(effect, TorqueSaturation)
+        )
         return problem, replace(profile, actuator=told)
 
     def _set_candidates(self, without: Sequence[str]) -> None:
         """Those of the drives for each joint, leg by leg, then those of the trunk."""
-        self._joints = JointCandidates(LINKS, self._limits, self._reach, (LOOP_RATE, *NOT_SHOWN, *without))
-        of_joints = [self._placed(candidate, leg) for leg in range(len(LEGS)) for candidate in self._joints.listed]
+        self._joints = JointCandidates(
+            LINKS, self._limits, self._reach, (LOOP_RATE, *NOT_SHOWN, *without)
+        )
+        of_joints = [
+            self._placed(candidate, leg)
+            for leg in range(len(LEGS))
+            for candidate in self._joints.listed
+        ]
         trunk = trunk_candidates()
         owner = [c.effect for c in trunk for _ in c.unknowns]
         self._trunk = np.flatnonzero([effect not in without for effect in owner])
         self.candidates = (*of_joints, *(c for c in trunk if c.effect not in without))
 
     def _placed(self, candidate: Candidate, leg: int) -> Candidate:
-        """The candidate of a leg's place, at one leg; a saturation states itself beside what is assumed."""
+        """The candidate of a leg's place, at one leg.
+
+        A saturation states itself beside what is assumed.
+        """
         place = LINKS.index(candidate.where)
         placed = replace(candidate, where=f"{LEGS[leg]}_{candidate.where}")
         if candidate.effect != "torque_saturation":
@@ -146,10 +175,16 @@ class JumpProblem(Problem):
     def _left(self, unknowns: Floats) -> Floats:
         """Returns what drives and bodies leave to explain, shape (n, b, 18)."""
         split = len(LEGS) * self._joints.count
-        drives = self._joints.drives(unknowns[:, :split].reshape(len(unknowns), len(LEGS), -1), PHYSICS_DT)
-        strength = self._claims.motor_strength * (1.0 if drives.torque_gain is None else 1.0 + drives.torque_gain)
+        drives = self._joints.drives(
+            unknowns[:, :split].reshape(len(unknowns), len(LEGS), -1), PHYSICS_DT
+        )
+        strength = self._claims.motor_strength * (
+            1.0 if drives.torque_gain is None else 1.0 + drives.torque_gain
+        )
         drives = replace(drives, kinks=self._assumed, torque_gain=np.asarray(strength - 1.0))
-        each = [b.left(s.torque(drives)) for s, b in zip(self._stretches, self._balances, strict=True)]
+        each = [
+            b.left(s.torque(drives)) for s, b in zip(self._stretches, self._balances, strict=True)
+        ]
         left = np.moveaxis(np.concatenate(each), -1, 0)
         return left + np.einsum("np,pbs->nbs", unknowns[:, split:], self._slopes[self._trunk])
 
@@ -157,7 +192,9 @@ class JumpProblem(Problem):
         """Returns what another body changes, shape (b, 18)."""
         mass, *shift, excess = by
         body = claimed_body(
-            payload_kg=self._claims.payload_kg + mass, com_shift=np.array(shift), inertia_scale=1.0 + excess
+            payload_kg=self._claims.payload_kg + mass,
+            com_shift=np.array(shift),
+            inertia_scale=1.0 + excess,
         )
         return np.concatenate([balance.change(body) for balance in self._balances])
 
@@ -182,13 +219,17 @@ class JumpProblem(Problem):
             noise = np.sqrt(2.0) * self._mass() * rate / (stretch.size * PHYSICS_DT)
             variance = np.tile(FLOOR**2 + noise**2, (len(balance.uncertainty), 1))
             variance[:, :BASE] += balance.uncertainty**2
-            tells = np.concatenate([np.tile(balance.is_plain[:, None], BASE), balance.is_air.repeat(len(LINKS), 1)], 1)
+            tells = np.concatenate(
+                [np.tile(balance.is_plain[:, None], BASE), balance.is_air.repeat(len(LINKS), 1)], 1
+            )
             parts.append(tells / np.sqrt(variance))
         return np.concatenate(parts)
 
     def _mass(self) -> Floats:
         """Diagonal of the mass matrix of a robot that stands [kg], [kg m^2], shape (18,)."""
-        stand = np.concatenate([[0.0, 0.0, self.model.stand_height, 1.0, 0.0, 0.0, 0.0], self.model.stand_pose])
+        stand = np.concatenate(
+            [[0.0, 0.0, self.model.stand_height, 1.0, 0.0, 0.0, 0.0], self.model.stand_pose]
+        )
         sped_up = np.concatenate([np.zeros((1, BASE + len(JOINTS))), np.eye(BASE + len(JOINTS))])
         motion = MeasuredMotion(
             position=np.tile(stand, (len(sped_up), 1)), velocity=0.0 * sped_up, acceleration=sped_up
@@ -201,7 +242,9 @@ class JumpProblem(Problem):
         found = {}
         base = self.residuals(self.absent[None, None])
         for effect in dict.fromkeys(candidate.effect for candidate in self.candidates):
-            moved = np.concatenate([_usual(c) if c.effect == effect else c.absent for c in self.candidates])
+            moved = np.concatenate(
+                [_usual(c) if c.effect == effect else c.absent for c in self.candidates]
+            )
             sigma = float(np.linalg.norm(self.residuals(moved[None, None]) - base))
             if sigma < LEAST_SIGMA:
                 found[effect] = f"a usual size of it would move all residuals by {sigma:.1f} sigma"
@@ -220,8 +263,14 @@ def _noise(values: Floats) -> float:
 
 
 def _reach_of(log: RunLog, stand: Floats) -> tuple[Reach, ...]:
-    """How far a log goes at each place of a leg; springs count from the stand pose, so that logs share them."""
-    torque, speed = (np.quantile(np.abs(values), MOST, axis=0) for values in (drive_torque(log), rates(log.joints)))
+    """How far a log goes at each place of a leg.
+
+    Springs count from the stand pose, so that logs share them.
+    """
+    torque, speed = (
+        np.quantile(np.abs(values), MOST, axis=0)
+        for values in (drive_torque(log), rates(log.joints))
+    )
     of_legs = np.stack([speed, torque, stand]).reshape(3, len(LEGS), len(LINKS))
     return tuple(
         Reach(

@@ -12,7 +12,15 @@ from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.effects.body import BodyModel
 from saltus.effects.motor_limits import lag_weights
 from saltus.errors import RecordingError
-from saltus.real2sim.problem.body.windows import JOINTS, POSE, RATES, VELOCITY, Track, angular_velocity, track
+from saltus.real2sim.problem.body.windows import (
+    JOINTS,
+    POSE,
+    RATES,
+    VELOCITY,
+    Track,
+    angular_velocity,
+    track,
+)
 from saltus.real2sim.problem.joints.drives import Drives, DriveState
 from saltus.real2sim.problem.log import gains_in_force
 from saltus.real2sim.problem.problem import Segment
@@ -39,12 +47,15 @@ its foot."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretch:
-    """One segment at n physics steps; blocks of `size` steps begin at step `first`, where the base was measured.
+    """One segment at n physics steps.
+
+    Blocks of `size` steps begin at step `first`, where the base was measured.
 
     Attributes:
         motion: Measured.
         touch: Of the feet.
-        commands: In force at each step: angles, velocities, kp, kd, feed-forward torques; shape (5, n, 4, 3).
+        commands: In force at each step: angles, velocities, kp, kd, feed-forward torques; shape (5,
+            n, 4, 3).
         elapsed: Share of the log that is over, shape (n, 1, 1, 1).
         time_s: Shape (n,).
     """
@@ -87,10 +98,14 @@ class Stretch:
             return drives.sent(stream, fed, instants, 0 * instants, last)
 
         none = np.zeros_like(self.commands[0])
-        q_des, dq_des, kp, kd = (sent(each, none) for each in self.commands[:4])  # a late packet is averaged by fields
+        q_des, dq_des, kp, kd = (
+            sent(each, none) for each in self.commands[:4]
+        )  # a late packet is averaged by fields
         torque = kp * (q_des - angle) + kd * (dq_des - rate) + sent(none, self.commands[4])
         torque = _lagged(torque, drives)
-        torque = replace(drives, actuator_lag=None).delivered(torque, rate, self.elapsed, DriveState())
+        torque = replace(drives, actuator_lag=None).delivered(
+            torque, rate, self.elapsed, DriveState()
+        )
         rate = rate + 0.5 * PHYSICS_DT * change  # what resists does so all through a step
         torque = torque - drives.friction(rate) * np.clip(rate / STILL, -1.0, 1.0)
         if drives.joint_spring is not None:
@@ -108,10 +123,14 @@ def stretch_of(log: RunLog, segment: Segment, robot: MeasuredRobot) -> Stretch |
         return None
     period_s = float(np.median(np.diff(base.time_s)))
     size = max(POLICY_STEPS, round(period_s / PHYSICS_DT))
-    velocity = np.concatenate([now.states[:, VELOCITY], _turning(now), now.states[:, RATES]], axis=1)
+    velocity = np.concatenate(
+        [now.states[:, VELOCITY], _turning(now), now.states[:, RATES]], axis=1
+    )
     position = np.concatenate([now.states[:, POSE], now.states[:, JOINTS]], axis=1)
     motion = MeasuredMotion(
-        position=position[:-1], velocity=velocity[:-1], acceleration=np.diff(velocity, axis=0) / PHYSICS_DT
+        position=position[:-1],
+        velocity=velocity[:-1],
+        acceleration=np.diff(velocity, axis=0) / PHYSICS_DT,
     )
     time_s = now.time_s[:-1]
     near = np.abs((time_s[:size, None] - base.time_s) / PHYSICS_DT).min(axis=1)
@@ -137,7 +156,10 @@ def _turning(now: Track) -> Floats:
     if now.gyro is None:
         raise RecordingError("no imu.csv: how a robot that jumps turns is not known to the instant")
     turning = angular_velocity(now.states[:, POSE][:, 3:])
-    apart = [np.var(now.gyro[k:] - turning[: len(turning) - k], axis=0).sum() for k in range(LATEST_STEPS)]
+    apart = [
+        np.var(now.gyro[k:] - turning[: len(turning) - k], axis=0).sum()
+        for k in range(LATEST_STEPS)
+    ]
     if min(apart) < LATE_SHARE * apart[0]:
         raise RecordingError("the gyroscope is late: jumps need rates of the very instant")
     return now.gyro - np.mean(now.gyro - turning, axis=0)
@@ -158,7 +180,8 @@ class Balance:
     Attributes:
         is_air: Legs that are in the air all through a block, shape (b, 4).
         is_plain: Blocks in which nothing but feet touches the ground, shape (b,).
-        uncertainty: Of force [N] and moment [Nm] on the base, as the ground's change within blocks, shape (b, 6).
+        uncertainty: Of force [N] and moment [Nm] on the base, as the ground's change within blocks,
+            shape (b, 6).
     """
 
     def __init__(self, stretch: Stretch, robot: MeasuredRobot, claimed: BodyModel) -> None:
@@ -173,7 +196,9 @@ class Balance:
         self.is_air = np.all(~stretch.blocks(touch.foot), axis=1) & self.is_plain[:, None]
         lacking = robot.forces(stretch.motion, claimed)
         lacking[:, BASE:] -= stretch.told
-        spread = np.linalg.norm(stretch.blocks(self._pushed(lacking)).std(axis=1).reshape(-1, 2, 3), axis=-1)
+        spread = np.linalg.norm(
+            stretch.blocks(self._pushed(lacking)).std(axis=1).reshape(-1, 2, 3), axis=-1
+        )
         self.uncertainty = UNEVEN * spread.repeat(3, axis=1)
         self._claimed = self._needed(claimed)
 
@@ -211,12 +236,18 @@ def _commands(log: RunLog, time_s: Floats) -> Floats:
 
 
 def _lagged(torque: Floats, drives: Drives) -> Floats:
-    """The torque after the lag of each joint, as the drives' law has it step by step; shape (n, 4, 3, sets)."""
+    """The torque after the lag of each joint, as the drives' law has it step by step.
+
+    Shape (n, 4, 3, sets).
+    """
     if drives.actuator_lag is None:
         return torque
     shape = (len(torque), *np.broadcast_shapes(torque.shape[1:], drives.actuator_lag.shape))
     lagged = np.array(np.broadcast_to(torque, shape))
-    in_mean, at_end = (np.broadcast_to(weight, shape[1:]) for weight in lag_weights(drives.actuator_lag, drives.dt_s))
+    in_mean, at_end = (
+        np.broadcast_to(weight, shape[1:])
+        for weight in lag_weights(drives.actuator_lag, drives.dt_s)
+    )
     for place in zip(*np.nonzero(in_mean), strict=True):
         asked, kept = lagged[(slice(None), *place)].copy(), at_end[place]
         state, _ = lfilter([1.0 - kept], [1.0, -kept], asked[:-1], zi=[kept * asked[0]])

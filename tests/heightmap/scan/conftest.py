@@ -11,7 +11,11 @@ from small_flights import EXACT, SMALL
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.draws import Draws
 from saltus.heightmap.scan.training.flights import Flight, draw_flight
-from saltus.heightmap.scan.training.settings import FlightSettings, NetworkSettings, ScanTrainSettings
+from saltus.heightmap.scan.training.settings import (
+    FlightSettings,
+    NetworkSettings,
+    ScanTrainSettings,
+)
 
 
 @pytest.fixture

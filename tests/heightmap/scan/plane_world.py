@@ -36,7 +36,10 @@ def map_network(path: Path, half_width_m: float = HALF_WIDTH_M) -> Path:
             ("memory", ["batch", len(MEMORY), side, side]), ("numbers", ["batch", len(NUMBERS)]),
         )
     ]  # fmt: skip
-    outputs = [helper.make_tensor_value_info(name, TensorProto.FLOAT, cells) for name in ("height", "half_width")]
+    outputs = [
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, cells)
+        for name in ("height", "half_width")
+    ]
     constants = [
         helper.make_tensor("none", TensorProto.FLOAT, [], [0.0]),
         helper.make_tensor("some", TensorProto.FLOAT, [], [half_width_m]),
@@ -46,11 +49,13 @@ def map_network(path: Path, half_width_m: float = HALF_WIDTH_M) -> Path:
         helper.make_node("Add", ["height", "some"], ["half_width"]),
     ]
     model = helper.make_model(
-        helper.make_graph(nodes, "map", inputs, outputs, constants), opset_imports=[helper.make_opsetid("", 17)]
+        helper.make_graph(nodes, "map", inputs, outputs, constants),
+        opset_imports=[helper.make_opsetid("", 17)],
     )
     model.ir_version = 8
     fields: dict[str, Any] = {
-        "format": FORMAT, "measured": MEASURED, "memory": MEMORY, "numbers": NUMBERS, "map": MapSettings().to_toml(),
+        "format": FORMAT, "measured": MEASURED, "memory": MEMORY, "numbers": NUMBERS,
+        "map": MapSettings().to_toml(),
     }  # fmt: skip
     helper.set_model_props(model, {name: json.dumps(value) for name, value in fields.items()})
     onnx.save(model, path)
@@ -70,7 +75,9 @@ class PlaneWorld:
 
     def position(self, time_ns: int) -> np.ndarray:
         """Of the base [m]."""
-        return np.array([0.0, 0.0, self.height]) + 1e-9 * (time_ns - BEGIN_NS) * np.array(self.velocity)
+        return np.array([0.0, 0.0, self.height]) + 1e-9 * (time_ns - BEGIN_NS) * np.array(
+            self.velocity
+        )
 
     @property
     def quaternion(self) -> np.ndarray:
@@ -79,18 +86,28 @@ class PlaneWorld:
     def state(self, step: int, robot: Any, **changes: Any) -> RobotState:
         """Of a robot that knows nothing of its feet."""
         known = replace(
-            standing_state(robot), step=step, time_ns=BEGIN_NS + step * STEP_NS, leg_trusted=np.zeros(4, np.bool_),
-            quaternion_base_in_world=self.quaternion, velocity_base_in_world=np.array(self.velocity),
+            standing_state(robot), step=step, time_ns=BEGIN_NS + step * STEP_NS,
+            leg_trusted=np.zeros(4, np.bool_),
+            quaternion_base_in_world=self.quaternion,
+            velocity_base_in_world=np.array(self.velocity),
             base_height=self.height,
         )  # fmt: skip
         return replace(known, **changes)
 
-    def frame(self, mount: Mount, time_ns: int, frame_id: int, lens: Intrinsics = LENS) -> DepthFrame:
+    def frame(
+        self, mount: Mount, time_ns: int, frame_id: int, lens: Intrinsics = LENS
+    ) -> DepthFrame:
         """The image of a camera that was taken at a time."""
         base = rotation_matrix(self.quaternion)
-        centre, turn = self.position(time_ns) + base @ np.asarray(mount.position), base @ mount.rotation
+        centre, turn = (
+            self.position(time_ns) + base @ np.asarray(mount.position),
+            base @ mount.rotation,
+        )
         v, u = np.mgrid[: lens.height, : lens.width] + 0.5
-        rays = np.stack([(u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy, np.ones_like(u)], -1) @ turn.T
+        rays = (
+            np.stack([(u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy, np.ones_like(u)], -1)
+            @ turn.T
+        )
         normal = np.array([-self.slope[0], -self.slope[1], 1.0])
         fall = rays @ normal
         with np.errstate(divide="ignore"):

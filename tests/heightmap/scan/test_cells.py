@@ -4,12 +4,21 @@ import numpy as np
 import pytest
 import torch
 
-from saltus.heightmap.scan.cells import centres, moved, places, sampled, sorted_into_cells, window_corner
+from saltus.heightmap.scan.cells import (
+    centres,
+    moved,
+    places,
+    sampled,
+    sorted_into_cells,
+    window_corner,
+)
 from saltus.heightmap.scan.filling import filled
 from saltus.heightmap.scan.settings import MapSettings
 
 SETTINGS = MapSettings(cells=16)
-LIBRARIES = pytest.mark.parametrize("library", [np.asarray, torch.from_numpy], ids=["numpy", "torch"])
+LIBRARIES = pytest.mark.parametrize(
+    "library", [np.asarray, torch.from_numpy], ids=["numpy", "torch"]
+)
 
 
 def cloud(batch=2, n=300, seed=0):

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from saltus.heightmap.scan.elevation import ElevationMap, Measurement, Pose, advanced, is_known, new_map
+from saltus.heightmap.scan.elevation import (
+    ElevationMap,
+    Measurement,
+    Pose,
+    advanced,
+    is_known,
+    new_map,
+)
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.flights import shoot
 
@@ -19,7 +26,9 @@ def flown(fly, draws, settings=SETTINGS, robots=3, **changes):
 
 
 def each(measured, change):
-    return Measurement(*(Pose(*map(change, v)) if isinstance(v, Pose) else change(v) for v in measured))
+    return Measurement(
+        *(Pose(*map(change, v)) if isinstance(v, Pose) else change(v) for v in measured)
+    )
 
 
 def mapped(shots, settings=SETTINGS, like=None):
@@ -36,16 +45,22 @@ def test_numpy_and_torch_make_the_same_map(fly, draws):
     for name in ElevationMap._fields:
         ours, theirs = np.asarray(getattr(one, name)), getattr(other, name)
         different = np.abs(ours - theirs) > 1e-4 * np.maximum(1.0, np.abs(ours))
-        assert different.mean() < 1e-3, name  # a point on the border of two cells may fall into either
+        assert different.mean() < 1e-3, (
+            name
+        )  # a point on the border of two cells may fall into either
 
 
 def test_one_robot_is_as_in_a_batch(fly, draws):
     shots = flown(fly, draws)
     together, _ = mapped(shots)
     for robot in range(3):
-        alone, _ = mapped([each(shot, lambda value, robot=robot: value[robot : robot + 1]) for shot in shots])
+        alone, _ = mapped(
+            [each(shot, lambda value, robot=robot: value[robot : robot + 1]) for shot in shots]
+        )
         for name in ElevationMap._fields:
-            torch.testing.assert_close(getattr(alone, name)[0], getattr(together, name)[robot], rtol=1e-4, atol=1e-5)
+            torch.testing.assert_close(
+                getattr(alone, name)[0], getattr(together, name)[robot], rtol=1e-4, atol=1e-5
+            )
 
 
 def bumpy(x, y):
@@ -63,10 +78,14 @@ def still(offset, n=20_000, seed=0):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("offset", [(0.01, 0.0, 0.0), (0.0, -0.01, 0.0), (0.0, 0.0, 0.01), (0.006, 0.006, -0.01)])
+@pytest.mark.parametrize(
+    "offset", [(0.01, 0.0, 0.0), (0.0, -0.01, 0.0), (0.0, 0.0, 0.01), (0.006, 0.006, -0.01)]
+)
 def test_matching_finds_the_drift_of_the_odometry(offset):
     """A robot that stands, whose odometry jumps: after some images the correction has taken the jump back."""
-    state, _ = mapped([still((0.0, 0.0, 0.0)), *(still(offset, seed=i) for i in range(1, 9))], like=np.zeros(1))
+    state, _ = mapped(
+        [still((0.0, 0.0, 0.0)), *(still(offset, seed=i) for i in range(1, 9))], like=np.zeros(1)
+    )
     assert np.abs(state.correction[0] + offset).max() < 0.003
 
 
@@ -86,7 +105,9 @@ def corrected(shots, sideways_m):
 
 def test_a_steep_cell_says_less_the_less_it_is_known_where_it_was_hit():
     shots = [still((0.0, 0.0, 0.0)), still((0.01, -0.01, 0.0), seed=1)]
-    moved = [np.linalg.norm(corrected(shots, sideways_m)) for sideways_m in (0.0, 0.006, 0.012, 0.05)]
+    moved = [
+        np.linalg.norm(corrected(shots, sideways_m)) for sideways_m in (0.0, 0.006, 0.012, 0.05)
+    ]
     assert sorted(moved, reverse=True) == moved
     assert moved[0] > 1.2 * moved[-1]
     level = [shot._replace(points=shot.points * [1.0, 1.0, 0.0]) for shot in shots]
@@ -99,7 +120,11 @@ def test_standing_feet_take_drift_of_the_height_back():
     shots = [still((0.0, 0.0, 0.0))]
     foot = np.array([[[0.2, 0.1, bumpy(0.2, 0.1)]]])
     drifted = still((0.0, 0.0, 0.02))
-    shots += [drifted._replace(feet=foot, standing=np.ones((1, 1), bool), depth=np.zeros_like(drifted.depth))] * 20
+    shots += [
+        drifted._replace(
+            feet=foot, standing=np.ones((1, 1), bool), depth=np.zeros_like(drifted.depth)
+        )
+    ] * 20
     state, _ = mapped(shots, settings, like=np.zeros(1))
     assert state.correction[0, 2] == pytest.approx(-0.02, abs=0.004)
 
@@ -107,7 +132,9 @@ def test_standing_feet_take_drift_of_the_height_back():
 def test_the_map_follows_the_base_and_forgets_only_what_leaves_it():
     one, _ = mapped([still((0.0, 0.0, 0.0))], like=np.zeros(1))
     away = still((0.0, 0.0, 0.0))
-    away = away._replace(now=away.now._replace(position=np.array([[0.2, 0.0, 0.0]])), depth=np.zeros_like(away.depth))
+    away = away._replace(
+        now=away.now._replace(position=np.array([[0.2, 0.0, 0.0]])), depth=np.zeros_like(away.depth)
+    )
     other, _ = advanced(one, away, SETTINGS)
     by = int((other.corner - one.corner)[0, 0]) * SETTINGS.sub
     assert by == 10

@@ -38,13 +38,17 @@ def test_a_ray_meets_a_step_where_geometry_says(down):
     """A step of 0.3 m at x = 1 m, seen from the origin, 0.5 m high."""
     settings = EXACT
     x = (torch.arange(settings.raster) + 0.5) * settings.raster_m - 0.5 * settings.patch_m
-    height = torch.where(x > 1.0, 0.3, 0.0)[None, :, None].expand(1, -1, settings.raster).contiguous()
+    height = (
+        torch.where(x > 1.0, 0.3, 0.0)[None, :, None].expand(1, -1, settings.raster).contiguous()
+    )
     zero = torch.zeros(1)
     ground = Ground(height, torch.zeros(1, dtype=torch.long), zero, top=zero + 0.3, bottom=zero)
     angle = torch.deg2rad(torch.tensor(down))
     direction = torch.stack((angle.cos(), torch.tensor(0.0), -angle.sin())).view(1, 1, 3)
     origin = torch.tensor([[[0.0, 0.013, 0.5]]])
-    found = first_hits(ground, origin, direction, torch.zeros(1, 1), torch.full((1, 1), 5.0), settings.raster_m, 96)
+    found = first_hits(
+        ground, origin, direction, torch.zeros(1, 1), torch.full((1, 1), 5.0), settings.raster_m, 96
+    )
     level = 0.5 / angle.sin()
     face = 1.0 / angle.cos()
     top = 0.2 / angle.sin()
@@ -54,10 +58,18 @@ def test_a_ray_meets_a_step_where_geometry_says(down):
 
 def test_a_ray_that_meets_nothing_has_no_depth():
     zero = torch.zeros(1)
-    ground = Ground(torch.zeros(1, 64, 64), torch.zeros(1, dtype=torch.long), zero, top=zero, bottom=zero)
+    ground = Ground(
+        torch.zeros(1, 64, 64), torch.zeros(1, dtype=torch.long), zero, top=zero, bottom=zero
+    )
     up = torch.tensor([[[1.0, 0.0, 0.2]]])
     found = first_hits(
-        ground, torch.tensor([[[0.0, 0.0, 0.5]]]), up, torch.zeros(1, 1), torch.full((1, 1), 5.0), 0.1, 16
+        ground,
+        torch.tensor([[[0.0, 0.0, 0.5]]]),
+        up,
+        torch.zeros(1, 1),
+        torch.full((1, 1), 5.0),
+        0.1,
+        16,
     )
     assert float(found) == 0.0
 
@@ -110,5 +122,8 @@ def test_standing_feet_touch_the_ground(fly, family):
     feet, standing = flight.motion.feet, flight.motion.standing
     ground = heights_at(flight.ground.height, feet[..., 0], feet[..., 1], settings.raster_m)
     low = torch.nn.functional.max_pool2d(-flight.ground.height[:, None], 3, 1, 1)[:, 0].neg()
-    assert ((feet[..., 2] - heights_at(low, feet[..., 0], feet[..., 1], settings.raster_m))[standing] > -1e-4).all()
+    assert (
+        (feet[..., 2] - heights_at(low, feet[..., 0], feet[..., 1], settings.raster_m))[standing]
+        > -1e-4
+    ).all()
     assert (ground - feet[..., 2]).abs()[standing].median() < 0.005

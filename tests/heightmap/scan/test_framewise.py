@@ -44,7 +44,13 @@ def test_an_image_of_another_window_is_put_in_its_place():
     shape = (1, SETTINGS.side, SETTINGS.side)
     height = np.arange(SETTINGS.side**2, dtype=float).reshape(shape)
     state = new_map(1, SETTINGS, np.zeros(1))
-    found = kept(state, state.corner + np.array([[1, -2]]), Heights(height, np.full(shape, 0.1)), np.zeros(1), SETTINGS)
+    found = kept(
+        state,
+        state.corner + np.array([[1, -2]]),
+        Heights(height, np.full(shape, 0.1)),
+        np.zeros(1),
+        SETTINGS,
+    )
     by, told = SETTINGS.sub, found.half_width < WIDEST
     np.testing.assert_array_equal(found.height[0, by:, : -2 * by], height[0, :-by, 2 * by :])
     assert told.sum() == (SETTINGS.side - by) * (SETTINGS.side - 2 * by)

@@ -33,7 +33,11 @@ def test_points_on_legs_and_trunk_are_on_the_robot(robot: Robot, seed: int) -> N
 @pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
 def test_ground_beside_the_robot_stays(robot: Robot) -> None:
     capsules = LegShapes(robot).capsules(robot.stand_pose)
-    points = np.random.default_rng(0).uniform(-1.0, 1.0, (4000, 3)) * [1.0, 0.7, 0.0] - [0.0, 0.0, robot.stand_height]
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (4000, 3)) * [1.0, 0.7, 0.0] - [
+        0.0,
+        0.0,
+        robot.stand_height,
+    ]
     along = capsules.end - capsules.start
     away = points[:, None] - capsules.start
     share = (np.sum(away * along, -1) / np.maximum(np.sum(along**2, -1), 1e-12)).clip(0.0, 1.0)
@@ -46,5 +50,12 @@ def test_ground_beside_the_robot_stays(robot: Robot) -> None:
 
 
 def test_a_box_holds_what_is_in_it() -> None:
-    points = np.array([[0.29, 0.0, 0.0], [0.31, 0.0, 0.0], [0.0, -0.19, 0.24], [0.0, 0.0, -0.26]], np.float32)
-    assert BodyBox((0.6, 0.4, 0.5)).holds(points, np.zeros(12)).tolist() == [True, False, True, False]
+    points = np.array(
+        [[0.29, 0.0, 0.0], [0.31, 0.0, 0.0], [0.0, -0.19, 0.24], [0.0, 0.0, -0.26]], np.float32
+    )
+    assert BodyBox((0.6, 0.4, 0.5)).holds(points, np.zeros(12)).tolist() == [
+        True,
+        False,
+        True,
+        False,
+    ]

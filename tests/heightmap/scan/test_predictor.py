@@ -76,7 +76,11 @@ def test_it_knows_nothing_before_an_image_and_after_a_reset(exported, fly, draws
 
 @pytest.mark.parametrize(
     ("field", "value", "said"),
-    [("format", "saltus heights 9", "format"), ("measured", ["known"], "measured"), ("map", "cells = 0", "cells")],
+    [
+        ("format", "saltus heights 9", "format"),
+        ("measured", ["known"], "measured"),
+        ("map", "cells = 0", "cells"),
+    ],
 )
 def test_a_file_that_does_not_fit_is_refused_by_name(exported, field, value, said):
     path = exported[1]

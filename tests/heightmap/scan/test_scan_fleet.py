@@ -23,7 +23,8 @@ WORLD, PREFIX = PlaneWorld(), "robot/0"
 
 def camera(name: str, yaw: float) -> DepthCamera:
     return DepthCamera(
-        name=name, camera_position=(0.25 * float(np.cos(yaw)), 0.0, 0.1), camera_pitch=0.8, camera_roll=0.0,
+        name=name, camera_position=(0.25 * float(np.cos(yaw)), 0.0, 0.1), camera_pitch=0.8,
+        camera_roll=0.0,
         camera_yaw=yaw, image=load_camera("ideal").image,
     )  # fmt: skip
 
@@ -55,7 +56,9 @@ def test_images_of_two_cameras_come_under_their_names_and_a_robot_that_starts_an
             states.put(WORLD.state(step, ROBOT, depth_due=due))
             request = link.take()
             assert request is not None
-            assert [name for name, _, _ in request.images] == (["", "rear"] if step % 2 == 0 and due >= 0 else [])
+            assert [name for name, _, _ in request.images] == (
+                ["", "rear"] if step % 2 == 0 and due >= 0 else []
+            )
             answer = fleet.step({PREFIX: request})[PREFIX]
         return answer.seen_share
 
@@ -65,7 +68,9 @@ def test_images_of_two_cameras_come_under_their_names_and_a_robot_that_starts_an
     fleet.close()
 
 
-@pytest.mark.parametrize("names", [("front", "front", "rear"), ("a", "b/c"), ("front", "rear", "rear")])
+@pytest.mark.parametrize(
+    "names", [("front", "front", "rear"), ("a", "b/c"), ("front", "rear", "rear")]
+)
 def test_cameras_need_names_of_their_own(tmp_path: Path, names: tuple[str, ...]) -> None:
     cameras = [camera(name, 0.0) for name in names]
     if len(set(names[1:])) == len(names[1:]) and not any("/" in name for name in names):

@@ -22,7 +22,8 @@ from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus
 
 DOWN = Mount(position=np.array([0.25, 0.0, 0.1]), pitch=0.8)
 OFF_M = 0.012
-"""Cells of 2 cm on a slope of 0.2 are 4 mm off, depth in whole millimetres 1 mm, filtered heights the rest."""
+"""Cells of 2 cm on a slope of 0.2 are 4 mm off, depth in whole millimetres 1 mm, filtered heights
+the rest."""
 
 
 @pytest.fixture(scope="module")
@@ -32,10 +33,16 @@ def network(tmp_path_factory: pytest.TempPathFactory) -> ScanNetwork:
 
 def rig(*mounts: Mount, grid: HeightGrid = SCAN, **changes: Any) -> ScanRig:
     names = [FIRST, "rear", "left"]
-    return ScanRig(grid=grid, cameras={n: ScanCamera(m) for n, m in zip(names, mounts, strict=False)}, **changes)
+    return ScanRig(
+        grid=grid,
+        cameras={n: ScanCamera(m) for n, m in zip(names, mounts, strict=False)},
+        **changes,
+    )
 
 
-def images(world: PlaneWorld, mounts: dict[str, Mount], step: int, every: int = 2) -> dict[str, DepthFrame]:
+def images(
+    world: PlaneWorld, mounts: dict[str, Mount], step: int, every: int = 2
+) -> dict[str, DepthFrame]:
     """Those that arrive at a step."""
     if step % every or step * STEP_NS < LATENCY_NS:
         return {}
@@ -44,7 +51,12 @@ def images(world: PlaneWorld, mounts: dict[str, Mount], step: int, every: int = 
 
 
 def run(
-    service: ScanService, world: PlaneWorld, mounts: dict[str, Mount], steps: int = 30, first: int = 0, **changes: Any
+    service: ScanService,
+    world: PlaneWorld,
+    mounts: dict[str, Mount],
+    steps: int = 30,
+    first: int = 0,
+    **changes: Any,
 ) -> Iterator[Heightmap]:
     for step in range(first, first + steps):
         state = world.state(step, ROBOT, **changes)
@@ -68,7 +80,8 @@ WORLDS = [
 def test_any_mount_and_any_grid_tell_the_ground(network: ScanNetwork, seed: int) -> None:
     rng = np.random.default_rng(seed)
     mount = Mount(
-        position=rng.uniform(-0.3, 0.3, 3), pitch=rng.uniform(0.6, 1.2), roll=rng.uniform(-math.pi, math.pi),
+        position=rng.uniform(-0.3, 0.3, 3), pitch=rng.uniform(0.6, 1.2),
+        roll=rng.uniform(-math.pi, math.pi),
         yaw=rng.uniform(-math.pi, math.pi),
     )  # fmt: skip
     x, y = (tuple(np.cumsum(rng.uniform(0.03, 0.1, rng.integers(1, 12))) - 0.5) for _ in range(2))
@@ -81,7 +94,9 @@ def test_any_mount_and_any_grid_tell_the_ground(network: ScanNetwork, seed: int)
     assert last.seen_share == pytest.approx(off.size / grid.size)
 
 
-def test_a_grid_that_is_in_view_is_seen_and_its_ages_are_those_of_the_images(network: ScanNetwork) -> None:
+def test_a_grid_that_is_in_view_is_seen_and_its_ages_are_those_of_the_images(
+    network: ScanNetwork,
+) -> None:
     world, grid = WORLDS[1], HeightGrid(x=(0.5, 0.6, 0.7), y=(-0.1, 0.0, 0.1))
     *_, last = run(ScanService(network, rig(DOWN, grid=grid)), world, {FIRST: DOWN})
     assert last.seen_share == 1.0
@@ -91,7 +106,9 @@ def test_a_grid_that_is_in_view_is_seen_and_its_ages_are_those_of_the_images(net
 
 @pytest.mark.parametrize("name", DIALECTS)
 @pytest.mark.parametrize("grid", [SCAN, LINE, HeightGrid(x=(-0.3, 0.1, 0.8), y=(-0.4, 0.0))])
-def test_an_observation_is_the_dialects_own_arithmetic(network: ScanNetwork, name: str, grid: HeightGrid) -> None:
+def test_an_observation_is_the_dialects_own_arithmetic(
+    network: ScanNetwork, name: str, grid: HeightGrid
+) -> None:
     service = ScanService(network, rig(DOWN, grid=grid, dialect=name, spoken=DIALECTS[name]))
     *_, last = run(service, WORLDS[2], {FIRST: DOWN}, 12)
     assert last.dialect == name
@@ -108,14 +125,20 @@ def test_empty_images_are_not_used_and_say_so(network: ScanNetwork) -> None:
     for step in range(30, 40):
         state = WORLDS[0].state(step, ROBOT)
         frames = images(WORLDS[0], {FIRST: DOWN}, step)
-        empty = {name: replace(frame, depth=np.zeros_like(frame.depth)) for name, frame in frames.items()}
+        empty = {
+            name: replace(frame, depth=np.zeros_like(frame.depth)) for name, frame in frames.items()
+        }
         blind = service.step(state, empty, state.time_ns)
     assert blind.status == HeightmapStatus.INVALID
-    np.testing.assert_allclose(blind.height, good.height, atol=1e-9)  # it stands still: what was known holds on
+    np.testing.assert_allclose(
+        blind.height, good.height, atol=1e-9
+    )  # it stands still: what was known holds on
 
 
 @pytest.mark.parametrize("late_s", [0.18, 1.0, -0.1])
-def test_images_too_late_or_from_the_future_are_not_used(network: ScanNetwork, late_s: float) -> None:
+def test_images_too_late_or_from_the_future_are_not_used(
+    network: ScanNetwork, late_s: float
+) -> None:
     service = ScanService(network, rig(DOWN))
     for step in range(30):
         state = WORLDS[0].state(step, ROBOT)
@@ -136,7 +159,9 @@ def test_images_that_end_are_told(network: ScanNetwork) -> None:
 
 
 @pytest.mark.parametrize("jump", [(5.0, 0.0, 0.0), (0.0, -0.4, 0.3), (300.0, -200.0, 10.0)])
-def test_positions_that_jump_leave_the_ground_where_it_is(network: ScanNetwork, jump: tuple[float, ...]) -> None:
+def test_positions_that_jump_leave_the_ground_where_it_is(
+    network: ScanNetwork, jump: tuple[float, ...]
+) -> None:
     world, heights = WORLDS[1], []
     for moved in (np.zeros(3), np.array(jump)):
         service = ScanService(network, rig(DOWN))
@@ -158,8 +183,13 @@ def test_an_attitude_that_jumps_empties_the_map(network: ScanNetwork) -> None:
     assert after.status == HeightmapStatus.WARMING
 
 
-def test_cameras_beside_each_other_see_more_and_one_that_is_lost_is_told(network: ScanNetwork) -> None:
-    mounts = {FIRST: DOWN, "rear": Mount(position=np.array([-0.25, 0.0, 0.1]), pitch=0.8, yaw=math.pi)}
+def test_cameras_beside_each_other_see_more_and_one_that_is_lost_is_told(
+    network: ScanNetwork,
+) -> None:
+    mounts = {
+        FIRST: DOWN,
+        "rear": Mount(position=np.array([-0.25, 0.0, 0.1]), pitch=0.8, yaw=math.pi),
+    }
     world, shares = WORLDS[0], []
     for names in ([FIRST], [FIRST, "rear"]):
         some = {name: mounts[name] for name in names}
@@ -181,7 +211,12 @@ def test_feet_that_stand_tell_the_ground_of_a_robot_without_images(network: Scan
     grid = HeightGrid(x=(0.0,), y=(-0.2, 0.2))
     told = []
     for standing in (np.zeros((0, 3)), feet):
-        *_, last = run(ScanService(network, rig(ahead, grid=grid)), world, {FIRST: ahead}, standing_feet=standing)
+        *_, last = run(
+            ScanService(network, rig(ahead, grid=grid)),
+            world,
+            {FIRST: ahead},
+            standing_feet=standing,
+        )
         told.append(last.height)
         assert np.isfinite(last.height).all()
     np.testing.assert_allclose(told[1], -0.3, atol=0.01)
@@ -208,7 +243,9 @@ class Patient:
         done.set_result(work())
 
 
-def test_states_are_answered_while_an_image_is_looked_at_and_the_newest_one_is_next(network: ScanNetwork) -> None:
+def test_states_are_answered_while_an_image_is_looked_at_and_the_newest_one_is_next(
+    network: ScanNetwork,
+) -> None:
     patient = Patient()
     service = ScanService(network, rig(DOWN), worker=patient)
     answers = list(run(service, WORLDS[0], {FIRST: DOWN}, 20))

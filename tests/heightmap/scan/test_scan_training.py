@@ -14,11 +14,20 @@ from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS, Heights
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.card import card, read_results
 from saltus.heightmap.scan.training.draws import Draws
-from saltus.heightmap.scan.training.evaluation import evaluate, table_of, usual_flights, write_results
+from saltus.heightmap.scan.training.evaluation import (
+    evaluate,
+    table_of,
+    usual_flights,
+    write_results,
+)
 from saltus.heightmap.scan.training.export import export, read_weights
 from saltus.heightmap.scan.training.flights import draw_flight
 from saltus.heightmap.scan.training.model import ScanModel, loss, parameters
-from saltus.heightmap.scan.training.settings import FlightSettings, NetworkSettings, ScanTrainSettings
+from saltus.heightmap.scan.training.settings import (
+    FlightSettings,
+    NetworkSettings,
+    ScanTrainSettings,
+)
 from saltus.heightmap.scan.training.train import Calls, Trainer, example, load_model, train
 
 CPU = torch.device("cpu")
@@ -93,7 +102,11 @@ def test_the_file_tells_what_the_network_tells(small, tmp_path, changes):
         np.testing.assert_allclose(found, wanted, atol=3e-5)
     metadata = {k: json.loads(v) for k, v in session.get_modelmeta().custom_metadata_map.items()}
     assert MapSettings.from_toml(metadata["map"]) == settings.map
-    assert [metadata[name] for name in ("measured", "memory", "numbers")] == [[*MEASURED], [*MEMORY], [*NUMBERS]]
+    assert [metadata[name] for name in ("measured", "memory", "numbers")] == [
+        [*MEASURED],
+        [*MEMORY],
+        [*NUMBERS],
+    ]
 
 
 def test_a_larger_network_begins_as_the_one_it_starts_with(small, tmp_path):
@@ -104,7 +117,9 @@ def test_a_larger_network_begins_as_the_one_it_starts_with(small, tmp_path):
     draws = Draws(1, CPU)
     flight = draw_flight(3, small.flight, draws)
     calls = Calls.of(model, compiled=False)
-    _, inputs, _, _ = example(flight, new_map(3, small.map, flight.ground.height), small, draws, calls)
+    _, inputs, _, _ = example(
+        flight, new_map(3, small.map, flight.ground.height), small, draws, calls
+    )
     with torch.no_grad():
         one, other = model(*inputs), begun(*inputs)
     assert (one[0] - other[0]).abs().median() < 0.001
@@ -115,7 +130,9 @@ def test_a_larger_network_begins_as_the_one_it_starts_with(small, tmp_path):
 def test_every_network_learns(small, tmp_path, changes):
     settings = replace(small, network=replace(small.network, **changes))
     losses = []
-    train(settings, tmp_path, updates=60, device=CPU, progress=lambda found: losses.append(found.loss))
+    train(
+        settings, tmp_path, updates=60, device=CPU, progress=lambda found: losses.append(found.loss)
+    )
     assert np.mean(losses[-4:]) < np.mean(losses[:4])
 
 
@@ -124,7 +141,9 @@ def test_a_new_network_tells_nearly_the_map(small):
     draws = Draws(2, CPU)
     flight = draw_flight(3, small.flight, draws)
     calls = Calls.of(ScanModel(small.network, small.map), compiled=False)
-    _, inputs, _, _ = example(flight, new_map(3, small.map, flight.ground.height), small, draws, calls)
+    _, inputs, _, _ = example(
+        flight, new_map(3, small.map, flight.ground.height), small, draws, calls
+    )
     torch.manual_seed(0)
     height, half_width = ScanModel(small.network, small.map)(*inputs)
     assert height.abs().median() < 0.02
@@ -157,7 +176,10 @@ def test_every_method_is_scored_on_every_group(small, tmp_path, frame):
     methods = {method for _, method, _ in every}
     assert {"flat", "network", "map 2 cm", "map 2 cm, drift, feet"} <= methods
     for method in methods:
-        mine = {group: every["scan", method, group] for group in ("all", "seen", "visible", "remembered", "never")}
+        mine = {
+            group: every["scan", method, group]
+            for group in ("all", "seen", "visible", "remembered", "never")
+        }
         assert mine["seen"].points + mine["never"].points == mine["all"].points
         assert mine["visible"].points + mine["remembered"].points == mine["seen"].points
     assert "usual" in table_of(scores)
@@ -172,7 +194,9 @@ def test_a_network_that_sees_single_images_has_no_memory():
         NetworkSettings(frame=True)
 
 
-@pytest.mark.parametrize("changes", [{"families": ("flat", "stair")}, {"families": ()}, {"rows": 0}, {"feet": 2.0}])
+@pytest.mark.parametrize(
+    "changes", [{"families": ("flat", "stair")}, {"families": ()}, {"rows": 0}, {"feet": 2.0}]
+)
 def test_settings_that_cannot_be_are_refused(changes):
     with pytest.raises(ConfigError, match=next(iter(changes))):
         FlightSettings(**changes)

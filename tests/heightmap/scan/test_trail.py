@@ -21,7 +21,9 @@ def test_at_a_constant_velocity_any_time_has_its_place(
 ) -> None:
     world, trail = PlaneWorld(velocity=velocity), Trail()
     for step in range(100):
-        at = {"position_base_in_odometry": world.position(BEGIN_NS + step * STEP_NS)} if told else {}
+        at = (
+            {"position_base_in_odometry": world.position(BEGIN_NS + step * STEP_NS)} if told else {}
+        )
         assert not trail.add(world.state(step, ROBOT, **at))
     time_ns = trail.now.time_ns - back
     found = trail.at(time_ns)
@@ -40,7 +42,10 @@ def test_at_a_constant_rate_of_turn_any_time_has_its_attitude(rate: float, back:
 
     for step in range(50):
         attitude = turned(BEGIN_NS + step * STEP_NS)
-        rates = {"quaternion_base_in_world": attitude, "angular_velocity_base": np.array([0.0, 0.0, rate])}
+        rates = {
+            "quaternion_base_in_world": attitude,
+            "angular_velocity_base": np.array([0.0, 0.0, rate]),
+        }
         assert not trail.add(WORLD.state(step, ROBOT, **rates))
     time_ns = trail.now.time_ns - back
     found = trail.at(time_ns)
@@ -48,7 +53,9 @@ def test_at_a_constant_rate_of_turn_any_time_has_its_attitude(rate: float, back:
     np.testing.assert_allclose(found.rotation, rotation_matrix(turned(time_ns)), atol=1e-6)
 
 
-@given(jump=st.tuples(*[st.floats(-50.0, 50.0)] * 3).filter(lambda j: np.linalg.norm(j) > 2.0 * JUMP_M))
+@given(
+    jump=st.tuples(*[st.floats(-50.0, 50.0)] * 3).filter(lambda j: np.linalg.norm(j) > 2.0 * JUMP_M)
+)
 @settings(max_examples=30, deadline=None)
 def test_a_position_that_jumps_moves_nothing(jump: tuple[float, float, float]) -> None:
     world, ways = PlaneWorld(velocity=(0.4, -0.2, 0.0)), []

@@ -1,8 +1,8 @@
 """Loaded by every process of a command that test_required_packages starts: notes calls of functions of packages.
 
-NOTED names functions as {module: attribute}. The first call of each that returns writes a file into the folder NOTES,
-named after the module, with the innermost file of the project that called it. After that of the module LAST the process
-ends, as the rest of its command shows nothing more.
+NOTED names functions as {module: attribute}. The first call of each that returns writes a file into
+the folder NOTES, named after the module, with the innermost file of the project that called it.
+After that of the module LAST the process ends, as the rest of its command shows nothing more.
 """
 
 import json

@@ -12,7 +12,9 @@ from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 
 
-@pytest.mark.parametrize("terrain", [make_terrain(TerrainConfig()), random_terrain(0), random_terrain(1)])
+@pytest.mark.parametrize(
+    "terrain", [make_terrain(TerrainConfig()), random_terrain(0), random_terrain(1)]
+)
 def test_the_tree_of_a_terrain_is_the_one_the_engine_makes_of_it(terrain: Terrain) -> None:
     model: mujoco.MjModel = scene.build_spec(ROBOT, terrain).compile()
     bounds = tree_bounds(model, TerrainStack([terrain]).boxes(len(terrain.boxes)))[0]

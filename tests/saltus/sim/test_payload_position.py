@@ -19,8 +19,12 @@ STILL = np.zeros(18)
 
 
 def forces(position: np.ndarray, mass: float, acceleration: np.ndarray = STILL) -> np.ndarray:
-    motion = MeasuredMotion(position=IN_THE_AIR[None], velocity=STILL[None], acceleration=acceleration[None])
-    return MeasuredRobot(ROBOT, ON_NOTHING, position).forces(motion, claimed_body(payload_kg=mass))[0]
+    motion = MeasuredMotion(
+        position=IN_THE_AIR[None], velocity=STILL[None], acceleration=acceleration[None]
+    )
+    return MeasuredRobot(ROBOT, ON_NOTHING, position).forces(motion, claimed_body(payload_kg=mass))[
+        0
+    ]
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -30,7 +34,9 @@ def test_payload_pulls_at_its_place(seed: int) -> None:
     more = forces(position, mass) - forces(position, 0.0)
     weight = np.array([0.0, 0.0, mass * GRAVITY])
     np.testing.assert_allclose(more[:3], weight, atol=1e-9)
-    np.testing.assert_allclose(more[3:6], np.cross(position, weight @ rotation_matrix(TURN)), atol=1e-9)
+    np.testing.assert_allclose(
+        more[3:6], np.cross(position, weight @ rotation_matrix(TURN)), atol=1e-9
+    )
     np.testing.assert_allclose(more[6:], 0.0, atol=1e-9)
 
 
@@ -38,7 +44,11 @@ def test_payload_pulls_at_its_place(seed: int) -> None:
 def test_simulated_payload_falls_as_a_moved_one_does(seed: int) -> None:
     """A robot that falls needs no force at its base and no torque that nobody gave."""
     rng = np.random.default_rng(seed)
-    position, mass, torque = rng.uniform(-0.2, 0.2, 3), rng.uniform(0.1, 3.0), rng.normal(0.0, 2.0, 12)
+    position, mass, torque = (
+        rng.uniform(-0.2, 0.2, 3),
+        rng.uniform(0.1, 3.0),
+        rng.normal(0.0, 2.0, 12),
+    )
     robots = FreeRobots(ROBOT, 1, ON_NOTHING)
     robots.set_payload_position(position)
     robots.set_bodies(claimed_body((1,), payload_kg=mass))

@@ -12,13 +12,17 @@ from saltus.sim.warp import WarpEngine
 from saltus.terrain.boxes import Boxes
 
 COUNT, BOXES = 3, 1
-GROUND = Boxes(center=torch.tensor([0.0, 0.0, -1.0]).expand(COUNT, 1, 3), half_size=torch.ones(COUNT, 1, 3))
+GROUND = Boxes(
+    center=torch.tensor([0.0, 0.0, -1.0]).expand(COUNT, 1, 3), half_size=torch.ones(COUNT, 1, 3)
+)
 FRICTION, DAMPING, ARMATURE = 0.4, 0.3, 0.01
 
 
 @pytest.fixture(scope="module")
 def engines() -> tuple[Engine, Engine]:
-    return BatchEngine(ROBOT, COUNT, BOXES, threads=1), WarpEngine(ROBOT, COUNT, BOXES, device="cpu")
+    return BatchEngine(ROBOT, COUNT, BOXES, threads=1), WarpEngine(
+        ROBOT, COUNT, BOXES, device="cpu"
+    )
 
 
 def put_in_the_air(engine: Engine) -> None:
@@ -63,12 +67,17 @@ def test_friction_and_inertia_are_those_of_each_robot(engines: tuple[Engine, Eng
         np.testing.assert_allclose(braked[:-1], free[:-1], atol=1e-5)
         assert np.abs(braked[-1]).mean() < np.abs(free[-1]).mean()
         engine.set_joints(none, none, 1e3 * only_last)  # so heavy that nothing turns it any more
-        assert np.abs(joint_speeds(engine, 3)[-1] - np.linspace(-3.0, 3.0, COUNT * 12)[-12:]).max() < 0.05
+        assert (
+            np.abs(joint_speeds(engine, 3)[-1] - np.linspace(-3.0, 3.0, COUNT * 12)[-12:]).max()
+            < 0.05
+        )
         engine.set_joints(none, none, none)
         np.testing.assert_array_equal(joint_speeds(engine, 3), free)
 
 
-def test_joints_without_more_have_the_inertia_of_their_rotors(engines: tuple[Engine, Engine]) -> None:
+def test_joints_without_more_have_the_inertia_of_their_rotors(
+    engines: tuple[Engine, Engine],
+) -> None:
     exact, _ = engines
     assert isinstance(exact, BatchEngine)
     model = exact.model
