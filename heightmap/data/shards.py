@@ -75,7 +75,7 @@ class ShardRecord:
         """
         own = self.camera.latency_s
         known = NOMINAL_LATENCY if own is None else CameraLatency(latency=own)
-        return CameraLatency(**self.config.get("latency", vars(known)))
+        return CameraLatency(**self.config.get("latency", asdict(known)))
 
 
 class ShardWriter:

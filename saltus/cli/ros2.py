@@ -65,7 +65,7 @@ class Ros2(EndpointOption):
     joints: str = "/joint_states"
     """Taken with --take: sensor_msgs/JointState.
 
-    None, for heights of any grid, of a robot with other legs.
+    `none` for heights of any grid, of a robot with other legs.
     """
     imu: str = "/imu/data"
     """Taken with --take: sensor_msgs/Imu in the frame of the trunk."""

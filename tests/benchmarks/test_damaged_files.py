@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks import _damage
 from benchmarks.damaged_files import Benchmark, outcome_of
-from saltus import archive
+from saltus import files
 from saltus.config import RunConfig, from_toml
 from saltus.errors import ConfigError, SaltusError
 from saltus.files import check_archive
@@ -119,6 +119,6 @@ def test_archives_that_unpack_to_too_much_or_are_damaged_are_refused(
     path.write_bytes(data[:500] + bytes([data[500] ^ 1]) + data[501:])
     with pytest.raises(ValueError, match="'data' in it is damaged"):
         check_archive(path, checksums=True)
-    monkeypatch.setattr(archive, "ARCHIVE_MAX", 999)
+    monkeypatch.setattr(files, "ARCHIVE_MAX", 999)
     with pytest.raises(ValueError, match="unpacks to 1000 bytes"):
         check_archive(path)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -59,9 +59,7 @@ def drawn_moments(seed: int) -> list[Moment]:
         joints = stands.joint_position + 0.1 * rng.normal(size=(ROBOTS, 12))
         together = {
             name: np.stack([getattr(stands, name)] * ROBOTS)
-            for name in vars(stands)
-            if name
-            not in ("time_ns", "step", "joint_position", "joint_torque", "mode", "depth_due")
+            for name in {each.name for each in fields(RobotStates)} - {"step", "joint_position"}
         }
         valid = rng.uniform(size=(ROBOTS, 48, 16)) < rng.choice([0.1, 0.9], (ROBOTS, 1, 1))
         moments.append(

@@ -59,7 +59,7 @@ int main(int count, char **arguments) {
       return 2;
     while (wanted > 0 && dds_take(map_in, samples, infos, 1, 1) > 0) {
       T(grid_map_msgs, GridMap) *map = samples[0];
-      if (infos[0].valid_data && map->layers._length == 2 && map->data._length == 2) {
+      if (infos[0].valid_data && map->layers._length == 3 && map->data._length == 3) {
         printf("%s %s %s", map->header.frame_id, map->layers._buffer[0], map->layers._buffer[1]);
         for (uint32_t layer = 0; layer < 2; layer++)
           for (uint32_t i = 0; i < map->data._buffer[layer].data._length; i++)

@@ -125,7 +125,7 @@ def test_another_program_reads_heights_depth_and_state_of_a_run(
     )
     grid = read["/saltus/elevation_map_raw"]
     assert (grid["layers"], grid["basic_layers"], grid["header"]["frame_id"]) == (
-        ["elevation", "variance"], ["elevation"], "base_yaw",
+        ["elevation", "variance", "half_width"], ["elevation"], "base_yaw",
     )  # fmt: skip
     np.testing.assert_allclose(grid["data"][0]["data"][:30], heightmap.height[::-1], rtol=1e-6)
     np.testing.assert_allclose(

@@ -113,7 +113,7 @@ def test_an_observation_is_the_dialects_own_arithmetic(
     *_, last = run(service, WORLDS[2], {FIRST: DOWN}, 12)
     assert last.dialect == name
     dialect, table = DIALECTS[name], -last.height.reshape(grid.shape) - DIALECTS[name].offset_m
-    rows = table.T if dialect.slow == "y" else table
+    rows = table.T if dialect.outer_axis == "y" else table
     expected = np.clip(rows.ravel(), -dialect.clip_m, dialect.clip_m) * dialect.scale
     np.testing.assert_allclose(last.observation, expected, rtol=0.0, atol=1e-12)
 
