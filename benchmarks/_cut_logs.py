@@ -1,8 +1,7 @@
 """Ten logs that are cut: joints, body, camera and jumps, without effects and with one.
 
 The cut is what a full disk or an empty battery leaves: all rows up to a moment, and a meta.json
-    that knows nothing of
-it.
+that knows nothing of it.
 """
 
 import json

@@ -1,10 +1,9 @@
 """Verdicts of `find` on logs of robots that jump, each with one effect on all joints, and on the same without it.
 
 Of each log, a run without the effect comes first: what `find` says it could have told there, times
-    1 to 3 as the seed
-has it, is the size that is hidden. Of latency that is 10 ms at least, the tick in which images
-arrive, and of pitch 1 mrad: `find` leaves out pixels at edges, which promise more. Logs go on where
-they were left when --out names a folder that was begun before.
+1 to 3 as the seed has it, is the size that is hidden. Of latency that is 10 ms at least, the tick
+in which images arrive, and of pitch 1 mrad: `find` leaves out pixels at edges, which promise more.
+Logs go on where they were left when --out names a folder that was begun before.
 
     saltus bench jumping_logs -- --first-seed 100 --out runs/jumps
 """

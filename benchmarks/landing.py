@@ -1,8 +1,7 @@
 """Robots at full speed lose their planner, at every phase of the gait: how many come to a stand.
 
 Without processes and clocks: the control loop, the plant and a planner on true heights with each
-    trial's shift. "stop":
-heightmaps end, and the planner says STOP. "silence": plans end.
+trial's shift. "stop": heightmaps end, and the planner says STOP. "silence": plans end.
 
     saltus bench landing -- --terrain stairs --planner scripted
     saltus bench landing -- --terrain stairs --rise-m 0.2 --run-s 0.6 --until-s 2.4 --trials 24 --seed 5000

@@ -1,8 +1,8 @@
 """How often the scripted planner succeeds on each terrain, and how long a plan takes.
 
 Every row is `saltus policy eval` on one terrain: profile go1 (torque saturation, torque-speed
-    limit, 10 ms feed-forward
-delay), trial randomisation on, true heights with each trial's shift unless the row says "exact".
+limit, 10 ms feed-forward delay), trial randomisation on, true heights with each trial's shift
+unless the row says "exact".
 
     OMP_NUM_THREADS=1 saltus bench planner -- --trials 20 --seed 20000
 """

@@ -206,7 +206,7 @@ def with_age_held(model: HeightmapModel, latency_s: float) -> HeightmapModel:
     """A network that takes every image to be `latency_s` old when it comes, and a tick older at the tick after that.
 
     Where this is so, as in its training, outputs do not change: the age then follows from whether
-        the image is new.
+    the image is new.
     """
     held = copy.deepcopy(model)
     weight, bias = (held.gru.get_parameter(f"{name}_ih_l0") for name in ("weight", "bias"))

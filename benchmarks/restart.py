@@ -1,9 +1,8 @@
 """How long a network that has lost its hidden state in mid-run is worse than one that has kept it.
 
 Each episode that is long enough runs twice, images late, with jitter and losses, as in training: as
-    it is, and with the
-hidden state emptied in its middle. The mean error over all 30 points of the first, and by how much
-more the second errs in the 0.1 s that follow some times after the loss.
+it is, and with the hidden state emptied in its middle. The mean error over all 30 points of the
+first, and by how much more the second errs in the 0.1 s that follow some times after the loss.
 
     saltus heightmap collect gpu --device cpu --episodes 128 --seed 4711 --out runs/unseen
     saltus bench restart -- runs/unseen models/heightmap.onnx

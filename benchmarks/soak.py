@@ -1,7 +1,7 @@
 """Hours of the stack, or of one heightmap service of several robots, under random faults: what grows, what ages.
 
 stack: camera, service and planner are killed, and images are held up. fleet: images are lost, and
-    robots start anew.
+robots start anew.
 
     saltus bench soak -- --hours 1 --out runs/soak.jsonl
     saltus bench soak -- --what fleet --hours 1 --speed 0.25 --out runs/soak.jsonl

@@ -1,9 +1,9 @@
 """How a training of the motion policy went: the last row of the table that it writes, and a picture of all.
 
 A panel for each kind of terrain: the share of episodes that came to the end of the course,
-    exploring; the mean level of
-the courses; speed. Marks: what the deployed stack did with the policy of that moment, where the
-training was evaluated with it, filled for its share of successes, hollow for its speed.
+exploring; the mean level of the courses; speed. Marks: what the deployed stack did with the policy
+of that moment, where the training was evaluated with it, filled for its share of successes, hollow
+for its speed.
 
     saltus bench training_curve -- runs/policy --picture training.png
 """

@@ -1,10 +1,9 @@
 """The bounding gait: four contact modes driven by one phase.
 
 In cycles since the start, modulo 1: front legs stand in [0.95, 1) and [0, 0.35), flight, rear legs
-    stand in
-[0.40, 0.80), flight. A leg that has had no stance yet counts as standing, so a robot that starts on
-the ground begins with all four feet on it. Source: paper ("bounding gait with 4 contact modes"),
-original (offsets and ratio).
+stand in [0.40, 0.80), flight. A leg that has had no stance yet counts as standing, so a robot that
+starts on the ground begins with all four feet on it. Source: paper ("bounding gait with 4 contact
+modes"), original (offsets and ratio).
 """
 
 from dataclasses import dataclass

@@ -252,8 +252,8 @@ class LegController:
         """All legs are springs that reach for the ground at the capture point, in whatever order they touch it.
 
         Forces cannot be planned here: feet come down when the schedule does not say so. It still
-            tells the estimator
-        which feet to trust. The plan's foot residual is added, so that legs can follow a slope.
+        tells the estimator which feet to trust. The plan's foot residual is added, so that legs can
+        follow a slope.
         """
         xp = namespace(body.roll)
         config = self.config
@@ -344,7 +344,7 @@ class LegController:
         """Joint angles to stand on the slope that the feet give, shape (..., 12).
 
         The base is over the middle of the feet and pitched by half the slope: a trunk that is
-            parallel to stairs of
+        parallel to stairs of
         0.20 m has its weight behind the rear feet, and for a level one the rear legs are too short.
         """
         xp = namespace(body.roll)

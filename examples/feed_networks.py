@@ -4,7 +4,7 @@
     python examples/feed_networks.py models/heightmap.onnx models/policy.onnx
 
 Here the robot stands still on level ground, and its camera sees just that: put your own readings in
-    their place.
+their place.
 """
 
 import argparse

@@ -6,8 +6,8 @@
     python examples/own_robot.py runs/mine/client.json5
 
 Here the robot stands still on level ground, and its camera sees just that: put your own readings in
-    their place.
-Payloads are CDR of the ROS 2 messages below, times those of this computer's monotonic clock [ns].
+their place. Payloads are CDR of the ROS 2 messages below, times those of this computer's monotonic
+clock [ns].
 """
 
 import argparse

@@ -165,7 +165,7 @@ def made_before(row: Row, folder: Path) -> dict[str, Any] | None:
     """Reads what `make` has written; None where it has not, or of other models than the shipped ones.
 
     Also for an ablation: its picture shows other systems, of which more may have been trained
-        since.
+    since.
 
     Raises:
         SaltusError: the file holds something else.

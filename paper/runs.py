@@ -1,7 +1,7 @@
 """Trials of the deployed system in one process: what rows about motion are measured on.
 
 Robots see as deployed: the shipped predictor on late images of a D435i with its errors. All of it
-    is simulation.
+is simulation.
 """
 
 from collections.abc import Callable, Sequence

@@ -27,14 +27,13 @@ class ActionBounds:
     """Lowest and highest value of each entry of `ACTIONS`.
 
     Wider than the original where its own range held back high steps: its configuration names
-        residuals of +-0.3 m and
-    more lift for them, and a first training spent 17 % of the time at +-6 rad/s.
+    residuals of +-0.3 m and more lift for them, and a first training spent 17 % of the time at +-6
+    rad/s.
 
     The nominal swing stays at the height of the feet in stance, so the lift is all that brings a
-        foot onto a step: at
-    most 0.5 m, no sole comes higher than 0.48 m, where a step of 0.75 m asks for 0.80 m. On stairs
-    of 0.25 m front feet land two treads above the rear feet in stance, and rear feet one or two
-    below the front feet in stance.
+    foot onto a step: at most 0.5 m, no sole comes higher than 0.48 m, where a step of 0.75 m asks
+    for 0.80 m. On stairs of 0.25 m front feet land two treads above the rear feet in stance, and
+    rear feet one or two below the front feet in stance.
     """
 
     low: tuple[float, ...] = (0.5, -3.0, -3.0, -8.0, -0.3, -0.07, -0.4, -0.3, -0.07, -0.4)

@@ -1,13 +1,11 @@
 """Features, which the learned policy sees: one vector, in SI units, made from an observation and a heightmap.
 
 Everything in it is known to a robot without its position: attitude from the IMU, velocity and
-    height from the
-estimator, feet from the joints, the gait's schedule, and terrain heights. Scaling belongs to the
-network.
+height from the estimator, feet from the joints, the gait's schedule, and terrain heights. Scaling
+belongs to the network.
 
 A policy may also recall instants of the past, from which it can tell late commands, slippery ground
-    or soft soles: what
-its proprioception said then, and the plan that it made.
+or soft soles: what its proprioception said then, and the plan that it made.
 """
 
 from saltus.arrays import Array, namespace

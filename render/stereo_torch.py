@@ -3,7 +3,7 @@
 All else of it is one law with numpy.
 
 On a GPU no step waits for a value: shapes and the number of operations depend on the size of the
-    images only.
+images only.
 """
 
 from dataclasses import dataclass
@@ -17,8 +17,7 @@ class KorniaWindows:
     """`saltus.render.stereo.windows.Morphology` for images of three dimensions.
 
     Only extremes come from kornia: its moving averages (`box_blur`), which are convolutions on a
-        CPU, take 8 to 49
-    times as long there as sums over windows of 1, 2, 4, ... samples.
+    CPU, take 8 to 49 times as long there as sums over windows of 1, 2, 4, ... samples.
     """
 
     def any_around(self, mask: torch.Tensor, rows: int, columns: int) -> torch.Tensor:

@@ -109,8 +109,7 @@ class DepthCamera(Value):
         """Reads what `to_toml` writes, or a part of it: what is not named is as in d435i.
 
         An image, and likewise a sensor, is named as a whole: width, height, and fx and fy or
-            fov_deg (two angles
-        [deg]); cx and cy are its centre where they are not given.
+        fov_deg (two angles [deg]); cx and cy are its centre where they are not given.
         """
         return cast("Self", recorded(read_toml(text)))
 

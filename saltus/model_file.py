@@ -39,8 +39,7 @@ class ModelFile:
         metadata: As text; `field` reads them.
 
     Where a checksum lies beside the file, the file must be what it says: the runtime loads most
-        files with flipped bits
-    without complaint.
+    files with flipped bits without complaint.
 
     Raises:
         ModelError: the file is unreadable, of no sensible size, not what its checksum says, has

@@ -1,7 +1,7 @@
 """Rotations, for numpy and torch and any leading batch dimensions, in part for one robot's floats.
 
 Vectors are rows: `points_base @ rotation.mT` turns (..., n, 3) points by a base-to-world rotation
-    (..., 3, 3).
+(..., 3, 3).
 """
 
 from collections.abc import Sequence

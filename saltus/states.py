@@ -1,10 +1,9 @@
 """States that robots know of themselves, with one set of names for all who know or read them.
 
 Consumers take a protocol and name what they read: the estimator a `Measurement`; leg controller,
-    planner and heightmap
-network a `Proprioception`. Frames are in the names: base_in_world turns or moves from base to
-world, base is in the base frame. Arrays are numpy or torch with any leading batch dimensions (...);
-legs FR, FL, RR, RL, joints in the order of `saltus.robots.robot`.
+planner and heightmap network a `Proprioception`. Frames are in the names: base_in_world turns or
+moves from base to world, base is in the base frame. Arrays are numpy or torch with any leading
+batch dimensions (...); legs FR, FL, RR, RL, joints in the order of `saltus.robots.robot`.
 """
 
 from dataclasses import dataclass

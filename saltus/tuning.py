@@ -61,14 +61,12 @@ def prefer_process(process: str) -> None:
     """Asks the scheduler to prefer this process, and the threads that it starts from now on.
 
     Short slices need no right: who wakes up every 4 ms for 0.8 ms, beside two busy programs on one
-        processor, then
-    waits 4 ms in the worst tenth of the cases, in place of 10. To come first in all else needs it
-    (CAP_SYS_NICE).
+    processor, then waits 4 ms in the worst tenth of the cases, in place of 10. To come first in all
+    else needs it (CAP_SYS_NICE).
 
     Linux shares processors among sessions first, and the supervisor starts every process in a
-        session of its own: of
-    six busy programs of ordinary priority each kept the threads of a camera waiting for up to 0.5
-    s.
+    session of its own: of six busy programs of ordinary priority each kept the threads of a camera
+    waiting for up to 0.5 s.
     """
     _set_slices(SLICE_NS)
     if os.getsid(0) == os.getpid():
@@ -127,7 +125,7 @@ def kept_small() -> Iterator[None]:
     Does nothing where the C library is not glibc.
 
     By default each thread that is started gets a heap of its own, and keeps what it gave back: a
-        supervisor grew so by
+    supervisor grew so by
     0.1 to 2 MB with every process that died, the others by 0.1 to 0.2 MB. And a heap is only cut at
     its end: messages that waited once to be recorded on a busy computer, 2 MB a second, were kept
     ever after (`saltus bench soak`). Threads share one heap for good; it is cut until the context

@@ -49,7 +49,7 @@ def pytest_collection_finish() -> None:
     """What was imported stays: to look through it again and again for garbage took an eighth of the tests' time.
 
     Of what is new most is gone without that: it is looked through less often than Python does by
-        default.
+    default.
     """
     gc.freeze()
     gc.enable()

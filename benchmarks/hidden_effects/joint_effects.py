@@ -122,8 +122,8 @@ def hidden(settings: tuple[Setting, ...], peak: Peak, period_s: float = np.inf) 
     """Table of the kernel for several effects at once.
 
     Packets come in whole periods only where they take one, `period_s`, or more: of a shorter delay
-        a few packets would
-    be a whole period late. Sizes are found without such periods, in which they would make a jump.
+    a few packets would be a whole period late. Sizes are found without such periods, in which they
+    would make a jump.
     """
     values: dict[str, Floats] = {}
     command_delay = forward_delay = curve = None

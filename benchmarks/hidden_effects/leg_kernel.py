@@ -1,10 +1,9 @@
 """One leg held at its base, with its three drives, as a compiled kernel: a thread is a leg of one variant.
 
 Two rates: mass matrix and bias forces are renewed every 0.5 ms at the midpoint of the coming
-    stretch; drives, friction
-and the play of the gears move at 0.125 ms. Newton and Euler link by link; LuGre friction with the
-bristle solved exactly; two masses where a gear has play or gives way, with the logged encoder on
-either side.
+stretch; drives, friction and the play of the gears move at 0.125 ms. Newton and Euler link by link;
+LuGre friction with the bristle solved exactly; two masses where a gear has play or gives way, with
+the logged encoder on either side.
 """
 
 import warp as wp

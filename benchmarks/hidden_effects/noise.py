@@ -22,8 +22,7 @@ def coloured(
     """Stationary noise of unit variance along the first axis.
 
     First order up to `corner_hz`, but a share of the variance only up to `slow_hz`: it lasts for a
-        good part of a
-    motion. Outside tuning with a weak resonance, as cables and belts have it.
+    good part of a motion. Outside tuning with a weak resonance, as cables and belts have it.
     """
     signal = _first_order(rng, shape, corner_hz, rate_hz)
     if slow_share > 0.0:

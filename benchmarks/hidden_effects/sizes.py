@@ -20,7 +20,7 @@ def one_sigma(
     """Sizes at which the residual has an RMS of one sigma in the segment and signal that show it best.
 
     All settings are searched at once: by the chord where a bracket is missing, then by the secant
-        in logarithms.
+    in logarithms.
 
     Returns:
         A size for each setting; infinity where not even the largest that a robot could have shows a

@@ -14,7 +14,7 @@ def make(difficulty: float, rng: np.random.Generator) -> Terrain:
     Where they lie, and how, is drawn.
 
     World frame: x ahead, y to the left, z up [m]; the robot starts at x = 0 on ground that is at z
-        = 0 there.
+    = 0 there.
     """
     height = 0.04 + 0.20 * difficulty
     x = 0.5 + np.cumsum(rng.uniform(0.9, 1.5, COUNT))

@@ -27,7 +27,7 @@ class DeliveryModel:
     """How images travel; the defaults are those of a run without faults.
 
     Latencies are those of a nominal camera: around another one's they move by the difference, as in
-        a trial.
+    a trial.
     """
 
     latency_s: tuple[float, float] = (CAMERA_LATENCY_S, CAMERA_LATENCY_S)

@@ -25,7 +25,7 @@ class ShardColumn:
     """An array that grows in a file; its rows are like those of `like`.
 
     HDF5 compresses on one core, which would take longer than a GPU takes to make the data: here a
-        pool of threads does.
+    pool of threads does.
     """
 
     def __init__(self, file: h5py.File, name: str, like: NDArray[Any], pool: Executor) -> None:

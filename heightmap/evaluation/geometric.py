@@ -6,7 +6,7 @@ the variance of depth and the drift since. Points on walls are left out: heights
 stood on. Where no point is, the nearest one stands in.
 
 With a `foot_gain` the map also moves up and down until the standing feet touch it: a second,
-    stronger baseline.
+stronger baseline.
 """
 
 import math

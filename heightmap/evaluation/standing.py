@@ -1,10 +1,8 @@
 """True where the heights of a robot can be trusted, from a recording in which it stands on level, free ground.
 
 There the truth is known without a second sensor: the ground ahead is as high as the ground under
-    the feet. What makes
-heights wrong on a robot shows there, too: images that come rarely, late or with the wrong time, a
-    camera that sits
-elsewhere than claimed, a service that does not answer.
+the feet. What makes heights wrong on a robot shows there, too: images that come rarely, late or
+with the wrong time, a camera that sits elsewhere than claimed, a service that does not answer.
 """
 
 from collections.abc import Iterator

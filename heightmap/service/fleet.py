@@ -120,9 +120,8 @@ class FleetService:
         """Gives another model to all robots.
 
         It runs beside the one in use and replaces it, robot by robot, when its hidden state is
-            warm: each robot has
-        heights all the time. Where its answers do not become as good within three seconds, it is
-        dropped.
+        warm: each robot has heights all the time. Where its answers do not become as good within
+        three seconds, it is dropped.
         """
         for robot in self._robots.values():
             robot.coming, robot.coming_since_ns = HeightmapService(network, self._depth), None

@@ -253,9 +253,9 @@ def _loss(estimate: HeightEstimate, window: Window) -> Tensor:
     """The absolute error, and how far the stated interval is from holding the share of errors that it should.
 
     The first makes heights medians: where an edge may be here or there, a median is on one side of
-        it and a mean is in
-    the air. The second is the quantile loss of the logarithm of the error, so that it asks the same
-    of flat ground, where errors are a millimetre, and of trenches. It leaves the heights alone.
+    it and a mean is in the air. The second is the quantile loss of the logarithm of the error, so
+    that it asks the same of flat ground, where errors are a millimetre, and of trenches. It leaves
+    the heights alone.
     """
     error = (estimate.height - window.height).abs()
     beyond = (error.detach() + _SMALLEST_M).log() - estimate.log_std - math.log(INTERVAL90)

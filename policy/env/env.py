@@ -1,9 +1,8 @@
 """The training environment: thousands of robots, each on its course, in lockstep at 100 Hz.
 
 A step is: clip the action; five times control, physics, sense; then judge, reset who is done,
-    observe. All state lives
-in the tensors of `Memory`, which every stage changes in place, so that on a GPU each stage is
-replayed as a CUDA graph and nothing waits for the processor.
+observe. All state lives in the tensors of `Memory`, which every stage changes in place, so that on
+a GPU each stage is replayed as a CUDA graph and nothing waits for the processor.
 """
 
 import math

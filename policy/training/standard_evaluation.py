@@ -4,8 +4,7 @@
         [--processes 4]
 
 Exports the checkpoint and runs it as deployed: the law in numpy, exact stance forces, ONNX Runtime,
-    MuJoCo, all effects
-of the drives, what a trial draws. One row a course is added to TABLE.
+MuJoCo, all effects of the drives, what a trial draws. One row a course is added to TABLE.
 `saltus.policy.training.background_evaluation` runs this beside a training.
 """
 

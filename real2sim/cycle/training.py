@@ -124,7 +124,7 @@ def differs_beyond_camera(folder: CycleFolder) -> bool:
     """True where drives, body or IMU of the found profile differ from those that the shipped policy was trained with.
 
     If only the camera does there is nothing for the policy to learn: its inputs are heights, not
-        images.
+    images.
     """
     profiles = folder.read(folder.profile), load_profile(SHIPPED, folder.robot)
     found, learned = (replace(profile, camera=()) for profile in profiles)

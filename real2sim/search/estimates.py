@@ -87,10 +87,10 @@ def group(problem: Problem, places: list[Place], least: float) -> list[Group]:
     """The simplest pattern of places and values that agrees with the estimates.
 
     Patterns, simplest first: one value everywhere; at one kind of place; in one block; at one
-        place. If none agrees, all places at which the effect is present get one value if they agree
-        on it, else one for each kind of place (e.g. a saturation of small motors and of a large
-        one) or, where one kind does not agree, one for each place. `least` is the RMS from which an
-        effect is present.
+    place. If none agrees, all places at which the effect is present get one value if they agree
+    on it, else one for each kind of place (e.g. a saturation of small motors and of a large
+    one) or, where one kind does not agree, one for each place. `least` is the RMS from which an
+    effect is present.
     """
     everywhere = list(range(len(places)))
     present = present_at(problem, places, least)
@@ -234,7 +234,7 @@ def _agreement(problem: Problem, places: list[Place]) -> float:
     """Probability of a scatter as large as that of the estimates if all places have one value.
 
     Kinds of places are also compared with each other: a difference of one kind would be lost in the
-        scatter of all places.
+    scatter of all places.
     """
     kinds = [_pool(own) for own in _by_kind(problem, places)]
     return min(

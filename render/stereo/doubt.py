@@ -1,10 +1,10 @@
 """Which points that the left imager sees terrain can hide from the right one: few, so few rays have to be cast.
 
 Of a terrain of columns across the course: in the vertical plane along the course, let L and R be
-    the imagers and P a
-point that L sees. The line from R to P can only be blocked where an upper corner C of a column lies
-in the triangle LRP, so the direction from L to P lies between those of LC and RC. Between them lies
-a strip of the image along each corner. Boxes that are no columns leave every point in doubt.
+the imagers and P a point that L sees. The line from R to P can only be blocked where an upper
+corner C of a column lies in the triangle LRP, so the direction from L to P lies between those of LC
+and RC. Between them lies a strip of the image along each corner. Boxes that are no columns leave
+every point in doubt.
 """
 
 import numpy as np

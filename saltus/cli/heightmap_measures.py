@@ -25,7 +25,7 @@ class Report(JsonOption):
     """Measures the heightmaps of recorded runs and writes one HTML file.
 
     Example: saltus heightmap report runs/one/recording.mcap --model geometric
-        runs/heightmap/heightmap.onnx
+    runs/heightmap/heightmap.onnx
     """
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, AT_LEAST_ONE]
@@ -73,8 +73,7 @@ class Check(EndpointOption, JsonOption):
     It must stand on level ground with nothing ahead.
 
     Rates, delays, where the camera sits, and the heights themselves: ahead, the ground is as high
-        as under the feet.
-    Ends with 0 where all is good, with 1 where something is not.
+    as under the feet. Ends with 0 where all is good, with 1 where something is not.
 
     For example:
       saltus heightmap check --run-dir runs/mine

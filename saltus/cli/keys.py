@@ -49,8 +49,7 @@ class Issue(_KeysOption):
     """Makes a certificate for a role: one file, with which any Zenoh program joins.
 
     A role may publish and subscribe to its own keys only: render, heightmap, policy and controller
-        what the process of
-    that name does; recorder, viewer and operator read everything.
+    what the process of that name does; recorder, viewer and operator read everything.
 
     Example: saltus keys issue viewer
     """

@@ -26,9 +26,8 @@ class Cycle(JsonOption, SettingsCommand):
     """Logs a robot, finds what the simulator lacks, trains with it, and measures the robot before and after.
 
     Goes on where it was stopped: a stage that is done is not repeated. Without a GPU the predictor
-        alone is trained.
-    The settings can also stand in a TOML file (--config). A flag wins over it, the file over the
-    cycle that goes on.
+    alone is trained. The settings can also stand in a TOML file (--config). A flag wins over it,
+    the file over the cycle that goes on.
 
     For example:
       saltus real2sim cycle --hidden examples/late_camera.toml --experiments heave_and_pitch --out runs/late

@@ -17,11 +17,10 @@ class DelayLine:
     """Makes of a signal what a receiver has of it `delay_s` later, averaged over the coming `dt_s`.
 
     A packet that arrives between two steps splits the step: the old value acts until then, the new
-        one after. A plant
-    that holds its input over a step is given their time-weighted mean, which has the right impulse
-    and is continuous in the delay: with delay = (n + f) dt it is (1 - f) x[k - n] + f x[k - n - 1].
-    Signals have the shape (..., fields, values), a line of them (..., length, fields, values); a
-    delay is one for all, or goes with values or robots.
+    one after. A plant that holds its input over a step is given their time-weighted mean, which has
+    the right impulse and is continuous in the delay: with delay = (n + f) dt it is (1 - f) x[k - n]
+    + f x[k - n - 1]. Signals have the shape (..., fields, values), a line of them (..., length,
+    fields, values); a delay is one for all, or goes with values or robots.
     """
 
     def __init__(self, delay_s: Drawable, dt_s: float) -> None:

@@ -16,9 +16,8 @@ class Pushes:
     """From the left or the right, when the trunk first passes a place.
 
     It lies between where time begins to run and the last edge, or the end of flat ground: a robot
-        that is pushed behind
-    the last edge has arrived before it could fall. Place and side follow from the seed of each
-    trial, so that all policies get the same pushes.
+    that is pushed behind the last edge has arrived before it could fall. Place and side follow from
+    the seed of each trial, so that all policies get the same pushes.
 
     Args:
         impulse_ns: Of each push [Ns].

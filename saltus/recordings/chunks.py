@@ -37,8 +37,7 @@ def rows(chunk: Chunk, channels: Container[int]) -> Iterator[ChunkRow]:
     """The messages of a sound chunk on some channels, in order.
 
     Others are stepped over: to make an object of each record, as mcap's reader does, takes ten
-        times as long, and a
-    report looks through a recording for a dozen topics.
+    times as long, and a report looks through a recording for a dozen topics.
     """
     data, start = _unpack(chunk), 0
     while start < len(data):

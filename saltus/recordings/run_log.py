@@ -114,7 +114,7 @@ def period_of(time_s: Floats) -> float:
     """The usual time between rows [s], also where their times are rounded more coarsely than it.
 
     It is the mean of the steps that are no pauses: their median would be 1 ms of rows at 800 Hz in
-        whole milliseconds.
+    whole milliseconds.
     """
     steps = np.diff(time_s)
     usual = float(np.median(steps))

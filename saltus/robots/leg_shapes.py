@@ -1,8 +1,7 @@
 """A robot's legs as a camera on its trunk sees them: capsules for thighs and calves, balls for feet.
 
 Trunk and hips are left out: a camera in front of the trunk that looks ahead has them behind its
-    image plane or, at
-less than 2 cm in front of it, outside of any field of view below 150 degrees.
+image plane or, at less than 2 cm in front of it, outside of any field of view below 150 degrees.
 """
 
 from dataclasses import dataclass

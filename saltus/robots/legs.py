@@ -1,8 +1,8 @@
 """Where the feet of a robot are, for numpy and torch and any leading batch dimensions.
 
 A leg: abduction about x at the hip anchor, a lateral offset to the leg's side, then thigh and calf
-    about y. Thigh and
-calf are straight lines between the axes; they hang down at the angles `Robot.thigh_zero` and
+about y. Thigh and calf are straight lines between the axes; they hang down at the angles
+`Robot.thigh_zero` and
 `Robot.shin_zero` where all joints are at zero. Positive angles swing the foot backwards.
 """
 

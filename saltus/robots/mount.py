@@ -17,8 +17,7 @@ class Mount:
     """Where a camera sits on the trunk.
 
     The cameras of a batch of robots may each have a place of their own: then the poses that a mount
-        is used with, and
-    its numbers, share their leading dimension (n,).
+    is used with, and its numbers, share their leading dimension (n,).
     """
 
     position: Floats

@@ -1,9 +1,8 @@
 """The legs of an MJCF, found by how bodies and joints hang together, whatever their names are.
 
 A leg of our kind is a chain of three hinges below a base that floats: abduction about x, then thigh
-    and calf about y,
-seen where all joints are at zero, with a sphere at its end. There are four, one in each quarter of
-the base, all with the same links.
+and calf about y, seen where all joints are at zero, with a sphere at its end. There are four, one
+in each quarter of the base, all with the same links.
 """
 
 from dataclasses import dataclass

@@ -1,10 +1,9 @@
 """A ROS 2 graph over plain DDS, for robots whose middleware is Cyclone DDS or Fast DDS.
 
 Payloads are those that travel over Zenoh: CDR, made and read by the same lines. Cyclone is told the
-    types only so that
-others can compare them: with octets for every uint8, as a type of Cyclone 11's own that 0.10 does
-    not know makes a
-peer of 0.10 end with a segmentation fault as soon as it hears of it.
+types only so that others can compare them: with octets for every uint8, as a type of Cyclone 11's
+own that 0.10 does not know makes a peer of 0.10 end with a segmentation fault as soon as it hears
+of it.
 """
 
 import contextlib

@@ -9,7 +9,7 @@ class WallClock:
     """Turns times of a run into those of ROS and back [ns].
 
     In lockstep simulated time has nothing to do with a clock: ROS is told the simulated time
-        itself.
+    itself.
     """
 
     def __init__(self, config: RunConfig) -> None:

@@ -88,8 +88,8 @@ class ProcessContext:
         Returns when it shall begin.
 
         In real time it returns at once where the process is to work along: nobody hears it until
-            `beat` is told that it
-        shall begin. Its state follows from what it hears, so that it takes over without a gap.
+        `beat` is told that it shall begin. Its state follows from what it hears, so that it takes
+        over without a gap.
         """
         if self._cued == cue.WORKING and self.config.pace == "realtime":
             cue.say_loaded()

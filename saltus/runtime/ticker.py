@@ -42,10 +42,9 @@ class Ticker:
     """Loop of fixed rate on absolute deadlines of a clock, by default the machine's.
 
     A late tick is followed at once by the next, but by `catch_up` of them at most: the ticks that
-        are missed beyond
-    that are counted as overruns and left out, so that a stall never ends in a long burst. 1 is for
-    hardware, which cannot make up for lost time; more for a simulation, whose time would fall
-    behind the run's clock.
+    are missed beyond that are counted as overruns and left out, so that a stall never ends in a
+    long burst. 1 is for hardware, which cannot make up for lost time; more for a simulation, whose
+    time would fall behind the run's clock.
     """
 
     def __init__(self, rate_hz: float, catch_up: int = 1, clock: RunClock | None = None) -> None:

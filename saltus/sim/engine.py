@@ -28,7 +28,7 @@ class Engine(ABC):
     """`count` robots that know nothing of each other.
 
     The arrays are alive: the next step changes those that are results, and reads those that are
-        inputs.
+    inputs.
     """
 
     robot: Robot

@@ -1,8 +1,7 @@
 """Robot and terrain as one MuJoCo model: the robot's own, with the terrain, motors and sensors added.
 
 The robot is ideal: torque motors without limits, armature, no joint damping, no joint friction.
-    Everything else that
-a drive does is an effect.
+Everything else that a drive does is an effect.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """Boxes that may be turned: one as a value, and many as arrays with the height of what lies under a point.
 
 A box is turned about its centre: by `pitch` about y (nose down positive, as of a body), then by
-    `yaw` about z.
+`yaw` about z.
 """
 
 import math

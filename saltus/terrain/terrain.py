@@ -77,7 +77,7 @@ class Terrain(Value):
         """Every x beyond the start at which the top of a box begins or ends, but for the ends of the terrain [m].
 
         A change of height by zero counts: a course of difficulty 0 has the same edges. Ascending,
-            shape (edges,).
+        shape (edges,).
         """
         ends: Floats = (
             np.unique(np.round(self.arrays.top_ends, _DIGITS))

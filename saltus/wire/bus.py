@@ -64,8 +64,7 @@ class Bell:
     """Wakes whoever waits for messages. Thread-safe.
 
     Who waits notes `rings`, looks whether something has come, and if not calls `wait` with what was
-        noted: it returns
-    at once where something has come in between.
+    noted: it returns at once where something has come in between.
     """
 
     def __init__(self) -> None:
