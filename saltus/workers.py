@@ -48,7 +48,7 @@ def in_order(
     Args:
         function: Can be sent to another process where `processes` is not 1.
         tasks: Its arguments.
-        processes: How many; one for each core where it is not given. 1 runs everything here.
+        processes: How many; one for each core if it is not stated. 1 runs everything here.
         listener: Gets what tasks `tell`, in a thread of its own.
 
     Raises:

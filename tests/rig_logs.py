@@ -1,4 +1,4 @@
-"""Run logs of a made-up rig: twelve joints under PD control with gravity, body and camera.
+"""Run logs of a simulated rig: twelve joints under PD control with gravity, body and camera.
 
 For tests of real2sim.
 """

@@ -276,11 +276,11 @@ def _shown(value: Any) -> str:
 
 
 def _wrapped(text: str) -> str:
-    """Prose in lines of 120 characters; tables, titles and code as they are."""
+    """Prose in lines of 100 characters; tables, titles and code as they are."""
     if text.lstrip().startswith(("|", "#", "```", "<!--")) or "\n|" in text or "```" in text:
         return text
     return "\n\n".join(
-        textwrap.fill(paragraph, 120, break_long_words=False) for paragraph in text.split("\n\n")
+        textwrap.fill(paragraph, 100, break_long_words=False) for paragraph in text.split("\n\n")
     )
 
 

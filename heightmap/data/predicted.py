@@ -48,7 +48,7 @@ class LeggedNetwork(Network, Protocol):
 
 
 class PredictedHeights:
-    """Eyes, the links that carry their images, and sight of a batch, see `saltus.loop.heights.HeightSource`.
+    """Eyes, the links that carry their images, and the `Sight` of a batch, see `saltus.loop.heights.HeightSource`.
 
     A robot gets the very images, at the very steps, that the camera process gives to it in
     lockstep. The network runs on all robots in one call. `errors` and `rngs` are those of

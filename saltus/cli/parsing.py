@@ -24,7 +24,7 @@ def parse(kind: Any, arguments: Sequence[str] | None, *, prog: str, description:
     """A dataclass, or one of a union of them, from a command line, by default that of this process.
 
     Where a command has a method `defaults`, its flags name which defaults hold, e.g. those of the
-    training that it goes on from: the command line is then read once more with these.
+    training that it continues: the command line is then read once more with these.
 
     Raises:
         SaltusError: the command line cannot be used; what tyro would print as a box is its message.

@@ -97,7 +97,7 @@ def parameter(
 
 
 def from_robot(source: str, *, unit: str, high: float) -> Any:
-    """Declares what an effect takes from a field of the robot where it is not given.
+    """Declares what an effect takes from a field of the robot if it is not stated.
 
     Not an effect in itself.
     """

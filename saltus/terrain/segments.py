@@ -5,6 +5,7 @@ metres, angles in radians.
 """
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
@@ -44,7 +45,7 @@ class Draws:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Segment:
+class Segment(ABC):
     """A part of a course.
 
     Raises:
@@ -65,9 +66,9 @@ class Segment:
                 if not low <= number <= (MOST if isinstance(number, int) else LARGEST_M):
                     raise ConfigError(f"{self.kind}.{f.name} = {value!r} is out of range")
 
+    @abstractmethod
     def lay(self, way: Way, draws: Draws) -> None:
-        """Lays it, and goes on to its end."""
-        raise NotImplementedError
+        """Lays it, and moves the way to its end."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,7 +29,7 @@ def compiled():
 
 
 def assert_near(one, other, where=""):
-    """Of each array, the largest difference is below 1e-9 of its greatest entry, or of 1.
+    """The largest difference of each array is below 1e-9 of its greatest entry, or of 1.
 
     All else is equal.
     """

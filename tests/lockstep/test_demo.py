@@ -219,7 +219,7 @@ def check_landed(folder: Path) -> None:
 
 
 def test_a_demo_that_is_ended_lands_closes_the_recording_and_says_by_what(tmp_path: Path) -> None:
-    """Of the family of signals, SIGTERM here and SIGINT below.
+    """SIGTERM ends a demo here, SIGINT below.
 
     Tests/saltus/test_signals.py has them all.
     """

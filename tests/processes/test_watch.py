@@ -26,7 +26,7 @@ def wait_for(tab: Tab, *said: str) -> None:
 
 
 LASTS_S = {"0.25": "3", "0.1": "2.5"}
-"""Of a demo at these speeds: a click has 8 s of the machine, on a slow page over 10.
+"""A demo is watched at these speeds: a click has 8 s of the machine, on a slow page over 10.
 
 Its recording comes in time.
 """

@@ -204,7 +204,7 @@ def test_an_effect_that_alone_closes_too_little_and_leaves_a_gap_is_not_named(
 def test_simulators_that_agree_leave_no_more_beside_the_effect_that_is_named(
     seed: int, disagreement: float
 ) -> None:
-    """What is left may be no gap between simulators that differ much, and more than others differ by."""
+    """One remainder is no gap between simulators that differ much, and a gap between others."""
     problem = LinearProblem(sizes("e1", 2.0) | sizes("e5", 0.85), seed=seed)
     problem.candidates = tuple(replace(c, least_closed=0.97) for c in problem.candidates)
     problem.simulator_disagreement = disagreement

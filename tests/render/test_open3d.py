@@ -1,4 +1,4 @@
-"""What a process that casts rays loads.
+"""A process that casts rays loads little.
 
 In processes of their own, since a module is loaded once.
 """

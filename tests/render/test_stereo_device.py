@@ -80,7 +80,7 @@ def images(
     device: str = "cpu",
     watch: Any = None,
 ) -> list[torch.Tensor]:
-    """What the cameras report, one exposure after the other; the third comes twice.
+    """Images of the cameras, one exposure after the other; the third comes twice.
 
     Steps are taken under `watch`.
     """

@@ -23,7 +23,7 @@ NEAR_EDGE = 1e-5  # [m]: Embree counts in float32
 
 
 def blocked(terrain: Terrain, start: Any, end: Any, margin: float) -> Any:
-    """Whether the way from start to end passes through a box that is larger by a margin.
+    """True if the way from start to end passes through a box that is larger by a margin.
 
     Shapes (n, 3).
     """

@@ -183,7 +183,7 @@ def check_taken(body: Any, image: Any) -> None:
 
 
 def test_a_robot_that_speaks_ros_is_given_heights(tmp_path: Path, ros_port: int) -> None:
-    """What it says comes to the service in our frames and order.
+    """Its readings come to the service in our frames and order.
 
     What the service answers comes to it.
     """

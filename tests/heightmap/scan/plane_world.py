@@ -68,13 +68,13 @@ class PlaneWorld:
 
     slope: tuple[float, float] = (0.0, 0.0)
     height: float = 0.3
-    """Of the base above the ground at the start [m]."""
+    """Height of the base above the ground at the start [m]."""
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     attitude: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Roll, pitch, yaw [rad]."""
 
     def position(self, time_ns: int) -> np.ndarray:
-        """Of the base [m]."""
+        """Position of the base [m]."""
         return np.array([0.0, 0.0, self.height]) + 1e-9 * (time_ns - BEGIN_NS) * np.array(
             self.velocity
         )
@@ -84,7 +84,7 @@ class PlaneWorld:
         return np.asarray(quaternion_from_roll_pitch_yaw(*map(np.asarray, self.attitude)))
 
     def state(self, step: int, robot: Any, **changes: Any) -> RobotState:
-        """Of a robot that knows nothing of its feet."""
+        """State of a robot that knows nothing of its feet."""
         known = replace(
             standing_state(robot), step=step, time_ns=BEGIN_NS + step * STEP_NS,
             leg_trusted=np.zeros(4, np.bool_),

@@ -64,7 +64,7 @@ def run(
 
 
 def errors(answer: Heightmap, world: PlaneWorld, grid: HeightGrid) -> np.ndarray:
-    """Of the points that were seen [m]."""
+    """Absolute errors of the points that were seen [m]."""
     off = np.abs(answer.height - world.truth(grid.points, answer.time_ns))
     return np.asarray(off[np.isfinite(answer.age_s)])
 
