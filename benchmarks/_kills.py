@@ -220,10 +220,11 @@ def stale_uses(recording: Recording) -> int:
     image = depth_topic(recording.camera.latency_s or CAMERA_LATENCY_S)
     good = [heightmap for heightmap in recording.of(Heightmap) if heightmap.status not in BLIND]
     plans = [plan.time_ns for plan in recording.of(MotionPlan) if plan.status == PlanStatus.GO]
+    # What is used now was made a step ago
     heights, step_s = (
         TOPICS["heightmap/heightmap"],
         POLICY_DT,
-    )  # what is used now was made a step ago
+    )
     states = recording.of(RobotState)
     decided = decided_ns([state.time_ns for state in states])
     followed = [

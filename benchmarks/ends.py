@@ -74,9 +74,8 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 }
 ENDED_S = 120.0
 DISK_BYTES = 32_000_000  # several times a run's recording, and copied in an instant
-POWER_LOSS_S = (
-    FLUSH_S + SYNC_S + 0.1
-)  # what is promised, and the step in which the supervisor writes
+# What is promised, and the step in which the supervisor writes
+POWER_LOSS_S = FLUSH_S + SYNC_S + 0.1
 ORDERS = list(itertools.permutations(PROGRAMS))
 LIMIT_S = 3.0  # of a run that is started in some order
 SETTLED_S = 0.3  # for its last messages

@@ -210,9 +210,8 @@ def with_age_held(model: HeightmapModel, latency_s: float) -> HeightmapModel:
     """
     held = copy.deepcopy(model)
     weight, bias = (held.gru.get_parameter(f"{name}_ih_l0") for name in ("weight", "bias"))
-    age = (
-        held.gru.input_size - len(PROPRIOCEPTION) - 2
-    )  # after the features of the image; then whether it is new
+    # After the features of the image; then whether it is new
+    age = held.gru.input_size - len(PROPRIOCEPTION) - 2
     first, later = latency_s / MAX_IMAGE_AGE_S, (latency_s + TICK_S) / MAX_IMAGE_AGE_S
     with torch.no_grad():
         bias.add_(later * weight[:, age])

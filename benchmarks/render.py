@@ -39,9 +39,8 @@ from saltus.terrain.curriculum import make_terrain
 
 ROBOT = load_robot(DEFAULT_ROBOT)
 TERRAIN = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.06))
-WIDE = Intrinsics(
-    width=60, height=48, fx=42.28, fy=42.28, cx=30.0, cy=24.0
-)  # the model's pixels, a wider view
+# The model's pixels, a wider view
+WIDE = Intrinsics(width=60, height=48, fx=42.28, fy=42.28, cx=30.0, cy=24.0)
 CAMERAS = (MODEL_CAMERA, WIDE, D435I)
 # Images of the model's camera in a batch, of others as many as have as many pixels; pyrender makes
 # one after the other

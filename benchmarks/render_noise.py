@@ -235,9 +235,8 @@ def colours(depth: Reals, height: int = 360) -> Any:
     near = np.clip(1.0 - np.nan_to_num(depth, posinf=3.0) / 3.0, 0.0, 1.0)
     image = cv2.applyColorMap((255 * near).astype(np.uint8), cv2.COLORMAP_TURBO)
     with np.errstate(invalid="ignore"):
-        dark = (
-            depth % (2.0 * CONTOUR_M) < CONTOUR_M
-        )  # every second step is darker, so that noise shows
+        # Every second step is darker, so that noise shows
+        dark = depth % (2.0 * CONTOUR_M) < CONTOUR_M
     image[dark] = (0.8 * image[dark]).astype(np.uint8)
     image[np.isinf(depth)] = 70
     image[depth == 0.0] = 0

@@ -26,15 +26,15 @@ from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.messages import ControllerMode, DepthFrame, HeightmapStatus, RobotState
 
-STAIRS = TerrainConfig(
-    terrain="stairs", rise_m=0.08, steps=60
-)  # nine seconds: a pause of 3 s, and time after it
+# Nine seconds: a pause of 3 s, and time after it
+STAIRS = TerrainConfig(terrain="stairs", rise_m=0.08, steps=60)
 TICK_S = 0.01
+# The robot has been running for a second; a third of a cycle apart
 FIRST_S, MOMENTS, APART_S = (
     2.5,
     6,
     0.17,
-)  # the robot has been running for a second; a third of a cycle apart
+)
 LOSSES = (0.01, 0.05, 0.2, 0.5)
 SHOWN_S = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 1.0)
 BEFORE_S, AFTER_S = 0.6, 1.2

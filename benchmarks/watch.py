@@ -166,9 +166,8 @@ class WatchedPage:
             .rpartition(")")[2]
             .split()
         )
-        return (int(fields[11]) + int(fields[12])) / os.sysconf(
-            "SC_CLK_TCK"
-        )  # proc(5): utime and stime
+        # proc(5): utime and stime
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def read(address: str, count: Any) -> None:

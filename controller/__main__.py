@@ -54,9 +54,8 @@ class ControllerRun:
         self._robot = robot
         kind = context.setup.robot
         compensation = compensation_for(context.config.known, kind)
-        lockstep = (
-            context.config.pace == "lockstep"
-        )  # nobody is late there: the reference itself, to the bit
+        # Nobody is late there: the reference itself, to the bit
+        lockstep = context.config.pace == "lockstep"
         self._loop = ControlLoop(kind, (Tick if lockstep else CompiledTick)(kind, compensation))
         self._course = Course(robot.terrain, context.config.time_limit_s)
         self._progress = CourseState(outcome=None, halt=False, over=False)

@@ -225,9 +225,8 @@ class Braking:
             self._hip_x[leg] + step + reach + forward * (1.0 - swing) * (self._swing_ratio * period)
         )
         middle = xp.mean(state.foothold, axis=-2)
-        ground = (
-            middle[..., 2] + slope * (landing_x - middle[..., 0]) + base_height
-        )  # the swing stays at -base_height
+        # The swing stays at -base_height
+        ground = middle[..., 2] + slope * (landing_x - middle[..., 0]) + base_height
         over, down = (
             xp.clip(ground, 0.0, None) + config.clearance_m,
             ground + config.landing_height_m,

@@ -103,9 +103,8 @@ class Estimator:
 
         measurement, weight = self._legs(measured, rotation, trusted, mean[..., :3])
         noise = self._measurement.like(mean)
-        gain = (
-            variance * weight / (variance * weight + noise)
-        )  # noise / weight is the variance of what legs say
+        # Noise / weight is the variance of what legs say
+        gain = variance * weight / (variance * weight + noise)
         return EstimatorState(
             mean=mean + gain * (measurement - mean), variance=variance * (1.0 - gain)
         )

@@ -208,9 +208,10 @@ class LegController:
         """
         xp = namespace(state.landed)
         body = diagnostics.body
+        # 0.1 m from the centre to where legs are attached: angular speed as speed
         energy = xp.sum(body.velocity * body.velocity, axis=-1) + 0.01 * xp.sum(
             body.angular_velocity * body.angular_velocity, axis=-1
-        )  # 0.1 m from the centre to where legs are attached: angular speed as speed
+        )
         return xp.all(state.landed, axis=-1) & (energy < self.config.settled_speed_mps**2)
 
     def _entered(

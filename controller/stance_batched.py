@@ -52,9 +52,8 @@ class BatchedSolver:
         standing = one * xp.where(qp.contact[..., None], one.reshape((*batch, 4, 3)), 0.0).reshape(
             (*batch, 12)
         )
-        model = (
-            qp.model * self._root_weight.like(one) * standing[..., None]
-        )  # A transposed, (..., 12, 6)
+        # A transposed, (..., 12, 6)
+        model = qp.model * self._root_weight.like(one) * standing[..., None]
         pull = (model @ (qp.target * self._root_weight.like(one))[..., None])[..., 0]
         inverse = self._inverse(model)
 

@@ -41,12 +41,10 @@ class Body:
 
     def __init__(self, state: Any) -> None:
         w, x, y, z = state.quaternion_base_in_world
-        ahead = np.array(
-            [1 - 2 * (y * y + z * z), 2 * (x * y + w * z)]
-        )  # of the base, x and y in the world
-        up = np.array(
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]
-        )  # of the world, in the base
+        # Of the base, x and y in the world
+        ahead = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z)])
+        # Of the world, in the base
+        up = np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
         self.roll, self.pitch = math.atan2(up[1], up[2]), math.asin(min(max(-up[0], -1.0), 1.0))
         yaw = math.atan2(ahead[1], ahead[0])
         base_in_yaw = turn_y(self.pitch) @ turn_x(self.roll)
@@ -220,12 +218,10 @@ def main() -> None:
         joint_position=np.tile([0.0, 0.9, -1.8], 4),
         leg_contact=np.ones(4), leg_progress=np.zeros(4), leg_trusted=np.ones(4),
     )  # fmt: skip
-    down = 0.52 + np.arctan(
-        (np.arange(HEIGHT) + 0.5 - 0.5 * HEIGHT) / FOCAL
-    )  # below the horizon, of each row
-    reach = np.where(
-        down > 0.0, (0.285 + 0.092) / np.maximum(np.sin(down), 1e-3), np.inf
-    )  # along each ray
+    # Below the horizon, of each row
+    down = 0.52 + np.arctan((np.arange(HEIGHT) + 0.5 - 0.5 * HEIGHT) / FOCAL)
+    # Along each ray
+    reach = np.where(down > 0.0, (0.285 + 0.092) / np.maximum(np.sin(down), 1e-3), np.inf)
     depth_m = np.tile((reach * np.cos(down - 0.52))[:, None], WIDTH)
     image = pooled(depth_m, (FOCAL, FOCAL), (0.5 * WIDTH, 0.5 * HEIGHT))
     for tick in range(100):

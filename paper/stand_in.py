@@ -34,9 +34,8 @@ def stand_in(seed: int = STAND_IN_SEED) -> Profile:
     def drawn(low: float, high: float) -> float:
         return round(float(rng.uniform(low, high)), 5)
 
-    gains = tuple(
-        round(float(gain), 4) for gain in rng.uniform(0.80, 0.89, 12)
-    )  # trainings: 0.9 to 1.1, of all alike
+    # trainings: 0.9 to 1.1, of all alike
+    gains = tuple(round(float(gain), 4) for gain in rng.uniform(0.80, 0.89, 12))
     effects: tuple[Effect, ...] = (
         ActuatorLag(time_constant=drawn(0.002, 0.008)),  # what is published of such drives
         CoulombFriction(

@@ -147,9 +147,8 @@ def _height_by_images(log: RunLog) -> tuple[Floats, Floats]:
     by = claim["width"] / columns
     x = (np.arange(columns) + 0.5 - claim["cx"] / by) / (claim["fx"] / by)
     y = (np.arange(rows) + 0.5 - claim["cy"] / by) / (claim["fy"] / by)
-    down = (
-        np.sin(claim["pitch"]) + np.cos(claim["pitch"]) * y[:, None] + 0.0 * x
-    )  # of a ray with depth 1
+    # Of a ray with depth 1
+    down = np.sin(claim["pitch"]) + np.cos(claim["pitch"]) * y[:, None] + 0.0 * x
     heights = 1e-3 * depth.depth_mm * down
     valid = (depth.depth_mm > 0) & (down > 0.2)
     camera = np.nanmedian(np.where(valid, heights, np.nan), axis=(1, 2))

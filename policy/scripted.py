@@ -138,20 +138,22 @@ square root."""
 
 # How landing points are weighed, in metres of detour.
 CANDIDATES = np.linspace(-0.2, 0.2, 33)
+# Where edges around a landing point are looked for [m]
 EDGE_DISTANCES = (
     0.03,
     0.06,
     0.09,
     0.12,
     0.15,
-)  # where edges around a landing point are looked for [m]
+)
 EDGE_HEIGHT = 0.05  # a height difference of this much is an edge; the lowest stair of the courses
 TRENCH_DEPTH = 0.10  # ground that is this much lower than the ground in stance is no place to land
 TRENCH_COST = 3.0  # per metre of depth
+# Distances from a trench [m], and how much of its cost they have
 TRENCH_MARGINS = (
     (0.04, 0.6),
     (0.08, 0.3),
-)  # distances from a trench [m], and how much of its cost they have
+)
 ASIDE = (
     0.0,
     *(
@@ -167,10 +169,11 @@ overhead."""
 # own aim back.
 COMMITMENT = 0.6  # metres of detour that a change of mind by one metre costs
 COMMIT_FROM, COMMIT_UNTIL = 0.45, 0.7  # progress of the swing over which that cost grows
+# Where the slope is measured: both foot pairs and the next landing [m]
 SLOPE_FROM, SLOPE_TO = (
     -0.25,
     0.55,
-)  # where the slope is measured: both foot pairs and the next landing [m]
+)
 LIFT_MARGIN = 0.04  # terrain this far before and behind the way of a foot counts as well [m]
 
 
@@ -306,9 +309,8 @@ class ScriptedPlanner:
             xp.minimum(foot_x, landing) - self._lift_margin,
             xp.maximum(foot_x, landing) + self._lift_margin,
         )
-        nominal_z = (
-            -observation.base_height
-        )  # the controller's swing stays at the height of its ground
+        # The controller's swing stays at the height of its ground
+        nominal_z = -observation.base_height
         over = (
             self._line.highest_between(ground, start, end)
             + self._foot_radius

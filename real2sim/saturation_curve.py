@@ -88,9 +88,8 @@ class _Pieces:
             unknowns[:, problem.columns_of(EFFECT, place).start] != 0.0
             for place in problem.places[0]
         )
-        spacing = (
-            SPACING * problem.limit / problem.limit.max()
-        )  # at weaker joints all happens at smaller torques
+        # At weaker joints all happens at smaller torques
+        spacing = SPACING * problem.limit / problem.limit.max()
         counts = [
             int(np.ceil(reach.torque / dx))
             for reach, dx in zip(problem.reach, spacing, strict=True)
@@ -167,9 +166,8 @@ def _without(problem: JointProblem, unknowns: Floats, pieces: _Pieces) -> tuple[
                 pieces.corners[j, 1],
             )
             missing = np.concatenate([[0.0], lost(pieces.corners[j] + spacing, *fitted)])
-            falls[j] = np.diff(
-                np.diff(missing) / spacing, prepend=0.0
-            )  # by how much the slope falls at each corner
+            # By how much the slope falls at each corner
+            falls[j] = np.diff(np.diff(missing) / spacing, prepend=0.0)
     return rest, np.array([falls[j, k] for j, k in pieces.of])
 
 

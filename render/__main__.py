@@ -57,9 +57,10 @@ def build(context: ProcessContext) -> CameraProcess:
             make_renderer(config.renderer, setup.terrain, view), camera.image
         )
     else:
+        # A camera that has died must be back soon: load what is needed
         from saltus.render.stereo_exposure import (
             StereoExposure,
-        )  # a camera that has died must be back soon: load what is needed
+        )
 
         exposure = StereoExposure(
             setup.terrain,

@@ -48,9 +48,8 @@ def load_pyrender() -> ModuleType:
     platform = gl_platform()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore"
-            )  # deprecations inside PyOpenGL and pyrender, not ours to mend
+            # Deprecations inside PyOpenGL and pyrender, not ours to mend
+            warnings.simplefilter("ignore")
             _mend(importlib.import_module("OpenGL.platform"), platform)
             return importlib.import_module("pyrender")
     except (ImportError, AttributeError) as error:

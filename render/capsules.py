@@ -13,9 +13,8 @@ from saltus.robots.leg_shapes import Capsules
 # What is nearer to the image plane than this is taken to be this far [m]: bounds the window it is
 # in
 NEAREST = 1e-3
-PIXELS_PER_PASS = (
-    1 << 14
-)  # pixels that are worked on together: their numbers stay in the processor's cache
+# Pixels that are worked on together: their numbers stay in the processor's cache
+PIXELS_PER_PASS = 1 << 14
 
 
 def capsules_in_camera(capsules: Capsules, origin: Floats, rotation: Floats) -> Capsules:

@@ -25,6 +25,7 @@ ROUNDED_AWAY = 0.5  # a change below half a unit
 HALF = 0.5  # depths are whole units, so that "less than n units" is "less than n - 1/2"
 FLOAT_SLACK = 1e-2  # of a unit: float32 metres are whole units only up to rounding
 LAST_FOUR = 0b1111  # frames
+# Pixels by level of the option (librealsense; the last is "unlimited")
 HOLE_RADIUS = (
     0,
     2,
@@ -32,7 +33,7 @@ HOLE_RADIUS = (
     8,
     16,
     256,
-)  # pixels by level of the option (librealsense; the last is "unlimited")
+)
 
 
 def _unit() -> Any:
@@ -100,9 +101,8 @@ class SpatialFilter(SingleImageEffect[DepthImage], name="spatial_filter"):
             lines = [
                 image[..., i, :] if axis == -2 else image[..., i] for i in range(image.shape[axis])
             ]
-            last = (
-                len(lines) - 1 if axis == -1 else len(lines)
-            )  # forward along rows, the last column is left out
+            # Forward along rows, the last column is left out
+            last = len(lines) - 1 if axis == -1 else len(lines)
             for order in (range(1, last), range(len(lines) - 2, -1, -1)):
                 step = 1 if order.step > 0 else -1
                 for i in order:

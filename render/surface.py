@@ -9,6 +9,7 @@ from saltus.terrain.columns import Columns
 from saltus.terrain.terrain import Terrain
 
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+# Seen from outside
 _FACES = (
     (0, 1, 3, 2),
     (4, 6, 7, 5),
@@ -16,7 +17,7 @@ _FACES = (
     (2, 3, 7, 6),
     (0, 2, 6, 4),
     (1, 5, 7, 3),
-)  # seen from outside
+)
 
 
 def terrain_triangles(terrain: Terrain) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:

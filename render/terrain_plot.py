@@ -28,9 +28,8 @@ def draw_terrain(terrain: Terrain, path: Path) -> None:
     high = np.asarray(arrays.center + arrays.extent)[:, :2].max(axis=0)
     pixel = max(FINEST_M, float((high - low).max()) / PIXELS)
     x, y = (np.arange(low[i] + 0.5 * pixel, high[i], pixel) for i in (0, 1))
-    heights = np.array(
-        [terrain.height_at(x, np.full_like(x, row)) for row in y[::-1]]
-    )  # by row: memory of few points
+    # By row: memory of few points
+    heights = np.array([terrain.height_at(x, np.full_like(x, row)) for row in y[::-1]])
     picture = np.pad(
         _lit(heights, pixel), ((MARGIN, MARGIN), (MARGIN, MARGIN), (0, 0)), constant_values=255
     )

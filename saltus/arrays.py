@@ -135,9 +135,8 @@ class Constant:
     """
 
     def __init__(self, value: ArrayLike) -> None:
-        self._value: NDArray[np.float64] = np.array(
-            value, dtype=np.float64
-        )  # torch wants arrays that can be written
+        # Torch wants arrays that can be written
+        self._value: NDArray[np.float64] = np.array(value, dtype=np.float64)
         self._converted: dict[tuple[type, Any, Any], Array] = {}
 
     def like(self, reference: Array) -> Array:

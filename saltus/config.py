@@ -31,9 +31,8 @@ default."""
 
 TOML_MAX = 4 * 2**20
 """Characters of a file: a terrain of 10,000 boxes has a third of it."""
-_LONG_NAME = re.compile(
-    r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*\.[ \t]*){30}"""
-)  # its parser takes minutes for thousands
+# Its parser takes minutes for thousands
+_LONG_NAME = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*\.[ \t]*){30}""")
 
 
 UNNAMED = {"robot": "go1", "grid": "line"}

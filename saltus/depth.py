@@ -37,9 +37,8 @@ class Intrinsics:
 
 
 _HORIZONTAL_FOV = math.radians(21.43)  # original
-_FOCAL = 8.0 / math.tan(
-    0.5 * _HORIZONTAL_FOV
-)  # 42.28 px, half of 16 pixels over the tangent of half the angle
+# 42.28 px, half of 16 pixels over the tangent of half the angle
+_FOCAL = 8.0 / math.tan(0.5 * _HORIZONTAL_FOV)
 MODEL_CAMERA = Intrinsics(width=16, height=48, fx=_FOCAL, fy=_FOCAL, cx=8.0, cy=24.0)
 """Intrinsics of the images that the model sees (original: the centre of 424 x 240 pixels, 80 x 240,
 pooled by 5)."""
@@ -215,9 +214,8 @@ def _pooling(
     first = min(max(math.floor(edges[0]), 0), source_count)
     last = max(min(math.ceil(edges[-1]), source_count), first)
     begin, end = np.floor(edges[:-1]), np.ceil(edges[1:])
-    pixel = (
-        begin + np.arange(int(np.max(end - begin)) if last > first else 0)[:, None]
-    )  # (some, count)
+    # (some, count)
+    pixel = begin + np.arange(int(np.max(end - begin)) if last > first else 0)[:, None]
     overlap = np.minimum(edges[1:], pixel + 1.0) - np.maximum(edges[:-1], pixel)
     inside = (pixel >= first) & (pixel < last)
     covered = np.flatnonzero(inside.any(0))

@@ -159,9 +159,8 @@ def _options() -> onnxruntime.SessionOptions:
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    options.add_session_config_entry(
-        "session.load_model_format", "ONNX"
-    )  # its own format may name other files, too
+    # Its own format may name other files, too
+    options.add_session_config_entry("session.load_model_format", "ONNX")
     # Weights in a second file would be looked for wherever a program runs: in no folder there are
     # none
     options.add_session_config_entry(

@@ -63,9 +63,8 @@ def in_order(
         return
     context = multiprocessing.get_context("spawn")
     lifeline, held = context.Pipe(duplex=False)
-    ear, mouth = context.Pipe(
-        duplex=False
-    )  # without a lock, which a process that ends at once could hold for ever
+    # Without a lock, which a process that ends at once could hold for ever
+    ear, mouth = context.Pipe(duplex=False)
     pool = ProcessPoolExecutor(
         processes, mp_context=context, initializer=_begin, initargs=(lifeline, mouth)
     )

@@ -9,9 +9,8 @@ from resource import RLIMIT_NOFILE, getrlimit, setrlimit
 @contextmanager
 def files_left(number: int) -> Iterator[None]:
     """This process can open so many more files; those that it has stay open."""
-    free = os.dup(
-        0
-    )  # the lowest number that is free: a limit is one of numbers, not of how many there are
+    # The lowest number that is free: a limit is one of numbers, not of how many there are
+    free = os.dup(0)
     os.close(free)
     with file_numbers_below(free + number):
         yield

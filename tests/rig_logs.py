@@ -17,9 +17,8 @@ from saltus.robots.robot import JOINTS
 DT = 0.002
 INERTIA = np.tile([0.05, 0.05, 0.015], 4)
 WEIGHT = np.tile([0.3, 0.5, 0.3], 4)  # Nm of gravity at a horizontal link
-HIP_WEIGHT = np.tile([0.69, 0.0, 0.0], 4) * np.repeat(
-    ROBOT.side, 3
-)  # Nm that hold the legs of a Go1 beside its hips
+# Nm that hold the legs of a Go1 beside its hips
+HIP_WEIGHT = np.tile([0.69, 0.0, 0.0], 4) * np.repeat(ROBOT.side, 3)
 CAMERA: dict[str, Any] = {
     "fx": 40.0, "fy": 40.0, "cx": 32.0, "cy": 24.0, "width": 64, "height": 48,
     "position": [0.27, 0.0, 0.09], "pitch": 0.52, "rate": 50.0, "latency": 0.05, "range_max": 3.0,

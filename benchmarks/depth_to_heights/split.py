@@ -49,9 +49,8 @@ from saltus.workers import tell
 VERSION = 2
 """Version of the split. Whoever changes what a definition says makes another: rows of two versions
 are not compared."""
-ROBOTS = 2 * len(
-    FAMILIES
-)  # in a batch: each family twice, those of the paper once of a size that all planners master
+# In a batch: each family twice, those of the paper once of a size that all planners master
+ROBOTS = 2 * len(FAMILIES)
 RUNS = 4 * ROBOTS
 """In the whole split: two batches behind each planner."""
 FIRST_SEED = 4_250_000_000

@@ -132,9 +132,8 @@ class JointScene(Scene):
             self._shown(simulate(rig, [Hidden()], self.legs, self.seed))[0]
             for rig in (*rigs, self.rig)
         )
-        late = Hidden(
-            command_delay=np.full(12, CLOCK_S)
-        )  # all commands late: what moves, moves later
+        # All commands late: what moves, moves later
+        late = Hidden(command_delay=np.full(12, CLOCK_S))
         clock = self._shown(simulate(self.rig, [late], self.legs, self.seed))[0] - own
         return np.stack([slow - fast, clock])
 

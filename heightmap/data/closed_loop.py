@@ -59,9 +59,8 @@ def closed_loop_episodes(
         make_terrain(random_course(rng, loop.hardest, kinds[rng.integers(len(kinds))]))
         for _ in range(loop.courses)
     ]
-    first = int(
-        rng.integers(2**32, 2**62)
-    )  # beyond the seeds of all evaluations and other rounds of data
+    # Beyond the seeds of all evaluations and other rounds of data
+    first = int(rng.integers(2**32, 2**62))
     robots = range(loop.robots)
     terrains, trials = (
         [some[i % loop.courses] for i in robots],
@@ -122,9 +121,8 @@ class MixedPlanner:
         variation: float,
     ) -> None:
         self._scripted = ScriptedPlanner(robot, grid, varied(rng, variation, count))
-        self._learned = (
-            make_planner("learned", robot, grid) if learned > 0.0 else None
-        )  # not every robot has one
+        # Not every robot has one
+        self._learned = make_planner("learned", robot, grid) if learned > 0.0 else None
         self._is_learned = rng.uniform(size=count) < learned
         self._speed = rng.uniform(*SPEED, count)
         self._frequency = rng.uniform(*RHYTHM, count)

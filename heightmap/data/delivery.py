@@ -118,9 +118,8 @@ def deliver(
     now = np.arange(ticks.max())
     newest = np.full((count, len(now)), -1)
     row, frame = np.nonzero(arrival_tick < len(now))
-    np.maximum.at(
-        newest, (row, arrival_tick[row, frame].astype(np.int64)), frame
-    )  # one overtaken has no effect
+    # One overtaken has no effect
+    np.maximum.at(newest, (row, arrival_tick[row, frame].astype(np.int64)), frame)
     newest = np.maximum.accumulate(newest, 1)
     age_s = (now - np.take_along_axis(taken_tick, np.maximum(newest, 0), 1)) * TICK_S
     return Delivery(newest, np.where(newest >= 0, age_s, np.inf), np.diff(newest, prepend=-1) != 0)

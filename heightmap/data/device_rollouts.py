@@ -108,9 +108,8 @@ class DeviceRollouts:
         seen = self._seen()
         speed, rhythm = (low + (high - low) * self._uniform() for low, high in (SPEED, RHYTHM))
         by_rules, rules = (self._uniform() >= self.loop.learned)[:, None], self._rules()
-        stands_until = (
-            STAND_STEPS * self._uniform()
-        )  # the deployed controller stands before it obeys
+        # The deployed controller stands before it obeys
+        stands_until = STAND_STEPS * self._uniform()
         transition, fresh = (
             env.transition(),
             torch.ones(self.loop.robots, dtype=torch.bool, device=self._device),

@@ -124,9 +124,8 @@ class _Recorded:
         image."""
         for each, rows, view in zip(trajectories, self._ticks, views, strict=True):
             optics = Optics.behind(view.intrinsics if camera.ideal else SAMPLED, camera)
-            pair = make_stereo(
-                renderer, each.terrain, optics, view
-            )  # one thread: other processes have the other cores
+            # One thread: other processes have the other cores
+            pair = make_stereo(renderer, each.terrain, optics, view)
             poses = (
                 each.position_base_in_world[rows],
                 each.quaternion_base_in_world[rows],

@@ -98,9 +98,8 @@ def read_column(dataset: h5py.Dataset, pool: Executor) -> NDArray[Any]:
         if skipped:  # HDF5 leaves a filter out where it makes a chunk longer
             result[first : first + size] = dataset[first : first + size]
             return
-        plain = zlib.decompressobj().decompress(
-            data, size * result[:1].nbytes
-        )  # no more than there is room for
+        # No more than there is room for
+        plain = zlib.decompressobj().decompress(data, size * result[:1].nbytes)
         planes = np.frombuffer(plain, np.uint8).reshape(dataset.dtype.itemsize, -1)
         part = np.empty(planes.shape[::-1], np.uint8)
         for i, plane in enumerate(planes):  # several times as fast as a transposed copy

@@ -33,10 +33,11 @@ from saltus.wire.messages import (
 RECORDED = "recorded"
 BASELINES = {"geometric": 0.0, "geometric-feet": FOOT_GAIN}
 """Geometric baselines by name, with the gain by which their map follows the feet."""
+# A place counts as seen again from five images later on; odometry drifts: not for longer than 2 s
 LATER_S = (
     0.1,
     2.0,
-)  # a place counts as seen again from five images later on; odometry drifts: not for longer than 2 s
+)
 SHOWN_LOST = 2
 """Parts of a damaged recording that an error message names."""
 FLIGHT, FRONT, REAR, ALL = "flight", "front stance", "rear stance", "front and rear"

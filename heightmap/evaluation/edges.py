@@ -53,9 +53,8 @@ class EdgeErrors:
 def jumps(height: Floats, x: Floats) -> list[Jump]:
     """Finds the jumps of one profile at points ahead, both of shape (points,) [m]; a NaN ends a jump."""
     change = np.diff(height)
-    direction = np.where(
-        np.abs(change) > STEP_M, np.sign(change), 0.0
-    )  # a comparison with NaN is false
+    # A comparison with NaN is false
+    direction = np.where(np.abs(change) > STEP_M, np.sign(change), 0.0)
     found = []
     i = 0
     while i < len(direction):

@@ -14,6 +14,7 @@ from saltus.heightmap.evaluation.errors_by import ErrorRow, Errors
 from saltus.reports.figures import BLUE, GREEN, GREY, ORANGE, RED, laid_out
 from saltus.wire.messages import DepthFrame
 
+# The rest of Okabe and Ito's palette
 COLOURS = (
     BLUE,
     ORANGE,
@@ -22,7 +23,7 @@ COLOURS = (
     "#CC79A7",
     "#56B4E9",
     "#F0E442",
-)  # the rest of Okabe and Ito's palette
+)
 EDGE_BIN_M = 0.1
 MOMENT_HEIGHT = 230  # px
 _LEGEND = {"orientation": "h", "y": 1.02, "yanchor": "bottom", "itemsizing": "constant"}

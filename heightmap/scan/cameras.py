@@ -55,10 +55,11 @@ class ScanCamera:
         lens = intrinsics_of(frame)
         if lens != self._lens:
             rays, self._step = _rays(lens)
+            # In the base frame, for each metre of depth
             self._lens, self._looks = (
                 lens,
                 rays @ self._rotation.T,
-            )  # in the base frame, for each metre of depth
+            )
         looks, step = self._looks, self._step
         raw = frame.depth[step // 2 :: step, step // 2 :: step].reshape(-1)
         depth = raw.astype(np.float32) * np.float32(frame.depth_unit_m)

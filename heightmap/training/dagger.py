@@ -164,10 +164,11 @@ def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: P
         write_whole(path, json.dumps(wanted, indent=1) + "\n", synced=True)
         return
     try:
+        # Runs that did not name it
         older = {
             "profile": SHIPPED,
             "profile_sha256": _digest(SHIPPED, config.loop.robot),
-        }  # runs that did not name it
+        }
         begun = older | json.loads(path.read_text(encoding="utf-8"))
         for name, value in wanted.items():
             if begun[name] != value:

@@ -124,9 +124,8 @@ class EpisodeStore:
                 image=with_noise(window.image, noise, generator, window.true_depth)
             )
             slots.position += length
-            slots.starts[:] = (
-                rng.uniform(size=batch) < forgets if forgets else False
-            )  # none drawn for nothing
+            # None drawn for nothing
+            slots.starts[:] = rng.uniform(size=batch) < forgets if forgets else False
             finished = np.flatnonzero(slots.position >= self._lengths[slots.episode])
             if len(finished):
                 self._enter(slots, finished, delivery, rng)
@@ -248,17 +247,15 @@ def with_noise(
 
     batch, images, _, height, width = image.shape
     one = (batch, 1, 1, 1)
-    stereo = (
-        1.0 if true_depth is None else true_depth.float().reshape(one)
-    )  # whether its errors are still to come
+    # Whether its errors are still to come
+    stereo = 1.0 if true_depth is None else true_depth.float().reshape(one)
     depth, valid = image[:, :, 0], image[:, :, 1]
     metres = depth * RANGE_M
     noisy = metres * (1.0 + noise.scale * normal(*one))
     if noise.disparity > 0.0:
         white = normal(batch, images, height, width)
-        smooth = 3.0 * functional.avg_pool2d(
-            normal(batch, images, height, width), 3, 1, 1
-        )  # still unit variance
+        # Still unit variance
+        smooth = 3.0 * functional.avg_pool2d(normal(batch, images, height, width), 3, 1, 1)
         noisy = noisy + noise.disparity * stereo * uniform(*one) * metres.square() * (
             0.6 * white + 0.8 * smooth
         )

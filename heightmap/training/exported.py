@@ -41,11 +41,12 @@ def read_exported(path: Path) -> dict[str, Any]:
         hidden = weights["gru.weight_hh_l0"].shape[1]
     except KeyError as error:
         raise ModelError(f"{path} is no heightmap network: '{error.args[0]}' is missing") from error
+    # The last layer is the output
     sizes = {
         "channels": channels,
         "hidden": hidden,
         "head": head[:-1],
-    }  # the last layer is the output
+    }
     config = {"seed": told.field("seed"), "model": sizes}
     return {
         "origin": {"config": config, "dataset": told.field("dataset"), "start": None},

@@ -197,9 +197,8 @@ class JumpEnv:
         beyond = bounds.normalised(wanted) - bounds.normalised(plan)
         excess = (0.25 * beyond * beyond).sum(-1)  # outputs span 2, ranges 1
         memory, latest = self.memory, plan[:, None]
-        begins = (memory.time_s == memory.first_time_s)[
-            :, None, None
-        ]  # before its first plan a robot had none
+        # Before its first plan a robot had none
+        begins = (memory.time_s == memory.first_time_s)[:, None, None]
         plans = torch.where(begins, latest, torch.cat([latest, memory.plans[:, :-1]], 1))
         store(memory, plan=plan, excess=excess, plans=plans, tick=torch.zeros_like(memory.tick))
         self.memory.terms.zero_()

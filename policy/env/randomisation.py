@@ -106,11 +106,12 @@ class RandomisationConfig:
     friction: tuple[float, float] = (0.5, 1.0)  # definition of a trial
     payload_kg: tuple[float, float] = (0.0, 1.5)  # definition of a trial
     motor_strength: tuple[float, float] = (0.9, 1.1)  # definition of a trial
+    # +-; original, where it is switched off
     com_shift_m: tuple[float, float, float] = (
         0.046,
         0.03,
         0.03,
-    )  # +-; original, where it is switched off
+    )
     feedforward_delay_s: tuple[float, float] = (0.008, 0.012)
     """Delay of a robot whose profile has the original's 10 ms, +- one tick; another delay moves it,
     see `saltus.trial`."""

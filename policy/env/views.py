@@ -96,9 +96,8 @@ class Views:
         aside = position[:, 1:2]
         below = self.courses().height_at(far, aside.expand_as(far))
         descends = self.descends()
-        ground = torch.where(
-            descends[:, None], below, below.clamp(min=0.0)
-        )  # over a trench it is its rim
+        # Over a trench it is its rim
+        ground = torch.where(descends[:, None], below, below.clamp(min=0.0))
         length = _GOAL_M / (1.0 + (ground[:, 1] - ground[:, 0]).abs() / _GOAL_M)
         goal_x = position[:, 0] + length
         there = self.courses().height_at(goal_x[:, None], aside)[:, 0]

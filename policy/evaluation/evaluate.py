@@ -84,9 +84,8 @@ class Evaluation:
             raise ConfigError(
                 f"plan_delay_s = {self.plan_delay_s:g}: it must be from 0 to {MAX_PLAN_DELAY_S:g}"
             )
-        make_terrain(
-            self.course
-        )  # what is wrong with terrain or profile is said before anything runs
+        # What is wrong with terrain or profile is said before anything runs
+        make_terrain(self.course)
         robot = load_robot(self.robot)
         if isinstance(self.profile, str):
             load_profile(self.profile, robot)

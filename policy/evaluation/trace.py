@@ -89,9 +89,8 @@ WALL_M = 0.02  # sole to wall: what a foot moves in one step
 UNDER_M = 0.01  # below the upper side of an edge: a sole rests on it, or rolls over it
 SUNK_M = 0.05  # below the ground at both sides of a trench
 CAME_FROM_S = 1.0  # two gait cycles: where a foot bore since then is where it came from
-ACROSS_M = np.linspace(
-    0.0, 1.5, 31
-)  # ways to a side of a trench, the longest as wide as one is: 1.2 m are asked for
+# Ways to a side of a trench, the longest as wide as one is: 1.2 m are asked for
+ACROSS_M = np.linspace(0.0, 1.5, 31)
 IN_AIR_S = 0.05
 
 
@@ -133,9 +132,8 @@ def _sunk(trace: Trace, last: slice, radius: float, terrain: Terrain) -> NDArray
         np.broadcast_arrays(x[..., None] + side * ACROSS_M, y[..., None]) for side in (-1.0, 1.0)
     )
     behind, ahead = (np.maximum.accumulate(terrain.height_at(*place), axis=-1) for place in places)
-    sides = np.minimum(behind, ahead[..., ::-1]).max(
-        axis=-1
-    )  # as far apart as a trench may be wide
+    # As far apart as a trench may be wide
+    sides = np.minimum(behind, ahead[..., ::-1]).max(axis=-1)
     rim = np.minimum(sides, came_from) - SUNK_M
     return np.asarray((ground < rim) & (foot[..., 2] - radius < rim))
 

@@ -76,16 +76,17 @@ def evaluate_checkpoint(
         SaltusError: the checkpoint cannot be read or does not fit.
     """
     from saltus.policy.training.checkpoint import config_of, read_checkpoint
+
+    # here: the processes that run trials need no torch
     from saltus.policy.training.export import (
         export,
-    )  # here: the processes that run trials need no torch
+    )
 
     with tempfile.TemporaryDirectory() as folder:
         model = Path(folder) / "policy.onnx"
         export(checkpoint, model)
-        file = ModelFile(
-            model
-        )  # knows what was exported: a training may have replaced the checkpoint since
+        # Knows what was exported: a training may have replaced the checkpoint since
+        file = ModelFile(model)
         iteration, steps = int(file.field("iteration")), int(file.field("steps"))
         trained = config_of(read_checkpoint(checkpoint))
         run = partial(_results, trained.robot, trained.grid, model, trials)

@@ -76,9 +76,10 @@ class CycleSettings:
             )
         if not self.experiments:
             raise ConfigError("experiments = (): name at least one")
+        # Here, so that commands load without it
         from saltus.real2sim.experiments.menu import (
             experiment_named,
-        )  # here, so that commands load without it
+        )
 
         for name in self.experiments:
             experiment_named(name)

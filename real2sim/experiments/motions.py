@@ -185,18 +185,15 @@ def stance(robot: Robot, height_m: Floats, pitch_rad: Floats) -> Commands:
         weight on each leg.
     """
     zero = np.zeros_like(height_m)
-    rotation = np.asarray(
-        rotation_matrix(quaternion_from_roll_pitch_yaw(zero, pitch_rad, zero))
-    )  # (n, 3, 3)
+    # (n, 3, 3)
+    rotation = np.asarray(rotation_matrix(quaternion_from_roll_pitch_yaw(zero, pitch_rad, zero)))
     legs = LegKinematics(robot)
-    raised = (
-        legs.position(robot.stand_pose) - np.stack([zero, zero, height_m], axis=-1)[:, None, :]
-    )  # (n, 4, 3), world
+    # (n, 4, 3), world
+    raised = legs.position(robot.stand_pose) - np.stack([zero, zero, height_m], axis=-1)[:, None, :]
     q_des = legs.inverse(raised @ rotation)
     jacobian = legs.jacobian(q_des)
-    down_in_base = rotation.mT @ np.array(
-        [0.0, 0.0, -0.25 * robot.mass * GRAVITY]
-    )  # what a foot exerts, (n, 3)
+    # What a foot exerts, (n, 3)
+    down_in_base = rotation.mT @ np.array([0.0, 0.0, -0.25 * robot.mass * GRAVITY])
     tau_ff = np.einsum("nlij,ni->nlj", jacobian, down_in_base).reshape(len(q_des), 12)
     return Commands(q_des=q_des, dq_des=np.gradient(q_des, PHYSICS_DT, axis=0), tau_ff=tau_ff)
 

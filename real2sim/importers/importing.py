@@ -172,9 +172,8 @@ def _completed(
     except RecordingError as error:
         raise RecordingError(f"{recording}: {error} (say it in [claims])") from error
     stated = description.units if "units" not in claims else stated_units(meta)
-    log = in_si(
-        replace(log, meta=meta), replace(stated, depth_unit_m=None)
-    )  # images are in millimetres already
+    # Images are in millimetres already
+    log = in_si(replace(log, meta=meta), replace(stated, depth_unit_m=None))
     faults = [
         f for f in (*clock_faults(log), *believed_units(log)) if f.is_fatal or f.name == "too_short"
     ]
@@ -205,9 +204,8 @@ def _on_robot(log: RunLog, robot: Robot) -> tuple[list[str], RunLog]:
 
 def _lacking(log: RunLog, description: Description) -> list[str]:
     """Data that `find` will miss."""
-    there = (
-        vars(log.joints) | log.meta | vars(log)
-    )  # claims before columns of gains, tables before claims
+    # Claims before columns of gains, tables before claims
+    there = vars(log.joints) | log.meta | vars(log)
     absent = [part for part in WORTH_SAYING if there.get(part) is None]
     notes = (
         [f"not in the log: {', '.join(absent)}; what needs them will be untestable"]

@@ -113,9 +113,8 @@ def state_times(q: Floats, dq: Floats, row_s: float, state_s: float) -> Floats:
     # at high speeds
     fast = weight > np.median(weight)
     off = passed - state_s * np.rint(passed / state_s)
-    level = float(
-        np.median(off[fast] ** 2 * weight[fast]) / 0.455
-    )  # median of a squared standard normal variable
+    # Median of a squared standard normal variable
+    level = float(np.median(off[fast] ** 2 * weight[fast]) / 0.455)
     ticks = np.arange(-round(SLACK_S / state_s) - 1, round(SLACK_S / state_s) + 2)
     times = state_s * (np.floor(np.arange(len(q)) * row_s / state_s + 1e-9)[:, None] + ticks)
     prior = 0.5 * ((times - row_s * np.arange(len(q))[:, None]) / WALK_S) ** 2

@@ -24,9 +24,8 @@ BREAK = 5.0  # median time steps: a longer step breaks the line
 
 def gap_figure(gaps: Sequence[SignalGap]) -> go.Figure:
     """RMS of each signal before and after, and the floor, on a logarithmic axis."""
-    gaps = [
-        gap for gap in gaps if gap.before > 0.0 or gap.after > 0.0
-    ]  # a logarithmic axis has no 0
+    # A logarithmic axis has no 0
+    gaps = [gap for gap in gaps if gap.before > 0.0 or gap.after > 0.0]
     names = [gap.signal for gap in gaps]
     figure = go.Figure()
     for gap in gaps:
@@ -218,9 +217,8 @@ def ranking_figure(ranking: Sequence[RankedModel], chosen: tuple[str, ...]) -> g
         range=[left, max(right, left + 1.0)],
     )
     figure.update_yaxes(autorange="reversed", type="category", automargin=True)
-    return _sized(figure, 90 + 34 * len(models)).update_layout(
-        margin_r=100
-    )  # labels of the rightmost marks
+    # Labels of the rightmost marks
+    return _sized(figure, 90 + 34 * len(models)).update_layout(margin_r=100)
 
 
 def confusion_figure(confusion: Confusion) -> go.Figure:

@@ -280,9 +280,8 @@ def explanatory_variables_of(
 def _joint_variables(log: RunLog, joint: int, time_s: Floats) -> list[ExplanatoryVariable]:
     joints = log.joints
     q, dq = joints.q[:, joint], rates(joints)[:, joint]
-    torque = (drive_torque(log) if joints.tau_est is None else joints.tau_est)[
-        :, joint
-    ]  # what the drive believes, if known
+    # What the drive believes, if known
+    torque = (drive_torque(log) if joints.tau_est is None else joints.tau_est)[:, joint]
     width = max(1, round(SMOOTH_S / float(np.median(np.diff(joints.time_s)))))
     smooth = np.convolve(dq, np.ones(width) / width, mode="same")
     direction = np.where(np.abs(smooth) > MOVING, np.sign(smooth), 0.0)

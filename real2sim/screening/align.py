@@ -19,10 +19,11 @@ from saltus.real2sim.problem.camera.rays import expected_depth
 from saltus.real2sim.problem.log import commanded, gains, has_changing_gains, untold
 from saltus.recordings.run_log import RunLog, Table
 
+# Offsets that are tried: some lead, and the largest latency of a camera on a robot
 SEARCH_S = (
     -0.05,
     0.2,
-)  # offsets that are tried: some lead, and the largest latency of a camera on a robot
+)
 GRID_S = 0.005
 ITERATIONS = 8
 SMOOTH_S = 0.02  # to either side; a body turns and heaves at a few hertz

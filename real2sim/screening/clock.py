@@ -58,9 +58,8 @@ def lost_rows(time_s: Floats) -> tuple[int, float]:
             shift = _shift(before, after)
         else:  # too near an end: believed where the clock is otherwise even
             shift = steps[place] - period if steps[place] > period + 2.0 * spread else 0.0
-        count = min(
-            round(shift / period), round(float(steps[place]) / period) - 1
-        )  # a gap holds no more
+        # A gap holds no more
+        count = min(round(shift / period), round(float(steps[place]) / period) - 1)
         if count > 0:
             lost, longest = lost + count, max(longest, float(steps[place]))
             line[place + 1 :] -= count * period
@@ -92,9 +91,8 @@ def _shift(before: Floats, after: Floats) -> float:
     slope = sum(c @ side for c, side in zip(centred, sides, strict=True)) / sum(
         c @ c for c in centred
     )
-    apart = (
-        0.5 * (len(before) + len(after) - skipped) + skipped
-    )  # rows between the middles of both sides
+    # Rows between the middles of both sides
+    apart = 0.5 * (len(before) + len(after) - skipped) + skipped
     return float(np.mean(sides[1]) - np.mean(sides[0]) - slope * apart)
 
 

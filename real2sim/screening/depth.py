@@ -26,10 +26,11 @@ COARSE_M = 0.5  # steps that are as far as what legs stand on
 FULL = 65534  # largest distance of 16 bits: larger ones are cut to it
 FULL_SHARE = 0.5  # of valid pixels: nothing that a robot's camera sees is so far
 SEEN_SHARE = 0.02  # smallest share of valid pixels
+# Correlation with the expected image: below this upright, above this upside down
 UPSIDE_DOWN = (
     -0.3,
     0.6,
-)  # correlation with the expected image: below this upright, above this upside down
+)
 MAX_AGE_S = 2.0  # older images have time stamps of another clock
 MOVES_M = 0.02
 

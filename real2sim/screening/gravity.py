@@ -24,16 +24,18 @@ MIN_WEIGHT = 0.5  # Nm: the hip of a robot of 12 kg holds 0.7
 AGREES = 0.5  # share of the weight by which the torque may differ from its opposite
 OFF_COMMAND = 5.0  # Nm on average: friction, stops and cables hold less
 MOVES = 0.2  # rad: friction can hold a joint near its command, but not for a whole motion
+# Share of the weight that is missing: drives of 0.7 of their strength, a load of half the robot
 LOADED = (
     0.4,
     2.5,
-)  # share of the weight that is missing: drives of 0.7 of their strength, a load of half the robot
+)
 HOLDS = 0.5  # share of the weight that tau_ff must hold, or explain, so that it is compared
 SLOW_S = 0.6  # accelerations average out
+# Ratio of torque to weight; drives that are off by 20 % and friction stay within 0.75-1.35
 GAIN_RANGE = (
     0.6,
     1.7,
-)  # ratio of torque to weight; drives that are off by 20 % and friction stay within 0.75-1.35
+)
 
 
 def gravity_faults(log: RunLog) -> Iterator[Fault]:

@@ -31,10 +31,11 @@ SWAP_GAIN = 3.0  # times closer to the command of another joint than to its own
 SWAP_OFF = 0.15  # rad RMS: gravity and bias alone make smaller differences from the command
 LEGS = 3  # smallest number of legs among which one can be the exception
 STANCE_OFF, STANCE_LIKE = 0.6, 0.25  # rad: different kinds of joints stand at least 0.9 apart
+# Slow response over slow command; gravity and gains off by 20 % stay within 0.85-1.15
 RATIO_RANGE = (
     0.75,
     1.33,
-)  # slow response over slow command; gravity and gains off by 20 % stay within 0.85-1.15
+)
 RATIO_MOVES = 0.4  # rad: friction of 0.8 Nm takes 0.04 rad at kp 20
 TURNS = 100  # parts of a log whose turns are compared, however long its rows are said to be
 ALIKE = 0.7  # correlation of turns and velocities from which they are of one motion; noise has none

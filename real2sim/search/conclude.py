@@ -56,9 +56,8 @@ def findings(
     chosen = decide.choose(comparison, scored, wide)
     null = next(each for each in scored if not each.fit.model)
     around = library(chosen.fit.model)
-    chosen = comparison.score(
-        fits[chosen.fit.model]
-    )  # with the derivatives that `library` has renewed
+    # With the derivatives that `library` has renewed
+    chosen = comparison.score(fits[chosen.fit.model])
     confusion = signature.confusion(comparison.layout, around, chosen.fit.model)
     alike = decide.ambiguities(comparison, chosen, scored, confusion, wide, problem.collinear)
     model = stated_model(problem, comparison, evaluate, null, chosen)

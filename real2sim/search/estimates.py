@@ -181,9 +181,8 @@ def _intervals(problem: Problem, one: Group) -> dict[str, Interval]:
     variance = {}
     for name, null in candidate.parameters(absent, block).items():
         distance = abs(values[name].value - null.value)
-        size = min(
-            abs(values[name].value), distance if distance > 0.0 else np.inf
-        )  # a shape has no null value
+        # A shape has no null value
+        size = min(abs(values[name].value), distance if distance > 0.0 else np.inf)
         variance[name] = (candidate.model_error * size) ** 2
     variance[next(iter(variance))] += candidate.resolution**2
     low = np.array([unknown.low for unknown in candidate.unknowns])
@@ -213,9 +212,8 @@ def _with_unseen(covariance: Floats, candidate: Candidate) -> Floats:
 
     It can be inverted, also where residuals tell only a sum of two unknowns.
     """
-    widths = np.array(
-        [(unknown.high - unknown.low) / 3.5 for unknown in candidate.unknowns]
-    )  # sigma of a uniform
+    # Sigma of a uniform
+    widths = np.array([(unknown.high - unknown.low) / 3.5 for unknown in candidate.unknowns])
     own = np.diag(covariance)
     return covariance + np.diag(np.where(own <= 0.0, widths**2, ROUNDING * own))
 

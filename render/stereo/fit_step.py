@@ -8,6 +8,7 @@ from saltus.render.stereo.static_scene import StaticScene
 
 BINS = 1 << 18
 SAMPLES = 2_000_000  # inverse depths that are looked at
+# Of depth: near surfaces are left out in turn
 QUANTILES = (
     0.0,
     0.25,
@@ -19,7 +20,7 @@ QUANTILES = (
     0.97,
     0.98,
     0.99,
-)  # of depth: near surfaces are left out in turn
+)
 ENVELOPE = 0.6  # beyond 0.6 / sigma a Gaussian's spectrum is below 1e-3
 UNIT_MARGIN = 0.85  # the depth unit makes a comb of its own, from 1 / (unit w^2) on
 PROMINENCE = (

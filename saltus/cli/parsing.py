@@ -82,9 +82,8 @@ def _one_line(box: str) -> str:
     said = " ".join(parts[0])
     if said.startswith("Unrecognized"):
         return _unknown(said, parts)
-    allowed = [
-        f" ({part[1]})" for part in parts if part[0] == "Argument helptext:"
-    ]  # e.g. (--seed INT)
+    # e.g. (--seed INT)
+    allowed = [f" ({part[1]})" for part in parts if part[0] == "Argument helptext:"]
     return said + "".join(allowed)
 
 

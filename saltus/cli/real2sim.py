@@ -210,9 +210,8 @@ class Apply(RobotOption, JsonOption):
         before = load_profile(self.profile if exists else self.base, robot)
         after = patch.applied_to(before, robot)
         path = save_profile(self.profile, after)
-        names = dict.fromkeys(
-            effect.name for effect in patch.effects
-        )  # one may be found at several joints
+        # One may be found at several joints
+        names = dict.fromkeys(effect.name for effect in patch.effects)
         updated = [name for name in names if name in before.effects]
         added = [name for name in names if name not in updated]
         lacks = [name for name in load_profile(SHIPPED, robot).effects if name not in after.effects]

@@ -103,9 +103,8 @@ class Loop:
             self.running,
         )
         heights = self._heights.heights(states, truth, fresh)
-        begins = fresh | (
-            self._index <= self._stand_steps
-        )  # the deployed planner begins when the robot may go
+        # The deployed planner begins when the robot may go
+        begins = fresh | (self._index <= self._stand_steps)
         plan = self._planner.step(observe(states, self._legs), heights, begins)
         mode = ControllerMode.STAND if self._index < self._stand_steps else ControllerMode.RUN
         touched = self._body.step(plan, mode, self._pushes.step(truth.position_base_in_world[:, 0]))

@@ -17,9 +17,8 @@ from saltus.errors import RecordingError
 
 RECORD_MAX = 32 * 2**20  # bytes; a chunk is 256 KiB and one message at most 4 MiB longer
 _HEAD = struct.Struct("<BQ")  # of a record: kind and length
-_MESSAGE = struct.Struct(
-    "<BQHIQQ"
-)  # of a message, its payload follows: kind, length, and the fields of `ChunkRow`
+# Of a message, its payload follows: kind, length, and the fields of `ChunkRow`
+_MESSAGE = struct.Struct("<BQHIQQ")
 _BEFORE_PAYLOAD = _MESSAGE.size - _HEAD.size  # bytes that the length counts
 
 

@@ -185,9 +185,8 @@ def _form(path: Path) -> _Form:
     if at is None:
         raise ValueError("it has no line with names of columns")
     told = lines[at].strip(' "')
-    separator = (
-        told[4] if told.lower().startswith("sep=") and len(told) == 5 else None
-    )  # as Excel writes it
+    # As Excel writes it
+    separator = told[4] if told.lower().startswith("sep=") and len(told) == 5 else None
     at += separator is not None
     header, skipped = lines[at] if at < len(lines) else "", at + 1
     before = lines[at - 1].lstrip() if at else ""
@@ -216,10 +215,11 @@ def _first_lines(path: Path) -> tuple[str, list[str]]:
             head[len(mark) :], final=len(head) < HEAD_BYTES
         )
     except UnicodeDecodeError:
+        # As Windows writes degrees and Greek letters
         text, encoding = (
             head.decode("latin-1"),
             "latin-1",
-        )  # as Windows writes degrees and Greek letters
+        )
     if "\0" in text:
         lost = (
             "\0" not in text.rstrip("\0\r\n")

@@ -26,9 +26,8 @@ PIXELS_MAX = 2**24  # of a compressed image: its few bytes could claim any size
 TRANSPORTS = ("/compressedDepth", "/compressed")
 """Endings of topics whose images are those of the topic without."""
 PNG = b"\x89PNG\r\n\x1a\n"
-INVERSE = struct.Struct(
-    "<iff"
-)  # before a compressedDepth image: a number that means nothing, and two of the inverse
+# Before a compressedDepth image: a number that means nothing, and two of the inverse
+INVERSE = struct.Struct("<iff")
 
 
 def base_topic(topic: str) -> str:

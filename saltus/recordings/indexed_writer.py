@@ -121,9 +121,8 @@ class IndexedWriter:
             summary += group
         offset_start = start + len(summary)
         summary += _bytes_of(offsets)
-        footer = struct.pack(
-            "<BQQQ", Opcode.FOOTER, 8 + 8 + 4, start, offset_start
-        )  # whose checksum follows
+        # Whose checksum follows
+        footer = struct.pack("<BQQQ", Opcode.FOOTER, 8 + 8 + 4, start, offset_start)
         self._stream.write(summary)
         self._write(Footer(start, offset_start, summary_crc=zlib.crc32(summary + footer)))
         self._stream.write(MAGIC)

@@ -83,9 +83,8 @@ class Recorder:
         about = describe(run_config, setup)
         with WHOLE:  # a file that is there has a beginning
             with _writing(path):
-                self._file = path.open(
-                    "wb", buffering=CHUNK_BYTES
-                )  # a full disk shows at the first flush
+                # A full disk shows at the first flush
+                self._file = path.open("wb", buffering=CHUNK_BYTES)
                 self._writer = IndexedWriter(
                     self._file,
                     path.parent,
@@ -116,9 +115,8 @@ class Recorder:
         arrival_ns = self._arrival_ns(raw, message)
         with WHOLE:
             self._add(f"/{raw.key}", TYPE_NAME[type(message)], envelope, arrival_ns, raw.payload)
-            still = (
-                [] if self._begun else self._viewer.first()
-            )  # with the first message: its sender and time
+            # With the first message: its sender and time
+            still = [] if self._begun else self._viewer.first()
             self._begun = True
             for derived in (*still, *self._viewer.derive(raw.key, message, arrival_ns)):
                 self._add(derived.topic, derived.type_name, envelope, arrival_ns, derived.payload)

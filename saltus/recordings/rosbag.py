@@ -348,9 +348,8 @@ def _base(messages: _Messages) -> Table | None:
     if not messages:
         return None
     values = np.stack([each.message for each in messages])
-    values[:, 7:] = (rotation_matrix(values[:, 3:7]) @ values[:, 7:, None])[
-        ..., 0
-    ]  # into the world
+    # Into the world
+    values[:, 7:] = (rotation_matrix(values[:, 3:7]) @ values[:, 7:, None])[..., 0]
     return Table(time_s=_times(messages), values=values)
 
 

@@ -27,9 +27,8 @@ def figure(drawn: go.Figure) -> Markup:
     for trace in drawn.data:
         for axis in {"x", "y", "z"} & set(trace):
             if isinstance(trace[axis], np.ndarray) and trace[axis].dtype == np.float64:
-                trace[axis] = trace[axis].astype(
-                    np.float32
-                )  # more digits than a screen shows, in half of the page
+                # More digits than a screen shows, in half of the page
+                trace[axis] = trace[axis].astype(np.float32)
     return Markup(drawn.to_html(full_html=False, include_plotlyjs=False))  # noqa: S704 # plotly escapes it
 
 

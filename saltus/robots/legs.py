@@ -11,9 +11,8 @@ import numpy as np
 from saltus.arrays import Array, Constant, Jacobians, Joints, Legs, namespace
 from saltus.robots.robot import Robot
 
-_CHAIN_ANGLES = Constant(
-    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 1.0]]
-)  # abduction, thigh, thigh + calf
+# Abduction, thigh, thigh + calf
+_CHAIN_ANGLES = Constant([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 1.0]])
 # A foot cannot be nearer to the abduction axis than the abduction link: closer targets are
 # projected out to this [m].
 _MINIMUM_EXTENSION = 0.01

@@ -87,9 +87,8 @@ def write_mjcf(
             pos=_text(leg.offset[3]),
         )
     ElementTree.indent(root)
-    text = ElementTree.tostring(root, encoding="unicode").replace(
-        '"', "'"
-    )  # within TOML these need no escape
+    # Within TOML these need no escape
+    text = ElementTree.tostring(root, encoding="unicode").replace('"', "'")
     return text + "\n"
 
 

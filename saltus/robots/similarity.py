@@ -17,11 +17,12 @@ from saltus.arrays import Floats
 from saltus.robots.robot import Gains, Robot
 
 LEG_LENGTH, MASS = 0.426, 12.743448  # of the reference [m], [kg]
+# Of what its controller takes for its inertia about x, y, z to what it is
 INERTIA_FACTOR = (
     1.6,
     1.32,
     1.24,
-)  # of what its controller takes for its inertia about x, y, z to what it is
+)
 STAND_SHARE = 0.62  # height of a standing hip above its foot, as a share of the leg
 HIP_TO_CAMERA, CAMERA_Z, CAMERA_PITCH = 0.084, 0.092, 0.52  # [m], [m], [rad]
 

@@ -25,9 +25,8 @@ from saltus.wire.topics import TOPICS
 
 HELD_S = TOPICS["controller/state"].invalid_age_s
 """A reading that is older is not used: nor would a state of that age be."""
-NO_ATTITUDE = (
-    -1.0
-)  # sensor_msgs/msg/Imu: first entry of the covariance of an orientation that it does not have
+# sensor_msgs/msg/Imu: first entry of the covariance of an orientation that it does not have
+NO_ATTITUDE = -1.0
 TYPES = {
     "depth": "sensor_msgs/msg/Image",
     "camera_info": "sensor_msgs/msg/CameraInfo",

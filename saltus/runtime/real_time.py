@@ -110,9 +110,8 @@ class RealTimeMonitor:
         topic = TOPICS[topic_name]
         asked = topic.rate_hz * sum(period.length_s for period in periods)
         share = min(1.0, sum(period.received for period in periods) / asked)
-        longest_s = (
-            1.0 / topic.rate_hz + 2.0 * topic.jitter_s
-        )  # one as early and the next as late as can be
+        # One as early and the next as late as can be
+        longest_s = 1.0 / topic.rate_hz + 2.0 * topic.jitter_s
         late_s = max(0.0, statistics.median(period.silence_s for period in periods) - longest_s)
         # Later than that a message is degraded
         kept = share >= SHARE_KEPT and late_s <= topic.degraded_age_s - topic.nominal_age_s

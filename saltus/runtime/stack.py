@@ -204,9 +204,8 @@ class Stack:
             self._recorder = Recorder(self.recording, self.config, self.setup)
             self._resources.push(self._close_recorder)
         self._resources.callback(self._stop, restart=True)
-        self._resources.callback(
-            self._stop, restart=False
-        )  # first of all: the robot comes to a stand
+        # First of all: the robot comes to a stand
+        self._resources.callback(self._stop, restart=False)
 
     def _start_all(self) -> None:
         """All load at once; the run begins with the last of them, when nothing loads any more."""

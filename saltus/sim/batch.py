@@ -57,9 +57,8 @@ class BatchPlant(DrivenRobots):
         self.count = count
         self._legs = LegKinematics(robot)
         self._columns = columns or self.terrains.widest
-        longest = max(
-            given, key=lambda terrain: len(terrain.boxes)
-        )  # its tree of boxes suits the others too
+        # Its tree of boxes suits the others too
+        longest = max(given, key=lambda terrain: len(terrain.boxes))
         # A payload, so that what the engine derives from masses exists for every robot.
         self._body = body or BodyChain()
         model = scene.build_spec(

@@ -34,9 +34,8 @@ class ModelLayout:
         self.terrain, self.robot = (
             _span(model, group) for group in (scene.TERRAIN_GROUP, scene.ROBOT_GROUP)
         )
-        own = mujoco.MjSpec.from_string(robot.mjcf).body(
-            scene.TRUNK
-        )  # where no one shifted its centre
+        # Where no one shifted its centre
+        own = mujoco.MjSpec.from_string(robot.mjcf).body(scene.TRUNK)
         self._trunk_com = Constant(own.ipos.copy())
         self._trunk_inertia = Constant(model.body_inertia[self.trunk].copy())
         self._payload_inertia = Constant(scene.payload_inertia(1.0))

@@ -65,9 +65,8 @@ def draw_shadow(
         feet: Centres of the feet in the world [m], shape (4, 3).
     """
     heading = _heading(base_pose)
-    along = max(
-        abs(float(heading[0, 0])), 0.3
-    )  # a robot that has turned sideways gets a shadow that is too long
+    # A robot that has turned sideways gets a shadow that is too long
+    along = max(abs(float(heading[0, 0])), 0.3)
     reach = 0.5 * (trunk_size[0] + HEAD_LENGTH) * along
     low, high = base_pose[0] - reach, base_pose[0] + reach
     edges = np.arange(low, high, SHADOW_PIECE) if terrain.columns is None else terrain.columns.x
@@ -81,9 +80,8 @@ def draw_shadow(
         )
     for foot in feet:
         size = np.array([FOOT_SHADOW_RADIUS, 0.0005, 0.0])  # radius, half of the height
-        center = _on_ground(terrain, foot[0], foot[1]) + np.array(
-            [0.0, 0.0, LIFT]
-        )  # above the trunk's shadow
+        # Above the trunk's shadow
+        center = _on_ground(terrain, foot[0], foot[1]) + np.array([0.0, 0.0, LIFT])
         _add(shapes, mujoco.mjtGeom.mjGEOM_CYLINDER, size, center, SHADOW_RGBA)
 
 

@@ -56,13 +56,11 @@ def standing_pose(
     standing = LegKinematics(robot).position(robot.stand_pose)
     feet = standing @ rotation_matrix(quaternion).mT  # (..., 4, 3), yaw applied
     foot_x, foot_y = position_x[..., None] + feet[..., 0], position_y[..., None] + feet[..., 1]
-    sole_x = np.concatenate(
-        [foot_x - robot.foot_radius, foot_x + robot.foot_radius], axis=-1
-    )  # (..., 8)
+    # (..., 8)
+    sole_x = np.concatenate([foot_x - robot.foot_radius, foot_x + robot.foot_radius], axis=-1)
     ground = terrain.height_at(sole_x, np.concatenate([foot_y, foot_y], axis=-1)).max(axis=-1)
-    drop = robot.foot_radius - float(
-        standing[:, 2].min()
-    )  # the legs give about 1 cm of it under load
+    # The legs give about 1 cm of it under load
+    drop = robot.foot_radius - float(standing[:, 2].min())
     position = np.stack([position_x, position_y, ground + drop + clearance], axis=-1)
     joints = np.broadcast_to(robot.stand_pose, (*zero.shape, 12))
     return np.concatenate([position, quaternion, joints], axis=-1)
@@ -124,9 +122,8 @@ class Plant(DrivenRobots):
             if held and changed.roll_give > 0.0:
                 self.model.dof_armature[ROLL] = 0.0
                 self.model.dof_damping[ROLL] = changed.roll_damping
-                self.model.jnt_stiffness[0] = (
-                    1.0 / changed.roll_give
-                )  # the base is too heavy to feel it in other ways
+                # The base is too heavy to feel it in other ways
+                self.model.jnt_stiffness[0] = 1.0 / changed.roll_give
             mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
         self.data = mujoco.MjData(self.model)
         self._feet = [self.model.geom(f"{leg}_foot").id for leg in LEGS]

@@ -152,10 +152,11 @@ def _load(spec: mujoco.MjSpec, robot: Robot, payload_kg: float) -> None:
 
 
 def _add_contact_sensors(spec: mujoco.MjSpec) -> None:
+    # The engine's codes: sum of all contacts as one, in the world frame; and their number
     net_force, found = (
         3,
         1,
-    )  # the engine's codes: sum of all contacts as one, in the world frame; and their number
+    )
     data = mujoco.mjtConDataField
     for leg in LEGS:
         sensor = spec.add_sensor(name=f"{leg}_force", type=mujoco.mjtSensor.mjSENS_CONTACT)

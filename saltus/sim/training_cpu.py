@@ -20,9 +20,8 @@ class BatchEngine(MujocoBatch, Engine):
         )
         self.boxes, self.dimensions = boxes, dimensions
         self._qacc, self._sensors = self.batch.bind("qacc"), self.batch.bind("sensordata")
-        self.qacc = (
-            self._qacc.copy()
-        )  # the engine's own array cannot be shared with torch: it must not be written
+        # The engine's own array cannot be shared with torch: it must not be written
+        self.qacc = self._qacc.copy()
 
     def step(self) -> None:
         """Advances all robots by `PHYSICS_DT`."""

@@ -27,12 +27,13 @@ FPS = 30
 SIZE = (640, 480)
 # Frames are drawn larger and averaged: half the price of multi-sampling in a software renderer
 SUPERSAMPLING = 1.5
+# The index first, so that a browser can start at once
 ENCODING = [
     "-preset",
     "veryfast",
     "-movflags",
     "+faststart",
-]  # the index first, so that a browser can start at once
+]
 # Camera: from behind and the right, so that risers, which face the robot, face the camera too.
 AZIMUTH_DEG, ELEVATION_DEG, DISTANCE_M = 62.0, -17.0, 1.75
 LOOK_AHEAD_M = 0.35
@@ -173,10 +174,11 @@ def _model(robot: Robot, terrain: Terrain) -> mujoco.MjModel:
     spec = scene.build_spec(robot, terrain)
     decorate(spec, robot, terrain)
     spec.visual.quality.offsamples = 0
+    # Round enough at this size
     spec.visual.quality.numslices, spec.visual.quality.numstacks = (
         20,
         10,
-    )  # round enough at this size
+    )
     spec.stat.extent, spec.stat.center = 3.0, (0.0, 0.0, 0.0)  # scales clipping planes and haze
     return spec.compile()
 

@@ -25,10 +25,11 @@ DRAWS = ColumnNames(start=(), length=(), differ=(), depth=(), unused=(4,), colum
 The depth of a ditch tells irregular stairs if they lead down.
 """
 
+# Both within reach of the first jump and beyond what the robot sees at the start
 FIRST_EDGE_X = (
     0.6,
     1.6,
-)  # both within reach of the first jump and beyond what the robot sees at the start
+)
 STAIR_RUN_M = (0.23, 0.37)  # original
 DITCH_M = (0.05, 1.0)
 """Depth of a ditch: from a step that is walked through to one that must be jumped."""

@@ -62,12 +62,10 @@ def column_heights(walls: Floats, tops: Floats, x: Array) -> Array:
     walls, tops = (
         xp.astype(xp.asarray(value, device=x.device), x.dtype) for value in (walls, tops)
     )
-    behind = xp.sum(
-        xp.astype(x[..., None] > walls[..., None, :], xp.int64), axis=-1
-    )  # if a wall counts backward
-    ahead = xp.sum(
-        xp.astype(x[..., None] >= walls[..., None, :], xp.int64), axis=-1
-    )  # if it counts forward
+    # If a wall counts backward
+    behind = xp.sum(xp.astype(x[..., None] > walls[..., None, :], xp.int64), axis=-1)
+    # If it counts forward
+    ahead = xp.sum(xp.astype(x[..., None] >= walls[..., None, :], xp.int64), axis=-1)
     if tops.ndim == 1:
         return xp.maximum(xp.take(tops, behind, axis=0), xp.take(tops, ahead, axis=0))
     return xp.maximum(

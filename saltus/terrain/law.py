@@ -75,9 +75,8 @@ def shape(
     index = xp.where(index <= count[:, None], index, zero)
     is_irregular, is_hurdles = (is_kind(kind, name)[:, None] for name in ("irregular", "hurdles"))
     of_rises, of_gaps = draws, draws  # irregular stairs have no trenches
-    of_treads = _FINE * draws - xp.floor(
-        _FINE * draws
-    )  # the lower digits of a uniform number are another one
+    # The lower digits of a uniform number are another one
+    of_treads = _FINE * draws - xp.floor(_FINE * draws)
     along = xp.where(is_irregular, between(IRREGULAR_RUN_M, of_treads), length[:, None] + zero)
     wall = index - 2.0 * xp.floor(0.5 * index)
     half = 0.5 * count[:, None]

@@ -11,9 +11,8 @@ from saltus.terrain.boxes import Boxes
 from saltus.terrain.columns import column_heights
 from saltus.terrain.terrain import Terrain
 
-SPARE_DEPTH = (
-    -100.0
-)  # a box that a terrain does not need lies this deep below its end, out of everything's way [m]
+# A box that a terrain does not need lies this deep below its end, out of everything's way [m]
+SPARE_DEPTH = -100.0
 SPARE_SIZE = 0.02  # [m]
 
 

@@ -15,9 +15,8 @@ from saltus.errors import ConfigError
 from saltus.terrain.boxes import Box, Boxes, Point
 from saltus.terrain.columns import Columns
 
-GROUND_START_X = (
-    -2.0
-)  # ground behind the robot [m]: the rearmost heightmap point at the start is at -0.6
+# Ground behind the robot [m]: the rearmost heightmap point at the start is at -0.6
+GROUND_START_X = -2.0
 FIRST_EDGE_X = (
     1.5  # beyond the camera's reach of 0.5 m from the start, and room for the first bounds
 )

@@ -77,10 +77,11 @@ class Way:
         """
         x, y = self.place(*middle)
         turn = math.remainder(self.yaw + yaw, 2.0 * math.pi)
+        # The centre lies half the thickness below, along the box's own z
         sin, cos = (
             math.sin(pitch),
             math.cos(pitch),
-        )  # the centre lies half the thickness below, along the box's own z
+        )
         center = (
             x - 0.5 * thick * sin * math.cos(turn),
             y - 0.5 * thick * sin * math.sin(turn),

@@ -20,9 +20,8 @@ PLANNED, FORCE = (0, 114, 178), (230, 159, 0)
 TOP, WALL, EDGE = (203, 210, 218), (120, 133, 148), (84, 95, 109)
 SKY = ((150, 186, 222), (244, 247, 250))
 LIFT = np.array([0.0, 0.0, 0.004])  # lines float this far above the ground, else they flicker [m]
-DISC_LIFT = np.array(
-    [0.0, 0.0, 0.013]
-)  # a disc faces the browser: half of it would be in the ground [m]
+# A disc faces the browser: half of it would be in the ground [m]
+DISC_LIFT = np.array([0.0, 0.0, 0.013])
 GUESSED = (204, 121, 167)
 GUESS_M = 0.12
 """Half-width from which on a point of a scan is drawn as guessed: that of ground that was never seen (models/scan.md)

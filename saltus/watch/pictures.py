@@ -22,11 +22,12 @@ PALETTE = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMA
 BESIDE = (416, 720)
 """Width and height of what stands beside the robot in a video [px]."""
 PAPER, INK, PALE, BAND = (255, 255, 255), (40, 44, 52), (150, 156, 165), (246, 219, 200)
+# Okabe and Ito's palette, as on the page
 PREDICTED, TRUE, UNTRUSTED = (
     (213, 94, 0),
     (0, 158, 115),
     (150, 150, 150),
-)  # Okabe and Ito's palette, as on the page
+)
 DEPTH_BOX = (20, 150, 236, 300)  # left, top, width and height: of the image, which keeps its shape
 PLOT_BOX = (56, 500, 340, 180)
 TICKS_X, TICKS_Z = (-0.4, 0.0, 0.4, 0.8), (-0.8, -0.4, 0.0, 0.4)  # [m]
@@ -49,9 +50,8 @@ def curves(heights: HeightsInWorld, scene: Scene) -> tuple[NDArray[np.float64], 
     """
     base = 0.0 if scene.base_pose is None else float(scene.base_pose[2])
     predicted = heights.predicted[:, 2] - base
-    true = (
-        predicted if heights.true is None else heights.true[:, 2] - base
-    )  # a plot holds numbers only
+    # A plot holds numbers only
+    true = predicted if heights.true is None else heights.true[:, 2] - base
     found = (
         heights.x,
         predicted - heights.half_width_90,

@@ -77,9 +77,8 @@ class Source:
             if self.live.connected():
                 return False
             self.leave()
-            self._joined = _written(
-                self.path / CLIENT_FILE
-            )  # what is gone is not tried again until it is new
+            # What is gone is not tried again until it is new
+            self._joined = _written(self.path / CLIENT_FILE)
             self._read_recording()
             return True
         return self.path.suffix != ".mcap" and (

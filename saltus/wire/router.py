@@ -49,9 +49,8 @@ def open_router(
         StackError: it cannot listen there.
     """
     with contextlib.ExitStack() as resources:
-        folder = tempfile.mkdtemp(
-            prefix="saltus-"
-        )  # mode 0700; the path of a socket has at most 107 characters
+        # Mode 0700; the path of a socket has at most 107 characters
+        folder = tempfile.mkdtemp(prefix="saltus-")
         resources.callback(shutil.rmtree, folder, ignore_errors=True)
         endpoints = [f"{LOCAL}{folder}/router"]
         settings = zenoh.Config.from_file(str(resource("zenoh_cfg/router.json5")))
@@ -68,10 +67,11 @@ def open_router(
             settings.insert_json5("listen/endpoints", json.dumps(endpoints))
             resources.callback(zenoh.open(settings).close)
         except zenoh.ZError as error:
+            # Without places in Zenoh's source
             reason, places = (
                 str(error).split(" at /")[0],
                 " and ".join(endpoints),
-            )  # without places in Zenoh's source
+            )
             raise StackError(
                 f"cannot host a Zenoh router at {places}: {reason}; is another one there?"
             ) from error

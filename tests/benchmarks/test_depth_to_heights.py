@@ -486,9 +486,8 @@ def test_all_baselines_predict_from_the_inputs(short: Path, capsys: Any) -> None
     )
     found = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert list(found["rows"]) == [*BASELINES, "network"]
-    assert all(
-        figures["mae_m"] < 0.03 for figures in found["rows"].values()
-    )  # of a robot on flat ground
+    # Of a robot on flat ground
+    assert all(figures["mae_m"] < 0.03 for figures in found["rows"].values())
     assert set(found["models"]) == {"network"}
 
 

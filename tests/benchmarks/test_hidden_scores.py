@@ -115,10 +115,11 @@ def test_sets_that_an_experiment_resolves_are_counted(tmp_path, truths):
         for part in ("first", "second")
     ]
     row = score.table(*read)["experiment_resolves_set"]
+    # 16 single effects, 3 pairs, an outside effect in a set of its own
     assert (row["hits"], row["count"]) == (
         8,
         20,
-    )  # 16 single effects, 3 pairs, an outside effect in a set of its own
+    )
 
 
 def test_a_value_is_compared_with_that_of_the_joints_it_was_stated_for(tmp_path, truths):

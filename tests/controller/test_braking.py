@@ -79,9 +79,8 @@ def test_comes_to_a_stand_from_full_speed_at_any_phase_of_the_gait(phase):
     assert robot.state.velocity_base_in_world[0] > 1.2
     robot.take_trunk_contact()
 
-    modes = stop(
-        robot, loop, plan if silent else plan_message(REST, PlanStatus.STOP), 2.4
-    )  # landing 1.1 s, blend 1 s
+    # Landing 1.1 s, blend 1 s
+    modes = stop(robot, loop, plan if silent else plan_message(REST, PlanStatus.STOP), 2.4)
 
     order = [ControllerMode.LANDING, ControllerMode.STOPPED]
     assert list(modes) == ([ControllerMode.RUN, ControllerMode.COAST, *order] if silent else order)
@@ -141,9 +140,10 @@ def test_asks_for_rest_and_pushes_against_the_slope(draw):
     flat = BRAKING.reference(diagnostics, sensed.base_height, plan.heading, level)
     steep = BRAKING.reference(diagnostics, sensed.base_height, plan.heading, uphill)
     assert (flat.velocity[:, :2] == 0.0).all()
+    # Nose up
     np.testing.assert_allclose(
         flat.angular_velocity[:, 1] - steep.angular_velocity[:, 1], BRAKING.config.pitch_gain * 0.2
-    )  # nose up
+    )
     np.testing.assert_allclose(BRAKING.catching(plan, level).foot_residual, 0.0, atol=1e-12)
     rise = BRAKING.catching(plan, uphill).foot_residual[..., 2]
     np.testing.assert_allclose(

@@ -82,9 +82,8 @@ def test_stands_for_three_seconds_without_plans():
 def test_lands_and_stands_when_plans_stop(phase):
     robot, loop = make_robot(seed=int(10 * phase)), ControlLoop(ROBOT)
     silent_s = FIRST_STAND_S + (2.0 + phase) / FREQUENCY_HZ
-    modes = drive(
-        robot, loop, silent_s + 2.5, bounding, silent_s
-    )  # lost 0.1 s, landing at most 1.1 s, blend 1 s
+    # Lost 0.1 s, landing at most 1.1 s, blend 1 s
+    modes = drive(robot, loop, silent_s + 2.5, bounding, silent_s)
     assert modes == [
         ControllerMode.STAND,
         ControllerMode.RUN,

@@ -21,9 +21,8 @@ def walking(ticks, robots, feet_slip=0.0):
     quaternion = quaternion_from_roll_pitch_yaw(0.0 * yaw, 0.0 * yaw, yaw)
     rotation = rotation_matrix(quaternion)
     foot, jacobian = KINEMATICS.position_and_jacobian(joints)
-    foot_velocity = -(
-        (VELOCITY + feet_slip) @ rotation
-    )  # what a foot at rest does in the base frame
+    # What a foot at rest does in the base frame
+    foot_velocity = -((VELOCITY + feet_slip) @ rotation)
     velocity = np.linalg.solve(
         jacobian, np.broadcast_to(foot_velocity[:, None, :, None], (robots, 4, 3, 1))
     )

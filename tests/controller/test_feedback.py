@@ -10,10 +10,11 @@ FEEDBACK = VelocityFeedback(ROBOT, FeedbackConfig())
 def test_feet_of_a_body_at_its_reference_stand_still_in_the_world(draw):
     plan, sensed = draw(np.random.default_rng(7), (300,))
     body = observe(sensed, KINEMATICS)
+    # Below the drives' speed limits
     velocity, angular = (
         0.3 * plan.velocity,
         0.3 * plan.angular_velocity,
-    )  # below the drives' speed limits
+    )
     joint = FEEDBACK.joint_velocity(body, velocity, angular).reshape(300, 4, 3)
     relative = (body.jacobian @ joint[..., None])[..., 0] @ body.base_in_yaw.mT
     in_world = velocity[:, None] + np.cross(angular[:, None], body.foot_yaw) + relative

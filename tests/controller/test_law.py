@@ -118,9 +118,8 @@ def test_landing_legs_that_are_down_stay_down(draw):
 def test_standing_goes_from_the_present_pose_to_one_on_the_slope_that_the_feet_give(draw, slope):
     plan, sensed = draw(np.random.default_rng(16), ())
     level = KINEMATICS.position(ROBOT.stand_pose)
-    feet = level + slope * level[:, :1] * np.array(
-        [0.0, 0.0, 0.5]
-    )  # within reach: the trunk is pitched by the rest
+    # Within reach: the trunk is pitched by the rest
+    feet = level + slope * level[:, :1] * np.array([0.0, 0.0, 0.5])
     pitch = np.arctan(slope) - np.arctan(0.5 * slope)
     quaternion = quaternion_from_roll_pitch_yaw(np.zeros(()), np.asarray(-pitch), np.zeros(()))
     sensed = replace(
@@ -135,9 +134,8 @@ def test_standing_goes_from_the_present_pose_to_one_on_the_slope_that_the_feet_g
     stood = KINEMATICS.position(positions[-1])
     ahead = stood[0] - stood[2]
     given = np.arctan(np.clip(slope, -0.8, 0.8))
-    np.testing.assert_allclose(
-        np.arctan2(ahead[2], ahead[0]), 0.5 * given, atol=1e-6
-    )  # the other half is pitch
+    # The other half is pitch
+    np.testing.assert_allclose(np.arctan2(ahead[2], ahead[0]), 0.5 * given, atol=1e-6)
     if slope == 0.0:
         np.testing.assert_allclose(positions[-1], ROBOT.stand_pose, atol=1e-9)
     assert np.abs(np.diff(positions, axis=0)).max() < 0.003

@@ -106,9 +106,8 @@ def test_episodes_are_what_robots_meet_from_a_start_to_the_next(datasets: dict[s
         assert (np.diff(episode.frame_tick) == FRAME_TICKS).all()
         assert np.isfinite(episode.proprioception).all()
         base_height = episode.proprioception[:, PROPRIOCEPTION.index("base_height")]
-        level = (
-            np.abs(episode.height[0] - episode.height[0, 0]) < 0.005
-        )  # ground under a robot that stands
+        # Ground under a robot that stands
+        level = np.abs(episode.height[0] - episode.height[0, 0]) < 0.005
         assert level[:10].all()
         assert episode.height[0, 0] == pytest.approx(-base_height[0], abs=0.06)
 

@@ -145,9 +145,8 @@ def test_the_command_prints_what_is_asked_for(
     assert main(["heightmap", "eval", "--heightmap-model", str(model_path), *flags]) == 0
     told = capsys.readouterr()
     assert "nan" not in told.out  # flat ground has no edges
-    assert re.search(
-        r" [1-9][0-9]?%.* 0 of 1 runs", told.err
-    )  # it moves before the first batch is over
+    # It moves before the first batch is over
+    assert re.search(r" [1-9][0-9]?%.* 0 of 1 runs", told.err)
     table = json.loads(told.out.splitlines()[-1])
     asked = {
         "mae_m",

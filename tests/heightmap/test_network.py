@@ -99,12 +99,10 @@ def test_a_model_is_refused_for_another_robot_or_another_camera(model_path: Path
         with pytest.raises(ModelError, match=field) as caught:
             HeightmapNetwork(robot, model_path)
         assert "\n" not in str(caught.value)
-    HeightmapNetwork(
-        _moved(0.009, -0.009, 0.009, pitch=-0.026), model_path
-    )  # no more than training covers
-    HeightmapNetwork(
-        replace(ROBOT, foot_radius=0.021), model_path
-    )  # the same robot, measured again
+    # No more than training covers
+    HeightmapNetwork(_moved(0.009, -0.009, 0.009, pitch=-0.026), model_path)
+    # The same robot, measured again
+    HeightmapNetwork(replace(ROBOT, foot_radius=0.021), model_path)
 
 
 def _moved(*by: float, pitch: float = 0.0) -> Robot:

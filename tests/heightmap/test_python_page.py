@@ -133,8 +133,7 @@ def test_a_trial_is_what_the_command_makes_of_its_seed(capsys: pytest.CaptureFix
     )
     assert vars(outcome) == told["outcomes"][0]
     start, *_, last = (step.truth.position_base_in_world[0, 0] for step in steps if step.running[0])
-    assert last - start == pytest.approx(
-        outcome.distance_m, abs=0.05
-    )  # a step further: 0.01 s at less than 5 m/s
+    # A step further: 0.01 s at less than 5 m/s
+    assert last - start == pytest.approx(outcome.distance_m, abs=0.05)
     with pytest.raises(saltus.SaltusError, match="trials = 0"):
         saltus.roll_out(ROBOT, saltus.make_terrain(course), trials=0)

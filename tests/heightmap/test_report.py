@@ -152,9 +152,8 @@ def test_the_position_of_an_edge_is_measured(size: float, shift: int) -> None:
     np.testing.assert_allclose(result.error, shift * CELL, atol=1e-9)
     np.testing.assert_allclose(result.true_x, HEIGHTMAP_X[edge] - 0.5 * CELL, atol=1e-9)
     assert (result.found, result.false) == (1.0, 0)
-    assert (
-        edge_errors(-true, true, HEIGHTMAP_X).found == 0.0
-    )  # the other way round it is another edge
+    # The other way round it is another edge
+    assert edge_errors(-true, true, HEIGHTMAP_X).found == 0.0
     assert edge_errors(true, 0.0 * true, HEIGHTMAP_X).false == len(edge)
 
 
@@ -228,9 +227,8 @@ def test_without_truth_predictions_are_measured_by_later_ones(
     known = np.isfinite(exact.true_height)
     assert known[:100, HEIGHTMAP_X > 0.7].mean() > 0.9  # what has just come into view stays in view
     assert not known[:, HEIGHTMAP_X < 0.3].any()
-    assert (
-        np.quantile(np.abs(exact.error[known]), 0.8) < 0.002
-    )  # near an edge, a grid knows no better
+    # Near an edge, a grid knows no better
+    assert np.quantile(np.abs(exact.error[known]), 0.8) < 0.002
     wrong = zero + np.where(HEIGHTMAP_X > 0.7, 0.03, 0.0)
     far = compared(tmp_path / "b.mcap", run, told(run, geometric, wrong, zero + 0.01), truth=False)
     new = far.error[:100, HEIGHTMAP_X > 0.75]

@@ -85,9 +85,8 @@ def test_a_recording_is_served_at_its_own_pace_without_a_longer_sleep(
     monkeypatch.setattr(time, "sleep", slept.append)
     assert main(["heightmap", "serve", "--recording", str(bag), "--assume-level"]) == 0
     steps_s = [1e-9 * step for step in np.diff(stamps_ns) if 0 < step <= S]
-    period_s = (
-        max(np.median(steps_s), 0.033) if steps_s else 0.02
-    )  # the first is taken before others are known
+    # The first is taken before others are known
+    period_s = max(np.median(steps_s), 0.033) if steps_s else 0.02
     assert max(slept) <= period_s + 1e-9
     assert len(slept) == len(stamps_ns) - 1
     told = capsys.readouterr()

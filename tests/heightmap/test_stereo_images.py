@@ -59,16 +59,14 @@ def test_images_are_true_depth_with_the_errors_of_a_camera(motion: list[Trajecto
     exact = [replace(view, intrinsics=MODEL_CAMERA) for view in views]
     truth, off_mm = taken(motion, exact, replace(D435I, ideal=True)), []
     for trajectory, image, same, true in zip(motion, images, again, truth, strict=True):
-        assert (
-            image.shape == true.shape == (-(-len(trajectory.joint_position) // 2), 48, 16)
-        )  # 50 Hz
+        # 50 Hz
+        assert image.shape == true.shape == (-(-len(trajectory.joint_position) // 2), 48, 16)
         np.testing.assert_array_equal(image, same)
         assert (image == 0).mean() < 0.1
         near = (true < 1000) & (image > 0)
         off_mm.append(np.abs(image.astype(int) - true)[near])
-    assert (
-        0.3 < np.median(np.concatenate(off_mm)) < 10.0
-    )  # D435i: 1.9 mm a pixel at 0.5 m, 7.6 mm at 1 m
+    # D435i: 1.9 mm a pixel at 0.5 m, 7.6 mm at 1 m
+    assert 0.3 < np.median(np.concatenate(off_mm)) < 10.0
 
 
 def test_cameras_differ_in_how_bad_they_are() -> None:

@@ -48,16 +48,14 @@ def test_what_a_ray_hits_is_met_and_what_is_met_is_hit(kind: str) -> None:
     rays = ray_directions(MODEL_CAMERA)[:, 7:9].mean(1) @ np.swapaxes(np.asarray(rotation), -1, -2)
     hit = np.asarray(origin)[:, None] + depth[:, :, 7:9].mean(-1)[..., None] * rays
     for i in range(PLACES):
-        up = (
-            np.abs(hit[i, :, 2] - terrain.height_at(hit[i, :, 0], hit[i, :, 1])) < 1e-3
-        )  # on the ground, not on a wall
+        # On the ground, not on a wall
+        up = np.abs(hit[i, :, 2] - terrain.height_at(hit[i, :, 0], hit[i, :, 1])) < 1e-3
         up &= depth[i, :, 7:9].max(-1) < RANGE_M
         nearest = np.abs(hit[i, up, 0][:, None] - ground).argmin(-1)
         around = seen[i, nearest] | seen[i, np.maximum(nearest - 1, 0)] | seen[i, nearest + 1]
         assert around.mean() > 0.95  # but for a ray that passes within a bin of an edge
-        places = ground[
-            seen[i] & (ground < position[i, 0] + HEIGHTMAP_X[-1])
-        ]  # farther away pixels are far apart
+        # Farther away pixels are far apart
+        places = ground[seen[i] & (ground < position[i, 0] + HEIGHTMAP_X[-1])]
         assert (np.abs(places[:, None] - hit[i, :, 0]).min(-1, initial=np.inf) < 0.2).all()
 
 

@@ -68,10 +68,11 @@ def hold_one_after_another(run: psutil.Process) -> None:
 @contextlib.contextmanager
 def nobody_else_runs() -> Iterator[None]:
     """Threads of this process wait every other half second, as for a collection of much garbage."""
+    # Keeps Python's lock where others give it up
     over, holding = (
         threading.Event(),
         ctypes.PyDLL(None),
-    )  # keeps Python's lock where others give it up
+    )
 
     def hold() -> None:
         while not over.wait(HELD_S):
@@ -135,9 +136,8 @@ def test_two_lockstep_runs_of_a_seed_are_equal_and_another_seed_differs(
     assert {topic: pytest.approx(rate, rel=0.02) for topic, rate in rates.items()} == {
         topic: table["rates_hz"][topic] for topic in rates
     }
-    assert (
-        table["age_ms"]["camera/depth"]["p99"] <= 50 + 20 + 10 + 10
-    )  # late by 60 ms at most, held for 20, 10 a step
+    # Late by 60 ms at most, held for 20, 10 a step
+    assert table["age_ms"]["camera/depth"]["p99"] <= 50 + 20 + 10 + 10
 
 
 def test_recording_and_report_are_there_and_whole(first: tuple[Path, dict[str, Any]]) -> None:

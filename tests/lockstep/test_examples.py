@@ -27,9 +27,8 @@ def test_from_small_trainings_to_a_run_and_its_recording(
     monkeypatch.chdir(tmp_path)
     for program, *words in commands():
         assert program == "saltus"
-        assert main(words) in (
-            (0, 1) if words[0] == "demo" else (0,)
-        )  # networks of two updates fall
+        # Networks of two updates fall
+        assert main(words) in ((0, 1) if words[0] == "demo" else (0,))
     assert (tmp_path / "runs/own/recording.mcap").exists()
     capsys.readouterr()
     monkeypatch.setattr(sys, "argv", ["library.py", "runs/own/recording.mcap"])

@@ -89,9 +89,8 @@ def test_all_of_it_runs_together_to_a_verdict_and_report_and_recording_say_what_
     times_ns = [state.time_ns for state in recording.of(RobotState)]
     ran_s = 1e-9 * (times_ns[-1] - times_ns[0])
     assert ran_s > 1.2
-    assert len(frames) == pytest.approx(
-        camera.rate_hz * ran_s, abs=7
-    )  # less those under way at the end
+    # Less those under way at the end
+    assert len(frames) == pytest.approx(camera.rate_hz * ran_s, abs=7)
     assert {(*frame.depth.shape, frame.fx, frame.cy) for frame in frames} == {
         (480, 640, camera.image.fx, camera.image.cy)
     }
@@ -117,10 +116,11 @@ def test_it_is_measured_and_replayed_with_the_same_camera(
 def test_images_are_as_late_as_the_profile_says_and_not_lost(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    # 160 ms, where others are lost after 170 ms
     profile, out = (
         EXAMPLES / "late_camera.toml",
         tmp_path / "run",
-    )  # 160 ms, where others are lost after 170 ms
+    )
     assert main(
         f"demo --profile {profile} --terrain flat --no-video --out {out} --time-limit-s 1.5".split()
     ) in (0, 1)

@@ -298,9 +298,8 @@ def test_a_process_compiles_the_stages_of_any_number_of_environments() -> None:
         def step(self) -> None:
             self.count += self.by
 
-    counters = [
-        Counter(float(i)) for i in range(20)
-    ]  # what is traced holds for its own numbers alone
+    # What is traced holds for its own numbers alone
+    counters = [Counter(float(i)) for i in range(20)]
     for counter in counters:
         Stage(counter.step, torch.device("cpu")).compiled("eager")()
     assert all(counter.count == counter.by for counter in counters)

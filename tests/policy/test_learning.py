@@ -129,9 +129,8 @@ def test_a_training_goes_on_with_other_bounds(checkpoint, tmp_path):
     old = ActionBounds()
     wider = ActionBounds(low=old.low, high=(*old.high[:9], 0.9))
     config = replace(CONFIG, env=replace(CONFIG.env, bounds=wider))
-    train(
-        config, tmp_path, minutes=1.0, rank=Rank(), resume=checkpoint, iterations=3
-    )  # none is left to do
+    # None is left to do
+    train(config, tmp_path, minutes=1.0, rank=Rank(), resume=checkpoint, iterations=3)
     path = tmp_path / "policy.onnx"
     assert export(tmp_path / "checkpoint.pt", path) < 1e-5
     given = np.random.default_rng(0).normal(0.0, 0.3, (5, size_with(LINE)))

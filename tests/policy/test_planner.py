@@ -56,6 +56,5 @@ def test_a_policy_is_refused_for_a_robot_that_it_was_not_made_for():
     other = replace(ROBOT, name="longlegs")
     with pytest.raises(ModelError, match="plans for the robot 'go1', not for 'longlegs'"):
         PolicyActor(other, LINE, resource("models/policy.onnx"))
-    PolicyActor(
-        replace(ROBOT, foot_radius=0.021), LINE, resource("models/policy.onnx")
-    )  # the same robot, measured again
+    # The same robot, measured again
+    PolicyActor(replace(ROBOT, foot_radius=0.021), LINE, resource("models/policy.onnx"))

@@ -125,9 +125,8 @@ def test_a_foot_in_mid_swing_clears_a_step_on_its_way(rise: float, progress: flo
     # where the rear feet stand they feel the ground exactly where the heightmap has it
     heights = heights + base_height + observation.foot[2, 2] - ROBOT.foot_radius
     plan = ScriptedPlanner(ROBOT, LINE).step(observation, heights)
-    sole = (
-        -base_height + plan.foot_residual_front[2] - ROBOT.foot_radius
-    )  # the nominal swing is at -base_height
+    # The nominal swing is at -base_height
+    sole = -base_height + plan.foot_residual_front[2] - ROBOT.foot_radius
     assert sole >= heights[HEIGHTMAP_X < 0.4].max() + 0.02
 
 

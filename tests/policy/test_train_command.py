@@ -164,9 +164,8 @@ def test_a_flag_wins_over_the_file_and_both_over_the_resumed_training(
     file.write_text("seed = 3\n[learning]\nepochs = 4\n")
     after = parse(["--resume", str(resumed), "--config", str(file), "--seed", "11"]).training
     assert (after.seed, after.learning.epochs, after.robots) == (11, 4, RESUMED.robots)
-    assert (
-        parse(["--resume", str(resumed), "--seed", "0"]).training.seed == 0
-    )  # a default that is said aloud
+    # A default that is said aloud
+    assert parse(["--resume", str(resumed), "--seed", "0"]).training.seed == 0
 
 
 def train(*flags: str) -> int:
@@ -206,9 +205,8 @@ def test_a_resumed_training_goes_on_with_log_and_tables(
     first, second = tmp_path / "first", tmp_path / ("second" if elsewhere else "first")
     assert train("--iterations", "2", "--out", str(first)) == 0
     log = (first / "log.txt").read_text()
-    lost = replace_iteration(
-        first / "progress.csv", "2", "9"
-    )  # as of a training that was killed after its last save
+    # As of a training that was killed after its last save
+    lost = replace_iteration(first / "progress.csv", "2", "9")
     resume = ("--resume", str(first / "checkpoint.pt"), "--out", str(second))
     assert (
         main(

@@ -82,9 +82,8 @@ def test_a_robot_without_saltus_is_told_what_saltus_is_told(run_dir: Path) -> No
     seen = [row for row in own.values() if row["status"] == HeightmapStatus.OK]
     assert seen
     ahead = np.array(seen[-1]["x"]) > 0.5
-    np.testing.assert_allclose(
-        np.array(seen[-1]["height"])[ahead], -0.285, atol=0.01
-    )  # level ground below the feet
+    # Level ground below the feet
+    np.testing.assert_allclose(np.array(seen[-1]["height"])[ahead], -0.285, atol=0.01)
 
 
 def test_a_robot_that_stands_is_checked_while_it_runs(

@@ -49,9 +49,8 @@ def test_a_run_is_started_disturbed_and_stopped_on_the_page(speed: float, tmp_pa
         tab.open(address)
         wait_for(tab, "no run: start one")
         tab.choose("0.5", watched(speed))
-        tab.choose(
-            "stairs", "flat"
-        )  # where a blinded robot lands on its feet, however late the click comes
+        # Where a blinded robot lands on its feet, however late the click comes
+        tab.choose("stairs", "flat")
         tab.click("Start")
         wait_for(tab, "live", "mode_run")
         (up,) = psutil.Process(page.pid).children()
@@ -62,9 +61,8 @@ def test_a_run_is_started_disturbed_and_stopped_on_the_page(speed: float, tmp_pa
         tab.click("Blind the camera 1 s")
         before = tab.picture()[GROUND].astype(int)
         wait_for(tab, "blind 1", "heightmap_invalid", "mode_stopped")
-        assert (
-            np.abs(tab.picture()[GROUND] - before).max(axis=-1).mean() > 1.0
-        )  # the robot has gone on
+        # The robot has gone on
+        assert np.abs(tab.picture()[GROUND] - before).max(axis=-1).mean() > 1.0
         for label, process in (
             ("Kill the camera", "render"), ("Kill the heightmap service", "heightmap"),
             ("Kill the planner", "policy"),

@@ -178,9 +178,8 @@ class OneJoint(Problem):
         steps = round(WINDOW_S / STEP_S)
         kept = np.zeros((2, steps // ROWS_EVERY, *q.shape))
         blend = 1.0 - np.exp(-STEP_S / np.maximum(value["lag"], 1e-6))
-        delays, which = np.unique(
-            value["delay"][..., 0], return_inverse=True
-        )  # few, and the same at most sets
+        # Few, and the same at most sets
+        delays, which = np.unique(value["delay"][..., 0], return_inverse=True)
         t = np.maximum(0.0, starts + STEP_S * np.arange(steps)[:, None, None] - delays[:, None])
         goals = np.concatenate([motion(t) for motion in MOTIONS], axis=-1)
         saturates, rubs = value["loss"].any(), value["coulomb"].any()

@@ -282,9 +282,8 @@ def test_rays_are_those_of_a_ray_caster() -> None:
     expected = reference.cast_rays(open3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
     ours = scene.depth(origin, direction)
     assert np.isfinite(ours).sum() > 100
-    assert (
-        np.mean(np.isfinite(ours) == np.isfinite(expected)) > 0.999
-    )  # rays along an edge may go either way
+    # Rays along an edge may go either way
+    assert np.mean(np.isfinite(ours) == np.isfinite(expected)) > 0.999
     both = np.isfinite(ours) & np.isfinite(expected)
     np.testing.assert_allclose(ours[both], expected[both], rtol=1e-4)
 

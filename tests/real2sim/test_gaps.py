@@ -50,9 +50,8 @@ def test_lost_rows_are_counted(hz: float, jitter: float, share: float) -> None:
     lost = ROWS - len(time_s)
     noisy = time_s + np.random.default_rng(4).uniform(-jitter, jitter, len(time_s)) / hz
     found, longest_s = lost_rows(noisy)
-    assert found == pytest.approx(
-        lost, rel=0.35, abs=1.5
-    )  # two that follow each other closely may look like one
+    # Two that follow each other closely may look like one
+    assert found == pytest.approx(lost, rel=0.35, abs=1.5)
     assert longest_s == pytest.approx(np.diff(time_s).max(), abs=0.5 / hz)
 
 

@@ -114,9 +114,8 @@ def test_every_leg_has_a_log_without_what_its_end_stop_disturbs(go2: Robot, tmp_
         assert all(segment.end_s - segment.start_s >= 1.0 for segment in segments_of(log))
         assert log.joints.q[:, 2].max() <= -0.93
         assert log.joints.dq is not None
-        assert (
-            Path(log.meta["robot"]).name == "go2.xml"
-        )  # not the shipped one, of which it has the name
+        # Not the shipped one, of which it has the name
+        assert Path(log.meta["robot"]).name == "go2.xml"
         model = (path / "go2.xml").read_text()
         assert not any(word in model for word in ("damping", "frictionloss"))
         bare = load_robot(str(path / "go2.xml"))

@@ -89,9 +89,8 @@ def test_joints_are_found_by_the_names_that_are_given_and_others_are_left_out(
     tmp_path: Path,
 ) -> None:
     log = joints_log(seconds=0.5)
-    log = replace(
-        log, joints=replace(log.joints, time_s=log.joints.time_s + 1_763_740_800.0)
-    )  # seconds since 1970
+    # Seconds since 1970
+    log = replace(log, joints=replace(log.joints, time_s=log.joints.time_s + 1_763_740_800.0))
     names = {f"motor {n}_joint": name for n, name in enumerate(log.meta["joints"])}
     odd = replace(log, meta=log.meta | {"joints": [name.removesuffix("_joint") for name in names]})
     bag, names["motor 11_joint"] = write_bag(odd, tmp_path / "bag"), ""
@@ -101,9 +100,8 @@ def test_joints_are_found_by_the_names_that_are_given_and_others_are_left_out(
     read = read_run_log(import_recording(bag, tmp_path / "log", description, ROBOT).logs[0])
     assert read.meta["joints"] == log.meta["joints"][:11]
     np.testing.assert_array_equal(read.joints.q, log.joints.q[:, :11])
-    np.testing.assert_allclose(
-        read.joints.time_s, 0.002 * np.arange(250), rtol=0, atol=3e-7
-    )  # doubles since 1970
+    # Doubles since 1970
+    np.testing.assert_allclose(read.joints.time_s, 0.002 * np.arange(250), rtol=0, atol=3e-7)
 
 
 def test_two_ways_to_one_run_give_one_verdict(tmp_path: Path) -> None:

@@ -118,11 +118,12 @@ def test_a_speed_limit_in_a_profile_is_there_altogether(held: RunLog) -> None:
     at = 0
     for candidate in inner.candidates:
         if candidate.effect == "torque_speed_limit":
+            # Weight, corner, and from there to the no-load speed
             unknowns[..., at : at + 3] = (
                 1.0,
                 0.2,
                 0.8,
-            )  # weight, corner, and from there to the no-load speed
+            )
         at += len(candidate.unknowns)
     np.testing.assert_allclose(with_limit, inner.holding(robot)[0].residuals(unknowns), atol=1e-3)
     assert np.mean(with_limit**2) > 1.2 * np.mean(inner.residuals(0.0 * unknowns) ** 2)

@@ -120,9 +120,8 @@ def test_intervals_hold_the_truth_as_often_as_they_say_and_grow_with_the_noise()
         half = np.array([found.half_width_90.pitch, found.half_width_90.height])
         inside.append(off <= half)
         widths.append(half)
-    assert (
-        np.sum(inside, axis=0).min() >= 13
-    )  # of 20, each with 90 %: less has a probability of 0.2 %
+    # Of 20, each with 90 %: less has a probability of 0.2 %
+    assert np.sum(inside, axis=0).min() >= 13
     noisy = fitted(standing(true, noise=5.0 * SIGMA_PX, frames=FEWEST_FRAMES)).half_width_90
     assert noisy.pitch > 2.0 * np.median(widths, axis=0)[0]
 
@@ -159,9 +158,8 @@ def test_a_recording_gives_a_camera_that_commands_take(
 ) -> None:
     """The robot of a demo stands for a second; its camera sits where it claims."""
     course = ("--terrain", "flat", "--planner", "scripted", "--time-limit-s", "1", "--no-video")
-    assert (
-        main(["demo", *course, "--out", str(tmp_path / "run")]) == 1
-    )  # it is far from the finish by then
+    # It is far from the finish by then
+    assert main(["demo", *course, "--out", str(tmp_path / "run")]) == 1
     capsys.readouterr()
     recording, out = str(tmp_path / "run" / "recording.mcap"), tmp_path / "found"
     assert main(["render", "calibrate", recording, "--out", str(out)]) == 0

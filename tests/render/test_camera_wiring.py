@@ -46,9 +46,8 @@ def test_lockstep_answers_each_step_and_each_repetition(tmp_path: Path) -> None:
             done, frame = answered(stage, step)
             if frame is not None:
                 newest = frame.frame_id
-                assert (
-                    frame.time_ns <= step * 10_000_000 - 25_000_000
-                )  # latency is at least 30 ms, less the jitter
+                # Latency is at least 30 ms, less the jitter
+                assert frame.time_ns <= step * 10_000_000 - 25_000_000
             assert (done.step, done.frame_id, done.process) == (step, newest, "render")
             again, repeated = answered(stage, step)
             assert (again.step, again.frame_id) == (step, newest)

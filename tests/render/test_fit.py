@@ -189,9 +189,8 @@ def test_a_real_recording(tmp_path: Path) -> None:
     result = fit(load_frames(BAG))
     found = result.parameters
     assert result.scene.frames == 2
-    assert found.baseline_m.value == pytest.approx(
-        0.050, rel=0.2
-    )  # two frames: holes at edges widen shadows
+    # Two frames: holes at edges widen shadows
+    assert found.baseline_m.value == pytest.approx(0.050, rel=0.2)
     assert "few frames" in found.baseline_m.note
     assert -14.0 < (found.margin_px.value or 0.0) < -8.0
     assert not found.sigma_px.testable

@@ -187,6 +187,5 @@ def test_smoothing_keeps_edges_and_quietens_surfaces() -> None:
     )
     for side in (slice(0, 30), slice(30, 60)):
         assert np.std(result[:, side]) < 0.5 * np.std(image[:, side])
-        assert (
-            abs(np.mean(result[:, side]) - np.mean(image[:, side])) < 5.0
-        )  # halves round up, at every blend
+        # Halves round up, at every blend
+        assert abs(np.mean(result[:, side]) - np.mean(image[:, side])) < 5.0

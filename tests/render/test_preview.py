@@ -44,9 +44,8 @@ def test_a_page_has_every_view_every_effect_and_a_cloud(tmp_path: Path) -> None:
     )
     assert len(seen) == 2 * len(VIEWS) + len(EFFECTS) + 2
     assert [image.shape[:2] for image in seen[-2:]] == [(48, 16)] * 2
-    assert all(
-        len(np.unique(image.reshape(-1, 3), axis=0)) > 20 for image in seen
-    )  # there is something to see
+    # There is something to see
+    assert all(len(np.unique(image.reshape(-1, 3), axis=0)) > 20 for image in seen)
     assert all(effect.name.replace("_", " ") in page for effect in EFFECTS)
     assert "scatter3d" in page
     opens_without_a_network(tmp_path / "preview.html")
@@ -65,9 +64,8 @@ def test_a_page_is_of_the_camera_that_is_named(name: str, tmp_path: Path) -> Non
     assert [image.shape[:2] for image in seen[: 2 * len(VIEWS)]] == [size, (48, 16)] * len(VIEWS)
     effects = [effect for effect in StereoConfig.of(camera).effects if not effect.is_null()]
     assert len(seen) == 2 * len(VIEWS) + len(effects) + 2
-    uncovered = (seen[-1] == 0).all(
-        axis=(1, 2)
-    )  # rows of the model that the camera does not see are invalid
+    # Rows of the model that the camera does not see are invalid
+    uncovered = (seen[-1] == 0).all(axis=(1, 2))
     assert uncovered.tolist() == [name == EXAMPLE, *[False] * 46, name == EXAMPLE]
 
 

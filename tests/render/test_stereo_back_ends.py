@@ -57,9 +57,8 @@ def test_a_panels_shadow_lies_to_its_left_and_is_as_wide_as_baseline_and_depths_
     terrain, camera, pose = wall_behind_panel(wall_m, panel_m, left, left + width)
     depth, hidden = make_stereo(name, terrain, optics, camera).render_pair(*pose)
     true_depth, true_hidden = wall_and_panel(HALF, optics, wall_m, panel_m, left, left + width)
-    assert (
-        np.mean(np.isclose(depth, true_depth, atol=1e-3)) > 0.99
-    )  # but for the column of the panel's edge
+    # But for the column of the panel's edge
+    assert np.mean(np.isclose(depth, true_depth, atol=1e-3)) > 0.99
     wide_px = HALF.fx * baseline_m * (1.0 / panel_m - 1.0 / wall_m)
     np.testing.assert_allclose(hidden.sum(-1), min(wide_px, width * HALF.fx), atol=1.0)
     edge_px = HALF.cx + left * HALF.fx

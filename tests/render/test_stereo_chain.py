@@ -82,9 +82,8 @@ def on_stairs(camera: Intrinsics, optics: Optics) -> Any:
 
 @pytest.mark.parametrize("config", [UNFILTERED, StereoConfig()], ids=["unfiltered", "filtered"])
 def test_fast_chain_has_the_statistics_of_the_native_one(config: StereoConfig) -> None:
-    config = replace(
-        config, background=Background()
-    )  # where it meets what is in range, edges are beyond 2 m: see docs
+    # Where it meets what is in range, edges are beyond 2 m: see docs
+    config = replace(config, background=Background())
     truth = pooled(np.minimum(on_stairs(*_native())[0], 100.0), NATIVE, NATIVE)
     native, fast = (
         run(*size, config, on_stairs, 4) for size in ((NATIVE, NATIVE), (ROWS, COLUMNS))

@@ -177,6 +177,5 @@ def test_kornia_looks_around_as_arrays_do(reach: tuple[int, int]) -> None:
             KorniaWindows().range_around(values), ArrayWindows().range_around(values), strict=True
         ):
             assert torch.equal(one, other)
-    assert (
-        map_arrays(torch.from_numpy, ArrayWindows()) == ArrayWindows()
-    )  # a signal that moves keeps it
+    # A signal that moves keeps it
+    assert map_arrays(torch.from_numpy, ArrayWindows()) == ArrayWindows()

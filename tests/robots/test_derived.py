@@ -166,9 +166,8 @@ def test_the_stand_pose_comes_from_a_keyframe_or_is_a_crouch(tmp_path, keyframe)
         assert (
             "keyframe 'home' is none: calf beyond their limits" in _origin(derivation, "stand_pose")
         ) == (keyframe != "")
-    assert (
-        0.0 < robot.foot_radius - feet[:, 2].mean() - robot.stand_height < 0.03
-    )  # legs give under the weight
+    # Legs give under the weight
+    assert 0.0 < robot.foot_radius - feet[:, 2].mean() - robot.stand_height < 0.03
 
 
 def test_the_toml_wins(tmp_path, path):

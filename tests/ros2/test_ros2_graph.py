@@ -115,9 +115,8 @@ def test_another_program_reads_heights_depth_and_state_of_a_run(
         read = read_all(peer, set(SENT))
     now_s = time.time()
     for topic in set(SENT) - {"/tf"}:
-        assert (
-            now_s - PATIENCE_S < read[topic]["header"]["stamp"]["sec"] <= now_s
-        )  # ROS counts from 1970
+        # ROS counts from 1970
+        assert now_s - PATIENCE_S < read[topic]["header"]["stamp"]["sec"] <= now_s
     state, heightmap, frame = (
         said["controller/state"],
         said["heightmap/heightmap"],

@@ -278,9 +278,8 @@ def test_images_of_big_endian_computers_are_the_same(kind: Any, encoding: str) -
 def test_compressed_images_are_the_same(form: str, tolerance_mm: int) -> None:
     frame, image, info = frame_messages()
     depth = image.data.view(np.uint16).reshape(image.height, image.width)
-    depth = np.where((depth == 65535) | (depth < 100), 0, depth).astype(
-        np.uint16
-    )  # an inverse has no sign for it
+    # An inverse has no sign for it
+    depth = np.where((depth == 65535) | (depth < 100), 0, depth).astype(np.uint16)
     topic = "/camera/depth/image_rect_raw/compressedDepth"
     assert types_of(topic)["depth"] == "sensor_msgs/msg/CompressedImage"
     intake = RosIntake(ROBOT, LOCKSTEP, depth=topic)

@@ -29,9 +29,8 @@ from saltus.wire.messages import DepthFrame, Done, Event
 from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus
 
-RUN = RunConfig(
-    robot="go1", grid="line", pace="lockstep"
-)  # nothing is lost on its links, however busy the computer: senders wait
+# Nothing is lost on its links, however busy the computer: senders wait
+RUN = RunConfig(robot="go1", grid="line", pace="lockstep")
 PREFIX = RUN.prefix
 KEY = f"{PREFIX}/done/render"
 TIMEOUT_S = 10.0

@@ -20,9 +20,8 @@ from saltus.errors import RecordingError
 from saltus.recordings.recording import Recording, read_recording
 from saltus.recordings.repair import repair
 
-HEADER_BYTES = (
-    8 + 9 + 4 + len("ros2") + 4 + len("saltus")
-)  # magic, head of the record, its two texts
+# Magic, head of the record, its two texts
+HEADER_BYTES = 8 + 9 + 4 + len("ros2") + 4 + len("saltus")
 BLOCK_BYTES = 128 * 1024  # at most, of zstd
 
 

@@ -66,9 +66,8 @@ def test_every_camera_sees_the_same_plane(
     assert (
         np.abs(error) <= millimetre + 0.3 * per_pixel
     ).all()  # no pixel looks a third of a pixel elsewhere
-    assert (
-        abs(error.mean()) <= millimetre + 0.05 * per_pixel.mean()
-    )  # nor do all of them a twentieth
+    # Nor do all of them a twentieth
+    assert abs(error.mean()) <= millimetre + 0.05 * per_pixel.mean()
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda c: f"{c.width}x{c.height}")
@@ -120,9 +119,8 @@ def test_long_lenses_cost_what_their_images_are_large(fx: float, fy: float) -> N
     near, valid = model_image(depth, long)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert (
-        peak < 24 * depth.size
-    )  # bytes: depth and validity of every pixel, and the same once more
+    # bytes: depth and validity of every pixel, and the same once more
+    assert peak < 24 * depth.size
     assert valid.any()
     np.testing.assert_allclose(near[valid > 0.0], 0.5, atol=1e-5)
 

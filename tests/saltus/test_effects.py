@@ -127,9 +127,8 @@ def test_lag_answers_a_step_exponentially() -> None:
         out, state = lag.apply(drive(0.0 if k == 0 else 1.0), 0.0, state)
         torque.append(out.torque[0])
     instants = np.arange(10) * PHYSICS_DT
-    answer = instants + 0.005 * np.exp(
-        -instants / 0.005
-    )  # the integral of 1 - exp(-t / 0.005), but for a constant
+    # The integral of 1 - exp(-t / 0.005), but for a constant
+    answer = instants + 0.005 * np.exp(-instants / 0.005)
     np.testing.assert_allclose(torque, [0.0, *np.diff(answer) / PHYSICS_DT], atol=1e-12)
 
 
@@ -239,9 +238,8 @@ def test_draws_are_uniform_and_independent() -> None:
     draws = np.stack([uniform(keys, np.full(200, 0.02 * k)) for k in range(200)])
     counts = np.histogram(draws, bins=20, range=(0.0, 1.0))[0]
     assert (counts.sum(), draws.min() >= 0.0, draws.max() < 1.0) == (40_000, True, True)
-    assert (
-        np.sum((counts - 2000.0) ** 2 / 2000.0) < 43.8
-    )  # chi-squared, 19 degrees of freedom, one in a thousand
+    # chi-squared, 19 degrees of freedom, one in a thousand
+    assert np.sum((counts - 2000.0) ** 2 / 2000.0) < 43.8
     assert abs(np.corrcoef(draws[:-1].ravel(), draws[1:].ravel())[0, 1]) < 0.02
     assert abs(np.corrcoef(draws[:, :-1].ravel(), draws[:, 1:].ravel())[0, 1]) < 0.02
 

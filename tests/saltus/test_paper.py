@@ -174,9 +174,8 @@ def test_the_lag_of_heights_is_the_latency_that_was_hidden() -> None:
     joints_s, by_joints = sysid._height_by_joints(log, robot)
     images_s, by_images = sysid._height_by_images(log)
     assert np.abs(by_images.mean() - by_joints.mean()) < 0.01
-    assert (
-        abs(sysid._lag(images_s, by_images, joints_s, by_joints) - latency) < 0.01
-    )  # half an image
+    # Half an image
+    assert abs(sysid._lag(images_s, by_images, joints_s, by_joints) - latency) < 0.01
 
 
 def test_planks_leave_open_what_stairs_fill() -> None:

@@ -115,9 +115,8 @@ def test_fields_of_another_version_are_refused_by_name(
 
 def test_a_recording_holds_its_robot_and_grid(whole: Recording) -> None:
     assert whole.robot == ROBOT
-    older = Recording(
-        whole.path, config=RunConfig(robot="go1/0", grid="line")
-    )  # its prefix stood there
+    # Its prefix stood there
+    older = Recording(whole.path, config=RunConfig(robot="go1/0", grid="line"))
     assert older.robot == ROBOT
     assert Recording(whole.path).robot == ROBOT
     assert whole.grid == older.grid == Recording(whole.path).grid == LINE

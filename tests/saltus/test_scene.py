@@ -73,9 +73,8 @@ def test_the_legs_mirror_each_other(model: mujoco.MjModel) -> None:
     for part in ("hip", "thigh", "calf"):
         bodies = [model.body(f"{leg}_{part}") for leg in LEGS]
         for right, left in (bodies[:2], bodies[2:]):
-            mirrored = (
-                right.ipos if part == "calf" else right.ipos * [1, -1, 1]
-            )  # the calf is one part for both sides
+            # The calf is one part for both sides
+            mirrored = right.ipos if part == "calf" else right.ipos * [1, -1, 1]
             np.testing.assert_allclose(left.ipos, mirrored)
             np.testing.assert_allclose(left.mass, right.mass)
             np.testing.assert_allclose(np.sort(left.inertia), np.sort(right.inertia), rtol=1e-6)

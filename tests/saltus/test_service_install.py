@@ -46,13 +46,14 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+# -S: without the packages of this Python
 SALTUS = (
     sys.executable,
     "-S",
     "-P",
     "-m",
     "saltus.cli.main",
-)  # -S: without the packages of this Python
+)
 
 
 def with_only(environment: Path) -> dict[str, str]:

@@ -20,9 +20,8 @@ from saltus.wire.router import open_router
 from saltus.wire.sharing import Sharer, unpacked
 from saltus.wire.zenoh_bus import ZenohBus
 
-RUN = RunConfig(
-    robot="go1", grid="line", pace="lockstep"
-)  # nothing is lost on its links, however busy the computer: senders wait
+# Nothing is lost on its links, however busy the computer: senders wait
+RUN = RunConfig(robot="go1", grid="line", pace="lockstep")
 PREFIX = RUN.prefix
 TIMEOUT_S = 20.0
 MS = 1_000_000
@@ -63,10 +62,11 @@ def test_what_is_handed_on_is_what_came_in_and_no_batch_is_too_large(seed: int) 
     rng, sent = np.random.default_rng(seed), list[bytes]()
     sizes = rng.choice([0, 1, 300, 40_000, 600_000, codec.PAYLOAD_MAX, codec.PAYLOAD_MAX + 1], 25)
     given_ = [sample(number, int(size), age_ns=number * MS) for number, size in enumerate(sizes)]
+    # Of a stranger
     given_ += [
         replace(given_[0], key="x" * 70_000),
         replace(given_[1], attachment=bytes(70_000)),
-    ]  # of a stranger
+    ]
     sharer = Sharer(sent.append, lambda: True)
     sharer.take([])  # it learns that somebody looks on
     due(sharer).take(given_)
@@ -129,9 +129,8 @@ def test_a_batch_that_was_cut_or_changed_raises_nothing() -> None:
     due(sharer).take([sample(number, 50) for number in range(4)])
     whole, rng = sent[0], np.random.default_rng(0)
     ends = [unpacked(whole[:end]) for end in range(len(whole))]
-    assert [len(each) for each in ends] == sorted(
-        len(each) for each in ends
-    )  # all that is before the cut
+    # All that is before the cut
+    assert [len(each) for each in ends] == sorted(len(each) for each in ends)
     assert {len(each) for each in ends} == {0, 1, 2, 3}
     for _ in range(300):
         changed = bytearray(whole)

@@ -206,10 +206,11 @@ def test_torch_equals_numpy_in_any_shape(terrain: Terrain) -> None:
     x, y = places(terrain, 98, seed=2)
     x, y = np.concatenate([x, [-50.0, 50.0]]), np.concatenate([y, [0.0, 0.0]])
     heights = terrain.height_at(x, y)
+    # Sines of torch are rounded otherwise
     exactly = {
         "atol": 0.0 if terrain.columns else 1e-12,
         "rtol": 0.0,
-    }  # sines of torch are rounded otherwise
+    }
     for shape in ((100,), (4, 25), (2, 5, 10)):
         np.testing.assert_array_equal(
             terrain.height_at(x.reshape(shape), y.reshape(shape)), heights.reshape(shape)

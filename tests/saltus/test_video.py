@@ -115,9 +115,8 @@ def test_the_file_holds_every_frame(tmp_path: Path) -> None:
     assert duration_s == pytest.approx(7 / 30, abs=0.01)
     content = path.read_bytes()
     assert b"avc1" in content  # H.264
-    assert content.index(b"moov") < content.index(
-        b"mdat"
-    )  # a browser can start before it has the whole file
+    # A browser can start before it has the whole file
+    assert content.index(b"moov") < content.index(b"mdat")
 
 
 def test_a_run_without_samples_has_no_video() -> None:

@@ -101,10 +101,11 @@ def test_a_grid_map_has_the_heights_where_the_package_looks_for_them(
     for name, array in zip(grid.layers, grid.data, strict=True):
         sizes = {each.label: (each.size, each.stride) for each in array.layout.dim}
         assert sizes == {"column_index": (columns, rows * columns), "row_index": (rows, rows)}
+        # column-major
         assert [each.label for each in array.layout.dim] == [
             "column_index",
             "row_index",
-        ]  # column-major
+        ]
         layers[name] = array.data.reshape(columns, rows).T
     x = info.pose.position.x + 0.5 * info.length_x - info.resolution * (np.arange(rows) + 0.5)
     y = info.pose.position.y + 0.5 * info.length_y - info.resolution * (np.arange(columns) + 0.5)
@@ -206,9 +207,8 @@ def test_frames_of_legs_are_where_the_model_has_them_and_feet_are_at_their_ends(
             chain[f"{leg}_calf"][0] + chain[f"{leg}_calf"][1] @ ends[f"{leg}_calf"].position
             for leg in ("FR", "FL", "RR", "RL")
         ]
-        np.testing.assert_allclose(
-            feet, legs.position(joints), atol=2e-3
-        )  # the model's feet may be 1 mm aside
+        # The model's feet may be 1 mm aside
+        np.testing.assert_allclose(feet, legs.position(joints), atol=2e-3)
 
 
 @pytest.mark.parametrize("name", shipped_robots())

@@ -14,9 +14,10 @@ from saltus.gpu import has_gpu
 from saltus.heightmap.scan.training.card import card
 from saltus.heightmap.scan.training.evaluation import evaluate, rows_of, table_of, write_results
 from saltus.heightmap.scan.training.export import export, read_weights
+from saltus.heightmap.scan.training.files import Progress, trained_images
 from saltus.heightmap.scan.training.model import parameters
 from saltus.heightmap.scan.training.settings import FlightSettings, ScanTrainSettings
-from saltus.heightmap.scan.training.train import Progress, train, trained_images
+from saltus.heightmap.scan.training.train import train
 from saltus.provenance import commit
 
 

@@ -48,9 +48,8 @@ def _flights_of_stairs(place: Place, draws: Draws, u: Tensor) -> Tensor:
     """Stairs up and down with landings; their middle is at height 0."""
     k = place.segments(0.2)
     run, rise = draws.uniform(0.2, 0.45, place.n, 1), draws.uniform(0.04, 0.25, place.n, 1)
-    turn = draws.chance(0.15, place.n, k + 1).cumsum(
-        1
-    )  # flights: every one leads up, down, or is a landing
+    # flights: every one leads up, down, or is a landing
+    turn = draws.chance(0.15, place.n, k + 1).cumsum(1)
     way = draws.one_of((-1.0, 1.0, 1.0, -1.0, 0.0), place.n, k + 2).gather(1, turn.clamp(max=k + 1))
     uneven = draws.normal(0.15, place.n, k) * draws.chance(0.3, place.n, 1)
     rises = rise * way * (1.0 + draws.normal(0.15, place.n, k + 1) * draws.chance(0.3, place.n, 1))

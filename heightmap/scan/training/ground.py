@@ -80,9 +80,8 @@ def heights_at(height: Tensor, x: Tensor, y: Tensor, raster_m: float) -> Tensor:
     i, j = ((c / raster_m + (0.5 * raster - 0.5)).clamp(0.0, raster - 1.001) for c in (x, y))
     first_i, first_j = i.floor(), j.floor()
     s, t = i - first_i, j - first_j
-    index = ((first_i * raster + first_j).long()).flatten(
-        1
-    )  # exact in single precision below 4,096 cells a side
+    # Exact in single precision below 4,096 cells a side
+    index = ((first_i * raster + first_j).long()).flatten(1)
     flat = height.flatten(1)
     a, b, c, d = (flat.gather(1, index + step).view_as(i) for step in (0, 1, raster, raster + 1))
     return torch.lerp(torch.lerp(a, b, t), torch.lerp(c, d, t), s)

@@ -34,10 +34,11 @@ _SHOWN = 3.0  # a difference of heights is shown as this many times USUAL_M at m
 _NUMBERS = (0.005, 0.005, 0.005, 0.002, 0.002, MOST_IMAGES, 36.0)  # what usual `NUMBERS` are
 _OUTPUTS = 4  # of a height: residual, its gate, the memory's gate, half-width
 _OWN_FIRST = 5.0  # at first the network's own height counts e^5 times as much as another candidate
+# Sides of squares of fine cells whose highest and lowest are candidates: 2 and 6 cm away
 _AROUND = (
     3,
     7,
-)  # sides of squares of fine cells whose highest and lowest are candidates: 2 and 6 cm away
+)
 _TOLD_AROUND = 5
 CANDIDATES = 2 * len(_AROUND) + 4 + 2 + 1
 """Heights of a cell that the network chooses among, beside its own: extremes of the map around it,
@@ -134,9 +135,8 @@ class ScanModel(nn.Module):
         residual, gate, keep, width = out.unbind(1)
         height = USUAL_M * residual * torch.sigmoid(gate)
         if self.settings.memory:
-            unknown = 2.0 * (
-                1.0 - 2.0 * measured[:, 0]
-            )  # begins with the map where measured, else with the memory
+            # Begins with the map where measured, else with the memory
+            unknown = 2.0 * (1.0 - 2.0 * measured[:, 0])
             has_told = (memory[:, 1] < WIDEST).float()
             height = height + torch.sigmoid(keep + unknown) * has_told * memory[:, 0]
         half_width = NARROWEST_M + USUAL_M * functional.softplus(width - 2.0)

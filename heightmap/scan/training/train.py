@@ -1,6 +1,5 @@
 """Trains the network of the scan on flights that are drawn while it learns: nothing is stored, nothing is repeated."""
 
-import csv
 import math
 import time
 from collections.abc import Callable
@@ -25,6 +24,7 @@ from saltus.heightmap.scan.elevation import (
 from saltus.heightmap.scan.planes import MEASURED, Heights, Inputs, inputs_of, remembered
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.draws import Draws
+from saltus.heightmap.scan.training.files import Progress, read_checkpoint, write_row
 from saltus.heightmap.scan.training.flights import (
     Flight,
     March,
@@ -49,38 +49,6 @@ NEAR_M = 1.0
 UNSEEN = 0.5
 """Weight of a cell that was never measured, nor any beside it: those are judged as seen, within 3
 cm of a hit."""
-COLUMNS = (
-    "update",
-    "images",
-    "seconds",
-    "loss",
-    "map_mm",
-    "seen_mm",
-    "unseen_mm",
-    "inside_seen",
-    "inside_all",
-    "rate",
-)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Progress:
-    """Where a training is; figures are means over the last round."""
-
-    update: int
-    images: int
-    seconds: float
-    loss: float
-    map_mm: float
-    """Mean absolute error of the map, without the network, of cells that were measured [mm]."""
-    seen_mm: float
-    """The same with the network."""
-    unseen_mm: float
-    inside_seen: float
-    """Share within the half-width."""
-    inside_all: float
-    rate: float
-    """Learning rate."""
 
 
 @dataclass(frozen=True)
@@ -341,7 +309,7 @@ def train(
         seconds = trainer.seconds
         found = trainer.round(before, after)
         last = trainer.seconds - seconds
-        _write_row(folder / "scan.csv", found)
+        write_row(folder / "scan.csv", found)
         if progress is not None:
             progress(found)
         if time.monotonic() - saved > save_every_s:
@@ -397,46 +365,3 @@ def _figures(
             (inside * seen).sum() / count, inside.mean(),
         )
     )  # fmt: skip
-
-
-def read_checkpoint(path: Path) -> dict[str, Any]:
-    """The table that `Trainer.save` wrote, or `ModelError`."""
-    try:
-        table = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # what a file that is something else makes of its unpickling
-        raise ModelError(
-            f"{path} is no checkpoint of a scan's network: torch cannot read it"
-        ) from error
-    if (
-        not isinstance(table, dict)
-        or not {"settings", "rounds", "model", "average"} <= table.keys()
-    ):
-        raise ModelError(f"{path} is no checkpoint of a scan's network")
-    return table
-
-
-def load_model(path: Path) -> tuple[ScanModel, ScanTrainSettings]:
-    """The mean of weights of a checkpoint, on the CPU, and its settings; or `ModelError`."""
-    table = read_checkpoint(path)
-    settings = ScanTrainSettings.from_toml(table["settings"])
-    model = ScanModel(settings.network, settings.map)
-    model.load_state_dict(table["average"])
-    return model.eval(), settings
-
-
-def trained_images(folder: Path) -> int:
-    """How many images the training in a folder has seen, by its CSV; 0 where there is none."""
-    path = folder / "scan.csv"
-    if not path.exists():
-        return 0
-    with path.open(newline="", encoding="utf-8") as file:
-        return max((int(float(row["images"])) for row in csv.DictReader(file)), default=0)
-
-
-def _write_row(path: Path, found: Progress) -> None:
-    is_new = not path.exists()
-    with path.open("a", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        if is_new:
-            writer.writerow(COLUMNS)
-        writer.writerow([f"{getattr(found, name):.6g}" for name in COLUMNS])

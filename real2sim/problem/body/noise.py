@@ -265,9 +265,8 @@ class Starts:
             noise.plain(s).reshape(*s.shape[:2], -1).transpose(1, 0, 2) for s in (slopes, effects)
         )
         information = slope @ slope.mT + np.eye(len(slopes))
-        rest = effect - (effect @ slope.mT) @ np.linalg.solve(
-            information, slope
-        )  # (w, e, m): what no start imitates
+        # (w, e, m): what no start imitates
+        rest = effect - (effect @ slope.mT) @ np.linalg.solve(information, slope)
         on_effects = np.sum(rest @ effect.mT, axis=0) + np.eye(len(effects))
         sizes = -np.linalg.solve(on_effects, np.sum(rest @ error.mT, axis=0))
         error = error + sizes.T @ effect

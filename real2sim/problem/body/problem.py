@@ -148,9 +148,8 @@ class BodyProblem(Problem):
         self._windows = cut_windows(log, self.segments)
         self.model, self._held = model_of(log), tuple[Limit | Pull, ...]()
         self._robot, self._claims = robot_of(log), Claims.of(log)
-        self.candidates = self._candidates(
-            0.5 * self._claims.friction
-        )  # until it is known where feet slip
+        # Until it is known where feet slip
+        self.candidates = self._candidates(0.5 * self._claims.friction)
         self._boxes = boxes_of(log)
         self._span_s = float(log.joints.time_s[0]), float(log.joints.time_s[-1])
         self._index()

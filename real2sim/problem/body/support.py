@@ -31,9 +31,8 @@ def carried_by(log: RunLog) -> float:
     part = slice(None, None, EVERY)
     torque = drive_torque(log)[part]
     jacobian = np.asarray(LegKinematics(robot).jacobian(joints.q[part])).swapaxes(-1, -2)
-    pushed = -np.einsum(
-        "nlij,nlj->nli", np.linalg.pinv(jacobian), torque.reshape(-1, 4, 3)
-    )  # on the robot, base frame
+    # On the robot, base frame
+    pushed = -np.einsum("nlij,nlj->nli", np.linalg.pinv(jacobian), torque.reshape(-1, 4, 3))
     row = np.clip(np.searchsorted(base.time_s, joints.time_s[part]), 0, len(base.time_s) - 1)
     up = rotation_matrix(base.values[row, 3:7])[:, 2]  # the world's vertical in the base frame
     weight = GRAVITY * (robot.mass + float(log.meta.get("payload_kg") or 0.0))

@@ -149,9 +149,8 @@ def angular_velocity(quaternion: Floats) -> Floats:
 def _starts(segments: Sequence[Segment]) -> list[tuple[int, float]]:
     """Segment and earliest start [s] of each window: end to end, or spread where the log is longer than the budget."""
     length = WINDOW_STEPS * PHYSICS_DT
-    edge = (
-        0.5 * SMOOTHING_STEPS * PHYSICS_DT
-    )  # states at the very edge of a stretch would be noisier by half
+    # States at the very edge of a stretch would be noisier by half
+    edge = 0.5 * SMOOTHING_STEPS * PHYSICS_DT
     room = [max(0.0, s.end_s - s.start_s - edge) for s in segments]
     share = min(1.0, BUDGET_S / max(sum(room), 1e-9))
     starts, owed = [], 0.0

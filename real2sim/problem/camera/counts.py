@@ -29,10 +29,11 @@ QUIET_SPREAD = (
 )
 USUAL_LOSS = 1e-3  # of the images: what a camera without effects may lose
 NOISE_MODEL = 0.1  # of a logarithm of variance: real noise is not exactly z^2
+# Images and rows in which edges and copies are looked for
 MAX_DENSE_FRAMES, MAX_DENSE_ROWS = (
     300,
     40,
-)  # images and rows in which edges and copies are looked for
+)
 FEWEST_EDGES = 20
 ROUNDING_PX = 0.1  # of the corner: an error of a quarter of what is claimed of an edge
 FEWEST_LOST = 20.0  # pixels that a segment would lose without a filter

@@ -16,12 +16,13 @@ JUMP = 0.08  # of the depth behind; a smaller step is bridged by a matching wind
 MOST_HOLES = 0.3  # usual share: behind such edges nothing can be told
 AMBIENT = 3  # px at least, beyond the window, from which the usual share is known
 BELOW_MM = 10.0  # several times the noise of a pixel
+# Of depth from pixel to pixel: on a slope, neighbours are equal by chance less often
 SLOPES_MM = (
     0.5,
     1.5,
     3.0,
     6.0,
-)  # of depth from pixel to pixel: on a slope, neighbours are equal by chance less often
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -234,9 +235,8 @@ def _excess(next_to: Floats, apart: Floats) -> tuple[float, float, float, float,
     NaN where noise does not have the shape that is assumed.
     """
     sides = {d: (next_to[3 - d], next_to[3 + d]) for d in SHAPE}
-    falls = (
-        sum(sides[1]) >= sum(sides[2]) >= sum(sides[3])
-    )  # else depth comes in steps, and noise is not smooth in it
+    # Else depth comes in steps, and noise is not smooth in it
+    falls = sum(sides[1]) >= sum(sides[2]) >= sum(sides[3])
     if not falls or min(min(side) for side in sides.values()) < FEWEST or apart[7] < FEWEST:
         return (math.nan,) * 5
     equal, pairs = float(next_to[3]), float(next_to[7])

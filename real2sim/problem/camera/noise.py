@@ -13,9 +13,8 @@ BINS = 10
 FEWEST = 40  # second differences in a bin: their spread is then known to a tenth
 OUTLIER = 5.0  # spreads of a bin; mixed pixels at edges are beyond
 LEAST_M = 1e-3 / math.sqrt(12.0)  # rounding to a run log's unit of depth
-NORMAL_DEVIATION = float(
-    ndtri(0.75)
-)  # median absolute deviation of a normal distribution of unit variance
+# Median absolute deviation of a normal distribution of unit variance
+NORMAL_DEVIATION = float(ndtri(0.75))
 SECOND_DIFFERENCE = 6.0  # 1 + 4 + 1: variance of x[-1] - 2 x[0] + x[1] over that of white x
 
 
@@ -99,7 +98,6 @@ def _variance(difference: Floats, depth: Floats) -> tuple[float, int]:
     # by hand: `scipy.stats` takes ten times as long, most of it to look at its arguments
     deviation = np.median(np.abs(relative - np.median(relative)))
     spread = deviation / NORMAL_DEVIATION * depth**2
-    kept = difference[
-        np.abs(difference) < OUTLIER * np.maximum(spread, LEAST_M)
-    ]  # rounding may leave mostly zeros
+    # Rounding may leave mostly zeros
+    kept = difference[np.abs(difference) < OUTLIER * np.maximum(spread, LEAST_M)]
     return max(float(np.mean(kept**2)), LEAST_M**2), len(kept)

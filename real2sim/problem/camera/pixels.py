@@ -75,9 +75,8 @@ class PixelGrid:
             float(np.ptp(self.column)) / max(1, columns - 1),
         )
         apart = np.array([distance_transform_edt(image, steps) for image in images])
-        apart[images.all(axis=(1, 2))] = np.hypot(
-            np.ptp(self.row), np.ptp(self.column)
-        )  # nothing to be near to
+        # Nothing to be near to
+        apart[images.all(axis=(1, 2))] = np.hypot(np.ptp(self.row), np.ptp(self.column))
         return apart.reshape(chosen.shape)
 
     def as_image(self, values: Floats) -> Floats:

@@ -178,9 +178,8 @@ class Grid:
         moves = (np.abs(rows.speed) > LEAST_MOVING) & np.isfinite(step) & rows.q_is_known
         # of variance 1 where phases are uniform
         phase = np.where(moves, np.sqrt(2.0) * np.cos(2.0 * np.pi * rows.q / step), 0.0)
-        self._weight = np.sqrt(moves[within].sum(axis=1))[
-            :, branches
-        ]  # (samples, branches, joints)
+        # (samples, branches, joints)
+        self._weight = np.sqrt(moves[within].sum(axis=1))[:, branches]
         sums = phase[within].sum(axis=1)[:, branches]
         self._measured = np.divide(
             sums, self._weight, where=self._weight > 0.0, out=np.zeros_like(sums)

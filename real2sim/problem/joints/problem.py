@@ -88,9 +88,10 @@ class JointProblem(Problem):
         kp, kd = gains(log)
         branches = self._robot.branches
         self._motion, self._finer_motion = motions_of(self._rows, self._robot, kp, kd)
+        # [rad]
         self._asked = self._rows.q_des + (kd * self._rows.dq_des + self._rows.tau_ff) / np.maximum(
             kp, 1.0
-        )  # [rad]
+        )
         self._averaged = max(1, round(SAMPLE_S / self._rows.dt_s))
         self.samples_per_residual = float(self._averaged)
         self._windows = windows_of(self._rows, branches, self._motion.every, self._averaged)
@@ -194,9 +195,8 @@ class JointProblem(Problem):
         )
 
     def _whitened(self, drives: Drives) -> Floats:
-        white = self._whitening.white(self._apart(drives), self._fresh)[
-            self._kept
-        ]  # (samples, signals, branches, joints, sets)
+        # (samples, signals, branches, joints, sets)
+        white = self._whitening.white(self._apart(drives), self._fresh)[self._kept]
         if self._grid.exists:
             grid = self._grid.residuals(drives.encoder_quantisation, drives.count)[self._kept]
             white = np.concatenate([white, grid[:, None]], axis=1)

@@ -87,9 +87,8 @@ def as_knee(robot: Robot, saturation: TorqueSaturation) -> TorqueSaturation:
     """A saturation that is given as a curve, by the knee and plateau which that curve has at each joint; else as is."""
     if not saturation.curve:
         return saturation
-    grid = (
-        np.linspace(0.0, 1.0, 2001)[1:, None] * robot.torque_limit
-    )  # (n, 12): each joint up to its limit
+    # (n, 12): each joint up to its limit
+    grid = np.linspace(0.0, 1.0, 2001)[1:, None] * robot.torque_limit
     given = np.asarray(saturation.fitted(robot).delivered(grid))
     lost = 1.0 - given / grid >= LOSS_AT_KNEE
     knee = np.where(lost.any(axis=0), grid[lost.argmax(axis=0), np.arange(grid.shape[1])], np.inf)

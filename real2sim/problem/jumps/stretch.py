@@ -98,9 +98,8 @@ class Stretch:
             return drives.sent(stream, fed, instants, 0 * instants, last)
 
         none = np.zeros_like(self.commands[0])
-        q_des, dq_des, kp, kd = (
-            sent(each, none) for each in self.commands[:4]
-        )  # a late packet is averaged by fields
+        # A late packet is averaged by fields
+        q_des, dq_des, kp, kd = (sent(each, none) for each in self.commands[:4])
         torque = kp * (q_des - angle) + kd * (dq_des - rate) + sent(none, self.commands[4])
         torque = _lagged(torque, drives)
         torque = replace(drives, actuator_lag=None).delivered(

@@ -45,9 +45,8 @@ def test_numpy_and_torch_make_the_same_map(fly, draws):
     for name in ElevationMap._fields:
         ours, theirs = np.asarray(getattr(one, name)), getattr(other, name)
         different = np.abs(ours - theirs) > 1e-4 * np.maximum(1.0, np.abs(ours))
-        assert different.mean() < 1e-3, (
-            name
-        )  # a point on the border of two cells may fall into either
+        # A point on the border of two cells may fall into either
+        assert different.mean() < 1e-3, name
 
 
 def test_one_robot_is_as_in_a_batch(fly, draws):

@@ -130,9 +130,8 @@ def test_empty_images_are_not_used_and_say_so(network: ScanNetwork) -> None:
         }
         blind = service.step(state, empty, state.time_ns)
     assert blind.status == HeightmapStatus.INVALID
-    np.testing.assert_allclose(
-        blind.height, good.height, atol=1e-9
-    )  # it stands still: what was known holds on
+    # It stands still: what was known holds on
+    np.testing.assert_allclose(blind.height, good.height, atol=1e-9)
 
 
 @pytest.mark.parametrize("late_s", [0.18, 1.0, -0.1])

@@ -21,6 +21,7 @@ from saltus.heightmap.scan.training.evaluation import (
     write_results,
 )
 from saltus.heightmap.scan.training.export import export, read_weights
+from saltus.heightmap.scan.training.files import read_checkpoint
 from saltus.heightmap.scan.training.flights import draw_flight
 from saltus.heightmap.scan.training.model import ScanModel, loss, parameters
 from saltus.heightmap.scan.training.settings import (
@@ -28,7 +29,7 @@ from saltus.heightmap.scan.training.settings import (
     NetworkSettings,
     ScanTrainSettings,
 )
-from saltus.heightmap.scan.training.train import Calls, Trainer, example, load_model, train
+from saltus.heightmap.scan.training.train import Calls, Trainer, example, train
 
 CPU = torch.device("cpu")
 
@@ -51,7 +52,7 @@ def test_a_checkpoint_of_another_training_is_refused(small, tmp_path):
         train(replace(small, seed=1), tmp_path, updates=1, device=CPU)
     (tmp_path / "scan.pt").write_bytes(b"no checkpoint")
     with pytest.raises(ModelError, match="no checkpoint"):
-        load_model(tmp_path / "scan.pt")
+        read_checkpoint(tmp_path / "scan.pt")
 
 
 def test_a_training_begins_with_an_exported_network(small, tmp_path):
