@@ -87,7 +87,7 @@ class Benchmark(Command):
         if not model.is_file():
             raise SaltusError(
                 f"there is no model '{model}': --models is the folder 'robot_model' of {WHEEL}, "
-                f"unpacked"
+                "unpacked"
             )
         try:
             errors = compare(model, self.poses)

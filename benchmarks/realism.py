@@ -159,7 +159,7 @@ def check_twins(left: list[Episode], right: list[Episode]) -> None:
     if len(left) != len(right):
         raise DatasetError(
             f"{STEREO} has {len(left)} episodes, {CLEAN} has {len(right)}: they must be of one "
-            f"motion"
+            "motion"
         )
     for i, (a, b) in enumerate(zip(left, right, strict=True)):
         if not (_same(a.proprioception, b.proprioception) and _same(a.height, b.height)):

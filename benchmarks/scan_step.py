@@ -14,7 +14,6 @@ import numpy as np
 from benchmarks._command import Command
 from saltus.arrays import Singles
 from saltus.depth import D435I, depth_frame
-from saltus.dialects import dialect_of
 from saltus.grid import SCAN
 from saltus.heightmap.scan.body import RobotBody
 from saltus.heightmap.scan.cameras import ScanCamera
@@ -53,7 +52,6 @@ class Benchmark(Command):
         mount = Mount.of(robot)
         rig = ScanRig(
             grid=SCAN, cameras={FIRST: ScanCamera(mount)}, dialect="isaaclab",
-            spoken=dialect_of("isaaclab"),
             robot=robot, body=RobotBody(robot),
         )  # fmt: skip
         service, inputs, pixels = ScanService(network, rig), _inputs(network), _level(robot, mount)

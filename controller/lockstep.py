@@ -63,7 +63,7 @@ class Lockstep:
             if silent_s > SILENCE_LIMIT_S:
                 raise StackError(
                     f"process '{silent}' has not answered step {step} for {SILENCE_LIMIT_S:.0f} s: "
-                    f"see its log"
+                    "see its log"
                 )
             if now - sent > RESEND_S:
                 send(True)

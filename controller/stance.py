@@ -234,7 +234,7 @@ class ExactSolver:
         if status != 1:
             raise SaltusError(
                 f"stance forces: the solver ended with status {status}; is the robot's state "
-                f"finite?"
+                "finite?"
             )
         return force
 

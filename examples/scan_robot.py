@@ -77,7 +77,7 @@ def main() -> None:
             ahead = table[len(told.x) // 2 :: 2, len(told.y) // 2]
             print(
                 f"{STATUS[told.status]}: {told.height.size} heights, {100 * told.seen_share:.0f} % "
-                f"seen, half-width "
+                "seen, half-width "
                 f"{np.median(told.half_width_90):.3f} m; ahead "
                 f"{', '.join(f'{z:+.3f}' for z in ahead)} m; "
                 f"{told.dialect or 'no'} observation "

@@ -122,7 +122,7 @@ def files_of(name: str, trained: Path) -> list[tuple[Path, ...]]:
         if not seeds:
             raise SaltusError(
                 f"no results in {trained / part}: make them with saltus paper train {part} --seed "
-                f"0 (GPU)"
+                "0 (GPU)"
             )
     common = [
         seed for seed in found[system.policy] if all(seed in seeds for seeds in found.values())

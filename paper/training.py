@@ -133,7 +133,7 @@ def train(name: str, seed: int, trained: Path, minutes: float, commit: str | Non
     if done < STEPS:
         raise SaltusError(
             f"{done / 1e6:.0f} of {STEPS / 1e6:.0f} million steps are trained: run the command "
-            f"again"
+            "again"
         )
     export(checkpoint, folder / MODEL)
     return folder / MODEL

@@ -90,13 +90,13 @@ def _check(robot: Robot, grid: HeightGrid, file: ModelFile) -> None:
         if found != value:
             raise ModelError(
                 f"{file.path}: '{name}' is {found!r}, this program needs {value!r}: export the "
-                f"policy again"
+                "policy again"
             )
     made_for = file.field("robot")
     if made_for != robot.name:
         raise ModelError(
             f"{file.path}: it plans for the robot {made_for!r}, not for '{robot.name}': train a "
-            f"policy for this robot, "
+            "policy for this robot, "
             "or let rules plan (--planner scripted)"
         )
     if not file.grid.equals(grid):

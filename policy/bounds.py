@@ -44,7 +44,7 @@ class ActionBounds:
         if not len(self.low) == len(self.high) == len(ACTIONS):
             raise ConfigError(
                 f"low and high have {len(self.low)} and {len(self.high)} entries: {len(ACTIONS)} "
-                f"each"
+                "each"
             )
         for name, low, high in zip(ACTIONS, self.low, self.high, strict=True):
             if low >= high:

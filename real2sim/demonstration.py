@@ -125,7 +125,7 @@ def demonstrate(
     if profile == IDEAL:
         raise SaltusError(
             f"the demonstration with seed {seed} ends here: {found.verdict.verdict}, nothing to "
-            f"apply"
+            "apply"
         )
     (out / "profile.toml").write_text(profile.to_toml(), encoding="utf-8")
     again = find(

@@ -55,7 +55,7 @@ def load_pyrender() -> ModuleType:
     except (ImportError, AttributeError) as error:
         raise SaltusError(
             f"pyrender cannot load {_PLATFORMS[platform][0]} ({error}): 'apt install libosmesa6 "
-            f"libxrender1', "
+            "libxrender1', "
             "or use the embree renderer"
         ) from error
 
@@ -78,7 +78,7 @@ def gl_platform() -> str:
     if platform not in _PLATFORMS:
         raise SaltusError(
             f"PYOPENGL_PLATFORM is '{platform}': the pyrender back end needs 'osmesa' or 'egl', or "
-            f"not set at all"
+            "not set at all"
         )
     os.environ["PYOPENGL_PLATFORM"] = platform
     return platform

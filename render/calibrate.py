@@ -174,9 +174,9 @@ def fit_place(
     if on_ground < LEAST_ON_GROUND:
         raise RecordingError(
             f"{100 * on_ground:.0f} % of what the camera sees lies on the ground under the feet: "
-            f"it must be "
+            "it must be "
             f"{100 * LEAST_ON_GROUND:.0f} %, so let the robot stand on level ground with nothing "
-            f"ahead"
+            "ahead"
         )
     blocks = np.array_split(np.arange(len(views)), min(BLOCKS, len(views)))
     parts = [_fit(_View.joined([views[i] for i in block]), found) for block in blocks]

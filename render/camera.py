@@ -104,7 +104,7 @@ def _check_mount(mount: Mount, robot: Robot) -> None:
     if not (np.isfinite(position).all() and all(np.isfinite(angle).all() for angle in angles)):
         raise SaltusError(
             f"camera mount at {position.tolist()} m, roll, pitch, yaw {angles} rad: every number "
-            f"must be finite"
+            "must be finite"
         )
     if (np.abs(position - robot.trunk_center) <= 0.5 * robot.trunk_size).all(-1).any():
         raise SaltusError(

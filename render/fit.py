@@ -246,5 +246,5 @@ def _reach(scene: StaticScene) -> StereoEstimate:
     known = scene.median[scene.median > 0.0]
     return untestable(
         f"the farthest surface is at {1.0 / float(known.min()):.1f} m: needs a matt wall, square "
-        f"on, from 5 m away on"
+        "on, from 5 m away on"
     )

@@ -199,7 +199,7 @@ def load_camera(name_or_path: str) -> DepthCamera:
     if path.suffix != ".toml" and not path.is_file():
         raise ConfigError(
             f"no camera '{name_or_path}': {nearest_hint(name_or_path, SHIPPED)}; or give a TOML "
-            f"file"
+            "file"
         )
     camera = read_file(path, DepthCamera.from_toml)
     return camera if camera.name != "d435i" else replace(camera, name=path.stem)

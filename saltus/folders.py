@@ -69,6 +69,6 @@ def another_training(
     differs = ", ".join(f"{d.name} = {d.before}, not {d.now}" for d in differences(before, now))
     return SaltusError(
         f"{checkpoint} is of another training ({differs or 'of the same configuration'}): go on "
-        f"from it with "
+        "from it with "
         f"--resume {checkpoint}, or name another folder with --out"
     )

@@ -37,7 +37,7 @@ class HeightGrid(Value):
             if not value.size or not np.isfinite(value).all() or not (np.diff(value) > 0.0).all():
                 raise ConfigError(
                     f"{name} of a height grid is {value.tolist()}: it must be finite numbers that "
-                    f"ascend"
+                    "ascend"
                 )
 
     @property

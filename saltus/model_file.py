@@ -122,7 +122,7 @@ class ModelFile:
             if not found or isinstance(found[0], int):
                 raise ModelError(
                     f"{unfit} '{name}' has shape {found}: its first dimension, of robots, must be "
-                    f"free"
+                    "free"
                 )
             if found[1:] != list(shape):
                 raise ModelError(f"{unfit} '{name}' has shape {found[1:]}, not {list(shape)}")
@@ -216,5 +216,5 @@ def _compare_checksum(path: Path, sha256: str) -> None:
     if not words or words[0] != sha256:
         raise ModelError(
             f"model {path} is not the file that {checksum.name} names: it is damaged, or its "
-            f"checksum is another file's"
+            "checksum is another file's"
         )

@@ -33,10 +33,10 @@ ON_THE_WIRE = {
     "looks through "
     "((u - cx) / fx, (v - cy) / fy). Distortion is not read: images must be rectified. `frame_id` "
     "counts the images. "
-    f"Refused are other encodings, big-endian ones, a `step` other than two bytes a pixel, images "
-    f"over "
+    "Refused are other encodings, big-endian ones, a `step` other than two bytes a pixel, images "
+    "over "
     f"{codec.WIDTH_MAX} x {codec.HEIGHT_MAX}, a `camera_info` of another size, focal lengths "
-    f"outside of "
+    "outside of "
     f"{codec.FOCAL_MIN_PX:g} to {codec.FOCAL_MAX_PX:g} pixels, and units outside of 1e-6 to "
     f"{codec.DEPTH_UNIT_MAX_M:g} m.",
     messages.Event: "`stamp` is its time, `name` the sender, `function` the code, `msg` the detail, for people. "
@@ -69,7 +69,7 @@ def effects_page() -> str:
         "effect. Where *joints* is yes, a parameter is one number for all joints, or a list of 12 "
         "in the order "
         f"{', '.join(JOINTS[:3])}, ... of the legs FR, FL, RR, RL. `saltus real2sim apply` writes "
-        f"such files.",
+        "such files.",
     ]
     for part, title in PART_TITLES.items():
         parts.append(f"## {title}")
@@ -217,7 +217,7 @@ def _derived() -> list[str]:
         "else.",
         "| topic | type | what |\n|---|---|---|\n" + "\n".join(rows),
         f"Fields of `{viewer.NUMBERS_TYPE}` after its header; NaN where nobody knows, 255 for a "
-        f"status that nobody has "
+        "status that nobody has "
         "said yet.",
         "| field | type | meaning |\n|---|---|---|\n" + "\n".join(numbers),
     ]

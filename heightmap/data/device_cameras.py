@@ -57,7 +57,7 @@ class DeviceCameras:
         ):
             raise ConfigError(
                 f"cameras = {', '.join(cameras)}: rates or places differ; collect for each by "
-                f"itself"
+                "itself"
             )
         self._device, self._kinds, self._view = device, cameras, profile.view_chain
         self._chain = to_images(profile, MODEL_CAMERA.fx).camera_chain.taken

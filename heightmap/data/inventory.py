@@ -82,7 +82,7 @@ def validate(directory: Path) -> list[str]:
         if first.setdefault(record.sha256, record) is not record:
             damages.append(
                 f"{directory / record.file} holds the episodes of {first[record.sha256].file} once "
-                f"more"
+                "more"
             )
     return damages
 

@@ -96,7 +96,7 @@ def on_host(
     if here.host != asked_by.host and here.commit != asked_by.commit:
         raise StackError(
             f"host {here.host} has saltus {here.commit}, not {asked_by.commit}: install the same "
-            f"on every host"
+            "on every host"
         )
     if data is None:
         return function(None, task)

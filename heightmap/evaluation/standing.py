@@ -73,7 +73,7 @@ def check_standing(recording: Recording) -> list[Finding]:
     if len(pairs) < FEWEST_FRAMES:
         raise RecordingError(
             f"{recording.path}: {len(pairs)} images of a robot that stands, and {FEWEST_FRAMES} "
-            f"are needed: its state "
+            "are needed: its state "
             "must say that it stands on all feet, or be at rest and name none, and images be dated "
             "by the same clock"
         )
@@ -95,7 +95,7 @@ def _check_clock(recording: Recording, timing: TopicTiming, missing: str) -> Non
         off = f"{abs(age_s):.3f} s {'ahead of' if age_s < 0.0 else 'behind'}"
         raise RecordingError(
             f"{recording.path}: no messages of {missing}: states are {off} the clock of this "
-            f"computer, and so not "
+            "computer, and so not "
             "answered: date them by it"
         )
 

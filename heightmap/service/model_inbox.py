@@ -187,7 +187,7 @@ def wait_for_answer(run_dir: Path) -> str:
         )
     raise ModelError(
         f"no heightmap service looks into '{run_dir}': name the --run-dir of one that runs, in "
-        f"real time "
+        "real time "
         "(a lockstep run takes no model)"
     )
 

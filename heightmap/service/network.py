@@ -140,9 +140,9 @@ def _check_metadata(file: ModelFile, robot: Robot, grid: HeightGrid) -> None:
     if made_for != robot.name:
         raise ModelError(
             f"model {file.path} does not fit: its 'robot' is {made_for!r}, and heights are wanted "
-            f"for "
+            "for "
             f"{robot.name!r}. Train one for it (saltus heightmap collect cpu --loop.learned 0 "
-            f"--loop.robot ...), or "
+            "--loop.robot ...), or "
             "take 187 heights of any robot (saltus heightmap serve --grid scan); true heights need "
             "no model (saltus "
             "policy eval --planner scripted): docs/robots.md"
@@ -209,7 +209,7 @@ def _check_mount(path: Path, camera: dict[str, Any], robot: Robot) -> None:
             f"ahead, {left:+.1f} cm to "
             f"the left and {up:+.1f} cm up of it, {steeper}, and training covers "
             f"{100.0 * MOUNT_POSITION_ERROR_M:g} cm and {np.rad2deg(MOUNT_PITCH_ERROR):.1f} deg; "
-            f"give one that was "
+            "give one that was "
             "trained for this camera (--heightmap-model, see docs/tutorials/camera.md)"
         )
 

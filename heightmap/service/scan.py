@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from saltus.arrays import Singles
-from saltus.dialects import Dialect
+from saltus.dialects import dialect_of
 from saltus.grid import HeightGrid
 from saltus.heightmap.scan.body import NoBody, OwnBody
 from saltus.heightmap.scan.cameras import ScanCamera
@@ -41,9 +41,7 @@ class ScanRig:
     cameras: Mapping[str, ScanCamera]
     """By name: images of `FIRST` come under `camera/depth`, of others under `camera/depth/NAME`."""
     dialect: str = ""
-    """Name that the observation is sent under; empty where none is wanted."""
-    spoken: Dialect | None = None
-    """Makes the observation."""
+    """Name of the dialect of the observation (`saltus.dialects`); empty: none is sent."""
     robot: Robot | None = None
     """Robot whose legs say where the feet are that stand (`leg_trusted`); None: states tell
     `standing_feet`."""
@@ -87,12 +85,15 @@ class _Look(NamedTuple):
 
 
 class ScanService:
-    """Sight of one robot on any grid; one call of `step` for each robot state.
+    """Predicts the ground of one robot on any grid; one call of `step` for each robot state.
 
     Images that have come are looked at together, moved to where the newest was taken. While a
     `worker` looks at some, states are answered from what was known before, and the newest image of
     each camera waits. Ages and statuses are those of `ImageWatch`, the best of all cameras; where
     one of several is lost, heights are DEGRADED.
+
+    Raises:
+        ConfigError: an unknown dialect.
     """
 
     def __init__(
@@ -101,6 +102,8 @@ class ScanService:
         self._network, self._rig, self._depth = network, rig, depth
         self._worker: Worker = worker or AtOnce()
         self._legs = None if rig.robot is None else LegKinematics(rig.robot)
+        self._dialect = dialect_of(rig.dialect) if rig.dialect else None
+        self._x, self._y = np.array(rig.grid.x), np.array(rig.grid.y)
         self.reset()
 
     @property
@@ -250,7 +253,7 @@ class ScanService:
         ground = self._ground(state)
         age_s = self._time_s(state.time_ns) - ground.seen_s
         return Heightmap(
-            time_ns=state.time_ns, step=state.step, x=np.array(grid.x), y=np.array(grid.y),
+            time_ns=state.time_ns, step=state.step, x=self._x, y=self._y,
             height=ground.height,
             half_width_90=ground.half_width, status=status,
             depth_age_s=np.inf if newest is None else 1e-9 * (state.time_ns - newest.time_ns),
@@ -258,7 +261,10 @@ class ScanService:
             model_id=self._network.model_id,
             seen_share=float(np.mean(np.isfinite(age_s))), age_s=age_s.clip(0.0),
             dialect=rig.dialect,
-            observation=np.zeros(0) if rig.spoken is None else rig.spoken.observation(ground.height, grid),
+            observation=(
+                np.zeros(0) if self._dialect is None
+                else self._dialect.observation(ground.height, grid)
+            ),
         )  # fmt: skip
 
     def _ground(self, state: RobotState) -> Ground:

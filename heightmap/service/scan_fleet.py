@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from saltus.depth_camera import DepthCamera
-from saltus.dialects import dialect_of
 from saltus.errors import ConfigError
 from saltus.grid import HeightGrid
 from saltus.heightmap.scan.body import BodyBox, NoBody, OwnBody, RobotBody
@@ -50,14 +49,14 @@ class ScanChoice:
         """Everything about the robot of a run, whose camera is `own`.
 
         Raises:
-            ConfigError: two cameras of one name, an unknown dialect, or a body that is none.
+            ConfigError: two cameras of one name, or a body that is none.
         """
         cameras = self.cameras or (own,)
         names = [FIRST, *(camera.name for camera in cameras[1:])]
         if len(set(names)) < len(names) or "" in names[1:] or any("/" in name for name in names):
             raise ConfigError(
                 f"names of cameras: {', '.join(names[1:])}: each must have one of its own, without "
-                f"/"
+                "/"
             )
         mounts = {
             name: ScanCamera(Mount.of(camera.mounted_on(robot)), camera.range_m)
@@ -65,7 +64,6 @@ class ScanChoice:
         }
         return ScanRig(
             grid=self.grid, cameras=mounts, dialect=self.dialect,
-            spoken=dialect_of(self.dialect) if self.dialect else None,
             robot=robot if self.body == ROBOT_BODY else None, body=self._body(robot),
         )  # fmt: skip
 
@@ -79,7 +77,7 @@ class ScanChoice:
         except ValueError:
             raise ConfigError(
                 f"body = '{self.body}': it must be robot, none, or the sides of a box [m], as "
-                f"0.6x0.4x0.5"
+                "0.6x0.4x0.5"
             ) from None
         return BodyBox((length, width, height))
 
@@ -88,7 +86,7 @@ class ScanChoice:
         if self.body == ROBOT_BODY:
             return (
                 f"legs and trunk of {robot.name} are taken out of the images, and its feet tell "
-                f"the ground: of another "
+                "the ground: of another "
                 "robot say --body none, or its box, as --body 0.6x0.4x0.5"
             )
         body = (

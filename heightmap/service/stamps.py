@@ -55,6 +55,6 @@ class SteadyStamps:
             return ""
         return (
             f"stamps of images go back, stay or jump {self.count} times, by {self.largest_s:+.6g} "
-            f"s "
+            "s "
             "at most: replayed as if the camera had gone on; do not rely on heights around there"
         )

@@ -165,7 +165,7 @@ class TrainConfig:
         if self.robots * self.learning.horizon < self.learning.minibatches:
             raise ConfigError(
                 f"robots = {self.robots}: with a horizon of {self.learning.horizon} steps they are "
-                f"too few for "
+                "too few for "
                 f"{self.learning.minibatches} minibatches"
             )
 

@@ -149,7 +149,7 @@ class Train:
         if self.resume is not None and self.training.learning.hidden != start.learning.hidden:
             raise SaltusError(
                 f"learning.hidden = {self.training.learning.hidden}: the networks of {self.resume} "
-                f"have "
+                "have "
                 f"{start.learning.hidden}"
             )
 

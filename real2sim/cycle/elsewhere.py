@@ -86,7 +86,7 @@ def refuse(export: Path | None, take: Path | None) -> None:
     if take is not None and not _models(take):
         raise ConfigError(
             f"--take-training {take}: there is no policy.onnx and no heightmap.onnx: run its "
-            f"train.sh"
+            "train.sh"
         )
 
 

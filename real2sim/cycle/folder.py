@@ -162,5 +162,5 @@ def _compare(folder: CycleFolder, settings: CycleSettings) -> None:
     ):
         raise ConfigError(
             f"{folder.settings}: this cycle was begun with {d.name} = {d.before}, not {d.now}: "
-            f"name another with --out"
+            "name another with --out"
         )

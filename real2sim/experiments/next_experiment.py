@@ -90,7 +90,7 @@ def next_experiment(
     alike = max(table[best].alike(*pair) for pair in pairs)
     why = (
         f"{experiment.how}: there {' and '.join(sets[0])} look alike by {alike:.2f} only and are "
-        f"expected "
+        "expected "
         f"{nats:.0f} nats apart; takes {experiment.duration_s(robot):.0f} s; "
         f"{experiment.limits.in_words()}"
     )

@@ -39,7 +39,7 @@ class Limits:
             f"keeps {self.margin_rad:g} rad from the ends of joints, asks for at most "
             f"{self.speed_share:.0%} of their "
             f"speed and {self.torque_share:.0%} of their torque, stops beyond {self.tilt_rad:g} "
-            f"rad of tilt"
+            "rad of tilt"
         )
 
     def check_commands(self, robot: Robot, commands: Commands, kp: float) -> None:
@@ -92,7 +92,7 @@ class Limits:
         if outside[joint] > 0.0:
             raise UnsafeMotionError(
                 f"stopped at {time_s:.2f} s: {JOINTS[joint]} is at {position[joint]:.2f} rad, its "
-                f"range is "
+                "range is "
                 f"{robot.joint_lower[joint]:.2f} to {robot.joint_upper[joint]:.2f}"
             )
         fast = np.abs(velocity) / robot.speed_limit

@@ -93,7 +93,7 @@ def import_recording(
         if len(parts) > 1 and len(part.joints.time_s) < MIN_ROWS:
             notes.append(
                 f"{name}: {len(part.joints.time_s)} rows are too few to compare with anything, and "
-                f"are left out"
+                "are left out"
             )
             continue
         logs[out / name], told = _completed(part, recording, description, robot)
@@ -243,7 +243,7 @@ def without_absent(log: RunLog, recording: Path) -> tuple[RunLog, list[str]]:
         name = names[int(np.argmax(empty))]
         raise RecordingError(
             f"{recording}: the angles of '{name}' are no numbers throughout; leave the joint out: "
-            f"in [joint_names] its "
+            "in [joint_names] its "
             'name in the recording = ""'
         )
     notes: list[str] = []
@@ -284,7 +284,7 @@ def _told(
     if empty.any():
         note(
             f"{name}: {columns[int(np.argmax(empty))]} is no number throughout: the table is taken "
-            f"to be absent"
+            "to be absent"
         )
         return None
     turned = table.values[:, [columns.index(part) for part in QUATERNION]]
@@ -295,6 +295,6 @@ def _told(
     if zero.any():
         note(
             f"{name}: {int(zero.sum())} of {len(zero)} rows have a quaternion of zeros, and are "
-            f"left out"
+            "left out"
         )
     return Table(time_s=table.time_s[~zero], values=table.values[~zero])

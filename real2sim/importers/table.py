@@ -67,7 +67,7 @@ def kind_of(path: Path) -> Kind:
         if head.startswith(beginning):
             raise RecordingError(
                 f"{path} is {what}; `import` reads {KINDS}: numpy.savez(file, t=..., q=...) writes "
-                f"one"
+                "one"
             )
     kind: Kind = next(
         (kind for beginning, kind in BEGINNINGS.items() if head.startswith(beginning)), "text"

@@ -218,7 +218,7 @@ def _located(meta: dict[str, Any], directory: Path) -> dict[str, Any]:
         known = ", ".join(shipped_robots())
         raise RecordingError(
             f"{directory}: meta.json names robot {robot!r}: use {known}, or an MJCF beside "
-            f"meta.json"
+            "meta.json"
         )
     return {**meta, "robot": str(model)}
 

@@ -124,7 +124,7 @@ def correlation_px(curves: NoiseCurves, step_inverse: StereoEstimate) -> StereoE
     if not below.size:
         return untestable(
             f"the noise is correlated over more than {len(correlation) - 1} pixels, or surfaces "
-            f"are small"
+            "are small"
         )
     k = int(below[0])
     before = 1.0 if k == 1 else float(correlation[k - 1])

@@ -78,7 +78,7 @@ def static_scene(frames: Sequence[DepthFrame]) -> StaticScene:
         ):
             raise RecordingError(
                 f"{_mode(frame)} does not match {_mode(first)}: fit one camera in one mode at a "
-                f"time"
+                "time"
             )
     raw = np.stack([frame.depth for frame in frames])
     valid = (raw > 0) & (raw < NOTHING)
@@ -108,7 +108,7 @@ def _check_camera(frame: DepthFrame) -> None:
         if not abs(centre - 0.5 * size) <= OFF_CENTRE * size:
             raise RecordingError(
                 f"{_mode(frame)}: {name} = {centre:g} px is not near the middle of {size} px, so "
-                f"the intrinsics do not "
+                "the intrinsics do not "
                 "match the images: were they taken from another resolution?"
             )
 

@@ -304,7 +304,7 @@ class Info(JsonOption):
         )
         print(
             f"dataset {found.dataset}: {len(found.shards)} shards, {episodes} episodes, {ticks} "
-            f"ticks"
+            "ticks"
         )
         return 0
 

@@ -58,7 +58,7 @@ class Report(JsonOption):
         for name, row in numbers["predictors"].items():
             print(
                 f"{name}: {centimetres(row['mae_m'])} cm, edges {centimetres(row['edge_error_m'])} "
-                f"cm, "
+                "cm, "
                 f"90 % intervals cover {100 * row['coverage90']:.0f} %"
             )
         print(f"report    {path}")
@@ -228,7 +228,7 @@ def _print_table(table: dict[str, Any], warning: str) -> None:
         f"{table['runs']} robots went {table['distance_m']:.1f} m (median) and met "
         f"{table['edges_met']:.1f} of "
         f"{table['edges']:.1f} edges; {100.0 * table['moved']:.0f} % met one, or went as far on "
-        f"flat ground"
+        "flat ground"
     )
     if warning:
         print(f"WARNING: {warning}")

@@ -189,7 +189,7 @@ class Export:
         clean = result.clean
         print(
             f"    measured on {clean.ticks} ticks (10 ms each) of held-out runs; robots came to an "
-            f"edge in "
+            "edge in "
             f"{clean.uneven} of {clean.courses} off flat ground"
         )
         if clean.warning:
@@ -200,7 +200,7 @@ class Export:
         ):
             print(
                 f"    {images}: {1e3 * found.mae_m:.1f} mm off, {100 * found.coverage90:.0f} % "
-                f"within the 90 % interval"
+                "within the 90 % interval"
             )
         print(card_path(model))
         return 0

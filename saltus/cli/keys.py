@@ -68,7 +68,7 @@ class Issue(_KeysOption):
         path = issue(self.keys, self.role, self.days)
         print(
             f"{path}: give it to its holder alone, who has it as client.json5 in the folder of the "
-            f"run"
+            "run"
         )
         return 0
 

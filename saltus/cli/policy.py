@@ -130,7 +130,7 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
         if self.heightmap_model is not None:
             raise ConfigError(
                 f"heightmap_model = {self.heightmap_model}: --heightmap {self.heightmap} has no "
-                f"use for it; "
+                "use for it; "
                 "add --heightmap predicted"
             )
         from saltus.policy.evaluation.evaluate import HEIGHTS

@@ -107,7 +107,7 @@ class Calibrate(JsonOption):
             )
         print(
             f"{100 * found.on_ground:.0f} % of the points of {found.frames} images lie on the "
-            f"ground"
+            "ground"
         )
         print(f"{folder}: camera.toml, calibration.html")
         self.tell_json(

@@ -117,7 +117,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
         if not self.assume_level:
             raise RecordingError(
                 f"{self.recording} has no robot state: add --assume-level (see saltus replay "
-                f"--help)"
+                "--help)"
             )
         invalid: list[float] = []
         read = partial(read_realsense, self.recording)

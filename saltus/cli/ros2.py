@@ -93,7 +93,7 @@ class Ros2(EndpointOption):
         if not re.fullmatch(NAMESPACE, self.namespace):
             raise SaltusError(
                 f"namespace = {self.namespace}: names of ROS begin with a letter, and hold a-z, "
-                f"0-9, _ and /"
+                "0-9, _ and /"
             )
         if not 0 <= self.domain <= DOMAIN_MAX:
             raise SaltusError(f"domain = {self.domain}: it must be from 0 to {DOMAIN_MAX}")

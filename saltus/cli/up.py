@@ -48,7 +48,7 @@ class Up(RunOptions, NetworkOptions):
             with stack:
                 print(
                     f"running, keys under {config.prefix}; join it with {directory / CLIENT_FILE}; "
-                    f"Ctrl-C ends it"
+                    "Ctrl-C ends it"
                 )
                 for _ in follow(stack):
                     pass

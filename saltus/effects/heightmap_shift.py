@@ -50,5 +50,5 @@ def refuse_shift(effects: Sequence[Effect], who: str) -> None:
     if not shift_of(effects).is_null():
         raise ConfigError(
             f"heightmap_shift: it shifts true heights, and {who} cannot hold it; leave it out of "
-            f"the profile"
+            "the profile"
         )

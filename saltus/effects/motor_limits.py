@@ -81,7 +81,7 @@ class TorqueSpeedLimit(Effect[Drive], name="torque_speed_limit", site="torque"):
         if not np.all((corner < no_load) | np.isinf(no_load)):
             raise ConfigError(
                 f"{self.name}: corner = {self.corner!r} must be below no_load = {self.no_load!r} "
-                f"rad/s"
+                "rad/s"
             )
 
     @cached_property
@@ -142,7 +142,7 @@ class TorqueSaturation(Effect[Drive], name="torque_saturation", site="torque"):
         if self.curve and not _rises(self.curve):
             raise ConfigError(
                 f"{self.name}.curve = {self.curve!r} must be pairs, or rows of 13, that rise, from "
-                f"above 0"
+                "above 0"
             )
         if self.limit is None or self.reduction is None:
             return
@@ -150,7 +150,7 @@ class TorqueSaturation(Effect[Drive], name="torque_saturation", site="torque"):
         if not np.all((slopes >= 0.0) & (slopes <= 1.5)):
             raise ConfigError(
                 f"{self.name}: knee = {self.knee!r}, plateau = {self.plateau!r} make no saturating "
-                f"curve"
+                "curve"
             )
 
     @cached_property

@@ -226,7 +226,7 @@ def load_profile(name_or_path: str, robot: Robot) -> Profile:
             known = [SHIPPED, _IDEAL, *shipped, *(file.stem for file in own.glob("*.toml"))]
             raise ConfigError(
                 f"no profile '{name}', and no file {path.absolute()}: {nearest_hint(name, known)}; "
-                f"or give a TOML file"
+                "or give a TOML file"
             )
     return read_file(path, Profile.from_toml)
 

@@ -91,7 +91,7 @@ def _of_depth(
         if not is_depth(first):
             raise RecordingError(
                 f"{path}: depth are to come from {given}, whose images are {encoding_of(first)}: "
-                f"depth is "
+                "depth is "
                 f"{', '.join(ENCODINGS)}"
             )
         return []
@@ -130,7 +130,7 @@ def _of_camera(
         told = f"{shortened(sorted(candidates))} stand beside other images"
         notes.append(
             f"no camera_info of {depth}: {told}; name one with --topics.camera_info, or say fx ... "
-            f"in [claims.camera]"
+            "in [claims.camera]"
         )
     return free
 

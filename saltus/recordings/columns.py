@@ -134,7 +134,7 @@ def read_archive(path: Path, wanted: Sequence[str] | None = None) -> FileColumns
             found = f"is {array.dtype} of shape {array.shape}"
             raise RecordingError(
                 f"{path}: '{name}' {found}; it must hold numbers, one or one for each joint to a "
-                f"row"
+                "row"
             )
     return FileColumns(values=values)
 
@@ -144,7 +144,7 @@ def opened_archive(path: Path) -> Any:
     if not zipfile.is_zipfile(path):
         raise RecordingError(
             f"cannot read {path}: it is no archive of arrays, as numpy.savez writes it, or is cut "
-            f"off"
+            "off"
         )
     try:
         check_archive(path)
@@ -166,7 +166,7 @@ def _places(names: Sequence[str], wanted: Sequence[str] | None) -> dict[str, int
         if names.count(name) > 1:
             raise ValueError(
                 f"{names.count(name)} columns are named '{name}': which is meant? Rename all but "
-                f"one"
+                "one"
             )
     return {name: names.index(name) for name in wanted}
 
@@ -250,7 +250,7 @@ def _separator(header: str, first: str) -> str:
     if "," in header and first.count(",") > header.count(","):
         raise ValueError(
             f"{header.count(',') + 1} names, but {first.count(',') + 1} parts of the first row: if "
-            f"its decimal signs "
+            "its decimal signs "
             "are commas, write it with semicolons between columns"
         )
     return ","

@@ -112,7 +112,7 @@ def millimetres(pixels: NDArray[Any], unit_m: float | None = None) -> NDArray[np
         raise MessageError(
             "depth_unit",
             f"32 bit images read {middle:.4g} in the middle, too far in metres; depth_unit_m = "
-            f"0.001 "
+            "0.001 "
             "takes them as millimetres"
         )  # fmt: skip
     metres = pixels * np.float64((MILLIMETRE if is_whole else 1.0) if unit_m is None else unit_m)

@@ -69,7 +69,7 @@ def _frames(reader: AnyReader, path: Path) -> Iterator[DepthFrame]:
         if (image.width, image.height) != (camera.width, camera.height):
             raise RecordingError(
                 f"{path}: images of {image.width}x{image.height} do not match the intrinsics, "
-                f"which are for "
+                "which are for "
                 f"{camera.width}x{camera.height}"
             )
         try:

@@ -227,7 +227,7 @@ class Recording:
                 other = next((line for line in written if line not in known), "fewer fields")
                 raise RecordingError(
                     f"{self.path}: {topic} was written by another version of saltus ('{other}' is "
-                    f"not in its messages "
+                    "not in its messages "
                     "today): read it with that version, or record the run anew"
                 )
 

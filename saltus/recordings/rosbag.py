@@ -187,7 +187,7 @@ class _Images:
         if self._bytes > ARCHIVE_MAX:
             raise RecordingError(
                 f"{self._path}: its depth images take more than {ARCHIVE_MAX / 2**30:g} GiB: cut "
-                f"the bag, or say "
+                "the bag, or say "
                 'leave_out = ["depth"] in the description'
             )
         return pixels
@@ -225,7 +225,7 @@ def _stamped(rows: _Rows, topic: str, notes: list[str]) -> _Rows:
     if len(kept) < len(rows):
         notes.append(
             f"{topic}: {len(rows) - len(kept)} of {len(rows)} messages bear no stamp, and are left "
-            f"out"
+            "out"
         )
     return kept
 
@@ -289,7 +289,7 @@ def _whole(messages: _Messages, topic: str, notes: list[str]) -> _Messages:
         count = len(messages) - len(kept)
         notes.append(
             f"{topic}: {count} of {len(messages)} messages name fewer joints than others, and are "
-            f"left out"
+            "left out"
         )
     return kept
 
@@ -381,14 +381,14 @@ def _depth(
         median = float(np.median(age_s))
         notes.append(
             f"images were stamped {median:.3g} s before they came, by another clock, and are left "
-            f"out"
+            "out"
         )
         return None
     if not right.all():
         count = int(np.sum(~right))
         notes.append(
             f"{count} of {len(right)} depth images are stamped later than they came, or far "
-            f"earlier, and are left out"
+            "earlier, and are left out"
         )
     stamped = bool(np.any(age_s))
     if not stamped:

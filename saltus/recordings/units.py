@@ -152,7 +152,7 @@ def _value(key: str, unit: Unit, units: dict[str, float]) -> float:
         if unit not in units:
             raise ConfigError(
                 f"{key} = '{unit}': {nearest_hint(unit, units)}; or a number, how many SI units "
-                f"one is"
+                "one is"
             )
         return units[unit]
     if not (math.isfinite(unit) and 1e-12 < abs(unit) < 1e12):

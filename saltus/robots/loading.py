@@ -59,7 +59,7 @@ def _no_robot(name_or_path: str, path: Path) -> str:
     ships = ", ".join(shipped_robots())
     return (
         f"no robot '{name_or_path}': Saltus ships {ships}; of another give the path of its MJCF "
-        f"(.xml), or of a folder "
+        "(.xml), or of a folder "
         "with a robot.toml (docs/robots.md)"
     )
 

@@ -97,7 +97,7 @@ def _base(model: mujoco.MjModel) -> int:
         names = ", ".join(_name(model, body) for body in floating)
         raise ModelError(
             f"{names} have a free joint each: give a model of the robot alone, whose trunk has the "
-            f"only one"
+            "only one"
         )
     return floating[0]
 
@@ -119,7 +119,7 @@ def _legs(model: mujoco.MjModel, base: int) -> tuple[Leg, ...]:
             where = ", ".join(f"{value:.3g}" for value in hip)
             raise ModelError(
                 f"leg {_name(model, limb[0])} at ({where}) m: no leg, or a second one, in this "
-                f"quarter"
+                "quarter"
             )
         found[quarter] = leg
     legs = tuple(found[name] for name in LEGS)
@@ -134,7 +134,7 @@ def _chain(model: mujoco.MjModel, first: int) -> tuple[int, ...]:
         if len(children) > 1:
             raise ModelError(
                 f"limb {_name(model, first)} branches at {_name(model, chain[-1])}: no leg of our "
-                f"kind"
+                "kind"
             )
         chain.append(children[0])
     joints = [
@@ -168,7 +168,7 @@ def _leg(model: mujoco.MjModel, data: mujoco.MjData, chain: tuple[int, ...]) -> 
         name = model.joint(joints[1]).name
         raise ModelError(
             f"the axis of '{name}' is {offset[1][2]:.3g} m above that of the abduction: it must be "
-            f"level"
+            "level"
         )
     return Leg(
         body=chain, joint=joints, sign=signs, offset=np.array(offset) + 0.0, rotation=rotation,
@@ -198,7 +198,7 @@ def _foot(model: mujoco.MjModel, chain: tuple[int, ...]) -> int:
     if not spheres:
         raise ModelError(
             f"leg {_name(model, chain[0])} ends in no sphere: give its calf a sphere where the "
-            f"foot is"
+            "foot is"
         )
     knee = model.jnt_pos[model.body_jntadr[calf]]
     solid = [geom for geom in spheres if model.geom_contype[geom] | model.geom_conaffinity[geom]]

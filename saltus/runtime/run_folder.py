@@ -50,7 +50,7 @@ def read_config(run_dir: Path) -> RunConfig:
     if not path.is_file():
         raise ConfigError(
             f"there is no {path}, so '{run_dir}' is no folder of a run: name that of a saltus up, "
-            f"demo or router, or "
+            "demo or router, or "
             f"start one, e.g. saltus router --out {run_dir}"
         )
     return config.load(RunConfig, path)

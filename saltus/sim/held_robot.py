@@ -274,7 +274,7 @@ def _branches(model: mujoco.MjModel, dof: NDArray[np.integer]) -> NDArray[np.int
     if len({len(group) for group in groups}) != 1:
         raise ModelError(
             f"the robot's branches have {[len(g) for g in groups]} joints: all must have the same "
-            f"number"
+            "number"
         )
     # joints nearer to the base come first among the degrees of freedom
     return np.array([group[np.argsort(dof[group])] for group in groups])

@@ -55,7 +55,7 @@ class Box:
         if not all(low < high for low, high in zip(self.low, self.high, strict=True)):
             raise ConfigError(
                 f"a box reaches from {self.low} to {self.high}: its size must be more than 0 m "
-                f"along x, y, z"
+                "along x, y, z"
             )
         for name, angle, most in (("pitch", self.pitch, MOST_PITCH), ("yaw", self.yaw, MOST_YAW)):
             if abs(angle) > most:
@@ -92,7 +92,7 @@ class Box:
         if not ahead > 0.0:
             raise ConfigError(
                 f"a ramp leads from x = {start[0]} to x = {end[0]} m: its end must be ahead of its "
-                f"start"
+                "start"
             )
         length = math.hypot(ahead, up)
         center_x = 0.5 * (start[0] + end[0] + thickness * up / length)

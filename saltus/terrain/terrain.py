@@ -60,7 +60,7 @@ class Terrain(Value):
         if not math.isfinite(self.start_x) or not math.isfinite(self.finish_x):
             raise ConfigError(
                 f"terrain '{self.kind}' starts at {self.start_x} and ends at {self.finish_x}: not "
-                f"finite"
+                "finite"
             )
 
     @classmethod

@@ -54,7 +54,7 @@ def open_session(role: Literal["peer", "client"], endpoint: str, speed: float = 
     if role == "peer":
         if not router.startswith(LOCAL):
             raise StackError(
-                f"peers link directly only beside a router in a folder of their owner, not at "
+                "peers link directly only beside a router in a folder of their owner, not at "
                 f"{router}"
             )
         settings.insert_json5(
@@ -92,7 +92,7 @@ def read_client(path: Path) -> str:
     if not path.is_file():
         raise StackError(
             f"there is no {path}: it is written by saltus up, demo and router; or name an "
-            f"--endpoint"
+            "--endpoint"
         )
     try:
         endpoints = json.loads(zenoh.Config.from_file(str(path)).get_json(_ENDPOINTS))

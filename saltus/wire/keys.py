@@ -69,7 +69,7 @@ def create(folder: Path, address: str, days: int) -> Keys:
     if (folder / STATE).exists():
         raise ConfigError(
             f"{folder} holds an authority already: its certificates would be worth nothing; name "
-            f"another"
+            "another"
         )
     if not _private(host):
         hint = f"a private address, or a name that ends in {', '.join(PRIVATE_SUFFIXES)}"

@@ -100,7 +100,7 @@ def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_dat
         "if __name__ == '__main__':\n"  # the workers import this file, and need none of the rest
         "    import sys; from pathlib import Path; from saltus.heightmap.training.dagger import *\n"
         "    from saltus.heightmap.settings import *\n"
-        f"    told = Observer(collected=lambda i, done, ticks: print(done, flush=True), "
+        "    told = Observer(collected=lambda i, done, ticks: print(done, flush=True), "
         f"trained=lambda i, p: None)\n"
         f"    dagger(Path(sys.argv[1]), {CONFIG!r}, told, processes=2)\n"
     )

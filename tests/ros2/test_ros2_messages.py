@@ -208,7 +208,7 @@ def test_what_is_refused_is_told_while_it_goes_on_and_not_again_and_again() -> N
         "waiting for joints (/it)",
         f"waiting for joints (/it); refused so far: 7 joints/clock; {advice}",
         f"waiting for joints (/it); refused so far: 8 joints/clock; {advice}",
-        f"the robot's state and images are complete; refused so far: 8 joints/clock, 1 "
+        "the robot's state and images are complete; refused so far: 8 joints/clock, 1 "
         f"depth/encoding; {advice}",
     ]
 

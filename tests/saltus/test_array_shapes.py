@@ -33,7 +33,7 @@ def test_laws_of_numpy_and_torch_keep_the_shapes_that_they_state() -> None:
 )
 def test_another_shape_is_refused(call: str) -> None:
     run = python(
-        f"import shape_checks, numpy as np; from saltus import grid, joint_command, rotations; "
+        "import shape_checks, numpy as np; from saltus import grid, joint_command, rotations; "
         f"{call}"
     )
     assert run.returncode == 1

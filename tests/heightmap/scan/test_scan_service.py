@@ -109,7 +109,7 @@ def test_a_grid_that_is_in_view_is_seen_and_its_ages_are_those_of_the_images(
 def test_an_observation_is_the_dialects_own_arithmetic(
     network: ScanNetwork, name: str, grid: HeightGrid
 ) -> None:
-    service = ScanService(network, rig(DOWN, grid=grid, dialect=name, spoken=DIALECTS[name]))
+    service = ScanService(network, rig(DOWN, grid=grid, dialect=name))
     *_, last = run(service, WORLDS[2], {FIRST: DOWN}, 12)
     assert last.dialect == name
     dialect, table = DIALECTS[name], -last.height.reshape(grid.shape) - DIALECTS[name].offset_m
