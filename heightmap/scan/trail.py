@@ -7,7 +7,7 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.heightmap.scan.elevation import Pose
-from saltus.rotations import rotation_matrix
+from saltus.rotations import quaternion_from_vector, rotation_matrix
 from saltus.wire.messages import RobotState
 
 KEPT_NS = 1_000_000_000
@@ -43,7 +43,7 @@ class Waypoint(NamedTuple):
         angle = self.turn * seconds
         return self._replace(
             position=self.position + self.velocity * seconds,
-            rotation=self.rotation @ _turned(angle),
+            rotation=self.rotation @ rotation_matrix(quaternion_from_vector(angle)),
         )
 
     @property
@@ -129,15 +129,6 @@ class Trail:
         share = (time_ns - before.time_ns) / (after.time_ns - before.time_ns)
         position = before.position + share * (after.position - before.position)
         return early._replace(position=position)
-
-
-def _turned(vector: Floats) -> Floats:
-    """Rotation by a vector [rad], shape (3, 3)."""
-    angle = float(np.sqrt(vector @ vector))
-    half = 0.5 * angle
-    axis = vector * (np.sin(half) / angle if angle > 1e-9 else 0.5)
-    found: Floats = rotation_matrix(np.array([np.cos(half), *axis]))
-    return found
 
 
 def _angle(rotation: Floats) -> float:

@@ -33,7 +33,12 @@ from saltus.real2sim.problem.stream_noise import (
     rotation_columns,
 )
 from saltus.recordings.run_log import RunLog
-from saltus.rotations import quaternion_from_roll_pitch_yaw, quaternion_inverse, quaternion_product
+from saltus.rotations import (
+    quaternion_from_roll_pitch_yaw,
+    quaternion_from_vector,
+    quaternion_inverse,
+    quaternion_product,
+)
 
 STEP_S = PHYSICS_DT
 BLOCK_STEPS = 10
@@ -258,10 +263,10 @@ class ImuProblem(Problem):
 
     def _turn_error(self, base: Floats, bias: Floats, axes: Floats) -> Floats:
         """Integral of the rates minus how far the base turned, in its own frame, shape (n, w, BLOCKS, 3)."""
-        turned_axes = rotations.from_vector(axes)
+        turned_axes = quaternion_from_vector(axes)
         rate = self._windows.gyro - bias[:, None, None]  # (n, w, steps, 3)
         rate = _turned(turned_axes[:, None, None], rate)
-        moves = rotations.from_vector(0.5 * STEP_S * (rate[..., 1:, :] + rate[..., :-1, :]))
+        moves = quaternion_from_vector(0.5 * STEP_S * (rate[..., 1:, :] + rate[..., :-1, :]))
         path = np.empty(base.shape)
         path[..., 0, :] = base[..., 0, :]
         for step in range(WINDOW_STEPS - 1):

@@ -10,14 +10,6 @@ def unit(quaternion: Floats) -> Floats:
     return np.asarray(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))
 
 
-def from_vector(vector: Floats) -> Floats:
-    """Quaternion of a rotation vector [rad], shape (..., 3)."""
-    angle = np.linalg.norm(vector, axis=-1, keepdims=True)
-    return np.concatenate(
-        [np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * vector], axis=-1
-    )
-
-
 def to_vector(quaternion: Floats) -> Floats:
     """Rotation vector [rad] of the shorter way, shape (..., 3)."""
     quaternion = np.where(quaternion[..., :1] < 0.0, -quaternion, quaternion)
