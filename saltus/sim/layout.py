@@ -62,13 +62,8 @@ class ModelLayout:
     def write_payload_position(
         self, field: Field, position: Array, robots: Robots = EVERYONE
     ) -> None:
-        """Puts the centre of mass of what is on top of the trunk there [m], base frame, shape (3,).
-
-        Beside the place of a body the engine has one of its mass in it, which is not 0 where a spec
-        says none.
-        """
+        """Puts the centre of mass of what is on top of the trunk there [m], base frame, shape (3,)."""
         field("body_pos")[(*robots, self.payload)] = position
-        field("body_ipos")[(*robots, self.payload)] = 0.0
 
     def write_joints(
         self,

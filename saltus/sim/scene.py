@@ -147,6 +147,11 @@ def _load(spec: mujoco.MjSpec, robot: Robot, payload_kg: float) -> None:
     x, y, z = robot.trunk_center
     payload.pos = (x, y, z + 0.5 * (robot.trunk_size[2] + PAYLOAD_SIZE[2]))
     payload.explicitinertial = True
+    payload.ipos = (
+        0.0,
+        0.0,
+        0.0,
+    )  # where a spec says none, the engine puts the mass at `pos` once more
     payload.mass = payload_kg
     payload.inertia = payload_inertia(payload_kg)
 

@@ -4,6 +4,7 @@ import pytest
 from samples import KINEMATICS, ROBOT
 
 from saltus.constants import PHYSICS_DT
+from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS, LEGS
 from saltus.sim import scene
 from saltus.terrain import flat, level
@@ -105,3 +106,18 @@ def test_options_reach_the_model(model: mujoco.MjModel) -> None:
     np.testing.assert_allclose(model.body(scene.TRUNK).ipos, plain + shift)
     assert np.all(model.geom_friction[model.geom_group == scene.ROBOT_GROUP, 0] == 0.33)
     assert (model.geom_group == scene.TERRAIN_GROUP).sum() == 9
+
+
+@pytest.mark.parametrize("name", ["go1", "go2"])
+def test_payload_lies_on_the_trunk(name: str) -> None:
+    """Its mass is in the middle of its box, whose bottom touches the top of the trunk's."""
+    robot = load_robot(name)
+    model = scene.build_spec(robot, flat.make(), payload_kg=1.5).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    trunk, payload = model.body(scene.TRUNK).id, model.body(scene.PAYLOAD).id
+    above = (data.xipos[payload] - data.xpos[trunk]) @ data.xmat[trunk].reshape(3, 3)
+    x, y, z = robot.trunk_center
+    top = z + 0.5 * (robot.trunk_size[2] + scene.PAYLOAD_SIZE[2])
+    np.testing.assert_allclose(above, [x, y, top], atol=1e-12)
