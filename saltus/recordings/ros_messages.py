@@ -35,8 +35,15 @@ GRID_MAP = {
 }
 """Definitions of the package grid_map_msgs for ROS 2, which is not among those that every ROS 2
 has."""
-for _name, _text in GRID_MAP.items():
-    STORE.register(get_types_from_msg(_text, _name))
+
+
+def add_types(definitions: dict[str, str]) -> None:
+    """Takes in definitions, by their names, as `.msg` files have them, of packages of others."""
+    for name, text in definitions.items():
+        STORE.register(get_types_from_msg(text, name))
+
+
+add_types(GRID_MAP)
 
 _VECTOR: Any = STORE.types["geometry_msgs/msg/Vector3"]
 _POINT: Any = STORE.types["geometry_msgs/msg/Point"]

@@ -359,11 +359,11 @@ def test_a_robot_on_cyclone_0_10_is_given_heights_and_survives(
 
 def test_types_that_dds_is_told_are_those_of_the_packages(tmp_path: Path) -> None:
     """Names and order of fields as in the texts; every uint8 an octet, which Cyclone 0.10 knows."""
-    from saltus.ros2 import dds
+    from saltus import dds_types
 
     for name, text in TEXTS.items():
-        kind = dds.type_of(name)
+        kind = dds_types.type_of(name)
         fields = [line.split()[1] for line in text.splitlines() if "=" not in line]
         assert list(kind.__annotations__) == fields
         assert kind.__idl_typename__.replace(".", "::") == ros2_node.dds_name(name)
-    assert dds.BASE["uint8"] is dds.types.byte
+    assert dds_types.BASE["uint8"] is dds_types.types.byte

@@ -1,0 +1,1 @@
+"""Robots of Unitree, spoken to over their own protocol: plain DDS."""
