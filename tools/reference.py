@@ -138,7 +138,7 @@ def messages_page() -> str:
         "Keys are `PREFIX/TOPIC`, e.g. `robot/0/camera/depth`. For `done`, `event` and `status` "
         "the sender's name "
         "follows: subscribe to `robot/0/status/*`. What an operator asks goes to "
-        "`robot/0/event/operator`.",
+        "`robot/0/event/operator`. Images of a second camera come under `robot/0/camera/depth/NAME`.",
         "Payloads are CDR of the ROS 2 types below, little-endian: they begin with the bytes 00 01 "
         "00 00, and nothing "
         "may follow the last field. Attachments are those of rmw_zenoh, 33 bytes without gaps: "

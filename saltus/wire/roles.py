@@ -26,14 +26,12 @@ def keys(role: str, verb: Literal["put", "subscribe"], prefix: str) -> list[str]
         return [f"{prefix}/**", f"{prefix}/{SHARED}"]
     found = []
     for topic in TOPICS.values():
-        if verb == "subscribe" and role in topic.readers:
-            found.append(
-                f"{prefix}/{topic.name}/*" if topic.publisher == "*" else f"{prefix}/{topic.name}"
-            )
-        elif verb == "put" and topic.publisher == "*" and role in _SPEAKERS:
-            found.append(f"{prefix}/{topic.name}/{role}")
-        elif verb == "put" and topic.publisher == role:
-            found.append(f"{prefix}/{topic.name}")
+        key, every = f"{prefix}/{topic.name}", topic.publisher == "*"
+        if verb == "put" and every and role in _SPEAKERS:
+            found.append(f"{key}/{role}")
+        elif role in topic.readers if verb == "subscribe" else role == topic.publisher:
+            found += [] if every else [key]
+            found += [f"{key}/*"] if every or topic.named else []
     return found
 
 

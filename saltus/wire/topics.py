@@ -40,6 +40,8 @@ class Topic:
     """So much sooner or later a message may come in a trial, however fast the computer."""
     urgent: bool = False
     """It overtakes the others, and does not get lost with them where a link is full."""
+    named: bool = False
+    """The publisher may also send under `name/<name>`: images of further cameras."""
 
     @property
     def degraded_age_s(self) -> float:
@@ -61,6 +63,7 @@ _ROWS = (
         50.0,
         nominal_age_s=CAMERA_LATENCY_S + CAMERA_PERIOD_S,
         jitter_s=CAMERA_JITTER_S,
+        named=True,
     ),
     Topic("controller/state", messages.RobotState, "controller", ("heightmap", "policy")),
     Topic("heightmap/heightmap", messages.Heightmap, "heightmap", ("policy",)),

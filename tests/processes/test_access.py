@@ -33,6 +33,8 @@ for topic in TOPICS.values():
             f"{PREFIX}/{topic.name}/{role}" if topic.publisher == "*" else f"{PREFIX}/{topic.name}"
         )
         MAY_PUT[key], MAY_READ[key] = {"owner", role}, {"owner", *LISTENERS, *topic.readers}
+    if topic.named:
+        MAY_PUT[f"{key}/rear"], MAY_READ[f"{key}/rear"] = MAY_PUT[key], MAY_READ[key]
 for key in (
     f"{PREFIX}/{SHARED}",
     f"{PREFIX}/status",
