@@ -20,7 +20,7 @@ from saltus.effects.profile import EFFECTS, PARTS
 from saltus.heightmap.service import features
 from saltus.recordings import viewer
 from saltus.robots.robot import JOINTS
-from saltus.wire import codec, messages, schemas
+from saltus.wire import depth_codec, messages, schemas
 from saltus.wire.events import CODES
 from saltus.wire.topics import TOPICS
 
@@ -35,10 +35,10 @@ ON_THE_WIRE = {
     "counts the images. "
     "Refused are other encodings, big-endian ones, a `step` other than two bytes a pixel, images "
     "over "
-    f"{codec.WIDTH_MAX} x {codec.HEIGHT_MAX}, a `camera_info` of another size, focal lengths "
+    f"{depth_codec.WIDTH_MAX} x {depth_codec.HEIGHT_MAX}, a `camera_info` of another size, focal lengths "
     "outside of "
-    f"{codec.FOCAL_MIN_PX:g} to {codec.FOCAL_MAX_PX:g} pixels, and units outside of 1e-6 to "
-    f"{codec.DEPTH_UNIT_MAX_M:g} m.",
+    f"{depth_codec.FOCAL_MIN_PX:g} to {depth_codec.FOCAL_MAX_PX:g} pixels, and units outside of 1e-6 to "
+    f"{depth_codec.DEPTH_UNIT_MAX_M:g} m.",
     messages.Event: "`stamp` is its time, `name` the sender, `function` the code, `msg` the detail, for people. "
     "Details that are read: of `kill` the name of a process, of `blind` seconds, of `push` Ns, "
     "negative to the right.",

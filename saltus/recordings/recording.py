@@ -29,7 +29,7 @@ from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
-from saltus.wire import codec, schemas
+from saltus.wire import cdr, codec, schemas
 from saltus.wire.bus import topic_of
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import Message
@@ -221,7 +221,7 @@ class Recording:
                 continue
             written, known = (
                 _fields(text)
-                for text in (schema.data.decode(errors="replace"), codec.definition_of(schema.name))
+                for text in (schema.data.decode(errors="replace"), cdr.definition_of(schema.name))
             )
             if written != known and self._former_of(channel) is None:
                 other = next((line for line in written if line not in known), "fewer fields")

@@ -13,8 +13,8 @@ from saltus.arrays import Floats, Reals
 from saltus.constants import NORMAL_90
 from saltus.errors import MessageError
 from saltus.rotations import quaternion_from_roll_pitch_yaw, quaternion_product, rotation_matrix
-from saltus.wire import codec
-from saltus.wire.codec import header
+from saltus.wire import cdr, codec
+from saltus.wire.cdr import header
 from saltus.wire.messages import Heightmap, HeightmapStatus, RobotState, points_of
 from saltus.wire.schemas import TYPE_NAME
 
@@ -70,7 +70,7 @@ Rgba = tuple[float, float, float, float]
 def definition_of(type_name: str) -> str:
     """The `ros2msg` schema text of a type with all that it contains."""
     if type_name in TYPE_NAME.values():
-        return codec.definition_of(type_name)
+        return cdr.definition_of(type_name)
     return STORE.generate_msgdef(type_name, ros_version=2)[0]
 
 

@@ -28,7 +28,9 @@ from saltus.sim.scene import TRUNK
 from saltus.sim.shapes import looks_of
 from saltus.terrain.terrain import Terrain
 from saltus.wire.bus import topic_of
-from saltus.wire.codec import LOG_INFO, depth_on_the_wire, header, stamp
+from saltus.wire.cdr import header, stamp
+from saltus.wire.codec import LOG_INFO
+from saltus.wire.depth_codec import depth_on_the_wire
 from saltus.wire.messages import (
     DepthFrame,
     Event,

@@ -17,7 +17,8 @@ from saltus.recordings.viewer import RobotFrames
 from saltus.robots.robot import JOINTS, Robot
 from saltus.ros2.wall_clock import WallClock
 from saltus.rotations import quaternion_inverse, quaternion_product
-from saltus.wire.codec import depth_on_the_wire, header
+from saltus.wire.cdr import header
+from saltus.wire.depth_codec import depth_on_the_wire
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 
 TRANSFORMS = "/tf"

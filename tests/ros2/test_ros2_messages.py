@@ -27,7 +27,8 @@ from saltus.ros2.outgoing import HEIGHTS, EstimatedWay, Exporter
 from saltus.ros2.outgoing import ROBOT as OF_ROBOT
 from saltus.ros2.wall_clock import WallClock
 from saltus.rotations import rotation_matrix
-from saltus.wire.codec import depth_on_the_wire, header
+from saltus.wire.cdr import header
+from saltus.wire.depth_codec import depth_on_the_wire
 
 USED = {
     *TYPES.values(),

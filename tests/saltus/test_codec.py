@@ -12,7 +12,7 @@ from samples import message_of
 
 from saltus.errors import MessageError
 from saltus.grid import LINE
-from saltus.wire import codec, messages, schemas
+from saltus.wire import cdr, codec, messages, schemas
 from saltus.wire.codec import Envelope, decode, encode
 from saltus.wire.messages import GroundTruth, Heightmap, Message, RobotState
 
@@ -48,7 +48,7 @@ def test_every_message_has_a_type() -> None:
 @pytest.mark.parametrize("type_name", schemas.STANDARD)
 def test_standard_types_are_those_of_ros(type_name: str) -> None:
     assert (
-        codec.definition_of(type_name)
+        cdr.definition_of(type_name)
         == get_typestore(Stores.ROS2_JAZZY).generate_msgdef(type_name, ros_version=2)[0]
     )
 
@@ -83,7 +83,7 @@ def test_truncated_or_longer_bytes_are_refused(kind: type[Message]) -> None:
 @given(data=st.binary(max_size=2000))
 @settings(max_examples=100, deadline=None)
 def test_random_bytes_raise_nothing_but_message_errors(kind: type[Message], data: bytes) -> None:
-    for candidate in (data, codec.CDR_LITTLE_ENDIAN + data):
+    for candidate in (data, cdr.CDR_LITTLE_ENDIAN + data):
         with pytest.raises(MessageError):
             decode(kind, candidate)
 
@@ -229,8 +229,8 @@ def test_messages_of_before_lack_nothing_today(kind: type[Message], place: int, 
 
     What is new is as if nobody knew it.
     """
-    name = codec._FORMER[kind][place]
-    former: Any = codec.STORE.types[name]
+    name = cdr.FORMER[kind][place]
+    former: Any = cdr.STORE.types[name]
     kept = {f.name for f in dataclasses.fields(former) if f.init} - {"header"}
     message = message_of(kind, seed)
     lacking = {
@@ -246,9 +246,7 @@ def test_messages_of_before_lack_nothing_today(kind: type[Message], place: int, 
         lacking |= heights | {"x": np.array(LINE.x)}
     message = dataclasses.replace(message, **lacking)
     wire = codec._TABLES[kind].encode(message)
-    data = codec.STORE.serialize_cdr(
-        former(wire.header, **{n: getattr(wire, n) for n in kept}), name
-    )
+    data = cdr.STORE.serialize_cdr(former(wire.header, **{n: getattr(wire, n) for n in kept}), name)
     assert codec.of_today(kind, place, bytes(data)) == encode(message)
 
 

@@ -41,7 +41,7 @@ from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
 from saltus.recordings.summary import sentence, summarise
 from saltus.recordings.timing import digest, rates_and_ages
-from saltus.wire import codec, messages
+from saltus.wire import cdr, codec, messages
 from saltus.wire.bus import RawSample
 from saltus.wire.codec import Envelope
 from saltus.wire.schemas import TYPE_NAME
@@ -100,9 +100,9 @@ def test_fields_of_another_version_are_refused_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """`half_width_90` was called `std` once, and meant something else in the same place."""
-    definition_of = codec.definition_of
+    definition_of = cdr.definition_of
     monkeypatch.setattr(
-        codec, "definition_of", lambda name: definition_of(name).replace("half_width_90", "std")
+        cdr, "definition_of", lambda name: definition_of(name).replace("half_width_90", "std")
     )
     older = write(tmp_path / "older.mcap", list(run_samples(3)))
     monkeypatch.undo()
