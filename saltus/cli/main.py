@@ -88,7 +88,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with ending_by_signals():
             return _run(sys.argv[1:] if arguments is None else arguments)
     except Ended as end:
-        sys.stdout.flush()
+        if sys.stdout is not None:  # None where its reader has left, too
+            sys.stdout.flush()
         raise_again(end.number)
         return INTERRUPTED
 

@@ -8,6 +8,7 @@ import numpy as np
 import tyro
 
 from saltus.cli.output import JsonOption, print_json
+from saltus.cli.robot_link import Simulate
 from saltus.flags import CommandGroup, Subcommands, shown
 
 if TYPE_CHECKING:
@@ -69,9 +70,9 @@ class List:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotCommand(CommandGroup):
-    """Robots as Saltus knows them: show, list."""
+    """Robots as Saltus knows them, and over their own protocol: show, list, simulate."""
 
-    command: Subcommands[Show | List]
+    command: Subcommands[Show | List | Simulate]
 
 
 def _lines(derivation: "Derivation") -> list[str]:

@@ -1,0 +1,77 @@
+"""The simulated robot on DDS: in real time, at the speed of a run, or tick by tick with its commands."""
+
+import time
+
+from saltus.clock import RunClock
+from saltus.constants import PHYSICS_DT
+from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
+from saltus.controller.robot.unitree.simulated import SimulatedUnitree, holding_message
+from saltus.robots.robot import Robot
+from saltus.runtime.ticker import Ticker
+
+CATCH_UP_TICKS = 500
+"""1 s: the clock of a real robot does not fall behind where the machine stalls."""
+ANEW_S = 0.1  # how often the first state of a lockstep run is said again
+POLL_S = 0.0002
+"""A tenth of a tick."""
+
+
+class Stranger:
+    """Another program that commands the robot, too: it holds the stand pose, as the robot's own service would."""
+
+    def __init__(self, robot: Robot, domain: int, interface: str | None) -> None:
+        self._where = domain, interface
+        self.payload = holding_message(robot)
+        """The command, as it travels."""
+        self._link: UnitreeLink | None = None
+
+    def command(self) -> None:
+        """Sends a command; joins the domain before the first."""
+        if self._link is None:
+            self._link = UnitreeLink(*self._where, sends=[COMMANDS])
+        self._link.send(COMMANDS, self.payload)
+
+    def close(self) -> None:
+        """Leaves the domain, if it was joined."""
+        if self._link is not None:
+            self._link.close()
+
+
+class RobotServer:
+    """One simulated robot that is commanded over a link."""
+
+    def __init__(self, link: UnitreeLink, robot: SimulatedUnitree, stranger: Stranger) -> None:
+        self._link, self._robot, self._stranger = link, robot, stranger
+
+    def realtime(self, clock: RunClock, until_s: float) -> None:
+        """Says 500 states in each second of the clock, until the robot's time has come to `until_s`."""
+        ticker = Ticker(1.0 / PHYSICS_DT, catch_up=CATCH_UP_TICKS, clock=clock)
+        while self._robot.time_s < until_s:
+            ticker.wait()
+            for arrived in self._link.take(COMMANDS):
+                self._robot.hear(arrived.payload)
+            self._tick()
+
+    def lockstep(self, until_s: float) -> None:
+        """Advances by 2 ms with each command, as fast as these come, and answers each."""
+        said_s = 0.0
+        while self._robot.time_s < until_s:
+            taken = self._link.take(COMMANDS)
+            for arrived in taken:
+                self._robot.hear(arrived.payload)
+                self._tick()
+            if taken:
+                continue
+            if not self._robot.commands and time.monotonic() - said_s > ANEW_S:
+                said_s = time.monotonic()
+                self._send(self._robot.said())
+            time.sleep(POLL_S)
+
+    def _tick(self) -> None:
+        self._send(self._robot.step())
+        if self._robot.is_commanded_by_others:
+            self._stranger.command()
+
+    def _send(self, payloads: list[bytes]) -> None:
+        for payload in payloads:
+            self._link.send(STATES, payload)

@@ -1,0 +1,111 @@
+"""The robot's side of a Unitree's protocol: the plant answers commands with states."""
+
+import numpy as np
+
+from saltus.constants import PHYSICS_DT
+from saltus.controller.robot.unitree.drives import MS, command_message, command_of, state_message
+from saltus.controller.robot.unitree.faults import Faults
+from saltus.controller.robot.unitree.messages import LOW_COMMAND, LOW_STATE, Message, is_intact
+from saltus.errors import MessageError
+from saltus.joint_command import JointCommand
+from saltus.robots.robot import Robot
+from saltus.sim.plant import Plant
+
+CELLS, CELL_MV = 8, 3700
+"""Battery of a Go2: 29.6 V nominal (Unitree's data sheet), which is eight cells of lithium."""
+CHARGE_PERCENT, MOTOR_C, BOARD_C = 90, 35, 45
+"""Values of a healthy robot at rest."""
+GYRO_NOISE = 0.001
+"""Noise of the gyroscope [rad/s]: that of a usual one, 0.004 deg/s per root of a Hz, over 250 Hz. No
+state of a real robot equals the one before."""
+
+
+class SimulatedUnitree:
+    """A robot in the plant that hears commands and says states, 2 ms at a time.
+
+    Until the first command it holds its stand pose, as its own motion service or a person would.
+    Then it goes on with its last one, whoever falls silent. A command with a wrong checksum is not
+    obeyed.
+
+    Args:
+        plant: Robot and ground, with the effects of its hardware.
+        faults: Faults on demand.
+        seed: Seed of the noise.
+    """
+
+    def __init__(self, plant: Plant, faults: Faults | None = None, seed: int = 0) -> None:
+        self._noise = np.random.default_rng(seed)
+        self._plant, self._faults = plant, faults or Faults(())
+        self._command = _holding(plant.robot)
+        self._ticks = 0
+        self.commands = 0
+        """Commands that were taken."""
+        self.refused = 0
+        """Commands with a wrong checksum or of a wrong size."""
+
+    @property
+    def time_s(self) -> float:
+        """Since the start [s]."""
+        return self._ticks * PHYSICS_DT
+
+    @property
+    def is_commanded_by_others(self) -> bool:
+        """True while another program is to command the robot, too."""
+        return bool(self._faults.active("foreign", self.time_s))
+
+    def hear(self, payload: bytes) -> None:
+        """Takes one command."""
+        try:
+            message = LOW_COMMAND.read([payload])[0]
+        except MessageError:
+            self.refused += 1
+            return
+        if not is_intact(message):
+            self.refused += 1
+            return
+        self._faults.on_command(message, self.time_s)
+        self._command = command_of(message, self._plant.robot)
+        self.commands += 1
+
+    def step(self) -> list[bytes]:
+        """Advances by 2 ms; returns what is sent then: a state, or what faults make of it.
+
+        Raises:
+            SaltusError: the command is not finite, or the simulation diverges.
+        """
+        self._plant.step(self._command)
+        self._ticks += 1
+        return self.said()
+
+    def said(self) -> list[bytes]:
+        """The present state, or what faults make of it."""
+        message = self._state()
+        self._faults.on_state(message, self.time_s)
+        return self._faults.on_way(LOW_STATE.sealed(message), self.time_s)
+
+    def _state(self) -> Message:
+        plant = self._plant
+        message = state_message(plant.sensed, plant.state.joint_torque, plant.robot)
+        message["imu_state"]["gyroscope"] += GYRO_NOISE * self._noise.standard_normal(3)
+        message["tick"] = round(self.time_s / MS)
+        message["motor_state"]["temperature"][:12] = MOTOR_C
+        message["foot_force"] = np.clip(plant.state.foot_force, 0, np.iinfo(np.int16).max)
+        message["bms_state"]["soc"] = CHARGE_PERCENT
+        message["bms_state"]["cell_vol"][:CELLS] = CELL_MV
+        message["power_v"] = CELLS * CELL_MV * 1e-3
+        message["imu_state"]["temperature"] = BOARD_C
+        message["temperature_ntc1"] = message["temperature_ntc2"] = BOARD_C
+        return message
+
+
+def holding_message(robot: Robot) -> bytes:
+    """A command to hold the stand pose, as it travels."""
+    return LOW_COMMAND.sealed(command_message(_holding(robot), robot))
+
+
+def _holding(robot: Robot) -> JointCommand:
+    one = np.ones(12)
+    return JointCommand(
+        position=robot.stand_pose, velocity=0.0 * one, torque=0.0 * one,
+        kp=robot.gains.stand_kp * one, kd=robot.gains.stand_kd * one,
+    )  # fmt: skip

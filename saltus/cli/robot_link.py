@@ -1,0 +1,131 @@
+"""Commands of `saltus robot` that speak a robot's own protocol, from either side."""
+
+import importlib.util
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated
+
+from saltus.cli.run_options import CourseOptions, SizedCourse
+from saltus.config import Pace
+from saltus.errors import ConfigError
+from saltus.flags import Flag, shown
+
+if TYPE_CHECKING:
+    from saltus.controller.robot.unitree.simulated import SimulatedUnitree
+    from saltus.robots.robot import Robot
+
+CYCLONE = "pip install 'saltus[dds]'"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkOptions:
+    """Flags of a command that joins a robot's DDS domain."""
+
+    robot: str = "go2"
+    """Go2, or the path of an MJCF or of a folder with a robot.toml: your Go2."""
+    domain: int = 1
+    """DDS domain: 0 of a real robot; simulated ones take 1 by custom."""
+    interface: str = "lo"
+    """Network interface: lo for this computer, or that on which the robot hangs."""
+
+    def loaded(self) -> "Robot":
+        """The robot's values.
+
+        Raises:
+            ConfigError: there is no such robot, or Cyclone DDS is not installed.
+        """
+        from saltus.robots.loading import load_robot
+
+        if importlib.util.find_spec("cyclonedds") is None:
+            raise ConfigError(f"the package 'cyclonedds' is not installed: {CYCLONE}")
+        return load_robot(self.robot)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaceOptions:
+    """Flags of how time goes on with a simulated robot."""
+
+    pace: Pace = "realtime"
+    """lockstep: the robot waits for each command, and the other side for each state."""
+    speed: float = 1.0
+    """With realtime: seconds of the robot for each second of this computer, on both sides alike."""
+
+    def check(self) -> None:
+        """Raises `ConfigError` for a speed that is none."""
+        if not 0.0 < self.speed <= 1.0:
+            raise ConfigError(f"--speed {self.speed:g}: allowed is more than 0, and 1 at most")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulate(PaceOptions, LinkOptions):
+    """Simulates a robot that is commanded over its own protocol: states at 500 Hz over DDS, until Ctrl-C.
+
+    For example:
+      saltus robot simulate --robot go2 --domain 1
+      saltus robot simulate --held --fault hot:FR_calf@5 lost@10
+      saltus robot simulate --speed 0.5 --profile ideal --terrain stairs
+    """
+
+    course: CourseOptions = field(default_factory=lambda: SizedCourse(terrain="flat"))
+    profile: str = "shipped"
+    """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML
+    file."""
+    held: Flag = False
+    """Hold the trunk in the air, as a crane or two people would."""
+    fault: Annotated[tuple[str, ...], shown("KIND[:JOINT][@SECONDS]", "none")] = ()
+    """Faults, from some second on: battery, crc, dead, foreign, frozen, hot, imu, late, lost,
+    offset, sign, silent, slow, stuck, tick; of dead, hot, offset and sign at a joint."""
+    seconds: Annotated[float, shown("FLOAT", "until Ctrl-C")] = math.inf
+    """Time of the robot after which the simulation ends [s]."""
+    seed: int = 0
+    """Seed of noise and lost packets."""
+
+    def run(self) -> int:
+        """Runs until the end."""
+        from saltus.clock import RunClock
+
+        self.check()
+        robot = self.loaded()
+        simulated = self._simulated(robot)
+        from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
+        from saltus.controller.robot.unitree.serving import RobotServer, Stranger
+
+        lockstep = self.pace == "lockstep"
+        link = UnitreeLink(
+            self.domain, self.interface, sends=[STATES], takes=[COMMANDS], reliable=lockstep
+        )
+        stranger = Stranger(robot, self.domain, self.interface)
+        server = RobotServer(link, simulated, stranger)
+        print(
+            f"simulated {robot.name} in domain {self.domain} over {self.interface}; Ctrl-C ends it",
+            flush=True,
+        )
+        try:
+            if lockstep:
+                server.lockstep(self.seconds)
+            else:
+                server.realtime(RunClock(speed=self.speed), self.seconds)
+        finally:
+            stranger.close()
+            link.close()
+            print(
+                f"{simulated.time_s:.1f} s, {simulated.commands} commands, {simulated.refused} "
+                "refused",
+                flush=True,
+            )
+        return 0
+
+    def _simulated(self, robot: "Robot") -> "SimulatedUnitree":
+        from saltus.controller.robot.unitree.faults import Fault, Faults
+        from saltus.controller.robot.unitree.simulated import SimulatedUnitree
+        from saltus.effects.profile import load_profile
+        from saltus.sim.plant import Plant
+        from saltus.terrain.curriculum import make_terrain
+
+        profile = load_profile(self.profile, robot)
+        plant = Plant(
+            robot, make_terrain(self.course), chain=profile.actuator_chain,
+            body=profile.body_chain, imu=profile.imu_chain, held=self.held,
+        )  # fmt: skip
+        faults = Faults([Fault.parse(text) for text in self.fault], self.seed)
+        return SimulatedUnitree(plant, faults, self.seed)

@@ -1,0 +1,170 @@
+"""Laws of a robot on DDS: what is taken over and told, and what happens when something is wrong."""
+
+import numpy as np
+import pytest
+from unitree_memory import ROBOT, Run, Wire, simulated
+
+from saltus.controller.robot.unitree.drives import (
+    command_message,
+    command_of,
+    reading_of,
+    state_message,
+)
+from saltus.controller.robot.unitree.faults import AT_A_JOINT, KINDS, Fault
+from saltus.controller.robot.unitree.messages import LOW_COMMAND, LOW_STATE, MOTORS, SERVO
+from saltus.controller.robot.unitree.robot import UnitreeRobot
+from saltus.errors import ConfigError, StackError
+from saltus.joint_command import JointCommand
+from saltus.robots.robot import JOINTS, Robot
+from saltus.states import Sensed
+
+DAMPED_S = 0.110
+"""A fault may take so long until the robot is damped."""
+LOSSES = {
+    "silent": "no new state has come", "frozen": "no new state has come",
+    "crc": "no new state has come", "stuck": "states say the same", "tick": "clock has leapt",
+}  # fmt: skip
+"""Faults after which nothing is known of the robot, and the words in which it is said."""
+BORNE = ("lost", "slow", "late", "hot", "battery")
+"""Faults with which a robot goes on; the preflight tells them."""
+
+
+def turned(signs: int) -> Robot:
+    """A robot whose joints count as the bits say."""
+    sign = np.where(signs >> np.arange(12) & 1, 1.0, -1.0)
+    return Robot(**{**vars(ROBOT), "joint_sign": sign})
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_commands_and_states_come_out_as_they_went_in(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    robot = turned(int(rng.integers(1 << 12)))
+    names = ("position", "velocity", "kp", "kd", "torque")
+    command = JointCommand(**{name: rng.normal(size=12) for name in names})
+    sent = LOW_COMMAND.read([LOW_COMMAND.sealed(command_message(command, robot))])[0]
+    assert (sent["motor_cmd"]["mode"] == [SERVO] * MOTORS + [0] * 8).all()
+    for name in names:
+        np.testing.assert_allclose(
+            getattr(command_of(sent, robot), name), getattr(command, name), rtol=1e-6
+        )
+    np.testing.assert_allclose(
+        sent["motor_cmd"]["q"][:12], robot.joint_sign * command.position, rtol=1e-6
+    )
+    shapes = {"quaternion_base_in_world": 4, "angular_velocity_base": 3, "acceleration_base": 3}
+    sensed = Sensed(
+        **{name: rng.normal(size=size) for name, size in shapes.items()},
+        joint_position=rng.normal(size=12), joint_velocity=rng.normal(size=12),
+    )  # fmt: skip
+    torque = rng.normal(size=12)
+    said = LOW_STATE.read([LOW_STATE.sealed(state_message(sensed, torque, robot))])[0]
+    reading = reading_of(said, robot)
+    for name, value in vars(sensed).items():
+        np.testing.assert_allclose(getattr(reading.measurement, name), value, rtol=1e-6)
+    np.testing.assert_allclose(reading.joint_torque, torque, rtol=1e-6)
+
+
+def test_a_healthy_robot_stands_and_nothing_is_missed() -> None:
+    run = Run()
+    run.until(2.0)
+    measured = run.robot.read().measurement
+    np.testing.assert_allclose(measured.joint_position, ROBOT.stand_pose, atol=0.1)
+    assert not run.robot.fault
+    assert run.robot.health.lost == 0
+    assert run.robot.health.bad == {}
+    assert run.wire.robot.commands == len(run.wire.sent)
+
+
+@pytest.mark.parametrize("kind", LOSSES)
+@pytest.mark.parametrize("seed", range(4))
+def test_a_lost_robot_is_damped_within_110_ms_at_any_phase(kind: str, seed: int) -> None:
+    start_s = float(np.random.default_rng([seed, 5]).uniform(0.3, 0.7))
+    run = Run(f"{kind}@{start_s:.4f}")
+    run.until(start_s - 0.004)
+    assert not run.robot.fault
+    run.until(start_s + DAMPED_S)
+    if kind == "tick":  # it leaps five times a second
+        run.until(start_s + 0.2 + DAMPED_S)
+    assert LOSSES[kind] in run.robot.fault
+    motors = LOW_COMMAND.read([run.wire.sent[-1]])[0]["motor_cmd"][:MOTORS]
+    assert not motors["kp"].any()
+    assert not motors["tau"].any()
+    np.testing.assert_allclose(motors["kd"], ROBOT.gains.damp_kd)
+    run.until(start_s + 0.5)
+    later = LOW_COMMAND.read([run.wire.sent[-1]])[0]["motor_cmd"][:MOTORS]
+    assert not later["kp"].any()
+
+
+@pytest.mark.parametrize("kind", BORNE)
+def test_a_robot_with_a_lesser_fault_stands_on(kind: str) -> None:
+    run = Run(f"{kind}@0.5", seed=3)
+    run.until(1.5)
+    assert not run.robot.fault
+    measured = run.robot.read().measurement
+    np.testing.assert_allclose(measured.joint_position, ROBOT.stand_pose, atol=0.15)
+    lost = {"lost": (90, 220), "slow": (240, 260)}.get(kind, (0, 0))
+    assert lost[0] <= run.robot.health.lost <= lost[1]
+    assert run.robot.health.late_s == pytest.approx(0.030 if kind == "late" else 0.0, abs=0.005)
+
+
+def test_nothing_is_sent_while_another_program_commands_the_robot() -> None:
+    wire = Wire(simulated(), ["sport (process 1 on go2)"])
+    robot = UnitreeRobot(wire, ROBOT, wire)  # type: ignore[arg-type]
+    wire.tick()
+    with pytest.raises(StackError, match=r"commanded by sport \(process 1 on go2\)"):
+        robot.reset()
+    run = Run()
+    run.until(0.1)
+    sent = len(run.wire.sent)
+    run.wire.strangers = ("sport",)
+    with pytest.raises(StackError, match="nothing is sent"):
+        run.step()
+    run.robot.close()
+    assert len(run.wire.sent) == sent
+
+
+@pytest.mark.parametrize("field", ["position", "velocity", "kp", "kd", "torque"])
+def test_a_command_that_is_not_finite_never_leaves(field: str) -> None:
+    run = Run()
+    run.until(0.1)
+    run.robot.read()
+    values = {name: np.zeros(12) for name in ("position", "velocity", "kp", "kd", "torque")}
+    values[field][7] = np.nan
+    run.robot.write(JointCommand(**values))
+    assert run.robot.fault == "the command is not finite"
+    motors = LOW_COMMAND.read([run.wire.sent[-1]])[0]["motor_cmd"][:MOTORS]
+    assert all(np.isfinite(motors[name]).all() for name in ("q", "dq", "kp", "kd", "tau"))
+
+
+def test_a_robot_that_was_commanded_is_left_damped() -> None:
+    run = Run()
+    run.until(0.1)
+    run.robot.close()
+    motors = LOW_COMMAND.read([run.wire.sent[-1]])[0]["motor_cmd"][:MOTORS]
+    assert not motors["kp"].any()
+    assert motors["kd"].all()
+
+
+def test_a_simulated_robot_obeys_intact_commands_only() -> None:
+    robot = simulated()
+    message = LOW_COMMAND.sealed(LOW_COMMAND.blank())
+    for payload in (
+        message[:-1] + b"\x01",
+        message[:-4],
+        b"",
+        message[:100] + b"\x07" + message[101:],
+    ):
+        robot.hear(payload)
+    assert (robot.commands, robot.refused) == (0, 4)
+    robot.hear(message)
+    assert robot.commands == 1
+
+
+def test_faults_are_named_with_joint_and_start() -> None:
+    for kind in KINDS:
+        assert Fault.parse(f"{kind}@2.5") == Fault(kind=kind, start_s=2.5)
+    for kind in AT_A_JOINT:
+        for joint in JOINTS:
+            assert Fault.parse(f"{kind}:{joint}") == Fault(kind=kind, joint=joint)
+    for wrong in ("hott", "hot:knee", "crc:FR_calf", "hot@x", ""):
+        with pytest.raises(ConfigError, match="fault"):
+            Fault.parse(wrong)

@@ -1,0 +1,84 @@
+"""A simulated robot and ours in one process: messages go by hand, and time as the test says."""
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+
+from saltus.constants import PHYSICS_DT
+from saltus.controller.loop import ControlLoop
+from saltus.controller.robot.unitree.faults import Fault, Faults
+from saltus.controller.robot.unitree.link import COMMANDS, STATES, Arrived
+from saltus.controller.robot.unitree.robot import UnitreeRobot
+from saltus.controller.robot.unitree.simulated import SimulatedUnitree
+from saltus.controller.tick import CompiledTick
+from saltus.effects.profile import load_profile
+from saltus.robots.loading import load_robot
+from saltus.sim.plant import Plant
+from saltus.terrain import flat
+
+ROBOT = load_robot("go2")
+
+
+@cache
+def tick() -> CompiledTick:
+    return CompiledTick(ROBOT)
+
+
+def simulated(*faults: str, seed: int = 0, held: bool = False) -> SimulatedUnitree:
+    profile = load_profile("shipped", ROBOT)
+    plant = Plant(ROBOT, flat.make(), chain=profile.actuator_chain, held=held)
+    return SimulatedUnitree(plant, Faults([Fault.parse(each) for each in faults], seed), seed)
+
+
+class Wire:
+    """The link of our side and its clock; the robot advances when it is told to."""
+
+    has_met_all = True
+
+    def __init__(self, robot: SimulatedUnitree, strangers: Sequence[str] = ()) -> None:
+        self.robot, self.strangers = robot, tuple(strangers)
+        self.sent: list[bytes] = []
+        self._come: list[Arrived] = []
+
+    def elapsed_s(self) -> float:
+        return self.robot.time_s
+
+    def tick(self) -> None:
+        self._come += [Arrived(payload, 0, 0) for payload in self.robot.step()]
+
+    def send(self, topic: str, payload: bytes) -> None:
+        assert topic == COMMANDS
+        self.sent.append(payload)
+        self.robot.hear(payload)
+
+    def take(self, topic: str) -> list[Arrived]:
+        assert topic == STATES
+        come, self._come = self._come, []
+        return come
+
+    def others(self, _topic: str) -> tuple[str, ...]:
+        return self.strangers
+
+    def close(self) -> None:
+        pass
+
+
+class Run:
+    """Our loop and the robot, each 2 ms after the other's last."""
+
+    def __init__(self, *faults: str, seed: int = 0) -> None:
+        self.wire = Wire(simulated(*faults, seed=seed))
+        self.robot = UnitreeRobot(self.wire, ROBOT, self.wire)  # type: ignore[arg-type]
+        self.loop = ControlLoop(ROBOT, tick())
+        self.wire.tick()
+        self.robot.reset()
+
+    def step(self) -> None:
+        self.loop.sense(self.robot.read())
+        self.robot.write(self.loop.act(None, np.inf))
+        self.wire.tick()
+
+    def until(self, time_s: float) -> None:
+        while self.wire.robot.time_s < time_s - 0.5 * PHYSICS_DT:
+            self.step()
