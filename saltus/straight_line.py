@@ -40,8 +40,8 @@ def straight_line(law: Callable[..., Any], *examples: Any) -> Callable[..., Any]
 
     Args:
         law: Takes arrays and dataclasses of arrays, and returns some, in tuples if it likes.
-        examples: Its arguments: numpy arrays, whose values do not matter, in dataclasses whose
-            other values stay.
+        examples: Its arguments: numpy arrays, whose values do not matter, in tuples and dataclasses
+            whose other values stay.
 
     Returns:
         A function that takes and returns the same in numpy. Where floats have no result (division
@@ -86,12 +86,13 @@ class _Reader:
         """The same with symbols for arrays."""
         if isinstance(example, np.ndarray | float):
             shape = np.shape(example)
-            names = [
-                note("input", f"{path.replace('.', '_')}_{i}") for i in range(math.prod(shape))
-            ]
+            stem = path.translate({ord("."): "_", ord("["): "_", ord("]"): None})
+            names = [note("input", f"{stem}_{i}") for i in range(math.prod(shape))]
             self.paths[tuple(names)] = path
             self._read.append((path, shape, names))
             return Symbols(np.array(names, dtype=object).reshape(shape))
+        if isinstance(example, tuple):
+            return tuple(self.read(part, f"{path}[{i}]") for i, part in enumerate(example))
         if not is_dataclass(example):
             return example
         values = {

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 Entry = Union["Symbol", float, bool]
 
-FUNCTIONS = ("sin", "cos", "asin", "acos", "atan", "atan2", "sqrt", "floor", "round")
+FUNCTIONS = ("sin", "cos", "asin", "acos", "atan", "atan2", "sqrt", "exp", "floor", "round")
 """Functions of the standard that symbols have, by the names that they have in `math`, or in
 Python."""
 _ROUND = {"floor": math.floor, "round": round}
@@ -225,6 +225,14 @@ class Symbols:
     def __neg__(self) -> "Symbols":
         return _apply(_NEGATIVE, self)
 
+    def __abs__(self) -> "Symbols":
+        return _apply(_MAXIMUM, self, -self)
+
+    def __pow__(self, power: int) -> "Symbols":
+        if power != 2:
+            raise TypeError(f"symbols can be squared, not raised to {power}")
+        return self * self
+
     def __lt__(self, other: Any) -> "Symbols":
         return _apply(_LESS, self, other)
 
@@ -283,6 +291,8 @@ _NAMESPACE = SimpleNamespace(
     minimum=lambda a, b: _apply(_MINIMUM, a, b),
     maximum=lambda a, b: _apply(_MAXIMUM, a, b),
     clip=_clip,
+    abs=abs,
+    sign=lambda array: _apply(_WHERE, array < 0.0, -1.0, _apply(_WHERE, array > 0.0, 1.0, 0.0)),
     sum=_sum,
     mean=lambda array, axis: _sum(array, axis) * (1.0 / array.shape[axis]),
     all=lambda array, axis: Symbols(_AND.reduce(array.entries, axis=axis)),

@@ -11,9 +11,9 @@ from saltus.wire.messages import GroundTruth
 
 
 class MujocoRobot(RobotBackend):
-    """One robot in MuJoCo, with the hardware of its trial."""
+    """One robot in MuJoCo, with the hardware of its trial, whose drives may be compiled (`Plant`)."""
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: Setup, *, compiled: bool = False) -> None:
         self.terrain, self._grid = setup.terrain, setup.grid
         self._x, self._y = np.array(setup.grid.x), np.array(setup.grid.y)
         self._trial, profile = setup.trial, setup.hardware
@@ -25,6 +25,7 @@ class MujocoRobot(RobotBackend):
             chain=profile.actuator_chain,
             body=profile.body_chain,
             imu=profile.imu_chain,
+            compiled=compiled,
         )
         self._trunk_contact = False
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.constants import GRAVITY
 from saltus.effects.chain import ActuatorChain, ImuChain, Torques
+from saltus.effects.compiled_chain import CompiledChain
 from saltus.effects.imu import ImuReading
 from saltus.effects.order import chosen_of
 from saltus.joint_command import JointCommand
@@ -40,6 +41,7 @@ class DrivenRobots(ABC):
         self.robot, self._batch = robot, batch
         self._chain, self._imu_chain = (chain or ActuatorChain()).fitted(robot), imu or ImuChain()
         self._actuators, self._imu_state = self._chain.blank, self._imu_chain.blank
+        self._drives: ActuatorChain | CompiledChain = self._chain
         self._fresh: NDArray[np.bool_] | None = None  # reset since the last step, where some were
         self._state: PlantState
         self._reading: ImuReading
@@ -69,7 +71,7 @@ class DrivenRobots(ABC):
                 batch whose simulation diverges has a state that is not finite until it is reset;
                 the others go on.
         """
-        torque, self._actuators = self._chain.step(
+        torque, self._actuators = self._drives.step(
             command, *self._joints, self._now, self._actuators, self._fresh
         )
         self._fresh = None

@@ -8,6 +8,7 @@ import numpy as np
 from saltus.arrays import Array, Floats
 from saltus.effects.body import claimed_body
 from saltus.effects.chain import ActuatorChain, BodyChain, ImuChain, Torques
+from saltus.effects.compiled_chain import CompiledChain
 from saltus.errors import SaltusError
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import LEGS, Robot
@@ -80,6 +81,7 @@ class Plant(DrivenRobots):
         imu: What the IMU makes of the motion of the base.
         held: Whether the base is held in the air: the legs move, gravity acts. Without contacts the
             joints are then integrated to a higher order, so that the time step shows in no log.
+        compiled: Whether the drives are computed by `CompiledChain`: equal but for rounding.
     """
 
     def __init__(
@@ -94,8 +96,11 @@ class Plant(DrivenRobots):
         body: BodyChain | None = None,
         imu: ImuChain | None = None,
         held: bool = False,
+        compiled: bool = False,
     ) -> None:
         super().__init__(robot, (), chain, imu)
+        if compiled:
+            self._drives = CompiledChain(self._chain)
         self.terrain = terrain
         body = body or BodyChain()
         self.model = scene.build_spec(
