@@ -62,6 +62,9 @@ class Ros2(EndpointOption):
     L515."""
     camera_info: str = "/camera/depth/camera_info"
     """Taken with --take: sensor_msgs/CameraInfo of these images."""
+    other_depth: Annotated[tuple[str, ...], shown("NAME=TOPIC", "none: one camera")] = ()
+    """Taken with --take: depth images of further cameras, NAME as in the camera's TOML file. Their
+    CameraInfo is taken beside them: of /rear/depth/image_rect_raw from /rear/depth/camera_info."""
     joints: str = "/joint_states"
     """Taken with --take: sensor_msgs/JointState.
 
@@ -83,6 +86,7 @@ class Ros2(EndpointOption):
     def run(self) -> int:
         """Runs until a router is gone or Ctrl-C."""
         from saltus.clock import RunClock
+        from saltus.recordings.images import info_of
         from saltus.ros2.bridge import Receiver, Sender, run
         from saltus.ros2.incoming import RosIntake
         from saltus.ros2.outgoing import Exporter
@@ -103,7 +107,7 @@ class Ros2(EndpointOption):
             raise SaltusError(
                 f"{self.run_dir} has a robot of its own: --take needs a folder of saltus router"
             )
-        wall = WallClock(config)
+        wall, others = WallClock(config), self._others()
         unit_m = found.setup.camera.depth_unit_m if self.depth_unit_m is None else self.depth_unit_m
         intake = RosIntake(
             robot,
@@ -112,6 +116,7 @@ class Ros2(EndpointOption):
             arrival=self.arrival_times,
             has_joints=self.joints != NO_JOINTS,
             depth=self.depth,
+            cameras=others,
             depth_unit_m=unit_m,
         )
         exporter = Exporter(robot, wall, base=self.base_frame, whole=not self.take)
@@ -136,6 +141,8 @@ class Ros2(EndpointOption):
                     "depth": self.depth, "camera_info": self.camera_info, "joints": self.joints,
                     "imu": self.imu,
                     "odometry": self.odometry,
+                    **{f"depth/{name}": topic for name, topic in others.items()},
+                    **{f"camera_info/{name}": info_of(topic) for name, topic in others.items()},
                 }  # fmt: skip
                 if self.joints == NO_JOINTS:
                     del topics["joints"]
@@ -147,6 +154,24 @@ class Ros2(EndpointOption):
                 else f"the router at {self.ros_router} is gone"
             )
             return 0 if node.connected() else 1
+
+    def _others(self) -> dict[str, str]:
+        """Topics of further cameras by name, or `SaltusError`."""
+        pairs = [each.partition("=") for each in self.other_depth]
+        for name, _, topic in pairs:
+            if not re.fullmatch(r"\w+", name) or not topic.startswith("/"):
+                raise SaltusError(
+                    f"--other-depth {name}={topic}: say NAME=TOPIC, as "
+                    "rear=/rear/depth/image_rect_raw"
+                )
+        names = [name for name, _, _ in pairs]
+        if len(set(names)) < len(names):
+            raise SaltusError(
+                f"--other-depth {', '.join(names)}: each camera must have a name of its own"
+            )
+        if pairs and not self.take:
+            raise SaltusError("--other-depth needs --take")
+        return {name: topic for name, _, topic in pairs}
 
     def _node(self) -> "Ros2Node | DdsNode":
         if self.dds:

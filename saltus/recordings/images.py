@@ -37,6 +37,11 @@ def base_topic(topic: str) -> str:
     return topic
 
 
+def info_of(topic: str) -> str:
+    """The topic of the CameraInfo of images, where cameras of ROS have it: beside them."""
+    return base_topic(topic).rpartition("/")[0] + "/camera_info"
+
+
 def is_rectified(topic: str) -> bool:
     """True for a topic of rectified images by its name.
 

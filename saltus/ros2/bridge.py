@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from saltus.clock import RunClock
 from saltus.constants import POLICY_DT
 from saltus.recordings import ros_messages as ros
-from saltus.ros2.incoming import RosIntake, types_of
+from saltus.ros2.incoming import RosIntake
 from saltus.ros2.outgoing import TRANSFORMS, Exporter, Outgoing
 from saltus.wire.bus import Bus, Slot
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
@@ -60,7 +60,7 @@ class Receiver:
         bus: Of the run, to which nobody else tells of a robot.
         node: In the ROS graph.
         intake: Makes our messages of theirs.
-        topics: Name in ROS of each kind of `TYPES`.
+        topics: Name in ROS of each kind that is taken, see `RosIntake.take`.
         clock: Of the run.
         tell: Is told in one line what is missing, whenever that changes, and of what is refused
             while it goes on.
@@ -77,16 +77,18 @@ class Receiver:
         self._tell = tell
         self._told: list[str] | None = None
         self._counted: dict[str, int] = {}
-        self._image_s, self._told_s = -math.inf, -math.inf
+        self._told_s = -math.inf
         self._next_s = time.monotonic()
-        types = {kind: name for kind, name in types_of(topics["depth"]).items() if kind in topics}
-        self._slots = {kind: Slot(bus.bell) for kind in types}
+        self._slots = {kind: Slot(bus.bell) for kind in topics}
         for kind, slot in self._slots.items():
-            node.subscribe(topics[kind], types[kind], ros.hash_of(types[kind]), slot)
-        self._states, self._frames = (
-            bus.publisher("controller/state"),
-            bus.publisher("camera/depth"),
-        )
+            of_kind = intake.type_of(kind)
+            node.subscribe(topics[kind], of_kind, ros.hash_of(of_kind), slot)
+        self._states = bus.publisher("controller/state")
+        images = [kind for kind in topics if kind.partition("/")[0] == "depth"]
+        self._frames = {
+            kind: bus.publisher("camera/depth", kind.partition("/")[2]) for kind in images
+        }
+        self._image_s = dict.fromkeys(images, -math.inf)
 
     def step(self) -> float:
         """Takes what has come, and sends a state if one is due.
@@ -97,8 +99,8 @@ class Receiver:
             while (raw := slot.pop()) is not None:
                 frame = self._intake.take(kind, raw.payload, self._clock.now_ns())
                 if frame is not None:
-                    self._image_s = time.monotonic()
-                    self._frames.put(frame)
+                    self._image_s[kind] = time.monotonic()
+                    self._frames[kind].put(frame)
         now_s = time.monotonic()
         if now_s >= self._next_s:
             self._next_s = max(self._next_s + POLICY_DT, now_s)
@@ -106,7 +108,7 @@ class Receiver:
             state = self._intake.state(now_ns)
             if state is not None:
                 self._states.put(state)
-            late = ["depth"] if now_s - self._image_s > IMAGES_WITHIN_S else []
+            late = [kind for kind, at in self._image_s.items() if now_s - at > IMAGES_WITHIN_S]
             self._say([*self._intake.missing(now_ns), *late], now_s)
         return self._next_s - time.monotonic()
 

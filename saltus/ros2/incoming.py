@@ -5,6 +5,7 @@ what it makes of the rest is checked once more by whoever reads it on the bus.
 """
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,11 +40,6 @@ DEPTH = "/camera/depth/image_rect_raw"
 """Topic of the depth images, if nobody names another."""
 
 
-def types_of(depth: str) -> dict[str, str]:
-    """The type of each kind, of a robot whose depth images come on a topic: by its name they may be compressed."""
-    return TYPES | {"depth": COMPRESSED} if depth.endswith("/compressedDepth") else TYPES
-
-
 @dataclass(frozen=True, eq=False)
 class NewestMessage:
     """The newest message of a kind."""
@@ -51,6 +47,14 @@ class NewestMessage:
     message: Any
     time_ns: int
     """Its stamp in the run's clock."""
+
+
+@dataclass(eq=False)
+class _Images:
+    """Images of one camera."""
+
+    topic: str
+    taken: int = 0
 
 
 class RosIntake:
@@ -67,6 +71,8 @@ class RosIntake:
             of any grid bear.
         depth: Topic of the depth images. Its name says whether they are compressed, and whether
             they are rectified.
+        cameras: The same of further cameras, by name. Their messages are of the kinds `depth/NAME`
+            and `camera_info/NAME`.
         depth_unit_m: Metres that one step of their depth images is; as ROS has it (REP 118), if
             None.
 
@@ -76,7 +82,8 @@ class RosIntake:
 
     def __init__(
         self, robot: Robot, clock: WallClock, joints: tuple[str, ...] = (), *, arrival: bool = False,
-        has_joints: bool = True, depth: str = DEPTH, depth_unit_m: float | None = None,
+        has_joints: bool = True, depth: str = DEPTH, cameras: Mapping[str, str] | None = None,
+        depth_unit_m: float | None = None,
     ) -> None:  # fmt: skip
         if depth_unit_m is not None:
             check_depth_unit(depth_unit_m)
@@ -93,25 +100,33 @@ class RosIntake:
         self._legs = LegKinematics(robot)
         self._clock = clock
         self._arrival = arrival
-        self._types, self._rectified = types_of(depth), is_rectified(depth)
+        topics = {"": depth, **(cameras or {})}
+        self._images = {name: _Images(topic) for name, topic in topics.items()}
         self._depth_unit_m = depth_unit_m
         self._newest: dict[str, NewestMessage] = {}
-        self._frames = self._steps = 0
+        self._steps = 0
+
+    def type_of(self, kind: str) -> str:
+        """Type of the messages of a kind: images are compressed where their topic says so."""
+        name, _, camera = kind.partition("/")
+        is_compressed = self._images[camera].topic.endswith("/compressedDepth")
+        return COMPRESSED if name == "depth" and is_compressed else TYPES[name]
 
     def take(self, kind: str, payload: bytes, now_ns: int) -> DepthFrame | None:
-        """Takes a message of a kind of `TYPES` at a time of the run.
+        """Takes a message of a kind of `TYPES`, of a further camera `KIND/NAME`, at a time of the run.
 
         Returns an image where it brings one.
         """
+        name, _, camera = kind.partition("/")
         try:
-            message = ros.decode(self._types[kind], payload)
+            message = ros.decode(self.type_of(kind), payload)
             time_ns = (
                 now_ns if self._arrival else self._clock.run_ns(ros.time_of(message.header.stamp))
             )
             if not -HELD_S < 1e-9 * (now_ns - time_ns) < 1e3 * HELD_S:
                 raise MessageError("clock", f"{1e-9 * (now_ns - time_ns):.1f} s old")
-            if kind == "depth":
-                return self._image(message, time_ns)
+            if name == "depth":
+                return self._image(message, time_ns, camera)
             if kind == "joints":
                 self._order(message)
             self._newest[kind] = NewestMessage(message, time_ns)
@@ -188,20 +203,22 @@ class RosIntake:
             if kind not in self._newest or self._newest[kind].time_ns < oldest_ns
         ]
 
-    def _image(self, image: Any, time_ns: int) -> DepthFrame:
-        if "camera_info" not in self._newest:
+    def _image(self, image: Any, time_ns: int, camera: str) -> DepthFrame:
+        of_camera = "camera_info" + (f"/{camera}" if camera else "")
+        if of_camera not in self._newest:
             raise MessageError("no_camera_info")
         pixels, unit_m = pixels_of(image), MILLIMETRE
         if pixels.dtype.kind == "u" and self._depth_unit_m is not None:
             depth, unit_m = pixels, self._depth_unit_m  # steps as they came
         else:
             depth = millimetres(pixels, self._depth_unit_m)
-        info, (height, width) = self._newest["camera_info"].message, depth.shape
-        lens = intrinsics(info, width, height, rectified=self._rectified)
-        self._frames += 1
+        info, (height, width) = self._newest[of_camera].message, depth.shape
+        images = self._images[camera]
+        lens = intrinsics(info, width, height, rectified=is_rectified(images.topic))
+        images.taken += 1
         return DepthFrame(
             time_ns=time_ns,
-            frame_id=self._frames - 1,
+            frame_id=images.taken - 1,
             depth=depth,
             depth_unit_m=unit_m,
             **vars(lens),

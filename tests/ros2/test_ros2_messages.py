@@ -18,15 +18,17 @@ from samples import ROBOT
 from saltus.config import RunConfig
 from saltus.errors import ConfigError
 from saltus.recordings import ros_messages as ros
+from saltus.recordings.images import info_of
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS
 from saltus.robots.shipped import shipped_robots
 from saltus.ros2.bridge import Receiver
-from saltus.ros2.incoming import HELD_S, TYPES, RosIntake, types_of
+from saltus.ros2.incoming import DEPTH, HELD_S, TYPES, RosIntake
 from saltus.ros2.outgoing import HEIGHTS, EstimatedWay, Exporter
 from saltus.ros2.outgoing import ROBOT as OF_ROBOT
 from saltus.ros2.wall_clock import WallClock
 from saltus.rotations import rotation_matrix
+from saltus.wire.bus import RawSample, Slot
 from saltus.wire.cdr import header
 from saltus.wire.depth_codec import depth_on_the_wire
 
@@ -240,6 +242,55 @@ def test_depth_images_of_both_kinds_are_the_same_millimetres(
     assert (taken.depth_unit_m, taken.frame_id) == (0.001, 0)
 
 
+@pytest.mark.parametrize("ending", ["", "/compressedDepth"])
+def test_images_of_each_camera_go_to_its_own_key_with_its_own_intrinsics(ending: str) -> None:
+    """They come in turns; a second camera may be compressed where the first is not."""
+    slots = dict[str, Slot]()
+
+    class Graph:
+        def subscribe(self, topic: str, kind: str, hash_: str, slot: Slot) -> None:
+            assert hash_ == ros.hash_of(kind)
+            slots[topic] = slot
+
+    class Now:
+        now_ns = staticmethod(lambda: frame.time_ns)
+
+    frame, image, info = frame_messages()
+    rear = f"/rear/depth/image_rect_raw{ending}"
+    topics = dict.fromkeys(("imu", "odometry"), "/it")
+    topics |= {"depth": DEPTH, "camera_info": info_of(DEPTH), "depth/rear": rear}
+    topics["camera_info/rear"] = info_of(rear)
+    assert topics["camera_info/rear"] == "/rear/depth/camera_info"
+    intake = RosIntake(ROBOT, LOCKSTEP, has_joints=False, cameras={"rear": rear})
+    bus = MemoryBus("robot/0")
+    latests = {name: bus.latest("camera/depth", name) for name in ("", "rear")}
+    receiver = Receiver(bus, Graph(), intake, topics, Now(), [].append)  # type: ignore[arg-type]
+    longer = np.asarray(info.p) * np.where(np.arange(12) == 0, 1.5, 1.0)
+    infos = {info_of(DEPTH): info, info_of(rear): replace(info, p=longer)}
+    depth = np.where(frame.depth == 65535, 0, frame.depth).astype(np.uint16)
+    plain = padded(image, lambda _: depth, "16UC1", 0)
+    other = plain if not ending else ros.make(
+        "sensor_msgs/msg/CompressedImage", header=image.header, format="16UC1; compressedDepth",
+        data=packed(depth, "16UC1"),
+    )  # fmt: skip
+
+    def receive(messages: dict[str, Any]) -> None:
+        for topic, message in messages.items():
+            slots[topic].push(RawSample(topic, ros.payload_of(message), b"", 0))
+        receiver.step()
+
+    receive(infos)
+    for number in range(3):
+        receive({DEPTH: plain, rear: other})
+        for name, scale in (("", 1.0), ("rear", 1.5)):
+            sample = latests[name].take()
+            assert sample is not None
+            np.testing.assert_array_equal(sample.message.depth, depth)
+            assert sample.message.fx == pytest.approx(scale * frame.fx)
+            assert sample.message.frame_id == number
+    assert not intake.rejected
+
+
 def packed(depth_mm: np.ndarray, form: str) -> np.ndarray:
     """As the transport compressedDepth packs an image: a head of 12 bytes, and a PNG of depth or of its inverse."""
     a, b = 2000.0, 0.5
@@ -282,8 +333,8 @@ def test_compressed_images_are_the_same(form: str, tolerance_mm: int) -> None:
     # An inverse has no sign for it
     depth = np.where((depth == 65535) | (depth < 100), 0, depth).astype(np.uint16)
     topic = "/camera/depth/image_rect_raw/compressedDepth"
-    assert types_of(topic)["depth"] == "sensor_msgs/msg/CompressedImage"
     intake = RosIntake(ROBOT, LOCKSTEP, depth=topic)
+    assert intake.type_of("depth") == "sensor_msgs/msg/CompressedImage"
     intake.take("camera_info", ros.payload_of(info), frame.time_ns)
     sent = ros.make(
         "sensor_msgs/msg/CompressedImage",
