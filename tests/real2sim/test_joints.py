@@ -22,7 +22,7 @@ from saltus.effects.profile import EFFECTS
 from saltus.errors import RecordingError
 from saltus.joint_command import JointCommand
 from saltus.real2sim.problem.joints import motion as joint_motion
-from saltus.real2sim.problem.joints.candidates import LOOP_RATE
+from saltus.real2sim.problem.joints.candidates import KINDS, LOOP_RATE, Reach
 from saltus.real2sim.problem.joints.drives import Drives, lost
 from saltus.real2sim.problem.joints.excitation import _step
 from saltus.real2sim.problem.joints.mechanics import rubbed
@@ -247,6 +247,19 @@ def test_fits_find_the_truth(case: Hidden) -> None:
         slopes = (flat_residuals[1:] - flat_residuals[0]) / step[:, None]
         value[free] -= np.linalg.solve(slopes @ slopes.T, slopes @ flat_residuals[0])
     np.testing.assert_allclose(value, case.unknowns, rtol=0.05)
+
+
+@pytest.mark.parametrize("slowest", [0.15, 0.4, 0.6, 0.79, 0.9, 1.0])
+def test_fits_of_a_speed_limit_start_where_it_acts_also_if_one_leg_has_it(slowest: float) -> None:
+    """A joint that is limited reaches its no-load speed at most, however fast the others are."""
+    reach = Reach(
+        speed=11.5, slowest=11.5 * slowest, torque=20.0, middle=0.0, side=1.0, end=1.0,
+        to_limit=1.0, steps=(),
+    )  # fmt: skip
+    (kind,) = (kind for kind in KINDS if kind.effect == "torque_speed_limit")
+    no_load = np.array([corner + span for _, corner, span in kind.at("calf", reach).starts])
+    for speed in (reach.speed, reach.slowest):
+        assert np.any((no_load > 0.7 * speed) & (no_load < 0.95 * speed))
 
 
 @pytest.mark.parametrize("side", [0.0, 1.0], ids=["encoder at the joint", "encoder at the motor"])

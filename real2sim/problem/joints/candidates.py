@@ -41,6 +41,8 @@ class Reach:
 
     speed: float
     """Largest [rad/s]."""
+    slowest: float
+    """Largest [rad/s] of the leg whose joint is slowest: a speed limit may be that of one leg."""
     torque: float
     """Largest commanded [Nm]."""
     middle: float
@@ -56,6 +58,9 @@ class Reach:
 
 
 Starts = tuple[tuple[float, ...], ...]
+SLOWER = 0.8
+"""Ratio of the slowest leg's largest speed to that of all, below which it is a start of its own:
+legs that are told the same differ by less, and starts cost time."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,6 +107,12 @@ def _kind(
     return JointKind(
         effect=effect, where=where, unknowns=own, **{"least_closed": LEAST_CLOSED} | more
     )
+
+
+def _speeds(reach: Reach) -> tuple[float, ...]:
+    """Speeds near which a limit of all legs, or of the slowest, may lie [rad/s]."""
+    is_slower = reach.slowest < SLOWER * reach.speed
+    return (reach.speed, reach.slowest) if is_slower else (reach.speed,)
 
 
 def _spring(reach: Reach) -> Coordinates:
@@ -152,14 +163,14 @@ KINDS = (
     _kind(
         "actuator_lag", sought("time_constant", 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5
     ),
-    _kind(  # starts are shares of the largest speed of the log
+    _kind(  # starts are shares of the largest speeds of the log
         "torque_speed_limit",
         WEIGHT,
         sought("corner", 1.0, is_shape=True),
         Unknown("span", 0.3, 60.0, 1.0, is_shape=True),
         starts=((1.0, 0.0, 1.3), (1.0, 0.3, 0.5), (1.0, 0.5, 0.2), (1.0, 0.6, 0.7)),
         starts_at=lambda starts, reach: tuple(
-            (weight, a * reach.speed, b * reach.speed) for weight, a, b in starts
+            (weight, a * speed, b * speed) for speed in _speeds(reach) for weight, a, b in starts
         ),
         coordinates=Coordinates(
             parameters=lambda x: {"corner": float(x[1]), "no_load": float(x[1]) + float(x[2])},

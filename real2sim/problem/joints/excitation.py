@@ -97,6 +97,7 @@ def reach_of(
         reach.append(
             Reach(
                 speed=float(speed[joints].max()),
+                slowest=float(speed[joints].min()),
                 torque=float(torque[joints].max()),
                 middle=float(np.mean(rows.q[:, joints])),
                 side=1.0 if side == 0 else -1.0,

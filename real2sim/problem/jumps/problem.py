@@ -275,6 +275,7 @@ def _reach_of(log: RunLog, stand: Floats) -> tuple[Reach, ...]:
     return tuple(
         Reach(
             speed=float(speed.max()),
+            slowest=float(speed.min()),
             torque=float(torque.max()),
             middle=float(angle.mean()),
             side=1.0,
