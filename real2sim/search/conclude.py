@@ -28,6 +28,10 @@ LASTING, UNEVEN = 0.4, 3.0
 """Noise that lasts longer than its level was read from shows in all segments, whatever they move:
 up to this part of the least power that counts as a gap, and in one segment up to so many times as
 much as in most."""
+ALONE = 2.0
+"""Times the least RMS of a gap that one segment of one signal must show if no other shows any: of
+several hundred such cells one may have a level of noise that is not known well, as where one window
+is left of a segment and a foot rests there otherwise than simulated."""
 WORSE = 1.5
 """Ratio of a signal's gap after to before from which a model does not explain the log, whatever it
 does for others: a dead zone of a drive looks like play in angles, but not in velocities. True
@@ -173,7 +177,8 @@ def _rule(
 def _unnamed(problem: Problem, comparison: ModelComparison, null: ScoredFit) -> ProblemRuling:
     """The ruling where no effect can be named: there is a gap, or none.
 
-    What a signal shows in most segments alike may be noise that lasts, up to `LASTING`.
+    What a signal shows in most segments alike may be noise that lasts, up to `LASTING`. What one
+    cell alone shows may be chance, up to `ALONE`.
     """
     least = decide.REMAINDER_RMS * problem.samples_per_residual**0.5
     cells, structure = comparison.cells, null.structure
@@ -181,8 +186,9 @@ def _unnamed(problem: Problem, comparison: ModelComparison, null: ScoredFit) -> 
     for signal in np.unique(cells.signal):
         own = cells.signal == signal
         lasting[:, own] = np.median(structure[:, own], axis=1, keepdims=True)
-    left = structure - np.minimum(UNEVEN * lasting, LASTING * least**2)
-    return "unexplained" if cells.largest_rms(left) > least else "no_gap"
+    left = cells.rms(structure - np.minimum(UNEVEN * lasting, LASTING * least**2))
+    shown = np.sum(left > least)
+    return "unexplained" if shown > 1 or np.any(left > ALONE * least) else "no_gap"
 
 
 def _is_beyond_resolution(problem: Problem, groups: Groups) -> bool:

@@ -206,6 +206,10 @@ class Cells:
         left = np.maximum(0.0, after - RESIDUE / np.sqrt(self.counts))
         return 1.0 - float(left[shows].sum()) / total if total > 0.0 else 1.0
 
+    def rms(self, structure: Floats) -> Floats:
+        """RMS of the structure in each cell, without what chance may add; shape of `structure`."""
+        return np.asarray(np.sqrt(np.maximum(structure - CHANCE / np.sqrt(self.counts), 0.0)))
+
     def largest_rms(self, structure: Floats) -> float:
         """RMS of the structure in the cell that shows most, without what chance may add."""
-        return float(np.sqrt(np.max(structure - CHANCE / np.sqrt(self.counts), initial=0.0)))
+        return float(np.max(self.rms(structure), initial=0.0))

@@ -268,6 +268,21 @@ def test_noise_that_lasts_and_is_a_little_larger_than_its_estimate_is_no_gap(lev
         assert search(problem).verdict == "no_gap"
 
 
+@pytest.mark.parametrize(
+    ("amplitude", "cells", "verdict"),
+    [(1.35, 1, "no_gap"), (1.35, 2, "unexplained"), (2.5, 1, "unexplained")],
+)
+def test_a_weak_gap_shows_in_more_than_one_segment_and_signal(
+    amplitude: float, cells: int, verdict: str
+) -> None:
+    for seed in range(4):
+        problem = LinearProblem({}, seed=seed)
+        shown = (problem.segment == 0) & (problem.signal < cells)  # no test
+        wave = amplitude * np.sin(2.0 * np.pi * 7.0 * problem.time_s[shown])
+        problem.measured[0, shown] += wave
+        assert search(problem).verdict == verdict
+
+
 @pytest.mark.parametrize("large", [3.0, 8.0])
 @pytest.mark.parametrize("side", ["e1", "e6"])
 def test_a_choice_that_looks_worse_alone_is_made_beside_another_effect(
