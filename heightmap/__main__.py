@@ -8,9 +8,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from saltus.depth_camera import load_camera
 from saltus.errors import ConfigError
-from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.heightmap.service.process import HeightmapProcess
 from saltus.heightmap.service.scan_fleet import ROBOT_BODY, ScanChoice
 from saltus.runtime.process import PEER_FLAG, ProcessContext, run_process
@@ -46,16 +44,12 @@ def body(
 
 def _run(context: ProcessContext, own: argparse.Namespace) -> None:
     """Reads what the arguments name: where something is wrong with it, the process says so."""
-    grid, scan = own.grid or context.config.grid, None
-    if grid != DEFAULT_GRID:
-        scan = ScanChoice(
-            grid=load_grid(grid), dialect=own.dialect, cameras=tuple(map(load_camera, own.cameras)),
-            body=own.body,
-            model=own.model,
-        )  # fmt: skip
+    grid = own.grid or context.config.grid
+    scan = ScanChoice.of_flags(grid, own.dialect, own.cameras, own.body, own.model)
+    if scan is None and own.model is not None:
+        raise ConfigError("--model needs a grid: --grid scan; the line's network is run.toml's")
+    if scan is not None:
         sys.stdout.write(f"heightmap: {scan.missing(context.setup.robot)}\n")
-    elif own.dialect or own.cameras or own.model or own.body != ROBOT_BODY:
-        raise ConfigError("--dialect, --cameras, --body and --model need a grid: --grid scan")
     body(context, own.robots, own.endpoint, peer=own.peer, scan=scan)
 
 

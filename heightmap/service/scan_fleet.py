@@ -1,13 +1,15 @@
 """Services of any grid for several robots, one for each, and how a command names them."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
-from saltus.depth_camera import DepthCamera
+from saltus.depth_camera import DepthCamera, load_camera
+from saltus.dialects import dialect_of
 from saltus.errors import ConfigError
-from saltus.grid import HeightGrid
+from saltus.grid import DEFAULT_GRID, HeightGrid, load_grid
 from saltus.heightmap.scan.body import BodyBox, NoBody, OwnBody, RobotBody
 from saltus.heightmap.scan.cameras import ScanCamera
 from saltus.heightmap.scan.predictor import ScanNetwork
@@ -40,6 +42,34 @@ class ScanChoice:
     base [m], as 0.6x0.4x0.5: the robot has no model, and states tell its standing feet."""
     model: Path | None = None
     """ONNX file; None: the shipped one."""
+
+    @classmethod
+    def of_flags(
+        cls, grid: str | None, dialect: str | None, cameras: Sequence[str | Path], body: str,
+        model: Path | None,
+    ) -> Self | None:  # fmt: skip
+        """The heights that flags ask for; None for the line of one robot.
+
+        Args:
+            grid: A name or a TOML file, as `load_grid` takes it; None or the line's: no scan.
+            dialect: None or empty: none.
+            cameras: Names or TOML files, as `load_camera` takes them.
+            body: See `body`.
+            model: See `model`.
+
+        Raises:
+            ConfigError: no such grid, dialect or camera, or flags of a grid without one.
+        """
+        if not grid or grid == DEFAULT_GRID:
+            if dialect or cameras or body != ROBOT_BODY:
+                raise ConfigError("--dialect, --cameras and --body need a grid: --grid scan")
+            return None
+        if dialect:
+            dialect_of(dialect)
+        return cls(
+            grid=load_grid(grid), dialect=dialect or "",
+            cameras=tuple(load_camera(str(path)) for path in cameras), body=body, model=model,
+        )  # fmt: skip
 
     def network(self) -> ScanNetwork:
         """The network that is to run; `ModelError` where it cannot."""

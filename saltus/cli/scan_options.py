@@ -4,9 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from saltus.errors import ConfigError
 from saltus.flags import shown
-from saltus.grid import DEFAULT_GRID, load_grid
 
 if TYPE_CHECKING:
     from saltus.heightmap.service.scan_fleet import ScanChoice
@@ -51,21 +49,6 @@ class ScanOptions:
         Raises:
             ConfigError: no such grid, dialect or camera, or flags of a grid without one.
         """
-        from saltus.depth_camera import load_camera
-        from saltus.dialects import dialect_of
         from saltus.heightmap.service.scan_fleet import ScanChoice
 
-        if self.grid is None or self.grid == DEFAULT_GRID:
-            if self.dialect or self.cameras or self.body != ROBOT:
-                raise ConfigError("--dialect, --cameras and --body need a grid: --grid scan")
-            return None
-        if self.dialect:
-            dialect_of(self.dialect)
-        cameras = tuple(load_camera(str(path)) for path in self.cameras)
-        return ScanChoice(
-            grid=load_grid(self.grid),
-            dialect=self.dialect or "",
-            cameras=cameras,
-            body=self.body,
-            model=model,
-        )
+        return ScanChoice.of_flags(self.grid, self.dialect, self.cameras, self.body, model)
