@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import mujoco
 import numpy as np
@@ -158,7 +158,7 @@ def _model(params: "ParameterDict") -> mujoco.MjModel:
 
 def _apart(log: RunLog, model: mujoco.MjModel) -> Floats:
     """Measured minus simulated in units of the sensors' noise."""
-    joints, kp, kd = log.joints, float(log.meta["kp"]), float(log.meta["kd"])
+    joints, kp, kd = log.joints, cast(float, log.meta["kp"]), cast(float, log.meta["kd"])
     assert joints.dq is not None
     assert joints.dq_des is not None
     data = mujoco.MjData(model)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED
@@ -72,7 +71,9 @@ def closed_loop_batches(
     )
 
 
-def round_table(loop: ClosedLoop, batches: int, index: int, model: Path | None) -> dict[str, Any]:
+def round_table(
+    loop: ClosedLoop, batches: int, index: int, model: Path | None
+) -> dict[str, object]:
     """Table of a round in the manifest; by it a dataset knows the episodes that it has."""
     camera = load_camera(loop.camera)
     robot = camera.mounted_on(load_robot(loop.robot))

@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from saltus.depth_camera import load_camera
 from saltus.heightmap.data.delivery import hardware_table
@@ -64,7 +63,11 @@ def collect(
         seed=settings.seed,
         profile=settings.profile,
     )
-    table: dict[str, Any] = {"source": "device rollouts", "batches": settings.batches, **loop.table}
+    table: dict[str, object] = {
+        "source": "device rollouts",
+        "batches": settings.batches,
+        **loop.table,
+    }
     table |= {
         "policy": _sha16(policy),
         "heights": "true" if predictor is None else _sha16(predictor),

@@ -3,7 +3,7 @@
 import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -142,7 +142,7 @@ class LoopSettings:
             raise ConfigError("terrains = (): name at least one")
 
     @property
-    def table(self) -> dict[str, Any]:
+    def table(self) -> dict[str, object]:
         """Table for a manifest: of robots, grids, terrains and renderers only others than older manifests mean."""
         usual = {
             **UNNAMED,

@@ -1,7 +1,6 @@
 """A problem whose simulator starts with the effects of a profile: only what is still missing is searched for."""
 
 from dataclasses import fields, replace
-from typing import Any
 
 import numpy as np
 
@@ -117,7 +116,7 @@ def _offset(problem: Problem, candidate: Candidate, profile: Profile) -> Floats:
     return offset
 
 
-def _of_body(effect: Effect) -> list[tuple[str, Any]]:
+def _of_body(effect: Effect) -> list[tuple[str, float]]:
     """Parameters of an effect on body or ground, which are all of the same thing, with their null values."""
     declared = [(f.name, f.metadata) for f in fields(effect)]
     return [(name, m["null"]) for name, m in declared if effect.site == "model" and "null" in m]

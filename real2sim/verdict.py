@@ -75,7 +75,7 @@ class Verdict:
         ):
             raise ValueError("a verdict names effects that nothing was left to test by")
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The verdict as JSON holds it."""
         return {
             "verdict": self.verdict,
@@ -143,9 +143,9 @@ def _pool(findings: Sequence[Findings]) -> Gap | None:
     return Gap(before=mean("before"), after=mean("after"), floor=mean("floor"))
 
 
-def effect_to_dict(effect: FoundEffect) -> dict[str, Any]:
+def effect_to_dict(effect: FoundEffect) -> dict[str, object]:
     """An effect as JSON and TOML hold it."""
-    params: dict[str, Any] = {
+    params: dict[str, object] = {
         name: {"value": found.value, "ci90": list(found.ci90), "unit": found.unit}
         for name, found in effect.params.items()
     }

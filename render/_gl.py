@@ -92,7 +92,7 @@ def _mend(opengl: Any, platform: str) -> None:
     current = library[question]  # a function object of our own: MuJoCo uses the shared one
     current.restype = ctypes.c_void_p  # an address: equal from call to call, as a key must be
 
-    def current_context() -> Any:
+    def current_context() -> object:
         return current()
 
     opengl.PLATFORM.GetCurrentContext = opengl.GetCurrentContext = current_context
@@ -100,7 +100,7 @@ def _mend(opengl: Any, platform: str) -> None:
     contextdata.getContext = lambda context=None: current() if context is None else context  # type: ignore[attr-defined]
 
 
-def _add_missing(osmesa: ModuleType, library: Any) -> None:
+def _add_missing(osmesa: ModuleType, library: ctypes.CDLL) -> None:
     """Adds to PyOpenGL 3.1.0 what later versions have."""
     if "OSMesaCreateContextAttribs" in vars(osmesa):
         return
@@ -108,7 +108,7 @@ def _add_missing(osmesa: ModuleType, library: Any) -> None:
     create.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
     create.restype = vars(osmesa)["OSMesaContext"]
 
-    def create_context(attributes: Any, share: Any) -> Any:
+    def create_context(attributes: object, share: object) -> object:
         """OSMesaCreateContextAttribs for a ctypes array of int that ends with 0."""
         return create(attributes, share)
 

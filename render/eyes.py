@@ -5,7 +5,7 @@ on processors, Warp for thousands of robots on a device.
 """
 
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Generic, Protocol, TypeVar
 
 from saltus.arrays import Array, namespace
 from saltus.constants import POLICY_DT
@@ -20,19 +20,24 @@ SAMPLED = supersampled_model_camera(ROWS, COLUMNS)
 """Pixels of stereo cameras: some rays for each pixel of the model."""
 
 
-class BatchRenderer(Protocol):
+Truth = TypeVar("Truth")
+Seen = TypeVar("Seen", contravariant=True)
+"""Where robots are, as a renderer wants it: a message, a batch of states, a place in a recording."""
+
+
+class BatchRenderer(Protocol[Seen]):
     """Images of the cameras of n robots without errors; `truth` says where the robots are."""
 
-    def depth(self, truth: Any) -> Array:
+    def depth(self, truth: Seen) -> Array:
         """Along the optical axis [m], infinite where nothing is hit, shape (n, height, width)."""
         ...
 
-    def pair(self, truth: Any) -> tuple[Array, Array]:
+    def pair(self, truth: Seen) -> tuple[Array, Array]:
         """Depth from left imagers, and whether right ones do not see the point, same shape."""
         ...
 
 
-class Eyes:
+class Eyes(Generic[Truth]):
     """The cameras of n robots, each with its memory.
 
     Args:
@@ -47,7 +52,7 @@ class Eyes:
     def __init__(
         self,
         camera: DepthCamera,
-        renderer: BatchRenderer,
+        renderer: BatchRenderer[Truth],
         chain: CameraChain,
         memory: CameraState,
         stereo: StereoCamera | None = None,
@@ -57,7 +62,7 @@ class Eyes:
         self._chain, self._memory, self._state = chain, memory, state
         self._fresh: Array | None = None
 
-    def expose(self, truth: Any, step: int, fresh: Array) -> DepthImage | None:
+    def expose(self, truth: Truth, step: int, fresh: Array) -> DepthImage | None:
         """Takes an image of every robot where it is the time.
 
         Args:

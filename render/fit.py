@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from saltus.config import read_toml, to_toml
 from saltus.depth import Intrinsics
 from saltus.depth_camera import DepthCamera
+from saltus.effects.effect import Effect
 from saltus.errors import RecordingError
 from saltus.recordings.realsense import ENDINGS, read_realsense
 from saltus.recordings.recording import read_recording
@@ -34,6 +35,8 @@ WIDENED = "from few frames: holes at edges that never closed count as shadow and
 ASSUMED = (
     f"with the data sheet's baseline of {1e3 * BASELINE_M:g} mm, as the recording does not show it"
 )
+
+Fitted = TypeVar("Fitted", bound=Effect)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +93,7 @@ class FitResult:
         """The camera as fitted; defaults where the recording shows nothing, and no post-filters."""
         found, base = self.parameters, UNFILTERED
 
-        def changed(effect: Any, **values: StereoEstimate) -> Any:
+        def changed(effect: Fitted, **values: StereoEstimate) -> Fitted:
             return replace(
                 effect, **{name: e.value for name, e in values.items() if e.value is not None}
             )

@@ -11,7 +11,7 @@ most `delta` moves a pixel by less than (1 - alpha) delta, which is below half a
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TypeAlias
 
 from saltus.arrays import Array, Images, namespace
 from saltus.depth import MILLIMETRE
@@ -36,11 +36,15 @@ HOLE_RADIUS = (
 )
 
 
-def _unit() -> Any:
+Remembered: TypeAlias = tuple[Array, Array, Array, Array]
+
+
+def _unit() -> float:
     """The depth unit [m]: what filters round to and count differences in."""
-    return field(
+    unit: float = field(
         default=MILLIMETRE, metadata={"unit": "m", "low": 1e-6, "high": 0.1, "per_joint": False}
     )
+    return unit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +137,9 @@ class TemporalFilter(Effect[DepthImage], name="temporal_filter", site="depth"):
     delta: float = parameter(unit="", null=0.0, low=1.0, high=100.0)
     unit: float = _unit()
 
-    def apply(self, signal: DepthImage, time_s: float, state: Any) -> tuple[DepthImage, Any]:
+    def apply(
+        self, signal: DepthImage, time_s: float, state: Remembered | None
+    ) -> tuple[DepthImage, Remembered | None]:
         """Smooths, fills, and remembers; an image that comes again changes nothing.
 
         The state is (depth kept, agreement of the last four frames as bits, capture time, image

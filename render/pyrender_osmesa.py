@@ -39,7 +39,7 @@ class PyrenderRenderer(Renderer):
 
     def __init__(self, terrain: Terrain, camera: RobotCamera) -> None:
         super().__init__(terrain, camera)
-        self._pyrender: Any = load_pyrender()
+        self._pyrender = load_pyrender()
         self._scene = self._pyrender.Scene()
         vertices, triangles = terrain_triangles(terrain)
         # both sides: a camera that has sunk into a box sees its inside, as rays do
@@ -55,7 +55,7 @@ class PyrenderRenderer(Renderer):
         self._eye = self._scene.add(eye)
         self._gl = _context(intrinsics.width, intrinsics.height)
         self._flags = self._pyrender.RenderFlags.DEPTH_ONLY
-        self._drawn: dict[Any, int] | None = None
+        self._drawn: dict[object, int] | None = None
         if (
             gl_platform() == "egl"
         ):  # where pyrender takes four samples a pixel; SEG has them all at the pixel's centre

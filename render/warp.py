@@ -1,7 +1,8 @@
 """Back end on Warp: ray casts on a GPU, for thousands of robots at once, with no copy to or from torch."""
 
+from contextlib import AbstractContextManager
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import warp
@@ -149,12 +150,12 @@ class WarpCaster:
         scene.fx, scene.fy, scene.cx, scene.cy = camera.fx, camera.fy, camera.cx, camera.cy
         return scene
 
-    def _on_device(self, array: Array, dtype: Any) -> warp.array:
+    def _on_device(self, array: Array, dtype: type) -> warp.array:
         if isinstance(array, np.ndarray):
             return warp.array(array.astype(np.float32), dtype=dtype, device=self.device)
         return warp.from_torch(array.float().contiguous(), dtype=dtype)
 
-    def _stream_of(self, array: Array) -> Any:
+    def _stream_of(self, array: Array) -> AbstractContextManager[object]:
         """Torch's present stream for its tensors on a GPU, else Warp's own."""
         on_gpu = not isinstance(array, np.ndarray) and array.is_cuda
         return warp.ScopedStream(warp.stream_from_torch(array.device) if on_gpu else None)

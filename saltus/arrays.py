@@ -4,7 +4,7 @@ import itertools
 import math
 import sys
 from collections import namedtuple
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import array_api_compat
@@ -19,6 +19,8 @@ Reals: TypeAlias = NDArray[np.floating]
 """A numpy array of either precision."""
 Indices: TypeAlias = NDArray[np.int64]
 """A numpy array of whole numbers: places in another array, or counts."""
+AnyArray: TypeAlias = NDArray[Any]
+"""A numpy array of any type: what is stored, sent and read."""
 Array: TypeAlias = Any
 """A numpy array or a torch tensor: the array API standard has no static type yet.
 
@@ -108,10 +110,12 @@ ten times its arithmetic."""
 
 # numpy 2 is the standard's namespace itself; the compatibility layer's wrappers would cost a
 # quarter of a control tick.
-_NAMESPACES: dict[type, Any] = {np.ndarray: np, np.float64: np, float: FLOATS}
+Namespace: TypeAlias = ModuleType | SimpleNamespace
+"""The functions for one kind of array: numpy, torch behind the array API, or `FLOATS`."""
+_NAMESPACES: dict[type, Namespace] = {np.ndarray: np, np.float64: np, float: FLOATS}
 
 
-def namespace(array: Array) -> Any:
+def namespace(array: Array) -> Namespace:
     """The array API namespace of `array`.
 
     Looked up once per array type, because the lookup costs 4 us.
@@ -137,7 +141,7 @@ class Constant:
     def __init__(self, value: ArrayLike) -> None:
         # Torch wants arrays that can be written
         self._value: NDArray[np.float64] = np.array(value, dtype=np.float64)
-        self._converted: dict[tuple[type, Any, Any], Array] = {}
+        self._converted: dict[tuple[type, object, object], Array] = {}
 
     def like(self, reference: Array) -> Array:
         """The constant as an array of the same kind as `reference`."""

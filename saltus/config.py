@@ -6,7 +6,7 @@ import math
 import re
 import tomllib
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -166,7 +166,7 @@ class Value:
         return hashlib.sha256(self.to_toml().encode()).hexdigest()[:16]
 
 
-def check_between(config: Any, **ranges: tuple[float, float]) -> None:
+def check_between(config: object, **ranges: tuple[float, float]) -> None:
     """Raises `ConfigError` for the first field with a number outside of its range (ends included), or with none.
 
     A field that is None is left to whoever fills it in.
@@ -179,7 +179,7 @@ def check_between(config: Any, **ranges: tuple[float, float]) -> None:
             raise ConfigError(f"{name} = {value}: it must be from {limits}")
 
 
-def to_toml(config: Any) -> str:
+def to_toml(config: object) -> str:
     """Writes a config dataclass as TOML; fields that are None are left out."""
     return tomli_w.dumps(_plain(config), multiline_strings=True)
 
@@ -206,12 +206,12 @@ def read_toml(text: str) -> dict[str, Any]:
         raise ConfigError(f"not valid TOML: {error}") from error
 
 
-def from_table(kind: type[Config], table: dict[str, Any], where: str = "") -> Config:
+def from_table(kind: type[Config], table: Mapping[str, object], where: str = "") -> Config:
     """Builds a config dataclass from nested tables; same errors as `from_toml`."""
     hints = typing.get_type_hints(kind)
     keys = [f for f in dataclasses.fields(kind) if f.init]  # type: ignore[arg-type]
     known = [f.name for f in keys]
-    values: dict[str, Any] = {}
+    values: dict[str, object] = {}
     for name, value in table.items():
         path = f"{where}{name}"
         if name not in known:
@@ -243,7 +243,7 @@ def load_changes(config: Config, path: Path) -> Config:
     return read_file(path, lambda text: changed(config, read_toml(text)))
 
 
-def changed(config: Config, table: dict[str, Any], where: str = "") -> Config:
+def changed(config: Config, table: Mapping[str, object], where: str = "") -> Config:
     """The same with the entries of a table; same errors as `from_toml`."""
     return from_table(type(config), _merged(_plain(config), table), where)
 
@@ -270,16 +270,19 @@ def read_file(path: Path, make: Callable[[str], Config]) -> Config:
         raise ConfigError(f"{path}: {error}") from error
 
 
-def _merged(table: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+def _merged(table: dict[str, Any], changes: Mapping[str, object]) -> dict[str, Any]:
     """`table` with the entries of `changes` in place of its own, table by table."""
     merged = dict(table)
     for name, value in changes.items():
-        both = isinstance(value, dict) and isinstance(table.get(name), dict)
-        merged[name] = _merged(table[name], value) if both else value
+        own = table.get(name)
+        if isinstance(value, dict) and isinstance(own, dict):
+            merged[name] = _merged(own, value)
+        else:
+            merged[name] = value
     return merged
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         pairs = ((f.name, getattr(value, f.name)) for f in dataclasses.fields(value))
         return {name: _plain(item) for name, item in pairs if item is not None}
@@ -294,7 +297,7 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _checked(hint: Any, value: Any, path: str) -> Any:
+def _checked(hint: object, value: object, path: str) -> object:
     """Returns `value` as `hint` wants it; integers may stand for floats."""
     origin = typing.get_origin(hint)
     args = typing.get_args(hint)
@@ -357,9 +360,9 @@ def _checked(hint: Any, value: Any, path: str) -> Any:
     return value
 
 
-def _in_words(hint: Any) -> str:
+def _in_words(hint: object) -> str:
     """A type in words for people."""
-    words = {
+    words: dict[object, str] = {
         float: "a number",
         int: "a whole number",
         bool: "true or false",

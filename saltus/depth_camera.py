@@ -119,12 +119,12 @@ class DepthCamera(Value):
         return self.sensor or self.image
 
     @property
-    def record(self) -> Any:
+    def record(self) -> str | dict[str, Any]:
         """Its name where it is shipped, else all of it as plain values; `recorded` reads it."""
         return self.name if SHIPPED.get(self.name) == self else read_toml(self.to_toml())
 
     @property
-    def mount(self) -> dict[str, Any]:
+    def mount(self) -> dict[str, object]:
         """Its pose on the trunk, by the fields of `Robot`; None for what is the robot's own."""
         names = ("camera_position", "camera_pitch", "camera_roll", "camera_yaw")
         return {name: getattr(self, name) for name in names}
@@ -205,7 +205,7 @@ def load_camera(name_or_path: str) -> DepthCamera:
     return camera if camera.name != "d435i" else replace(camera, name=path.stem)
 
 
-def recorded(record: str | dict[str, Any]) -> DepthCamera:
+def recorded(record: str | dict[str, object]) -> DepthCamera:
     """The camera of `DepthCamera.record`; what a table does not name is as in d435i."""
     if isinstance(record, str):
         return SHIPPED[record]

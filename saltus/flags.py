@@ -1,7 +1,7 @@
 """Kinds of flags and commands, and how they look in a help."""
 
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Protocol, TypeVar
 
 import tyro
 
@@ -14,13 +14,21 @@ Subcommands = Annotated[tyro.conf.OmitSubcommandPrefixes[Command], tyro.conf.arg
 `tyro.conf.subcommand`."""
 
 
-def shown(metavar: str, default: str) -> Any:
+def shown(metavar: str, default: str) -> object:
     """For the annotation of a flag that is None by default: what it takes, and what holds without it."""
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})")
 
 
 AT_LEAST_ONE = tyro.conf.arg(metavar="PATH [PATH ...]", help_behavior_hint="(at least one)")
 """How the help shows a list of paths that must not be empty, which the command itself refuses."""
+
+
+class Runnable(Protocol):
+    """A command as a command line names it."""
+
+    def run(self) -> int:
+        """Does it; returns the exit code."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,9 +43,8 @@ class EndpointOption:
 class CommandGroup:
     """A command that consists of others."""
 
-    command: Any
+    command: Runnable
 
     def run(self) -> int:
         """Runs the chosen one."""
-        code: int = self.command.run()
-        return code
+        return self.command.run()

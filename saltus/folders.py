@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 from saltus.errors import SaltusError
 
@@ -28,12 +27,12 @@ class Difference:
 
     name: str
     """With the tables that it stands in: "learning.desired_kl"."""
-    before: Any
-    now: Any
+    before: object
+    now: object
 
 
 def differences(
-    before: Mapping[str, Any], now: Mapping[str, Any], where: str = ""
+    before: Mapping[str, object], now: Mapping[str, object], where: str = ""
 ) -> Iterator[Difference]:
     """Differences between two configurations, each as nested tables.
 
@@ -60,7 +59,7 @@ def ask_for_room(folder: Path) -> None:
 
 
 def another_training(
-    checkpoint: Path, before: Mapping[str, Any], now: Mapping[str, Any]
+    checkpoint: Path, before: Mapping[str, object], now: Mapping[str, object]
 ) -> SaltusError:
     """The error of a training that would write over the checkpoint of another one.
 

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import onnxruntime
@@ -16,6 +16,7 @@ from saltus.files import atomic_write
 from saltus.grid import HeightGrid, stated_grid
 from saltus.used_networks import MODEL_ID_DIGITS
 
+Session: TypeAlias = onnxruntime.InferenceSession
 CHECKSUM_SUFFIX = ".sha256"
 """Checksum suffix of the file beside a model that says what it must be, as `sha256sum` writes
 it."""
@@ -90,7 +91,7 @@ class ModelFile:
             raise ModelError(f"model {self.path} does not fit: {error}") from error
 
     def check(
-        self, inputs: Mapping[str, Sequence[Any]], outputs: Mapping[str, Sequence[Any]]
+        self, inputs: Mapping[str, Sequence[int]], outputs: Mapping[str, Sequence[int]]
     ) -> None:
         """Refuses a network that takes or returns anything else, and runs it once, on zeros.
 

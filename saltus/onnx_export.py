@@ -7,7 +7,6 @@ import json
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnx
@@ -28,7 +27,7 @@ def write_onnx(
     *,
     inputs: Sequence[str],
     outputs: Sequence[str],
-    metadata: Mapping[str, Any],
+    metadata: Mapping[str, object],
     halves: str | None = None,
 ) -> None:
     """Writes a module as ONNX, whole or not at all, and its checksum.

@@ -35,7 +35,7 @@ _TWICE = ("minimum", "maximum")
 """Operations whose text names an argument twice."""
 
 
-def straight_line(law: Callable[..., Any], *examples: Any) -> Callable[..., Any]:
+def straight_line(law: Callable[..., object], *examples: object) -> Callable[..., Any]:
     """Compiles a law for one robot.
 
     Args:
@@ -78,11 +78,11 @@ class _Reader:
     """Makes symbols of arguments, and the lines that read their entries."""
 
     def __init__(self) -> None:
-        self.paths: dict[tuple[Any, ...], str] = {}
+        self.paths: dict[tuple[object, ...], str] = {}
         """Where an array is found, by its symbols."""
         self._read: list[tuple[str, tuple[int, ...], list[Symbol]]] = []
 
-    def read(self, example: Any, path: str) -> Any:
+    def read(self, example: object, path: str) -> object:
         """The same with symbols for arrays."""
         if isinstance(example, np.ndarray | float):
             shape = np.shape(example)
@@ -117,14 +117,14 @@ class _Reader:
 class _Result:
     """Writes down what a law returns: entries in two arrays, and the expression that makes arrays of them again."""
 
-    def __init__(self, paths: dict[tuple[Any, ...], str]) -> None:
+    def __init__(self, paths: dict[tuple[object, ...], str]) -> None:
         self.floats: list[Entry] = []
         self.flags: list[Entry] = []
         self.kinds: dict[str, type] = {}
         """Dataclasses by the names that they have in the expression."""
         self._paths = paths
 
-    def text(self, value: Any) -> str:
+    def text(self, value: object) -> str:
         """The expression."""
         if isinstance(value, Symbols):
             return self._array(value)
@@ -161,7 +161,7 @@ class _Writer:
     """Writes symbols down as lines of Python, each in the branch that alone needs it."""
 
     def __init__(self, outputs: list[Entry]) -> None:
-        self.functions: dict[str, Callable[..., Any]] = {}
+        self.functions: dict[str, Callable[..., object]] = {}
         """Functions that the lines call, by name."""
         self._symbols = _reached(outputs)
         self._uses = Counter(a for s in self._symbols for a in s.arguments if isinstance(a, Symbol))

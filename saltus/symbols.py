@@ -17,7 +17,7 @@ Entry = Union["Symbol", float, bool]
 FUNCTIONS = ("sin", "cos", "asin", "acos", "atan", "atan2", "sqrt", "exp", "floor", "round")
 """Functions of the standard that symbols have, by the names that they have in `math`, or in
 Python."""
-_ROUND = {"floor": math.floor, "round": round}
+_ROUND: dict[str, Callable[..., float]] = {"floor": math.floor, "round": round}
 
 
 class Symbol:
@@ -29,7 +29,7 @@ class Symbol:
         self.operation, self.arguments, self.number = operation, arguments, number
 
 
-_notes: dict[tuple[Any, ...], Symbol] = {}
+_notes: dict[tuple[object, ...], Symbol] = {}
 
 
 def forget() -> None:
@@ -37,7 +37,7 @@ def forget() -> None:
     _notes.clear()
 
 
-def note(operation: str, *arguments: Any) -> Symbol:
+def note(operation: str, *arguments: object) -> Symbol:
     """The symbol of an operation on entries; it comes after all that were noted before."""
     key = (operation, *(a.number if isinstance(a, Symbol) else ("constant", a) for a in arguments))
     found = _notes.get(key)
@@ -140,13 +140,13 @@ def _where(condition: Entry, a: Entry, b: Entry) -> Entry:
     return note("where", condition, a, b)
 
 
-def _function(name: str) -> Any:
+def _function(name: str) -> Callable[..., "Symbols"]:
     def noted(*arguments: Entry) -> Entry:
         if any(isinstance(a, Symbol) for a in arguments):
             return note(name, *arguments)
         return float(known(*arguments))
 
-    known: Any = _ROUND.get(name) or getattr(math, name)
+    known: Callable[..., float] = _ROUND.get(name) or getattr(math, name)
     made = np.frompyfunc(noted, 2 if name == "atan2" else 1, 1)
     return lambda *arrays: _apply(made, *arrays)
 
@@ -170,10 +170,10 @@ class Symbols:
     __array_ufunc__ = None  # numpy leaves operations with it to it
     dtype, device = "symbols", "cpu"
 
-    def __init__(self, entries: Any) -> None:
+    def __init__(self, entries: object) -> None:
         self.entries: NDArray[np.object_] = np.asarray(entries, dtype=object)
 
-    def __array_namespace__(self, api_version: str | None = None) -> Any:
+    def __array_namespace__(self, api_version: str | None = None) -> object:
         return _NAMESPACE
 
     @property
@@ -194,32 +194,32 @@ class Symbols:
     def __getitem__(self, place: Any) -> "Symbols":
         return Symbols(self.entries[place])
 
-    def __matmul__(self, other: Any) -> "Symbols":
+    def __matmul__(self, other: object) -> "Symbols":
         return _product(self, other)
 
-    def __rmatmul__(self, other: Any) -> "Symbols":
+    def __rmatmul__(self, other: object) -> "Symbols":
         return _product(other, self)
 
-    def __add__(self, other: Any) -> "Symbols":
+    def __add__(self, other: object) -> "Symbols":
         return _apply(_ADD, self, other)
 
     __radd__ = __add__
 
-    def __sub__(self, other: Any) -> "Symbols":
+    def __sub__(self, other: object) -> "Symbols":
         return _apply(_SUBTRACT, self, other)
 
-    def __rsub__(self, other: Any) -> "Symbols":
+    def __rsub__(self, other: object) -> "Symbols":
         return _apply(_SUBTRACT, other, self)
 
-    def __mul__(self, other: Any) -> "Symbols":
+    def __mul__(self, other: object) -> "Symbols":
         return _apply(_MULTIPLY, self, other)
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: Any) -> "Symbols":
+    def __truediv__(self, other: object) -> "Symbols":
         return _apply(_DIVIDE, self, other)
 
-    def __rtruediv__(self, other: Any) -> "Symbols":
+    def __rtruediv__(self, other: object) -> "Symbols":
         return _apply(_DIVIDE, other, self)
 
     def __neg__(self) -> "Symbols":
@@ -233,37 +233,37 @@ class Symbols:
             raise TypeError(f"symbols can be squared, not raised to {power}")
         return self * self
 
-    def __lt__(self, other: Any) -> "Symbols":
+    def __lt__(self, other: object) -> "Symbols":
         return _apply(_LESS, self, other)
 
-    def __le__(self, other: Any) -> "Symbols":
+    def __le__(self, other: object) -> "Symbols":
         return _apply(_LESS_EQUAL, self, other)
 
-    def __gt__(self, other: Any) -> "Symbols":
+    def __gt__(self, other: object) -> "Symbols":
         return _apply(_LESS, other, self)
 
-    def __ge__(self, other: Any) -> "Symbols":
+    def __ge__(self, other: object) -> "Symbols":
         return _apply(_LESS_EQUAL, other, self)
 
-    def __and__(self, other: Any) -> "Symbols":
+    def __and__(self, other: object) -> "Symbols":
         return _apply(_AND, self, other)
 
-    def __or__(self, other: Any) -> "Symbols":
+    def __or__(self, other: object) -> "Symbols":
         return _apply(_OR, self, other)
 
     def __invert__(self) -> "Symbols":
         return _apply(_NOT, self)
 
 
-def _entries(value: Any) -> NDArray[np.object_]:
+def _entries(value: object) -> NDArray[np.object_]:
     return value.entries if isinstance(value, Symbols) else np.asarray(value).astype(object)
 
 
-def _apply(function: Any, *arguments: Any) -> Symbols:
+def _apply(function: np.ufunc, *arguments: object) -> Symbols:
     return Symbols(function(*map(_entries, arguments)))
 
 
-def _product(left: Any, right: Any) -> Symbols:
+def _product(left: object, right: object) -> Symbols:
     a, b = _entries(left), _entries(right)
     if a.ndim == 1:
         return _product(Symbols(a[None, :]), Symbols(b))[..., 0, :]
@@ -274,7 +274,7 @@ def _sum(array: Symbols, axis: int, keepdims: bool = False) -> Symbols:
     return Symbols(_ADD.reduce(array.entries, axis=axis, keepdims=keepdims))
 
 
-def _clip(array: Symbols, low: Any = None, high: Any = None) -> Symbols:
+def _clip(array: Symbols, low: object = None, high: object = None) -> Symbols:
     array = array if low is None else _apply(_MAXIMUM, array, low)
     return array if high is None else _apply(_MINIMUM, array, high)
 

@@ -6,10 +6,12 @@ by the difference, and a profile without that delay keeps none; factors multiply
 jitter add up.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.config import Value
@@ -127,7 +129,7 @@ class Outcome:
     """Horizontal speed while the time ran; 0 if it never did."""
 
 
-def is_upright(quaternion: Floats) -> Any:
+def is_upright(quaternion: Floats) -> NDArray[np.bool_]:
     """True where roll and pitch are both within 60 degrees.
 
     Shape (..., 4), (w, x, y, z) -> (...).
@@ -199,7 +201,7 @@ def judge(
     time_s: Floats,
     position: Floats,
     quaternion: Floats,
-    trunk_contact: Any,
+    trunk_contact: Sequence[bool] | NDArray[np.bool_],
     time_limit_s: float = TIME_LIMIT_S,
 ) -> Outcome:
     """The outcome of a recorded trial.

@@ -4,12 +4,11 @@ To write them takes pyarrow alone.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from saltus.arrays import AnyArray
 from saltus.grid import HeightGrid
 from saltus.heightmap.service.features import PROPRIOCEPTION
 
@@ -51,7 +50,7 @@ def columns_of(grid: HeightGrid) -> tuple[Column, ...]:
     )  # fmt: skip
 
 
-def nested(values: NDArray[Any], kind: pa.DataType) -> pa.Array:
+def nested(values: AnyArray, kind: pa.DataType) -> pa.Array:
     """Rows of any shape as lists of lists, without a Python object for each number."""
     array: pa.Array = pa.array(np.ascontiguousarray(values).reshape(-1))
     for size in values.shape[:0:-1]:

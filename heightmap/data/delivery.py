@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +65,7 @@ class DeliveryModel:
         return CameraChain(drawn_around(known, latency_s=latency_s, jitter_s=spread_s, loss=loss))
 
 
-def hardware_table(profile: str, robot: str, camera: DepthCamera) -> dict[str, Any]:
+def hardware_table(profile: str, robot: str, camera: DepthCamera) -> dict[str, object]:
     """Table for the manifest of a dataset, of robots and cameras that are not as shipped."""
     if profile == SHIPPED:
         return {}

@@ -1,7 +1,6 @@
 """The cameras of thousands of robots on one device: from poses to images without leaving it."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import torch
@@ -9,7 +8,7 @@ from torch import Tensor
 
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera
-from saltus.effects.effect import map_arrays
+from saltus.effects.effect import State, map_arrays
 from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
@@ -114,7 +113,7 @@ class DeviceCameras:
         }
         return {name: image for name, image in given.items() if image is not None}
 
-    def _tensors(self, state: Any) -> Any:
+    def _tensors(self, state: State) -> State:
         return map_arrays(lambda array: torch.as_tensor(array, device=self._device), state)
 
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
+from saltus.arrays import AnyArray
 from saltus.constants import POLICY_DT
 from saltus.files import whole_folder
 from saltus.heightmap.data.columns import NO_IMAGE_S, Column, columns_of, nested
@@ -92,7 +92,7 @@ def _index(rows: list[dict[str, Any]]) -> int:
     return int(rows[-1]["dataset_to_index"]) if rows else 0
 
 
-def _table(episode: Episode, number: int, first: int, task: int) -> dict[str, NDArray[Any]]:
+def _table(episode: Episode, number: int, first: int, task: int) -> dict[str, AnyArray]:
     """Columns of one episode."""
     ticks = np.arange(len(episode.height))
     newest = np.searchsorted(episode.frame_tick, ticks, side="right") - 1
@@ -131,7 +131,7 @@ class _Statistics:
     def __init__(self) -> None:
         self._count, self._sum, self._squares, self._low, self._high = 0, 0.0, 0.0, np.inf, -np.inf
 
-    def add(self, values: NDArray[Any]) -> None:
+    def add(self, values: AnyArray) -> None:
         numbers = values.reshape(len(values), -1).astype(np.float64)
         self._count += len(numbers)
         self._sum, self._squares = self._sum + numbers.sum(0), self._squares + (numbers**2).sum(0)

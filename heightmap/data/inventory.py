@@ -6,10 +6,10 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import DTypeLike
 
 from saltus.files import atomic_write
 from saltus.heightmap.data.shards import (
@@ -166,7 +166,7 @@ def _contents(file: h5py.File, record: ShardRecord) -> list[str]:
     return damages or _order(file)
 
 
-def _there(file: h5py.File) -> dict[str, Any]:
+def _there(file: h5py.File) -> dict[str, DTypeLike]:
     """Kinds of the columns that a shard has."""
     return {name: kind for name, kind in _KINDS.items() if name in file or name not in SOMETIMES}
 
@@ -185,10 +185,10 @@ def _compare(shards: Sequence[Path]) -> None:
 
     Older ones keep no layout, of those the shapes are compared.
     """
-    known: dict[str, tuple[Any, Path]] = {}
+    known: dict[str, tuple[object, Path]] = {}
     for path in shards:
         with opened_shard(path) as file:
-            fields: dict[str, Any] = {
+            fields: dict[str, object] = {
                 f"columns of {name}": list(file[name].shape[1:]) for name in _there(file)
             }
             fields |= json.loads(file.attrs.get(LAYOUT, "{}"))

@@ -16,7 +16,7 @@ from saltus.heightmap.data.late_images import LateImages
 from saltus.render.camera import RobotCamera
 from saltus.render.eyes import SAMPLED, Eyes
 from saltus.render.process import random_stream
-from saltus.render.stereo.camera import StereoCamera, StereoConfig
+from saltus.render.stereo.camera import StereoCamera, StereoConfig, StereoState
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.setup import Setup
@@ -50,7 +50,8 @@ def robot_cameras(
         RobotCamera.on(robot, claimed).moved(profile.view_chain),
         Optics.behind(claimed, camera),
     )
-    stereo, state = None, ()
+    stereo: StereoCamera | None = None
+    state: StereoState = ()
     if not camera.ideal:
         stereo = StereoCamera(errors or StereoConfig.of(camera), optics)
         streams = rngs or [random_stream(trial.seed) for trial in trials]

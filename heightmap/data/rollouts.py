@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.arrays import Floats, Singles
+from saltus.arrays import AnyArray, Floats, Singles
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera
 from saltus.effects.effect import stacked
@@ -119,7 +119,7 @@ class _Recorded:
         renderer: str,
     ) -> None:
         self._ticks = [camera.exposures(len(each.joint_position)) for each in trajectories]
-        self._seen: list[tuple[Any, ...]] = []
+        self._seen: list[tuple[AnyArray, ...]] = []
         """True depth, and for a camera with errors what its second imager does not see, at each
         image."""
         for each, rows, view in zip(trajectories, self._ticks, views, strict=True):

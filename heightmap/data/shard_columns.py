@@ -6,11 +6,11 @@ On disk they are what HDF5's own filters write and read.
 import zlib
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
+
+from saltus.arrays import AnyArray
 
 CHUNK = 256
 """Rows that are compressed together."""
@@ -28,17 +28,17 @@ class ShardColumn:
     pool of threads does.
     """
 
-    def __init__(self, file: h5py.File, name: str, like: NDArray[Any], pool: Executor) -> None:
+    def __init__(self, file: h5py.File, name: str, like: AnyArray, pool: Executor) -> None:
         row = like.shape[1:]
         self._dataset = file.create_dataset(
             name, shape=(0, *row), maxshape=(None, *row), chunks=(CHUNK, *row), dtype=like.dtype,
             compression="gzip", compression_opts=_LEVEL, shuffle=True,
         )  # fmt: skip
         self._pool = pool
-        self._waiting: list[NDArray[Any]] = []
+        self._waiting: list[AnyArray] = []
         self._count = 0
 
-    def append(self, rows: NDArray[Any]) -> None:
+    def append(self, rows: AnyArray) -> None:
         """Adds rows; they are written when enough have come together."""
         self._waiting.append(rows)
         self._count += len(rows)
@@ -81,14 +81,14 @@ def check_own(file: h5py.File, name: str) -> None:
         )
 
 
-def read_column(dataset: h5py.Dataset, pool: Executor) -> NDArray[Any]:
+def read_column(dataset: h5py.Dataset, pool: Executor) -> AnyArray:
     """All rows of an array that `ShardColumn` wrote, or HDF5 itself."""
     if (
         dataset.compression != "gzip"
         or not dataset.shuffle
         or dataset.chunks[1:] != dataset.shape[1:]
     ):
-        rows: NDArray[Any] = dataset[:]
+        rows: AnyArray = dataset[:]
         return rows
     result = np.empty(dataset.shape, dataset.dtype)
     size = dataset.chunks[0]
@@ -112,7 +112,7 @@ def read_column(dataset: h5py.Dataset, pool: Executor) -> NDArray[Any]:
     return result
 
 
-def _compressed(rows: NDArray[Any]) -> bytes:
+def _compressed(rows: AnyArray) -> bytes:
     """A chunk through the filters of HDF5: first bytes of all numbers, second bytes, ..., then zlib."""
     chunk = np.zeros((CHUNK, *rows.shape[1:]), rows.dtype)
     chunk[: len(rows)] = rows

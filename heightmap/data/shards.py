@@ -132,7 +132,7 @@ class ShardWriter:
 
 @contextmanager
 def open_shard(
-    directory: Path, *, seed: int, config: dict[str, Any], code: str | None = None
+    directory: Path, *, seed: int, config: dict[str, object], code: str | None = None
 ) -> Iterator[ShardWriter]:
     """Adds a round to a dataset: at the end of the context the shard, whole, then the manifest that names it.
 
@@ -192,14 +192,14 @@ def uninterrupted() -> Iterator[None]:
         signal.raise_signal(signal.SIGINT)
 
 
-def motion(seed: int, config: dict[str, Any]) -> str:
+def motion(seed: int, config: dict[str, object]) -> str:
     """The same for shards whose robots move alike, however many there are of them and whatever camera looked on."""
     settings = {name: value for name, value in config.items() if name not in _NOT_OF_MOTION}
     return json.dumps([seed, settings], sort_keys=True)
 
 
 def refuse_twice(
-    directory: Path, records: Iterable[ShardRecord], seed: int, config: dict[str, Any]
+    directory: Path, records: Iterable[ShardRecord], seed: int, config: dict[str, object]
 ) -> None:
     """Raises `DatasetError` where a dataset has motion of this seed and configuration already."""
     for record in records:
@@ -221,7 +221,7 @@ class Collection:
 
 
 def collect_batches(
-    datasets: Sequence[tuple[Path, dict[str, Any]]],
+    datasets: Sequence[tuple[Path, dict[str, object]]],
     batches: Iterable[Sequence[Iterable[Episode]]],
     done: Callable[[int], object],
     *,
@@ -262,7 +262,7 @@ def collect_batches(
 
 
 def write_shard(
-    directory: Path, episodes: Iterable[Episode], *, seed: int, config: dict[str, Any]
+    directory: Path, episodes: Iterable[Episode], *, seed: int, config: dict[str, object]
 ) -> ShardRecord:
     """Adds a round of episodes to a dataset; arguments as those of `open_shard`."""
     with open_shard(directory, seed=seed, config=config) as shard:
@@ -284,7 +284,7 @@ def grid_named(config: Mapping[str, Any]) -> HeightGrid:
     return load_grid(config.get("grid", UNNAMED["grid"]))
 
 
-def layout(grid: HeightGrid) -> dict[str, Any]:
+def layout(grid: HeightGrid) -> dict[str, object]:
     """Meaning of the arrays' columns, kept in each shard."""
     return {
         **grid_metadata(grid),

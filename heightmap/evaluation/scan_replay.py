@@ -1,7 +1,6 @@
 """The service of any grid on a recorded run again, and how far its heights are off the simulator's ground."""
 
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 import numpy as np
 
@@ -56,7 +55,7 @@ def replayed_run(
 
 def scan_errors(
     recording: Recording, grid: HeightGrid, answers: Iterable[Heightmap]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Errors [mm], share inside the 90 % interval, median half-width [mm] and share of all points, by visibility.
 
     Only `points` where the recording has no truth, or no image came a second before its end.

@@ -15,7 +15,7 @@ from saltus.grid import HeightGrid, grid_metadata
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.service.sight import Tick
-from saltus.model_file import ModelFile
+from saltus.model_file import ModelFile, Session
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 
@@ -31,7 +31,7 @@ screws. Training data are drawn with it, or with more (`saltus.heightmap.data.mo
 _TOLERANCE = 1e-6  # of a number that went through text
 
 
-def camera_metadata(robot: Robot) -> dict[str, Any]:
+def camera_metadata(robot: Robot) -> dict[str, object]:
     """The model's camera, on a robot; a model that was made for another place of it is refused."""
     return {
         **asdict(depth.MODEL_CAMERA),
@@ -102,7 +102,7 @@ class HeightmapNetwork:
 class _Call:
     """Calls of the network for so many robots, in memory that is bound to it once: half the cost of arguments."""
 
-    def __init__(self, session: Any, robots: int, hidden_size: int, points: int) -> None:
+    def __init__(self, session: Session, robots: int, hidden_size: int, points: int) -> None:
         shapes = _shapes(hidden_size, points)
         self._session, self._binding = session, session.io_binding()
         self._inputs = [np.zeros((robots, *shapes[name]), np.float32) for name in INPUTS]
@@ -147,7 +147,7 @@ def _check_metadata(file: ModelFile, robot: Robot, grid: HeightGrid) -> None:
             "no model (saltus "
             "policy eval --planner scripted): docs/robots.md"
         )
-    expected: dict[str, Any] = {
+    expected: dict[str, object] = {
         "format": FORMAT,
         **grid_metadata(grid),
         "camera": camera_metadata(robot) | _mount(camera),
@@ -176,7 +176,7 @@ def _check_metadata(file: ModelFile, robot: Robot, grid: HeightGrid) -> None:
         raise ModelError(f"model {file.path} does not fit: 'warmup_frames' must be a whole number")
 
 
-def _mount(camera: Any) -> dict[str, Any]:
+def _mount(camera: object) -> dict[str, object]:
     """Where a model's camera sat, as far as it says so: it is compared by itself."""
     known = camera if isinstance(camera, dict) else {}
     return {name: known[name] for name in ("position_m", "pitch_rad") if name in known}
@@ -214,7 +214,7 @@ def _check_mount(path: Path, camera: dict[str, Any], robot: Robot) -> None:
         )
 
 
-def _leaves(where: str, found: Any, wanted: Any) -> list[tuple[str, Any, Any]]:
+def _leaves(where: str, found: object, wanted: object) -> list[tuple[str, object, object]]:
     """Pairs of values to compare; a structure that differs is one unequal pair."""
     if isinstance(wanted, dict) and isinstance(found, dict) and wanted.keys() == found.keys():
         return [
@@ -228,7 +228,7 @@ def _leaves(where: str, found: Any, wanted: Any) -> list[tuple[str, Any, Any]]:
     return [(where, found, wanted)]
 
 
-def _same(found: Any, wanted: Any) -> bool:
+def _same(found: object, wanted: object) -> bool:
     if isinstance(wanted, float) and isinstance(found, int | float):
         return abs(found - wanted) <= _TOLERANCE
     return type(found) is type(wanted) and found == wanted

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -73,7 +72,7 @@ def export(model: HeightmapModel, path: Path, origin: Origin) -> None:
     )
 
 
-def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
+def metadata(model: HeightmapModel, origin: Origin) -> dict[str, object]:
     """Metadata of the file; `saltus.heightmap.service.network` refuses what does not fit."""
     robot = origin.camera.mounted_on(load_robot(origin.robot))
     normalisation = {name: getattr(model, name).tolist() for name in Normalisation._fields}

@@ -101,7 +101,11 @@ def train(
     known = load_checkpoint(start) if start else None
     ask_for_room(checkpoint.parent)
     settings = {**asdict(config), "model": asdict(known[0].config if known else config.model)}
-    origin: dict[str, Any] = {"config": settings, "dataset": dataset_hash(records), "start": None}
+    origin: dict[str, Any] = {
+        "config": settings,
+        "dataset": dataset_hash(records),
+        "start": None,
+    }
     if start and known:
         origin["start"] = {
             "sha256": file_sha256(start),
@@ -214,7 +218,9 @@ def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, dict[str, Any]]:
     Raises:
         ModelError: the file is missing, or is no checkpoint of this network.
     """
-    table = _read(checkpoint) if is_zipfile(checkpoint) else read_exported(checkpoint)
+    table: dict[str, Any] = (
+        _read(checkpoint) if is_zipfile(checkpoint) else read_exported(checkpoint)
+    )
     try:
         sizes = table["origin"]["config"]["model"]
         shapes = {name: table["model"][name] for name in Normalisation._fields}

@@ -5,7 +5,6 @@ Compiled, and replayed as CUDA graphs, on a GPU.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -46,7 +45,7 @@ class Stage:
         ):  # NCCL has threads of its own
             compiled()
 
-    def compiled(self, backend: Callable[..., Any] | str) -> Callable[[], None]:
+    def compiled(self, backend: Callable[..., object] | str) -> Callable[[], None]:
         """The function as one graph, which is made by its first call."""
         from torch._dynamo import config  # half a second, of which what runs on a CPU has no use
 
@@ -68,7 +67,7 @@ class Stage:
             self._graph.replay()
 
 
-def _fusing_backend() -> Callable[..., Any]:
+def _fusing_backend() -> Callable[..., object]:
     """The default compiler, with products of small matrices written out.
 
     A leg controller multiplies thousands of 3 x 3 matrices. As calls of a library each is a kernel

@@ -7,7 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from saltus.effects.effect import map_arrays
+from saltus.effects.chain import ActuatorState, ImuMemory
+from saltus.effects.effect import State, map_arrays
 from saltus.policy.bounds import ACTIONS
 from saltus.policy.env.rewards import TERMS
 from saltus.policy.features import RECALLED
@@ -26,8 +27,8 @@ class Memory:
     liftoff: Tensor  # (4, 3)
     estimate: Tensor  # (4,)
     variance: Tensor  # (4,)
-    actuators: Any  # states of the effects of the drives, see `saltus.effects.chain.ActuatorChain`
-    imu: Any  # what the IMU reports and the states of its effects; None where it has none
+    actuators: ActuatorState  # see `saltus.effects.chain.ActuatorChain`
+    imu: ImuMemory | None  # None where the IMU has no effects
     contact: Tensor  # (4,), bool
     progress: Tensor  # (4,)
     trusted: Tensor  # (4,), bool
@@ -124,6 +125,6 @@ def store(memory: Memory, mask: Tensor | None = None, **values: Tensor) -> None:
         old.copy_(value)
 
 
-def keep(old: Any, new: Any) -> None:
+def keep(old: State, new: State) -> None:
     """Writes the state of effects over one that is built alike, in place."""
     map_arrays(lambda value, place: place.copy_(value), new, old)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -22,7 +21,7 @@ BEHIND_M, AHEAD_M = 0.6, 1.0  # of the start and of the finish
 
 
 def write_evaluation_report(
-    evaluation: Evaluation, result: EvaluationResult, table: dict[str, Any], path: Path
+    evaluation: Evaluation, result: EvaluationResult, table: dict[str, object], path: Path
 ) -> None:
     """Writes the report of an evaluation, whose result is printed as `table`.
 
@@ -70,7 +69,7 @@ def _places(result: EvaluationResult, cause: str) -> str:
 
 
 def _lines(
-    figure: go.Figure, trial: TrialResult, x: Any, y: Any, opacity: float, **more: Any
+    figure: go.Figure, trial: TrialResult, x: object, y: object, opacity: float, **more: object
 ) -> None:
     """A curve of a trial, which may be of hundreds: green where it succeeded, else red."""
     figure.add_scattergl(

@@ -1,5 +1,6 @@
 """The checkpoint of a training: everything that is needed to resume it, or to export its policy."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ NEEDED = {
 }  # fmt: skip
 
 
-def write_checkpoint(path: Path, state: dict[str, Any]) -> None:
+def write_checkpoint(path: Path, state: dict[str, object]) -> None:
     """Writes a checkpoint, whole or not at all; `SaltusError` where there is no room for it."""
     try:
         with atomic_write(path) as partial:
@@ -41,7 +42,7 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
     return state
 
 
-def config_of(state: dict[str, Any]) -> TrainConfig:
+def config_of(state: Mapping[str, Any]) -> TrainConfig:
     """The configuration of a training, from what its checkpoint holds; `SaltusError` if it is another program's."""
     try:
         return from_toml(TrainConfig, state["config"])

@@ -1,7 +1,6 @@
 """From a checkpoint to the ONNX file that the planner process runs, and from that to what drives on a device."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnx
@@ -30,7 +29,7 @@ _MEAN, _STD, _VARIANCE = (f"obs_normalizer._{name}" for name in ("mean", "std", 
 class DeployedPolicy(nn.Module):
     """The actor's mean action as values of a plan: observation scaled before the network, actions bounded after it."""
 
-    def __init__(self, checkpoint: dict[str, Any]) -> None:
+    def __init__(self, checkpoint: dict[str, object]) -> None:
         super().__init__()
         config = config_of(checkpoint)
         self.past_steps = config.env.past_steps
@@ -77,7 +76,7 @@ def export(checkpoint: Path, path: Path) -> float:
     return parity(policy, path)
 
 
-def read_policy(path: Path) -> dict[str, Any]:
+def read_policy(path: Path) -> dict[str, object]:
     """Reads what `DeployedPolicy` is made of: a checkpoint, or, by its suffix, an ONNX file that `export` wrote.
 
     Raises:
@@ -121,7 +120,7 @@ def _actor(config: TrainConfig) -> MLPModel:
     return make_actor(like, config.learning, config.env.bounds)
 
 
-def metadata(policy: DeployedPolicy, state: dict[str, Any]) -> dict[str, Any]:
+def metadata(policy: DeployedPolicy, state: dict[str, object]) -> dict[str, object]:
     """Metadata of the file; `saltus.policy.actor` refuses what does not fit."""
     return {
         "format": FORMAT,

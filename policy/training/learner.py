@@ -100,7 +100,7 @@ class Learner:
             self.ppo.actor.distribution.std_param.detach().clamp(*self._config.std_range).mean()
         )
 
-    def save(self, path: Path, extra: dict[str, Any]) -> None:
+    def save(self, path: Path, extra: dict[str, object]) -> None:
         """Writes everything that is needed to go on, whole or not at all."""
         state = {
             **self.ppo.save(),

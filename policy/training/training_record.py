@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from saltus.config import to_toml
 from saltus.policy.env.curriculum import CurriculumConfig
@@ -52,7 +51,7 @@ class TrainingRecord:
         self.checkpoint = folder / CHECKPOINT
         """Where the checkpoint lies."""
         self._learner, self._start_s, self._say, self._log = learner, start_s, say, folder / LOG
-        self._extra: Mapping[str, Any] = {"config": to_toml(config), "commit": commit}
+        self._extra: Mapping[str, str] = {"config": to_toml(config), "commit": commit}
         (folder / "config.toml").write_text(self._extra["config"], encoding="utf-8")
         (folder / COMMIT).write_text(commit + "\n", encoding="utf-8")
         self._progress = TallyReader(folder, env, learner)

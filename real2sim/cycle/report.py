@@ -40,7 +40,7 @@ from saltus.used_networks import ModelKind
 Courses = dict[str, dict[When, Measured]]
 
 
-def results(folder: CycleFolder) -> dict[str, Any]:
+def results(folder: CycleFolder) -> dict[str, object]:
     """Returns what a program would read of a cycle."""
     courses, choice = _courses(folder), chosen(folder)
     return {

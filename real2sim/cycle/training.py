@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from saltus import gpu
 from saltus.config import changed
@@ -131,7 +130,7 @@ def differs_beyond_camera(folder: CycleFolder) -> bool:
     return found != learned
 
 
-def policy_changes(settings: CycleSettings, profile: Path) -> dict[str, Any]:
+def policy_changes(settings: CycleSettings, profile: Path) -> dict[str, object]:
     """Returns what the policy's training has otherwise than that of the shipped one, as tables of its TOML file.
 
     The shipped one ended with small steps and sure of its actions; a robot that is another needs

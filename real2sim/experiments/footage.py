@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from saltus.depth import D435I, Intrinsics
 from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.real2sim.problem.camera.rays import claimed_mount
+from saltus.recordings.rig_claims import CameraClaim
 from saltus.recordings.run_log import DepthTable
 from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
@@ -48,7 +48,7 @@ class FootageCamera:
         return cls(latency_s=latency_s, mount=Mount.of(robot))
 
     @classmethod
-    def of(cls, claim: dict[str, Any]) -> "FootageCamera":
+    def of(cls, claim: CameraClaim) -> "FootageCamera":
         """The camera that a run log claims (`meta.camera`), its images pooled until none is larger than the D435i's."""
         by = max(1, -(-int(claim["width"]) // WIDTH))
         intrinsics = Intrinsics(
@@ -62,15 +62,19 @@ class FootageCamera:
             mount=claimed_mount(claim),
         )
 
-    def claim(self) -> dict[str, Any]:
+    def claim(self) -> CameraClaim:
         """`meta.camera` of a run log."""
         return {
-            **{
-                name: getattr(self.intrinsics, name)
-                for name in ("fx", "fy", "cx", "cy", "width", "height")
-            },
+            "fx": self.intrinsics.fx,
+            "fy": self.intrinsics.fy,
+            "cx": self.intrinsics.cx,
+            "cy": self.intrinsics.cy,
+            "width": self.intrinsics.width,
+            "height": self.intrinsics.height,
             "position": self.mount.position.tolist(),
-            **{name: getattr(self.mount, name) for name in ("roll", "pitch", "yaw")},
+            "roll": float(self.mount.roll),
+            "pitch": float(self.mount.pitch),
+            "yaw": float(self.mount.yaw),
             "rate": self.rate_hz,
             "latency": self.latency_s,
             "range_max": RANGE_MAX_M,

@@ -13,12 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
-from typing import Any
 
 from saltus.real2sim.experiments.menu import EXPERIMENTS, SEPARATIONS
 from saltus.real2sim.search.findings import FoundEffect
 from saltus.real2sim.sensors import SENSORS
 from saltus.real2sim.verdict import NextExperiment, largest
+from saltus.recordings.rig_claims import RigClaims
 from saltus.robots.robot import Robot
 
 
@@ -62,7 +62,7 @@ def next_experiment(
     robot: Robot,
     sets: Sequence[tuple[str, ...]],
     rivals: Sequence[FoundEffect],
-    rigs: Sequence[dict[str, Any]] = (),
+    rigs: Sequence[RigClaims] = (),
 ) -> NextExperiment | None:
     """The experiment that tells the effects of the first set apart; None where there is no set, or none does.
 
@@ -98,7 +98,7 @@ def next_experiment(
 
 
 def _table(
-    robot: Robot, members: Sequence[str], rigs: Sequence[dict[str, Any]]
+    robot: Robot, members: Sequence[str], rigs: Sequence[RigClaims]
 ) -> dict[str, Separations]:
     """Returns what each experiment shows that these rigs can do."""
     table = separations()

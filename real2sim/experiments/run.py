@@ -6,7 +6,6 @@ size.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from saltus.real2sim.experiments.footage import FootageCamera, film
 from saltus.real2sim.experiments.menu import Experiment
 from saltus.real2sim.experiments.motions import Section
 from saltus.real2sim.problem.rotations import turned
+from saltus.recordings.rig_claims import RigClaims, SegmentClaim
 from saltus.recordings.run_claims import SCHEMA, claim_of
 from saltus.recordings.run_log import JointTable, RunLog, Table
 from saltus.robots.robot import JOINTS, Robot
@@ -139,7 +139,7 @@ class _Tape:
     """Samples that were recorded."""
 
     rows: list[_Row] = field(default_factory=list)
-    segments: list[dict[str, Any]] = field(default_factory=list)
+    segments: list[SegmentClaim] = field(default_factory=list)
 
 
 def run(
@@ -260,9 +260,9 @@ def _log(
     )
 
 
-def _meta(tape: _Tape, experiment: Experiment, robot: Robot, terrain: Terrain) -> dict[str, Any]:
+def _meta(tape: _Tape, experiment: Experiment, robot: Robot, terrain: Terrain) -> RigClaims:
     kp, kd = experiment.gains(robot)
-    meta: dict[str, Any] = {
+    meta: RigClaims = {
         "schema": SCHEMA,
         "robot": claim_of(robot),
         "base": experiment.base,

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from saltus.real2sim.importers.table import READERS, kind_of, read_table
 from saltus.real2sim.screening.clock import MIN_ROWS, clock_faults
 from saltus.real2sim.screening.screen import believed_units
 from saltus.recordings.description import Description
+from saltus.recordings.rig_claims import RigClaims
 from saltus.recordings.rosbag import read_rosbag
 from saltus.recordings.run_claims import GAINS, SCHEMA, check_claims, claim_of
 from saltus.recordings.run_log import (
@@ -173,7 +174,7 @@ def _completed(
         raise RecordingError(f"{recording}: {error} (say it in [claims])") from error
     stated = description.units if "units" not in claims else stated_units(meta)
     # Images are in millimetres already
-    log = in_si(replace(log, meta=meta), replace(stated, depth_unit_m=None))
+    log = in_si(replace(log, meta=cast(RigClaims, meta)), replace(stated, depth_unit_m=None))
     faults = [
         f for f in (*clock_faults(log), *believed_units(log)) if f.is_fatal or f.name == "too_short"
     ]

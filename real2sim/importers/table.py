@@ -7,7 +7,7 @@ import zipfile
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from saltus.arrays import Floats
 from saltus.errors import RecordingError, nearest_hint
 from saltus.recordings.columns import names_in_archive, read_archive, read_parquet, read_text
 from saltus.recordings.description import TableColumns
+from saltus.recordings.rig_claims import RigClaims, SegmentClaim
 from saltus.recordings.run_claims import CONTROL_DT, GAINS
 from saltus.recordings.run_log import JOINT_SIGNALS, JointTable, RunLog, period_of
 from saltus.robots.robot import JOINTS
@@ -255,7 +256,7 @@ def _logs(
         signals["q"], rate = evenly(times, signals["q"], rate / scale, time_s)
         signals["dq"] = scale * rate
     usual = {gain: np.median(signals[gain], axis=0).tolist() for gain in GAINS if gain in signals}
-    meta = {"joints": joints, "control_dt": row_s, **usual}
+    meta = cast(RigClaims, {"joints": joints, "control_dt": row_s, **usual})
     if not columns.moves_freely:
         return {"": RunLog(meta=meta, joints=JointTable(time_s=time_s, **signals))}
     logs = {}
@@ -265,13 +266,13 @@ def _logs(
         if stretches := _stretches(leaning, row_s):
             kept = np.concatenate([np.arange(first, end) for first, end in stretches])
             part = {signal: values[kept][:, own] for signal, values in signals.items()}
-            claims: dict[str, Any] = {
+            claims: dict[str, object] = {
                 "joints": [joints[i] for i in own],
                 "segments": _segments(stretches, row_s),
             }
             claims |= {gain: [values[i] for i in own] for gain, values in usual.items()}
             table = JointTable(time_s=time_s[kept], **part)
-            logs[leg] = RunLog(meta=meta | claims, joints=table)
+            logs[leg] = RunLog(meta=cast(RigClaims, meta | claims), joints=table)
     if not logs:
         raise RecordingError(f"{path}: no leg moves freely for {SHORTEST_S:g} s")
     return logs
@@ -411,7 +412,7 @@ def _stretches(leaning: NDArray[np.bool_], row_s: float) -> list[tuple[int, int]
     return cut
 
 
-def _segments(stretches: list[tuple[int, int]], row_s: float) -> list[dict[str, Any]]:
+def _segments(stretches: list[tuple[int, int]], row_s: float) -> list[SegmentClaim]:
     return [
         {"name": f"part {i}", "t0": first * row_s, "t1": end * row_s, "condition": "run"}
         for i, (first, end) in enumerate(stretches)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.errors import RecordingError, SaltusError
 from saltus.real2sim.problem.problem import Segment
+from saltus.recordings.rig_claims import RigClaims, SegmentClaim
 from saltus.recordings.run_claims import segments
 from saltus.recordings.run_log import JointTable, RunLog, read_claims, read_run_log
 from saltus.robots.loading import load_robot, reference_robot
@@ -208,7 +209,7 @@ def sampled(at_s: Floats, time_s: Floats, values: Floats) -> Floats:
     return np.asarray((1.0 - part) * values[low] + part * values[low + 1])
 
 
-def _located(meta: dict[str, Any], directory: Path) -> dict[str, Any]:
+def _located(meta: RigClaims, directory: Path) -> RigClaims:
     """The same claims with a path to the robot's model that does not depend on the folder."""
     robot = meta["robot"]
     if robot in shipped_robots():
@@ -296,7 +297,7 @@ def shifts_s(logs: Sequence[RunLog]) -> list[float]:
 
 def _shift(log: RunLog, name: str, shift_s: float) -> RunLog:
     """The same run on a clock that is ahead by `shift_s`, with the run's name in the names of its segments."""
-    named = [
+    named: list[SegmentClaim] = [
         {
             "name": f"{name}/{s.name}",
             "t0": s.start_s + shift_s,

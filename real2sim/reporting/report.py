@@ -6,10 +6,9 @@ the page says otherwise.
 
 import json
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -191,12 +190,12 @@ def _provenance(judgement: Judgement, findings: Sequence[Findings], seed: int) -
     return ["\n".join(lines), *claims]
 
 
-def _claims(meta: dict[str, Any]) -> dict[str, Any]:
+def _claims(meta: Mapping[str, object]) -> dict[str, object]:
     """The claims without the path of a model and the segments."""
     claims = {name: value for name, value in meta.items() if name not in ("excitation", "segments")}
     claims["robot"] = Path(str(meta.get("robot", ""))).name
     return {name: _short(value) for name, value in claims.items()}
 
 
-def _short(value: Any) -> Any:
+def _short(value: object) -> object:
     return [*value[:LONG], "..."] if isinstance(value, list) and len(value) > LONG else value

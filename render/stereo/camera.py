@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from saltus.render.stereo.search_range import SearchRange
 from saltus.render.stereo.weak_signal import WeakSignal
 from saltus.render.stereo.windows import ARRAY_WINDOWS, Morphology
 
-StereoState = tuple[Any, ...]
+StereoState: TypeAlias = tuple[Any, ...]
 """States of the effects, in the order of the camera."""
 
 

@@ -1,11 +1,11 @@
 """Baseline from what the right imager misses: the band at the left of the image and the shadows of near things."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from saltus.arrays import Floats
+from saltus.arrays import Floats, Indices
 from saltus.render.stereo.estimate import StereoEstimate, measured, untestable
 from saltus.render.stereo.optics import BASELINE_M
 from saltus.render.stereo.static_scene import StaticScene
@@ -36,7 +36,7 @@ class Shadows:
     end: Floats
     """First column to the right of it, shape (n,)."""
 
-    def __getitem__(self, index: Any) -> "Shadows":
+    def __getitem__(self, index: NDArray[np.bool_] | Indices | slice) -> "Shadows":
         return Shadows(width=self.width[index], step=self.step[index], end=self.end[index])
 
 

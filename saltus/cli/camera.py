@@ -4,7 +4,7 @@ import math
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -47,7 +47,7 @@ class Camera(RobotOption, JsonOption):
         coverage = draw_camera(robot, grid, terrain, camera, page)
         image = camera.image
         sides = ((image.width, image.fx), (image.height, image.fy))
-        table: dict[str, Any] = {
+        table: dict[str, object] = {
             "name": camera.name,
             "position_m": coverage.position.tolist(),
             "pitch_deg": math.degrees(coverage.pitch),

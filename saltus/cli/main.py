@@ -12,13 +12,14 @@ from importlib import import_module
 from io import TextIOWrapper
 from operator import or_
 from pathlib import Path
-from typing import Annotated, Any, Protocol, cast
+from typing import Annotated, Any, cast
 
 from tyro.conf import subcommand
 
 from saltus.cli.parsing import BAD_INPUT, parse
 from saltus.cli.signals import Ended, ending_by_signals, raise_again
 from saltus.errors import SaltusError
+from saltus.flags import Runnable
 
 COMMANDS = {
     "demo": "Demo",
@@ -66,14 +67,6 @@ MUJOCO_GL = (
 )
 """Values of this variable of the environment that MuJoCo knows (its
 mujoco/rendering/classic/gl_context.py)."""
-
-
-class Runnable(Protocol):
-    """A command as a command line names it."""
-
-    def run(self) -> int:
-        """Does it; returns the exit code."""
-        ...
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

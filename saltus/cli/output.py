@@ -52,7 +52,7 @@ class JsonOption:
     json: Flag = False
     """Print the result as one JSON object on the last line."""
 
-    def tell_json(self, table: dict[str, Any]) -> None:
+    def tell_json(self, table: Mapping[str, object]) -> None:
         """Prints the result where that is asked for."""
         if self.json:
             print_json(table)
@@ -88,12 +88,12 @@ class Bar:
         self._bar.update(min(share, 1.0) - self._bar.n)
 
 
-def print_json(table: dict[str, Any]) -> None:
+def print_json(table: Mapping[str, object]) -> None:
     """Prints one JSON object on one line; numbers that are not finite become null."""
     print(json.dumps(finite(table)), flush=True)
 
 
-def print_figures(figures: Mapping[str, Any], indent: str = "") -> None:
+def print_figures(figures: Mapping[str, object], indent: str = "") -> None:
     """Prints figures for people: one a line, and a table where several rows have figures of the same names."""
     width = max(map(len, figures), default=0)
     for name, value in figures.items():
@@ -109,7 +109,7 @@ def print_figures(figures: Mapping[str, Any], indent: str = "") -> None:
             print(f"{indent}{name:{width}}  {_cell(value)}")
 
 
-def finite(value: Any) -> Any:
+def finite(value: object) -> Any:
     """`value` with NaN and infinities replaced by None, which JSON can say."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
@@ -120,7 +120,7 @@ def finite(value: Any) -> Any:
     return value
 
 
-def _rows(value: Any) -> list[tuple[str, dict[str, Any]]]:
+def _rows(value: object) -> list[tuple[str, dict[str, Any]]]:
     """Labels and rows of a table; nothing where a value is no table."""
     if isinstance(value, list | tuple):
         rows: list[tuple[str, Any]] = [("", row) for row in value]
@@ -133,12 +133,12 @@ def _rows(value: Any) -> list[tuple[str, dict[str, Any]]]:
     )
 
 
-def _is_cell(value: Any) -> bool:
+def _is_cell(value: object) -> bool:
     """True where it is short enough for a table; counts by name are."""
     return not isinstance(value, dict) or all(isinstance(part, int) for part in value.values())
 
 
-def table_lines(rows: Sequence[tuple[str, Mapping[str, Any]]]) -> Iterator[str]:
+def table_lines(rows: Sequence[tuple[str, Mapping[str, object]]]) -> Iterator[str]:
     """Lines of a table for people: rows with their labels, and their cells by column."""
     columns = list(dict.fromkeys(name for _, row in rows for name in row))
     cells = [
@@ -150,7 +150,7 @@ def table_lines(rows: Sequence[tuple[str, Mapping[str, Any]]]) -> Iterator[str]:
         yield "  ".join([line[0].ljust(label), *map(str.rjust, line[1:], widths)]).rstrip()
 
 
-def _cell(value: Any) -> str:
+def _cell(value: object) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{name} {_cell(part)}" for name, part in value.items()) or "-"
     if isinstance(value, list | tuple):

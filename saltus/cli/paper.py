@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
 from saltus.cli.checkout import checkout
 from saltus.cli.parsing import parse
-from saltus.flags import shown
+from saltus.flags import Runnable, shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,19 +25,19 @@ class PaperCommand:
 
     def run(self) -> int:
         """Runs the command that `read` reads."""
-        code: int = self.read().run()
-        return code
+        return self.read().run()
 
-    def read(self) -> Any:
+    def read(self) -> Runnable:
         """Reads the arguments as the command in paper/ takes them.
 
         Raises:
             SaltusError: this is no checkout, or it takes other arguments.
         """
         checkout("paper/command.py", "paper")
-        return parse(
+        command: Runnable = parse(
             import_module("paper.command").Paper,
             self.arguments,
             prog="saltus paper",
             description=None,
         )
+        return command

@@ -51,7 +51,11 @@ def _defaults_of(command: Any) -> Any:
 
 
 def _read(
-    kind: Any, arguments: Sequence[str] | None, prog: str, description: str | None, default: Any
+    kind: Any,
+    arguments: Sequence[str] | None,
+    prog: str,
+    description: str | None,
+    default: Any,
 ) -> Any:
     """Reads by tyro; its box of an error becomes one line."""
     box = io.StringIO()

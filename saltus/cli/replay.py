@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import tyro
@@ -77,7 +77,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
             _print_profile(standing[-1])
         return 0
 
-    def _scan(self, choice: "ScanChoice") -> dict[str, Any]:
+    def _scan(self, choice: "ScanChoice") -> dict[str, object]:
         """Figures of the heights of a grid: how far they are off the simulator's ground."""
         from saltus.heightmap.evaluation.scan_picture import write_picture
         from saltus.heightmap.evaluation.scan_replay import replayed_run, scan_errors, true_heights
@@ -107,7 +107,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
             **figures,
         }
 
-    def _bag(self, model: Path) -> tuple[dict[str, Any], list[Heightmap]]:
+    def _bag(self, model: Path) -> tuple[dict[str, object], list[Heightmap]]:
         from saltus.recordings.realsense import read_realsense
         from saltus.robots.loading import load_robot
 
@@ -132,7 +132,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
         }
         return table, heightmaps
 
-    def _run(self, model: Path) -> tuple[dict[str, Any], list[Heightmap]]:
+    def _run(self, model: Path) -> tuple[dict[str, object], list[Heightmap]]:
         from saltus.heightmap.evaluation.comparison import lost_note
         from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.heightmap.service.replay import replay_predictor
@@ -173,7 +173,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
         model: Path,
         read: Callable[[], Iterator[DepthFrame]],
         invalid: list[float],
-    ) -> tuple[dict[str, Any], list[Heightmap]]:
+    ) -> tuple[dict[str, object], list[Heightmap]]:
         """How a standing robot sees the images, and the last heightmap.
 
         Appends each image's share without depth.
@@ -215,7 +215,7 @@ def _print_profile(heightmap: Heightmap) -> None:
         print(f"{x:9.3f}   {height:10.3f}   {half:10.3f}")
 
 
-def _differences(recording: "Recording", heightmaps: list[Heightmap]) -> dict[str, Any]:
+def _differences(recording: "Recording", heightmaps: list[Heightmap]) -> dict[str, object]:
     """Replayed heightmaps beside the recorded ones, and both beside the truth."""
     recorded = {m.step: m for m in recording.of(Heightmap)}
     truths = {m.step: m.height for m in recording.of(GroundTruth)}

@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import tyro
@@ -91,7 +91,7 @@ def _lines(derivation: "Derivation") -> list[str]:
     return lines
 
 
-def _table(derivation: "Derivation") -> dict[str, Any]:
+def _table(derivation: "Derivation") -> dict[str, object]:
     robot = derivation.robot
     values = {f.name: getattr(robot, f.name) for f in fields(robot)}
     plain = {

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 from saltus.arrays import Array, Floats, Joints, namespace
 from saltus.effects.backlash import Backlash
 from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.effect import Signal
 from saltus.effects.encoders import EncoderQuantisation, VelocityFilter
-from saltus.effects.imu import ImuBias, ImuLatency
+from saltus.effects.imu import ImuBias, ImuLatency, ImuReading
 from saltus.effects.joint_loads import EndStop, JointSpring, Stiction
 from saltus.effects.motor_limits import ActuatorLag, BatterySag, TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.offsets_and_factors import (
@@ -51,6 +51,8 @@ JOINT_ORDER: Order = (ViscousFriction, CoulombFriction, Stiction, Armature)
 """Effects that resist the motion at the joint."""
 
 ActuatorState = tuple[Any, ...]
+ImuMemory: TypeAlias = tuple[ImuReading, tuple[object, ...]]
+"""The reading of an IMU, and the states of its effects."""
 """States of the effects, in the order of the chain."""
 
 
@@ -186,7 +188,7 @@ class ActuatorChain(Chain):
         )
 
     def _pass(
-        self, site: str, signal: Signal, time_s: Array, memories: list[Any], fresh: Array | None
+        self, site: str, signal: Signal, time_s: Array, memories: list[object], fresh: Array | None
     ) -> Signal:
         for i, effect in enumerate(self.effects):
             if effect.site == site:

@@ -2,14 +2,14 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, ClassVar, Generic, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, Floats, Reals, namespace
+from saltus.arrays import Array, Constant, Floats, Namespace, Reals, namespace
 from saltus.errors import ConfigError
 from saltus.robots.robot import JOINTS, Robot
 
@@ -27,6 +27,9 @@ Site = Literal[
 ]
 
 Signal = TypeVar("Signal")
+Value = TypeVar("Value")
+State = TypeVar("State")
+"""Arrays, alone or in tuples and dataclasses."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,14 +63,14 @@ PerRobot: TypeAlias = float | Floats
 def parameter(
     *,
     unit: str,
-    null: Any,
+    null: Value,
     low: float,
     high: float,
     sought: tuple[float, float] | None = None,
     per_joint: bool = False,
     adds_to: str | tuple[str, int] | None = None,
     scales: str | None = None,
-) -> Any:
+) -> Value:
     """Declares a parameter of an effect: its unit, bounds, and the value at which it has no effect.
 
     Args:
@@ -83,8 +86,12 @@ def parameter(
         scales: Field of the signal that is multiplied by the parameter over `null`.
     """
     name, axis = adds_to if isinstance(adds_to, tuple) else (adds_to, None)
-    changes = {"changes": name or scales, "axis": axis, "scales": scales is not None}
-    metadata = {
+    changes: dict[str, object] = {
+        "changes": name or scales,
+        "axis": axis,
+        "scales": scales is not None,
+    }
+    metadata: dict[str, object] = {
         "unit": unit,
         "null": null,
         "low": low,
@@ -107,7 +114,7 @@ def from_robot(source: str, *, unit: str, high: float) -> Any:
     )
 
 
-def period(default: float) -> Any:
+def period(default: float) -> float:
     """Declares the period [s] at which an effect gets its signal.
 
     Not an effect in itself, so without null value.
@@ -136,7 +143,7 @@ class Effect(Generic[Signal]):
     site: ClassVar[Site]
 
     def __init_subclass__(
-        cls, name: str | None = None, site: Site | None = None, **rest: Any
+        cls, name: str | None = None, site: Site | None = None, **rest: object
     ) -> None:
         super().__init_subclass__(**rest)
         if name is not None:
@@ -254,14 +261,14 @@ class Effect(Generic[Signal]):
         )
 
 
-def like(values: PerRobot, array: Array, xp: Any) -> Array:
+def like(values: PerRobot, array: Array, xp: Namespace) -> Array:
     """A parameter in the form in which it combines with `array`: a float, or an array of its kind, type and device."""
     if isinstance(values, float | int):
         return values
     return xp.asarray(np.asarray(values), dtype=array.dtype, device=array.device)
 
 
-def per_image(value: PerRobot, array: Array, xp: Any) -> Array:
+def per_image(value: PerRobot, array: Array, xp: Namespace) -> Array:
     """A parameter in the form in which it combines with images: a float, or shape (..., 1, 1)."""
     found = like(value, array, xp)
     return found if isinstance(found, float | int) or found.ndim == 0 else found[..., None, None]
@@ -274,7 +281,7 @@ def pixels_within(value: PerRobot, images: Array) -> Iterator[tuple[int, Array]]
     return ((k, reach > k - 0.5) for k in range(1, greatest + 1))
 
 
-def map_arrays(function: Callable[..., Any], value: Any, *others: Any) -> Any:
+def map_arrays(function: Callable[..., Array], value: State, *others: State) -> State:
     """Applies `function` to every array in a signal or a state, e.g. to move it to torch or to pick one robot.
 
     With `others`, which are built alike, it gets their arrays too.
@@ -282,7 +289,8 @@ def map_arrays(function: Callable[..., Any], value: Any, *others: Any) -> Any:
     if value is None or isinstance(value, float | int):
         return value
     if isinstance(value, tuple):
-        return tuple(map_arrays(function, *items) for items in zip(value, *others, strict=True))
+        parts: Any = tuple(map_arrays(function, *each) for each in zip(value, *others, strict=True))
+        return parts
     # Asked last: torch.compile of torch 2.11 cannot ask it of None.
     if not dataclasses.is_dataclass(value) or isinstance(value, type):
         return function(value, *others)
@@ -294,12 +302,12 @@ def map_arrays(function: Callable[..., Any], value: Any, *others: Any) -> Any:
     return dataclasses.replace(value, **changes)
 
 
-def stacked(states: Sequence[Any]) -> Any:
+def stacked(states: Sequence[State]) -> State:
     """The states of single robots as that of a batch, in numpy."""
     return map_arrays(lambda *arrays: np.stack(arrays), *states)
 
 
-def _check(label: str, value: Any, metadata: Any) -> None:
+def _check(label: str, value: object, metadata: Mapping[str, Any]) -> None:
     """Checks a parameter against its declaration; the null value is always allowed."""
     try:
         numbers = np.asarray(value, dtype=float)
@@ -327,7 +335,7 @@ def _check(label: str, value: Any, metadata: Any) -> None:
         )
 
 
-def _equal(value: Any, null: Any) -> bool:
+def _equal(value: Values | str, null: Values) -> bool:
     """True where a parameter has its null value, in every entry."""
     if isinstance(null, tuple) or isinstance(value, str):
         return isinstance(value, tuple) and value == null

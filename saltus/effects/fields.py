@@ -5,13 +5,12 @@ the same numbers.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
-from saltus.arrays import Array, namespace
+from saltus.arrays import Array, Namespace, namespace
 from saltus.effects.draws import uniform
 
 # Two rounds of a 32-bit hash of low bias (as in saltus.effects.draws) on int32, whose products
@@ -31,11 +30,12 @@ def white(keys: Array, time_s: Array, shape: tuple[int, int]) -> Array:
         time_s: the instant [s], shape (...).
         shape: height and width.
     """
-    counters = _counters(namespace(time_s), shape, time_s.device)
+    # Of all namespaces that of floats alone has no hash, and times of images are arrays
+    counters = _counters(namespace(time_s), shape, time_s.device)  # type: ignore[arg-type]
     return _hashed(counters ^ _seeds(keys, time_s)[..., None, None])
 
 
-def unit_uniform(keys: Array, time_s: Array, shape: tuple[int, int], dtype: Any) -> Array:
+def unit_uniform(keys: Array, time_s: Array, shape: tuple[int, int], dtype: object) -> Array:
     """Independent uniform numbers in (0, 1) of the given type, shape (..., *shape)."""
     return _unit(white(keys, time_s, shape), dtype)
 
@@ -54,7 +54,7 @@ def _hashed(value: Array) -> Array:
     return value
 
 
-def _unit(value: Array, dtype: Any) -> Array:
+def _unit(value: Array, dtype: object) -> Array:
     result = namespace(value).astype(value >> 16, dtype)
     result += 2.0**15 + 0.5
     result *= 2.0**-16
@@ -62,7 +62,7 @@ def _unit(value: Array, dtype: Any) -> Array:
 
 
 def gaussian(
-    keys: Array, time_s: Array, shape: tuple[int, int], window: tuple[int, int], dtype: Any
+    keys: Array, time_s: Array, shape: tuple[int, int], window: tuple[int, int], dtype: object
 ) -> Array:
     """Normal numbers of mean 0 and variance 1 whose correlation falls linearly to 0 over `window`: a moving average.
 
@@ -166,7 +166,7 @@ def _cut(values: Array, start: int, length: int, axis: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _counters(xp: Any, shape: tuple[int, int], device: Any) -> Array:
+def _counters(xp: Namespace, shape: tuple[int, int], device: Hashable) -> Array:
     """A different int32 for every sample, shape `shape`."""
     count = np.arange(shape[0] * shape[1], dtype=np.uint32) * np.uint32(_GOLDEN)
     return xp.asarray(count.view(np.int32).reshape(shape), device=device)

@@ -2,12 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from saltus.arrays import namespace
+from saltus.arrays import Floats, namespace
 from saltus.effects.effect import Effect, parameter
 from saltus.effects.signals import HeightQuery
 from saltus.errors import ConfigError
@@ -26,12 +24,14 @@ class HeightmapShift(Effect[HeightQuery], name="heightmap_shift", site="heightma
     x_range: float = parameter(unit="m", null=0.0, low=0.0, high=0.5)
     z_range: float = parameter(unit="m", null=0.0, low=0.0, high=0.5)
 
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float64]:
+    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Floats:
         """The shifts (x, z) of each robot [m], shape (*batch, 2)."""
         draw = rng.uniform(-1.0, 1.0, size=(*batch, 2))
         return np.array([self.x, self.z]) + draw * np.array([self.x_range, self.z_range])
 
-    def apply(self, signal: HeightQuery, time_s: float, state: Any) -> tuple[HeightQuery, Any]:
+    def apply(
+        self, signal: HeightQuery, time_s: float, state: Floats
+    ) -> tuple[HeightQuery, Floats]:
         """Moves the places and the heights."""
         shift = namespace(signal.x).astype(state, signal.x.dtype)
         moved = HeightQuery(x=signal.x + shift[..., 0:1], offset=signal.offset + shift[..., 1:2])

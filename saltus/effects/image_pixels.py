@@ -5,11 +5,10 @@ images.
 """
 
 from dataclasses import replace
-from typing import Any
 
 from saltus.depth import D435I
 from saltus.effects.depth_errors import DepthNoise, EdgeHoles, HoleFill
-from saltus.effects.effect import Effect
+from saltus.effects.effect import Effect, PerRobot
 from saltus.effects.profile import Profile
 
 
@@ -45,6 +44,6 @@ def _scaled(effect: Effect, scale: float) -> Effect:
     return effect
 
 
-def _times(value: Any, scale: float) -> Any:
+def _times(value: PerRobot, scale: float) -> PerRobot:
     """A number, or one for each robot."""
-    return tuple(scale * each for each in value) if isinstance(value, tuple) else scale * value
+    return scale * value

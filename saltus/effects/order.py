@@ -1,12 +1,12 @@
 """Chains: effects in their order."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 
 from saltus.arrays import Array, namespace
-from saltus.effects.effect import Effect, Signal, map_arrays
+from saltus.effects.effect import Effect, Signal, State, map_arrays
 from saltus.errors import ConfigError
 
 Order: TypeAlias = tuple[type[Effect], ...]
@@ -54,21 +54,21 @@ class Chain:
         """State before the first signal where no effect draws anything: for actuators, IMUs and bodies."""
         return (None,) * len(self.effects)
 
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Any, ...]:
+    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[object, ...]:
         """State before the first signal, for `batch` robots."""
         return tuple(effect.init(batch, rng) for effect in self.effects)
 
 
 def applied(
-    effect: Effect, signal: Signal, time_s: Array, memory: Any, fresh: Array | None
-) -> tuple[Signal, Any]:
+    effect: Effect, signal: Signal, time_s: Array, memory: object, fresh: Array | None
+) -> tuple[Signal, object]:
     """`effect.apply` with a blank memory for robots that are `fresh`, bool, shape (...); None where none is."""
     if fresh is not None and memory is not None:
         memory = chosen_of(fresh, effect.first(signal), memory)
     return effect.apply(signal, time_s, memory)
 
 
-def chosen_of(robots: Array, new: Any, old: Any) -> Any:
+def chosen_of(robots: Array, new: State, old: State) -> State:
     """For `robots`, bool, shape (...), the arrays of one state, for the others those of another that is built alike."""
 
     def choose(one: Array, other: Array) -> Array:
@@ -83,8 +83,8 @@ class SignalChain(Chain):
     """Effects on one signal."""
 
     def step(
-        self, signal: Signal, time_s: Array, state: tuple[Any, ...], fresh: Array | None = None
-    ) -> tuple[Signal, tuple[Any, ...]]:
+        self, signal: Signal, time_s: Array, state: tuple[object, ...], fresh: Array | None = None
+    ) -> tuple[Signal, tuple[object, ...]]:
         """The signal, newest or repeated, after all effects at `time_s` in the run's clock, and their next states.
 
         Robots that are `fresh`, bool, shape (...), have had no signal before.

@@ -245,13 +245,13 @@ def _effect(part: str, name: str, values: Any) -> Effect:
     return kind(**{key: _value(f"{part}.{name}.{key}", value) for key, value in values.items()})
 
 
-def _table(where: str, value: Any) -> dict[str, Any]:
+def _table(where: str, value: object) -> dict[str, object]:
     if not isinstance(value, dict):
         raise ConfigError(f"'{where}' must be a table, not {value!r}")
     return value
 
 
-def _value(where: str, value: Any) -> Any:
+def _value(where: str, value: object) -> object:
     """Numbers as floats, lists as tuples."""
     if isinstance(value, list):
         return tuple(_value(where, item) for item in value)
@@ -260,7 +260,7 @@ def _value(where: str, value: Any) -> Any:
     return float(value)
 
 
-def _parameters(effect: Effect) -> dict[str, Any]:
+def _parameters(effect: Effect) -> dict[str, object]:
     values = {f.name: getattr(effect, f.name) for f in fields(effect)}
     for name, value in values.items():
         if isinstance(value, np.ndarray):

@@ -9,7 +9,6 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -139,7 +138,7 @@ def read_archive(path: Path, wanted: Sequence[str] | None = None) -> FileColumns
     return FileColumns(values=values)
 
 
-def opened_archive(path: Path) -> Any:
+def opened_archive(path: Path) -> np.lib.npyio.NpzFile:
     """An npz that is whole, to be used as a context manager; `RecordingError` where it is none."""
     if not zipfile.is_zipfile(path):
         raise RecordingError(
@@ -282,7 +281,7 @@ def _parsed(path: Path, form: _Form, places: list[int]) -> tuple[pa.Table, tuple
     raise ValueError(f"{row} has {uneven[3]} columns, the line of names {uneven[2]}")
 
 
-def _table(source: Any, form: _Form, places: list[int]) -> pa.Table:
+def _table(source: object, form: _Form, places: list[int]) -> pa.Table:
     """Columns with decimal points, or, where one cannot be read so, with commas."""
     # With threads and memory of its own Arrow keeps 40 MB after two hundred small logs; 30,000 rows
     # come no faster.
@@ -310,7 +309,7 @@ def _table(source: Any, form: _Form, places: list[int]) -> pa.Table:
     raise next((each for each in failures if UNEVEN.search(str(each))), failures[0])
 
 
-def _source(path: Path, form: _Form) -> Any:
+def _source(path: Path, form: _Form) -> object:
     """A text as Arrow reads it: bytes of UTF-8 or of ASCII, one separator between columns."""
     if form.separator != " " and not form.encoding.startswith("utf-16"):
         return path

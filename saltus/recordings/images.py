@@ -7,14 +7,19 @@ it is believed.
 import re
 import struct
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import AnyArray
 from saltus.depth import MILLIMETRE, NOTHING
 from saltus.errors import MessageError
+from saltus.recordings.ros_types import CameraInfo, CompressedImage, Image, RawImage
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 ENCODINGS = {"mono16": "u2", "16UC1": "u2", "32FC1": "f4"}
@@ -51,12 +56,17 @@ def is_rectified(topic: str) -> bool:
     return "rect" in words or "rectified" in words or "raw" not in words
 
 
-def encoding_of(image: Any) -> str:
+def is_raw(image: Image) -> "TypeIs[RawImage]":
+    """True for an Image, false for a CompressedImage."""
+    return hasattr(image, "encoding")
+
+
+def encoding_of(image: Image) -> str:
     """Encoding of an Image.
 
     Of a CompressedImage that of its pixels, and how they are compressed where that matters.
     """
-    if hasattr(image, "encoding"):
+    if is_raw(image):
         return str(image.encoding)
     encoding, _, form = str(image.format).partition(";")
     return (
@@ -64,20 +74,20 @@ def encoding_of(image: Any) -> str:
     )
 
 
-def is_depth(image: Any) -> bool:
+def is_depth(image: Image) -> bool:
     """True for an Image or a CompressedImage whose pixels are depth."""
-    if hasattr(image, "encoding"):
+    if is_raw(image):
         return image.encoding in ENCODINGS
     return "compressedDepth" in image.format or encoding_of(image) in ENCODINGS
 
 
-def pixels_of(image: Any) -> NDArray[Any]:
+def pixels_of(image: Image) -> AnyArray:
     """Pixels of an Image or a CompressedImage, shape (height, width): uint16, or float32 in metres.
 
     Raises:
         MessageError: it is no depth image, or has another size than it says.
     """
-    if not hasattr(image, "encoding"):
+    if not is_raw(image):
         return _unpacked(image)
     if image.encoding not in ENCODINGS:
         raise MessageError("encoding", f"'{image.encoding}', not one of {', '.join(ENCODINGS)}")
@@ -97,7 +107,7 @@ def pixels_of(image: Any) -> NDArray[Any]:
     return np.ascontiguousarray(rows).view(kind).astype(kind.newbyteorder("="), copy=False)
 
 
-def millimetres(pixels: NDArray[Any], unit_m: float | None = None) -> NDArray[np.uint16]:
+def millimetres(pixels: AnyArray, unit_m: float | None = None) -> NDArray[np.uint16]:
     """Whole millimetres of pixels: 0 where there is no depth, `NOTHING` where nothing is within range (REP 118).
 
     Args:
@@ -126,7 +136,7 @@ def millimetres(pixels: NDArray[Any], unit_m: float | None = None) -> NDArray[np
     return np.where(np.isinf(metres), NOTHING, whole).astype(np.uint16)
 
 
-def _unpacked(image: Any) -> NDArray[Any]:
+def _unpacked(image: CompressedImage) -> AnyArray:
     """Pixels of a CompressedImage of the transports `compressedDepth` and, as PNG, `compressed`."""
     data, encoding = bytes(image.data), encoding_of(image)
     at = data.find(PNG, 0, INVERSE.size + len(PNG))
@@ -162,7 +172,7 @@ class PixelIntrinsics:
     cy: float
 
 
-def intrinsics(info: Any, width: int, height: int, *, rectified: bool) -> PixelIntrinsics:
+def intrinsics(info: CameraInfo, width: int, height: int, *, rectified: bool) -> PixelIntrinsics:
     """The camera of images of a size, out of a `sensor_msgs/msg/CameraInfo` of ROS 1 or 2.
 
     Rectified images have the projection P, others the matrix K. Both are of the whole sensor;
@@ -200,7 +210,7 @@ def intrinsics(info: Any, width: int, height: int, *, rectified: bool) -> PixelI
     return PixelIntrinsics(fx, fy, cx, cy)
 
 
-def matrices_differ(info: Any) -> bool:
+def matrices_differ(info: CameraInfo) -> bool:
     """True for a CameraInfo whose K and P, both set, are two cameras: its lens distorts."""
     k, p = (
         np.asarray(getattr(info, name, getattr(info, name.upper(), ())), np.float64)

@@ -65,7 +65,7 @@ def _frames(reader: AnyReader, path: Path) -> Iterator[DepthFrame]:
         raise RecordingError(f"{path} holds no depth stream; it has: {there}")
     camera = _camera(reader, path, connections[0].topic.removesuffix(_IMAGE))
     for frame_id, (connection, _, raw) in enumerate(reader.messages(connections[:1])):
-        image: Any = reader.deserialize(_unpacked(raw), connection.msgtype)
+        image = reader.deserialize(_unpacked(raw), connection.msgtype)
         if (image.width, image.height) != (camera.width, camera.height):
             raise RecordingError(
                 f"{path}: images of {image.width}x{image.height} do not match the intrinsics, "
@@ -125,7 +125,7 @@ def _camera(reader: AnyReader, path: Path, stream: str) -> _Camera:
     return _Camera(lens, width, height, unit)
 
 
-def _first(reader: AnyReader, *topics: str) -> Any | None:
+def _first(reader: AnyReader, *topics: str) -> Any:
     """The first message of the first of these topics that is there; None where none is."""
     for topic in topics:
         connections = [c for c in reader.connections if c.topic == topic and c.msgcount]
@@ -135,7 +135,7 @@ def _first(reader: AnyReader, *topics: str) -> Any | None:
     return None
 
 
-def _unpacked(raw: Any) -> bytes:
+def _unpacked(raw: bytes | memoryview) -> bytes:
     data = bytes(raw)
     if not data.startswith(_ZSTD):
         return data

@@ -1,17 +1,18 @@
 """Messages in ROS 2's own types, made of ours: what viewers of recordings read, and other robots."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from saltus.arrays import Floats, Reals
+from saltus.arrays import AnyArray, Floats, Reals
 from saltus.constants import NORMAL_90
 from saltus.errors import MessageError
+from saltus.recordings.ros_types import Header, Message, Quaternion, Stamp, Vector
 from saltus.rotations import quaternion_from_roll_pitch_yaw, quaternion_product, rotation_matrix
 from saltus.wire import cdr, codec
 from saltus.wire.cdr import header
@@ -45,12 +46,12 @@ def add_types(definitions: dict[str, str]) -> None:
 
 add_types(GRID_MAP)
 
-_VECTOR: Any = STORE.types["geometry_msgs/msg/Vector3"]
-_POINT: Any = STORE.types["geometry_msgs/msg/Point"]
-QUATERNION: Any = STORE.types["geometry_msgs/msg/Quaternion"]
+_VECTOR: Callable[..., Vector] = STORE.types["geometry_msgs/msg/Vector3"]
+_POINT: Callable[..., Vector] = STORE.types["geometry_msgs/msg/Point"]
+QUATERNION: Callable[..., Quaternion] = STORE.types["geometry_msgs/msg/Quaternion"]
 """`geometry_msgs/msg/Quaternion` of x, y, z, w."""
-_TRANSFORM: Any = STORE.types["geometry_msgs/msg/Transform"]
-_STAMPED: Any = STORE.types["geometry_msgs/msg/TransformStamped"]
+_TRANSFORM: Callable[..., Message] = STORE.types["geometry_msgs/msg/Transform"]
+_STAMPED: Callable[..., Message] = STORE.types["geometry_msgs/msg/TransformStamped"]
 
 BASE, BASE_YAW, WORLD, CAMERA, ODOM = "base", "base_yaw", "world", "camera", "odom"
 """Frames: of the trunk, the same turned by the yaw alone, of the course, of the depth image (z along its axis), and of
@@ -74,7 +75,7 @@ def definition_of(type_name: str) -> str:
     return STORE.generate_msgdef(type_name, ros_version=2)[0]
 
 
-def payload_of(message: Any) -> bytes:
+def payload_of(message: Message) -> bytes:
     """A message as CDR."""
     return bytes(STORE.serialize_cdr(message, message.__msgtype__))
 
@@ -84,12 +85,12 @@ def hash_of(type_name: str) -> str:
     return str(STORE.hash_rihs01(type_name))
 
 
-def fields_of(type_name: str) -> list[tuple[str, tuple[str, Any]]]:
+def fields_of(type_name: str) -> list[tuple[str, tuple[str, object]]]:
     """Name and kind of each field: ("base", name), ("type", name), ("array", (kind, n)) or ("sequence", (kind, n))."""
     return [(name, _kind(description)) for name, description in STORE.fielddefs[type_name][1]]
 
 
-def _kind(description: Any) -> tuple[str, Any]:
+def _kind(description: tuple[Nodetype, Any]) -> tuple[str, object]:
     node, what = description
     if node == Nodetype.BASE:
         return "base", what[0]
@@ -108,33 +109,33 @@ def decode(type_name: str, payload: bytes) -> Any:
         raise MessageError("malformed", f"{type_name}: {error}") from error
 
 
-def time_of(stamp: Any) -> int:
+def time_of(stamp: Stamp) -> int:
     """Nanoseconds of a `builtin_interfaces/msg/Time`."""
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
-def make(type_name: str, **fields: Any) -> Any:
+def make(type_name: str, **fields: object) -> Message:
     """A message of a type of `STORE`."""
     return STORE.types[type_name](**fields)
 
 
-def vector(values: ArrayLike) -> Any:
+def vector(values: ArrayLike) -> Vector:
     """A `geometry_msgs/msg/Vector3`."""
     return _VECTOR(*np.asarray(values, np.float64).tolist())
 
 
-def point(values: ArrayLike) -> Any:
+def point(values: ArrayLike) -> Vector:
     """A `geometry_msgs/msg/Point`."""
     return _POINT(*np.asarray(values, np.float64).tolist())
 
 
-def quaternion(wxyz: ArrayLike) -> Any:
+def quaternion(wxyz: ArrayLike) -> Quaternion:
     """A `geometry_msgs/msg/Quaternion`, which has w last."""
     w, x, y, z = np.asarray(wxyz, np.float64).tolist()
     return QUATERNION(x, y, z, w)
 
 
-def place(head: Any, child: str, translation: Any, rotation: Any) -> Any:
+def place(head: Header, child: str, translation: Vector, rotation: Quaternion) -> Message:
     """A `geometry_msgs/msg/TransformStamped` from the frame of the header to another one."""
     return _STAMPED(head, child, _TRANSFORM(translation, rotation))
 
@@ -155,7 +156,7 @@ def optical(roll: float, pitch: float, yaw: float) -> tuple[float, float, float,
     return (w, x, y, z)
 
 
-def joint_state(time_ns: int, names: Sequence[str], state: RobotState) -> Any:
+def joint_state(time_ns: int, names: Sequence[str], state: RobotState) -> Message:
     """A `sensor_msgs/msg/JointState`."""
     values = (
         np.array(v, np.float64)
@@ -169,7 +170,7 @@ def joint_state(time_ns: int, names: Sequence[str], state: RobotState) -> Any:
     )  # fmt: skip
 
 
-def odometry(time_ns: int, base: str, position: Floats, state: RobotState) -> Any:
+def odometry(time_ns: int, base: str, position: Floats, state: RobotState) -> Message:
     """A `nav_msgs/msg/Odometry` of a frame in `odom`.
 
     Velocities are in the frame of the base, covariances unknown.
@@ -198,10 +199,10 @@ def usable_heights(heightmap: Heightmap) -> Reals:
     return height if heightmap.status in USABLE else np.full_like(height, np.nan)
 
 
-def points(time_ns: int, frame: str, **columns: ArrayLike) -> Any:
+def points(time_ns: int, frame: str, **columns: ArrayLike) -> Message:
     """A `sensor_msgs/msg/PointCloud2` of one row; `columns` are x, y, z and what else each point has, shape (n,)."""
     table = np.stack([np.asarray(values, np.float32) for values in columns.values()], axis=-1)
-    field: Any = STORE.types["sensor_msgs/msg/PointField"]
+    field = STORE.types["sensor_msgs/msg/PointField"]
     fields = [field(name, 4 * i, FLOAT32, 1) for i, name in enumerate(columns)]
     data = table.reshape(-1).view(np.uint8)
     return make(
@@ -212,7 +213,7 @@ def points(time_ns: int, frame: str, **columns: ArrayLike) -> Any:
     )  # fmt: skip
 
 
-def height_points(heightmap: Heightmap) -> Any:
+def height_points(heightmap: Heightmap) -> Message:
     """Predicted heights as points in the yaw frame, each with half of its 90 % interval, and its age where it is known.
 
     The age of a point that was never in an image is NaN.
@@ -226,7 +227,7 @@ def height_points(heightmap: Heightmap) -> Any:
     )  # fmt: skip
 
 
-def grid_map(heightmap: Heightmap) -> Any:
+def grid_map(heightmap: Heightmap) -> Message:
     """Predicted heights as a `grid_map_msgs/msg/GridMap` in the yaw frame: elevation, variance, half_width, age.
 
     Heights are relative to the base; age [s] is there where it is known, NaN of what was never in
@@ -284,8 +285,8 @@ def _between(table: Floats, sides: Sequence[Floats], cells: Sequence[Floats]) ->
     return np.stack([np.interp(cells[1], sides[1], row) for row in along])
 
 
-def _column_major(table: Floats) -> Any:
-    dimension: Any = STORE.types["std_msgs/msg/MultiArrayDimension"]
+def _column_major(table: Floats) -> Message:
+    dimension = STORE.types["std_msgs/msg/MultiArrayDimension"]
     rows, columns = table.shape
     sizes = [dimension("column_index", columns, rows * columns), dimension("row_index", rows, rows)]
     layout = make("std_msgs/msg/MultiArrayLayout", dim=sizes, data_offset=0)
@@ -297,8 +298,8 @@ def _column_major(table: Floats) -> Any:
 def marker(
     time_ns: int, frame: str, name: str, number: int, kind: int, *,
     rgba: Rgba, scale: ArrayLike, position: ArrayLike = (0.0, 0.0, 0.0), wxyz: ArrayLike = (1.0, 0.0, 0.0, 0.0),
-    places: Sequence[NDArray[Any]] | NDArray[Any] = (), locked: bool = False,
-) -> Any:  # fmt: skip
+    places: Sequence[AnyArray] | AnyArray = (), locked: bool = False,
+) -> Message:  # fmt: skip
     """A `visualization_msgs/msg/Marker`.
 
     One of a list of places takes away the earlier one where there are none.
@@ -326,6 +327,6 @@ def marker(
     )  # fmt: skip
 
 
-def marker_array(markers: list[Any]) -> Any:
+def marker_array(markers: Sequence[Message]) -> Message:
     """A `visualization_msgs/msg/MarkerArray`."""
     return make("visualization_msgs/msg/MarkerArray", markers=markers)

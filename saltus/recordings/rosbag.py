@@ -31,6 +31,16 @@ from saltus.recordings.images import (
     millimetres,
     pixels_of,
 )
+from saltus.recordings.rig_claims import CameraClaim, RigClaims
+from saltus.recordings.ros_types import (
+    CameraInfo,
+    Image,
+    Imu,
+    JointState,
+    Odometry,
+    Quaternion,
+    Vector,
+)
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, period_of
 from saltus.rotations import rotation_matrix
 
@@ -81,12 +91,13 @@ def read_rosbag(
     names, joints = _joints(chosen, received, left_out, notes)
     depth = _depth(path, received.pop("depth", []), size, notes)
     told = received["commands"] if len(received.get("commands", ())) > 1 else received["joints"]
-    meta: dict[str, Any] = {"joints": names, "control_dt": period_of(_times(told))}
+    meta: RigClaims = {"joints": names, "control_dt": period_of(_times(told))}
     if depth is not None and "camera_info" in received:
         camera = _camera(
             [each.message for each in received["camera_info"]], chosen["depth"], depth, notes
         )
-        meta |= {} if camera is None else {"camera": camera}
+        if camera is not None:
+            meta["camera"] = camera
     log = RunLog(
         meta=meta,
         joints=joints,
@@ -114,7 +125,7 @@ def _receive(
     for connection, arrival_ns, raw in tqdm(
         reader.messages(connections), desc=path.name, total=total, disable=None, leave=False
     ):
-        message: Any = reader.deserialize(raw, connection.msgtype)
+        message = reader.deserialize(raw, connection.msgtype)
         part, stamp = part_of[connection.topic], message.header.stamp
         if part == "camera_info" and len(received[part]) >= CAMERAS_MAX:
             continue
@@ -140,19 +151,19 @@ class _Joints(NamedTuple):
     effort: Floats
 
 
-def _joint_row(message: Any) -> _Joints:
+def _joint_row(message: JointState) -> _Joints:
     values = (np.array(getattr(message, field), np.float64) for field in _Joints._fields[1:])
     return _Joints(tuple(map(sys.intern, message.name)), *values)
 
 
-def _imu_row(message: Any) -> Floats:
+def _imu_row(message: Imu) -> Floats:
     """Orientation, rate and acceleration of an Imu; NaN for an orientation that it says it does not have."""
     has_none = message.orientation_covariance[0] == -1.0  # sensor_msgs/Imu
     turned = (np.nan,) * 4 if has_none else _wxyz(message.orientation)
     return np.array([*turned, *_xyz(message.angular_velocity), *_xyz(message.linear_acceleration)])
 
 
-def _base_row(message: Any) -> Floats:
+def _base_row(message: Odometry) -> Floats:
     """Position, orientation and the velocity in the child's own frame of an Odometry."""
     pose = message.pose.pose
     return np.array(
@@ -160,7 +171,7 @@ def _base_row(message: Any) -> Floats:
     )
 
 
-KEPT: dict[str, Callable[[Any], Any]] = {
+KEPT: dict[str, Callable[[Any], object]] = {
     "joints": _joint_row, "commands": _joint_row, "imu": _imu_row, "base": _base_row,
     "camera_info": lambda info: info,
 }  # fmt: skip
@@ -175,7 +186,7 @@ class _Images:
         self._bytes = self._kept = 0
         self._refused: Counter[str] = Counter()
 
-    def kept(self, image: Any) -> NDArray[np.uint16] | None:
+    def kept(self, image: Image) -> NDArray[np.uint16] | None:
         """Pixels in whole millimetres; None for an image that cannot be read."""
         try:
             pixels = _measured(millimetres(pixels_of(image), self._unit_m))
@@ -208,7 +219,7 @@ def _measured(depth: NDArray[np.uint16]) -> NDArray[np.uint16]:
     return np.where(depth == NOTHING, 0, depth).astype(np.uint16)
 
 
-_Rows = list[tuple[int, int, Any]]
+_Rows = list[tuple[int, int, object]]
 """Arrival and stamp [ns], and what is kept of a message."""
 
 
@@ -393,7 +404,7 @@ def _depth(
     stamped = bool(np.any(age_s))
     if not stamped:
         notes.append("images bear no stamps: how old they are when they come is not known")
-    images: list[Any] = [each.message for each in messages]
+    images: list[NDArray[np.uint16] | None] = [each.message for each in messages]
     messages.clear()
     depth = np.empty((int(right.sum()), *shape), np.uint16)
     for row, place in enumerate(np.flatnonzero(right)):
@@ -407,8 +418,8 @@ def _depth(
 
 
 def _camera(
-    infos: Sequence[Any], topic: str, depth: DepthTable, notes: list[str]
-) -> dict[str, Any] | None:
+    infos: Sequence[CameraInfo], topic: str, depth: DepthTable, notes: list[str]
+) -> CameraClaim | None:
     """The first calibration that fits the images."""
     height, width = depth.depth_mm.shape[1:]
     rate = 1.0 / period_of(depth.arrival_s) if len(depth.arrival_s) > 1 else 0.0
@@ -426,16 +437,24 @@ def _camera(
                 else ("K", "raw, so that its lens distorts")
             )
             notes.append(f"K and P of the camera differ: {chosen} is taken, as {topic} is {kind}")
-        return {**vars(found), "width": width, "height": height, "rate": rate}
+        return {
+            "fx": found.fx,
+            "fy": found.fy,
+            "cx": found.cx,
+            "cy": found.cy,
+            "width": width,
+            "height": height,
+            "rate": rate,
+        }
     notes.append(
         f"the camera is not known: {reason}; say fx, fy, cx, cy, width, height in [claims.camera]"
     )
     return None
 
 
-def _xyz(vector: Any) -> tuple[float, float, float]:
+def _xyz(vector: Vector) -> tuple[float, float, float]:
     return vector.x, vector.y, vector.z
 
 
-def _wxyz(quaternion: Any) -> tuple[float, float, float, float]:
+def _wxyz(quaternion: Quaternion) -> tuple[float, float, float, float]:
     return quaternion.w, quaternion.x, quaternion.y, quaternion.z

@@ -4,10 +4,12 @@ The simulator that a log is compared with is built from these claims, so each of
 before anything else.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from saltus.errors import RecordingError
+from saltus.recordings.rig_claims import SegmentClaim
 from saltus.recordings.units import stated_units
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
@@ -62,7 +64,7 @@ def claim_of(robot: Robot) -> str:
     return robot.name if is_shipped else f"{robot.name}.xml"
 
 
-def check_claims(meta: dict[str, Any]) -> None:
+def check_claims(meta: Mapping[str, object]) -> None:
     """Checks all claims of a run log.
 
     Raises:
@@ -113,7 +115,7 @@ def check_claims(meta: dict[str, Any]) -> None:
     segments(meta)
 
 
-def segments(meta: dict[str, Any]) -> list[dict[str, Any]]:
+def segments(meta: Mapping[str, object]) -> list[SegmentClaim]:
     """Segments that a log's meta.json names, beside `excitation` or within it.
 
     None if it names none.
@@ -142,7 +144,7 @@ def segments(meta: dict[str, Any]) -> list[dict[str, Any]]:
     return named
 
 
-def _check_camera(camera: dict[str, Any]) -> None:
+def _check_camera(camera: Mapping[str, object]) -> None:
     if not camera:
         return
     _check(camera, "camera.", CAMERA)
@@ -150,7 +152,7 @@ def _check_camera(camera: dict[str, Any]) -> None:
     _check_vector(camera, "position", PLACE, "camera.")
 
 
-def _check_terrain(terrain: Any) -> None:
+def _check_terrain(terrain: object) -> None:
     if terrain is None or terrain == "flat":
         return
     if not isinstance(terrain, list) or not all(isinstance(box, dict) for box in terrain):
@@ -166,13 +168,13 @@ def _check_terrain(terrain: Any) -> None:
                 )
 
 
-def _check(table: dict[str, Any], where: str, ranges: dict[str, Range]) -> None:
+def _check(table: Mapping[str, object], where: str, ranges: dict[str, Range]) -> None:
     for key, allowed in ranges.items():
         if not _is_within(table.get(key), allowed):
             raise _refused(where + key, table.get(key), _range(allowed))
 
 
-def _check_optional(table: dict[str, Any], where: str, ranges: dict[str, Range]) -> None:
+def _check_optional(table: Mapping[str, object], where: str, ranges: dict[str, Range]) -> None:
     _check(
         table,
         where,
@@ -180,7 +182,7 @@ def _check_optional(table: dict[str, Any], where: str, ranges: dict[str, Range])
     )
 
 
-def _check_vector(table: dict[str, Any], key: str, allowed: Range, where: str = "") -> None:
+def _check_vector(table: Mapping[str, object], key: str, allowed: Range, where: str = "") -> None:
     values = table.get(key)
     if (
         not isinstance(values, list)
@@ -190,7 +192,7 @@ def _check_vector(table: dict[str, Any], key: str, allowed: Range, where: str = 
         raise _refused(where + key, values, f"three numbers, {_range(allowed)}")
 
 
-def _table(meta: dict[str, Any], key: str) -> dict[str, Any]:
+def _table(meta: Mapping[str, object], key: str) -> dict[str, object]:
     table = meta.get(key)
     if table is not None and not isinstance(table, dict):
         raise _refused(key, table, "an object with named values")
@@ -208,12 +210,12 @@ def _range(allowed: Range) -> str:
     return f"{low:g} to {high:g} {unit}".rstrip()
 
 
-def _refused(key: str, value: Any, allowed: str) -> RecordingError:
+def _refused(key: str, value: object, allowed: str) -> RecordingError:
     said = "is missing" if value is None else f"is {_shown(value)}"
     return RecordingError(f"meta.json: '{key}' {said}; allowed is {allowed}")
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     """A value in a message, however long it is."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

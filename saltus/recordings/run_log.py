@@ -14,7 +14,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pyarrow as pa
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.recordings.columns import opened_archive, read_archive, read_parquet, read_text
+from saltus.recordings.rig_claims import RigClaims
 from saltus.recordings.run_claims import check_claims, claim_of
 from saltus.recordings.units import FARTHEST_MM, in_si, stated_units
 from saltus.robots.robot import LEGS, Robot
@@ -101,7 +102,7 @@ class DepthTable:
 class RunLog:
     """A run log as it lies on disk."""
 
-    meta: dict[str, Any]
+    meta: RigClaims
     """Contents of meta.json: what is claimed of the rig."""
     joints: JointTable
     imu: Table | None = None
@@ -188,7 +189,7 @@ def read_run_log(directory: Path) -> RunLog:
     return in_si(log, stated_units(meta))
 
 
-def read_claims(directory: Path) -> dict[str, Any]:
+def read_claims(directory: Path) -> RigClaims:
     """Contents of meta.json.
 
     Raises:
@@ -223,7 +224,7 @@ def read_claims(directory: Path) -> dict[str, Any]:
         check_claims(meta)
     except RecordingError as error:
         raise RecordingError(f"{directory}: {error}") from error
-    return meta
+    return cast(RigClaims, meta)
 
 
 def _write(path: Path, columns: Sequence[str], table: Table) -> None:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from saltus.arrays import Floats
 from saltus.errors import RecordingError
 from saltus.recordings.recorder import RECORDING_FILE
 from saltus.recordings.recording import Recording, is_recording, read_recording
+from saltus.recordings.rig_claims import CameraClaim, RigClaims, SegmentClaim
 from saltus.recordings.run_claims import SCHEMA, claim_of
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, write_run_log
 from saltus.robots.robot import JOINTS
@@ -82,10 +82,15 @@ def _collect(recording: Recording) -> RunLog:
 
 def _meta(
     recording: Recording, logs: list[JointLog], frames: list[DepthFrame], *, is_simulated: bool
-) -> dict[str, Any]:
+) -> RigClaims:
     last = logs[-1].time_ns * 1e-9 + logs[-1].dt_s * len(logs[-1].position)
-    segment = {"name": "run", "t0": logs[0].time_ns * 1e-9, "t1": last, "condition": "run"}
-    meta: dict[str, Any] = {
+    segment: SegmentClaim = {
+        "name": "run",
+        "t0": logs[0].time_ns * 1e-9,
+        "t1": last,
+        "condition": "run",
+    }
+    meta: RigClaims = {
         "schema": SCHEMA,
         "robot": claim_of(recording.robot),
         "base": "free",
@@ -113,12 +118,14 @@ def _meta(
     return meta
 
 
-def _camera(recording: Recording, frame: DepthFrame, latency_s: float) -> dict[str, Any]:
+def _camera(recording: Recording, frame: DepthFrame, latency_s: float) -> CameraClaim:
     height, width = frame.depth.shape
     robot, camera = recording.robot, recording.camera
-    intrinsics = {name: float(getattr(frame, name)) for name in ("fx", "fy", "cx", "cy")}
     return {
-        **intrinsics,
+        "fx": float(frame.fx),
+        "fy": float(frame.fy),
+        "cx": float(frame.cx),
+        "cy": float(frame.cy),
         "width": width,
         "height": height,
         "position": robot.camera_position.tolist(),
@@ -158,7 +165,7 @@ def _row_times(logs: list[JointLog]) -> Floats:
     return np.interp(rows, first, starts_s) + logs[-1].dt_s * np.maximum(rows - first[-1], 0)
 
 
-def _table(times_ns: list[int], rows: Sequence[Any]) -> Table | None:
+def _table(times_ns: list[int], rows: Sequence[object]) -> Table | None:
     if not times_ns:
         return None
     return Table(time_s=np.array(times_ns) * 1e-9, values=np.array(rows, dtype=np.float64))

@@ -5,13 +5,14 @@ that is flipped).
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.arrays import Floats
+from saltus.arrays import AnyArray, Floats
 from saltus.config import from_table
 from saltus.depth import MILLIMETRE
 from saltus.errors import ConfigError, RecordingError, nearest_hint
@@ -160,7 +161,7 @@ def _value(key: str, unit: Unit, units: dict[str, float]) -> float:
     return float(unit)
 
 
-def stated_units(meta: dict[str, Any]) -> Units:
+def stated_units(meta: Mapping[str, object]) -> Units:
     """Units that the claims of a run log state; SI units where they state none.
 
     Raises:
@@ -215,7 +216,7 @@ def _table(name: str, table: Any, units: Units) -> Any:
     return replace(table, time_s=units.seconds * table.time_s, values=values)
 
 
-def millimetres(steps: NDArray[Any], unit_m: float) -> NDArray[np.uint16]:
+def millimetres(steps: AnyArray, unit_m: float) -> NDArray[np.uint16]:
     """Depth images of steps of `unit_m` [m], of any shape, in whole millimetres; 0 stays 0."""
     if unit_m == MILLIMETRE:
         return steps.astype(np.uint16)

@@ -10,7 +10,6 @@ import math
 from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +19,7 @@ from saltus.arrays import Floats
 from saltus.constants import FORCE_M_PER_N, LOADED_N
 from saltus.footholds import Footholds
 from saltus.recordings import ros_messages as ros
+from saltus.recordings import ros_types
 from saltus.recordings.ros_messages import BASE, BASE_YAW, CAMERA, WORLD
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import LINKS, Robot
@@ -220,7 +220,7 @@ class Viewer:
             places = ros.points(heightmap.time_ns, BASE_YAW, x=x, y=y, z=truth.height)
             yield _message("/viewer/true_heights", places)
 
-    def _transforms(self, body: GroundTruth | RobotState, position: Any) -> ViewerMessage:
+    def _transforms(self, body: GroundTruth | RobotState, position: ArrayLike) -> ViewerMessage:
         """Where the base is, and in one of `LEGS_EVERY` where its links are."""
         turned, time_ns = np.asarray(body.quaternion_base_in_world), body.time_ns
         where, head = ros.vector(position), header(time_ns, WORLD)
@@ -233,7 +233,7 @@ class Viewer:
             transforms += self._frames.links(time_ns, body.joint_position)
         return _message("/viewer/tf", ros.make("tf2_msgs/msg/TFMessage", transforms=transforms))
 
-    def _robot_markers(self) -> Iterator[Any]:
+    def _robot_markers(self) -> Iterator[ros_types.Message]:
         for number, part in enumerate(self._looks.primitives):
             frame = BASE if part.body == TRUNK else part.body
             yield ros.marker(
@@ -242,7 +242,7 @@ class Viewer:
                 wxyz=part.quaternion, locked=True,
             )  # fmt: skip
 
-    def _terrain_markers(self) -> Iterator[Any]:
+    def _terrain_markers(self) -> Iterator[ros_types.Message]:
         boxes = self._terrain.arrays
         rows = zip(boxes.center, 2.0 * boxes.half_size, boxes.quaternion, strict=True)
         for number, (centre, size, turned) in enumerate(rows):
@@ -258,7 +258,7 @@ class Viewer:
         feet = self._legs.position(np.asarray(state.joint_position, dtype=np.float64))
         return np.asarray(feet @ rotation_matrix(turned).T @ yaw)
 
-    def _contacts(self, state: RobotState) -> Iterator[Any]:
+    def _contacts(self, state: RobotState) -> Iterator[ros_types.Message]:
         feet = self._feet(state)
         standing = feet[np.asarray(state.leg_contact)]
         yield _dots(state, "stance", 0, STANCE, standing)
@@ -268,7 +268,7 @@ class Viewer:
         up[:, 2] = FORCE_M_PER_N * force[loaded]
         yield _lines(state, "force", 1, FORCE, feet[loaded], feet[loaded] + up)
 
-    def _planned(self, state: RobotState) -> Iterator[Any]:
+    def _planned(self, state: RobotState) -> Iterator[ros_types.Message]:
         feet, planned = self._feet(state), np.full((4, 3), np.nan)
         if self._plan is not None:
             planned = self._footholds.planned(state, self._plan, self._heightmap)
@@ -276,7 +276,7 @@ class Viewer:
         yield _dots(state, "target", 0, PLANNED, planned[swings])
         yield _lines(state, "way", 1, PLANNED, feet[swings], planned[swings])
 
-    def _numbers(self, state: RobotState, arrival_ns: int) -> Any:
+    def _numbers(self, state: RobotState, arrival_ns: int) -> ros_types.Message:
         truth = self._truths[-1] if self._truths else None
         heightmap, plan, errors = self._heightmap, self._plan, self._errors
         velocity = np.asarray((truth or state).velocity_base_in_world)
@@ -332,11 +332,11 @@ class RobotFrames:
             ros.quaternion(ros.optical(robot.camera_roll, robot.camera_pitch, robot.camera_yaw)),
         )
 
-    def camera(self, time_ns: int) -> Any:
+    def camera(self, time_ns: int) -> ros_types.Message:
         """The camera, z along its optical axis, on the base."""
         return ros.place(header(time_ns, self._base), CAMERA, *self._camera)
 
-    def links(self, time_ns: int, joint_position: ArrayLike) -> list[Any]:
+    def links(self, time_ns: int, joint_position: ArrayLike) -> list[ros_types.Message]:
         """The links of the legs, each in the frame of the one before it.
 
         Joint positions [rad], shape (12,).
@@ -354,7 +354,9 @@ class RobotFrames:
         return places
 
 
-def _dots(state: RobotState, name: str, number: int, rgba: ros.Rgba, places: Floats) -> Any:
+def _dots(
+    state: RobotState, name: str, number: int, rgba: ros.Rgba, places: Floats
+) -> ros_types.Message:
     return ros.marker(
         state.time_ns,
         BASE_YAW,
@@ -369,7 +371,7 @@ def _dots(state: RobotState, name: str, number: int, rgba: ros.Rgba, places: Flo
 
 def _lines(
     state: RobotState, name: str, number: int, rgba: ros.Rgba, start: Floats, end: Floats
-) -> Any:
+) -> ros_types.Message:
     places = list(np.stack([start, end], axis=1).reshape(-1, 3))
     return ros.marker(
         state.time_ns,
@@ -383,5 +385,5 @@ def _lines(
     )
 
 
-def _message(topic: str, wire: Any) -> ViewerMessage:
+def _message(topic: str, wire: ros_types.Message) -> ViewerMessage:
     return ViewerMessage(topic, wire.__msgtype__, ros.payload_of(wire))

@@ -1,7 +1,6 @@
 """Parts that figures of several reports share: colours, axes, the ground, and lines where feet stand."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -22,7 +21,7 @@ def laid_out(
     x: str = "",
     y: str = "",
     legend_y: float | None = None,
-    **layout: Any,
+    **layout: object,
 ) -> go.Figure:
     """The figure itself, with its height [px], titles of its axes, and a flat legend from `legend_y` up."""
     if x:

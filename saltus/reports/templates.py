@@ -3,10 +3,10 @@
 import base64
 import math
 from pathlib import Path
-from typing import Any
 
 import jinja2
-from numpy.typing import NDArray
+
+from saltus.arrays import AnyArray
 
 TEMPLATES = jinja2.Environment(
     loader=jinja2.FileSystemLoader(Path(__file__).parent, encoding="utf-8"),
@@ -18,7 +18,7 @@ TEMPLATES = jinja2.Environment(
 """Text becomes HTML by itself; a name that nobody gave is an error."""
 
 
-def data_url(kind: str, data: bytes | NDArray[Any]) -> str:
+def data_url(kind: str, data: bytes | AnyArray) -> str:
     """A picture as the source of an <img>: the bytes of a file of this kind, e.g. "jpeg"."""
     return f"data:image/{kind};base64,{base64.b64encode(bytes(data)).decode()}"
 

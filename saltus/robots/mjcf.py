@@ -271,10 +271,10 @@ class _Deriver:
         detail = f"of {missing}: taken as none" if missing else ""
         return self._take(name, found, "missing" if missing else "model", detail)
 
-    def _guess(self, name: str, value: Any) -> Any:
+    def _guess(self, name: str, value: object) -> Any:
         return self._take(name, value, "guessed", "scaled to size and mass")
 
-    def _take(self, name: str, value: Any, kind: Kind, detail: str = "") -> Any:
+    def _take(self, name: str, value: object, kind: Kind, detail: str = "") -> Any:
         """Returns what the TOML says of a field, else `value`."""
         given = getattr(self._given, name)
         self._note(name, kind if given is None else "toml", detail if given is None else "")

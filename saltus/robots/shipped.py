@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from saltus.config import UNNAMED
 from saltus.errors import ConfigError, nearest_hint
@@ -19,7 +18,7 @@ REFERENCE = "go1"
 (`saltus.robots.similarity`)."""
 
 
-def robot_name_in(table: Mapping[str, Any]) -> str:
+def robot_name_in(table: Mapping[str, object]) -> str:
     """Name of the robot in a table of a file; where it names none, the first that Saltus shipped.
 
     Files that name none were written before there were others (`saltus.config.UNNAMED`).

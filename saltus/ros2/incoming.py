@@ -16,6 +16,7 @@ from saltus.depth import MILLIMETRE
 from saltus.errors import ConfigError, MessageError, nearest_hint
 from saltus.recordings import ros_messages as ros
 from saltus.recordings.images import COMPRESSED, intrinsics, is_rectified, millimetres, pixels_of
+from saltus.recordings.ros_types import Image, JointState, Vector
 from saltus.recordings.units import check_depth_unit
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot
@@ -203,7 +204,7 @@ class RosIntake:
             if kind not in self._newest or self._newest[kind].time_ns < oldest_ns
         ]
 
-    def _image(self, image: Any, time_ns: int, camera: str) -> DepthFrame:
+    def _image(self, image: Image, time_ns: int, camera: str) -> DepthFrame:
         of_camera = "camera_info" + (f"/{camera}" if camera else "")
         if of_camera not in self._newest:
             raise MessageError("no_camera_info")
@@ -224,7 +225,7 @@ class RosIntake:
             **vars(lens),
         )
 
-    def _order(self, joints: Any) -> list[int]:
+    def _order(self, joints: JointState) -> list[int]:
         """Where each of our joints is among theirs."""
         theirs = {name.removesuffix("_joint"): place for place, name in enumerate(joints.name)}
         for name in (name.removesuffix("_joint") for name in self._names):
@@ -239,12 +240,12 @@ class RosIntake:
             )
         return order
 
-    def _ordered(self, values: Any, order: list[int]) -> Floats:
+    def _ordered(self, values: Floats, order: list[int]) -> Floats:
         """Counted our way; zeros where they do not say it."""
         if len(values) <= max(order):
             return np.zeros(len(JOINTS))
         return np.asarray(np.asarray(values, dtype=np.float64)[order] * self._robot.joint_sign)
 
 
-def _vector(vector: Any) -> Floats:
+def _vector(vector: Vector) -> Floats:
     return np.array([vector.x, vector.y, vector.z])

@@ -5,7 +5,6 @@ Never of what only a simulator knows.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.recordings import ros_messages as ros
 from saltus.recordings.ros_messages import BASE, BASE_YAW, ODOM
+from saltus.recordings.ros_types import Message
 from saltus.recordings.viewer import RobotFrames
 from saltus.robots.robot import JOINTS, Robot
 from saltus.ros2.wall_clock import WallClock
@@ -55,7 +55,7 @@ class Outgoing:
 
     topic: str
     """Below the namespace, or "/tf"."""
-    message: Any
+    message: Message
 
 
 class Exporter:

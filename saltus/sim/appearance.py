@@ -5,10 +5,10 @@ measurement.
 """
 
 from functools import partial
-from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from saltus.robots.robot import LEGS, Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
@@ -234,7 +234,9 @@ def _scale(robot: Robot) -> float:
     return robot.leg_length / 0.426
 
 
-def _add(body: mujoco.MjsBody, scale: float, shape: mujoco.mjtGeom, rgba: Rgba, **how: Any) -> None:
+def _add(
+    body: mujoco.MjsBody, scale: float, shape: mujoco.mjtGeom, rgba: Rgba, **how: ArrayLike
+) -> None:
     """Adds a shape that is only seen; lengths are in units of `scale`."""
     lengths = {
         key: np.asarray(how.pop(key)) * scale for key in ("pos", "size", "fromto") if key in how

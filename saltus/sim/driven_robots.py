@@ -1,14 +1,14 @@
 """Robots with drives and IMUs: what one plant and a batch of plants do alike around their physics."""
 
 from abc import ABC, abstractmethod
-from typing import Any
+from types import EllipsisType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.constants import GRAVITY
-from saltus.effects.chain import ActuatorChain, ImuChain, Torques
+from saltus.effects.chain import ActuatorChain, ActuatorState, ImuChain, Torques
 from saltus.effects.compiled_chain import CompiledChain
 from saltus.effects.imu import ImuReading
 from saltus.effects.order import chosen_of
@@ -40,7 +40,8 @@ class DrivenRobots(ABC):
     ) -> None:
         self.robot, self._batch = robot, batch
         self._chain, self._imu_chain = (chain or ActuatorChain()).fitted(robot), imu or ImuChain()
-        self._actuators, self._imu_state = self._chain.blank, self._imu_chain.blank
+        self._actuators: ActuatorState = self._chain.blank
+        self._imu_state: tuple[object, ...] = self._imu_chain.blank
         self._drives: ActuatorChain | CompiledChain = self._chain
         self._fresh: NDArray[np.bool_] | None = None  # reset since the last step, where some were
         self._state: PlantState
@@ -113,7 +114,7 @@ class DrivenRobots(ABC):
         )
         return state
 
-    def _forget(self, robots: Any = ...) -> None:
+    def _forget(self, robots: NDArray[np.integer | np.bool_] | EllipsisType = ...) -> None:
         """Has drives and IMUs of robots that are being reset start with blank memories."""
         fresh = np.zeros(self._batch, dtype=np.bool_) if self._fresh is None else self._fresh
         fresh[robots] = True

@@ -6,10 +6,11 @@ same lines.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from saltus.arrays import Array, Constant, namespace
 from saltus.effects.body import BodyModel
@@ -19,10 +20,12 @@ from saltus.terrain.boxes import Boxes
 
 Field = Callable[[str], Array]
 """A live array by its name in `mujoco.MjModel`."""
-Robots = tuple[Any, ...]
+Rows: TypeAlias = NDArray[np.integer | np.bool_] | slice
+Robots: TypeAlias = tuple[()] | tuple[Rows]
 """Which robots: an index into the leading dimension of fields; empty where they have none."""
 
-EVERYONE: Robots = (slice(None),)
+ALL = slice(None)
+EVERYONE: Robots = (ALL,)
 BASE_DOF = 6
 
 

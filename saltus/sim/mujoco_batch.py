@@ -1,7 +1,6 @@
 """MuJoCo's own batch of many robots on the cores of a CPU; plants and training build on it."""
 
 from dataclasses import fields
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -10,7 +9,7 @@ from mujoco.batch import Batch
 from saltus.arrays import Array, Floats
 from saltus.effects.body import BodyModel
 from saltus.robots.robot import Robot
-from saltus.sim.layout import EVERYONE, ModelLayout
+from saltus.sim.layout import ALL, ModelLayout, Rows
 from saltus.terrain.boxes import Boxes
 
 
@@ -51,7 +50,7 @@ class MujocoBatch:
         array = self.batch.expand(name)
         return array.reshape(self.count, -1, 2, 3) if name == "geom_aabb" else array
 
-    def set_terrain(self, boxes: Boxes, robots: Any = EVERYONE[0]) -> None:
+    def set_terrain(self, boxes: Boxes, robots: Rows = ALL) -> None:
         """Puts boxes under robots; arrays of shape (n, boxes, ...)."""
         boxes = boxes.like(self.qpos)
         where = (robots, self.layout.terrain)
@@ -65,7 +64,7 @@ class MujocoBatch:
                 self.model, boxes
             )
 
-    def set_bodies(self, body: BodyModel, robots: Any = EVERYONE[0]) -> None:
+    def set_bodies(self, body: BodyModel, robots: Rows = ALL) -> None:
         """Gives robots their bodies and their ground; arrays of shape (n, ...).
 
         See also `derive`.
@@ -78,7 +77,7 @@ class MujocoBatch:
         self.batch.set_const(robots)
 
     def set_joints(
-        self, friction: Array, damping: Array, armature: Array | float, robots: Any = EVERYONE[0]
+        self, friction: Array, damping: Array, armature: Array | float, robots: Rows = ALL
     ) -> None:
         """Dry friction [Nm], viscous friction [Nm s/rad], inertia beyond the model's [kg m^2].
 

@@ -1,8 +1,7 @@
 """A recorded run as a video: the robot, the terrain, and on it what the robot believed the terrain to be."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import cv2
 import imageio_ffmpeg
@@ -69,7 +68,7 @@ def render_run(
         fps: Frames per second of simulated time.
 
     Yields:
-        Pictures, shape (height, width, 3), uint8, first row on top.
+        NDArray[np.uint8]s, shape (height, width, 3), uint8, first row on top.
 
     Raises:
         SaltusError: there is no sample, or no way to draw.
@@ -135,11 +134,11 @@ def write_video(
 
     Args:
         path: Of the file, which is replaced.
-        frames: Pictures of shape (height, width, 3), uint8.
+        frames: NDArray[np.uint8]s of shape (height, width, 3), uint8.
         size: Width and height [px], multiples of 16.
         fps: Frames per second.
     """
-    writer: Any = imageio_ffmpeg.write_frames(
+    writer: Generator[None, NDArray[np.uint8] | None] = imageio_ffmpeg.write_frames(
         str(path),
         size,
         fps=fps,

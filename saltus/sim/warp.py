@@ -1,7 +1,5 @@
 """The physics of training on a GPU: mujoco_warp, its memory seen through torch, its step in a CUDA graph."""
 
-from typing import Any
-
 import mujoco
 import mujoco_warp
 import warp
@@ -147,7 +145,7 @@ class WarpEngine(Engine):
         self._shape_of_geom = xp.asarray(shape_of_geom, dtype=xp.int64, device=self.qpos.device)
         self._slots = xp.arange(self._contact_geom.shape[0], device=self.qpos.device)
 
-    def _capture(self) -> Any:
+    def _capture(self) -> object:
         mujoco_warp.step(self._model, self._data)  # compiles the kernels
         with warp.ScopedCapture() as capture:
             mujoco_warp.step(self._model, self._data)

@@ -7,7 +7,6 @@ A box is turned about its centre: by `pitch` about y (nose down positive, as of 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -133,7 +132,7 @@ class Boxes:
         return cls(center=0.5 * (high + low), half_size=0.5 * (high - low), turn=turn)
 
     @classmethod
-    def from_tables(cls, tables: Sequence[Mapping[str, Any]]) -> "Boxes":
+    def from_tables(cls, tables: Sequence[Mapping[str, object]]) -> "Boxes":
         """From the boxes of a run log: `center` and full `size` [m], `pitch` and `yaw` [rad] where they are not 0."""
         center, size = (
             np.array([t[key] for t in tables], dtype=np.float64).reshape(-1, 3)
@@ -144,7 +143,7 @@ class Boxes:
         ).reshape(-1, 2)
         return cls(center=center, half_size=0.5 * size, turn=turn if turn.any() else None)
 
-    def to_tables(self) -> list[dict[str, Any]]:
+    def to_tables(self) -> list[dict[str, object]]:
         """Returns what `from_tables` reads, of numpy arrays without leading dimensions."""
         rows = zip(
             self.center.tolist(), (2.0 * self.half_size).tolist(), self.angles.tolist(), strict=True

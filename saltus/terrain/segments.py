@@ -7,7 +7,7 @@ metres, angles in radians.
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -286,7 +286,7 @@ SEGMENTS = {
 }
 
 
-def segment_of(table: Any, where: str) -> Segment:
+def segment_of(table: object, where: str) -> Segment:
     """The segment of a table of a TOML file; `ConfigError` names what is wrong, and where."""
     if not isinstance(table, dict) or table.get("kind") not in SEGMENTS:
         kind = table.get("kind") if isinstance(table, dict) else table

@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -179,7 +178,7 @@ def checked(terrain: Terrain, where: str) -> Terrain:
     return terrain
 
 
-def _by_corners(box: Any, where: str) -> Any:
+def _by_corners(box: object, where: str) -> object:
     if not isinstance(box, dict) or "center" not in box:
         return box
     given = from_table(_CentredBox, box, where)

@@ -25,7 +25,7 @@ HARDENING = {
 }
 """Other pages never learn the address, and cannot frame the buttons."""
 
-Answer = Callable[[Any, Request], Response | None]
+Answer = Callable[[object, Request], Response | None]
 
 
 class Server(viser.ViserServer):
@@ -76,7 +76,7 @@ def _guarded(token: str) -> Iterator[list[bool]]:
 def _asking(token: str, answer: Answer) -> Answer:
     """Answers requests, of pages and of websockets, whose path begins with the token."""
 
-    def asking(connection: Any, request: Request) -> Response | None:
+    def asking(connection: object, request: Request) -> Response | None:
         given, _, rest = request.path.partition("?")[0].lstrip("/").partition("/")
         if not hmac.compare_digest(given.encode(), token.encode()):
             text = b"The address of this page has a token: copy all of what saltus watch prints.\n"

@@ -6,7 +6,7 @@ import secrets
 import socket
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import zenoh
 
@@ -30,7 +30,9 @@ class Certificate:
     key: bytes = field(repr=False)
 
 
-def open_session(role: Literal["peer", "client"], endpoint: str, speed: float = 1.0) -> Any:
+def open_session(
+    role: Literal["peer", "client"], endpoint: str, speed: float = 1.0
+) -> zenoh.Session:
     """Opens a session of Zenoh with `zenoh_cfg/<role>.json5`.
 
     A client's file of `write_client` holds all of it.
@@ -103,13 +105,13 @@ def read_client(path: Path) -> str:
     return str(endpoints[0])
 
 
-def mutual_tls(own: Certificate, side: Literal["connect", "listen"]) -> dict[str, Any]:
+def mutual_tls(own: Certificate, side: Literal["connect", "listen"]) -> dict[str, object]:
     """Zenoh's settings with which both ends of a link must show a certificate that holds."""
     texts = {
         "root_ca_certificate": own.authority, f"{side}_certificate": own.certificate,
         f"{side}_private_key": own.key,
     }  # fmt: skip
-    settings: dict[str, Any] = {
+    settings: dict[str, object] = {
         f"{name}_base64": base64.b64encode(pem).decode() for name, pem in texts.items()
     }
     return settings | {

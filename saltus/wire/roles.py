@@ -47,7 +47,7 @@ def access_control(names: Mapping[str, str], prefix: str) -> dict[str, Any]:
     rules: list[dict[str, Any]] = [
         _rule("everything", _EVERYTHING, ["ingress", "egress"], ["**", f"**/{SHARED}"])
     ]
-    subjects: list[dict[str, Any]] = [{"id": "owner", "link_protocols": ["unixsock-stream"]}]
+    subjects: list[dict[str, object]] = [{"id": "owner", "link_protocols": ["unixsock-stream"]}]
     policies = [{"rules": ["everything"], "subjects": ["owner"]}]
     for role in ROLES:
         members = [name for name, its in names.items() if its == role]

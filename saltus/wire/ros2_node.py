@@ -7,7 +7,7 @@ here knows a secret: whoever reaches the router of that graph reads and writes a
 
 import secrets
 import time
-from typing import Any, Protocol
+from typing import Protocol
 
 import zenoh
 
@@ -93,7 +93,7 @@ class Ros2Node:
         self._session = open_session("client", endpoint)
         self._id = str(self._session.info.zid())
         self._entities = NODE_ID
-        self._kept: list[Any] = [
+        self._kept: list[object] = [
             self._session.liveliness().declare_token(node_token(domain, self._id, name))
         ]
 
@@ -122,7 +122,7 @@ class Ros2Node:
         """Announces a subscription and puts what comes into a slot, whatever its hash: Humble names none."""
         self._announce(SUBSCRIPTION, topic, type_name, type_hash, SENSOR)
 
-        def receive(sample: Any) -> None:
+        def receive(sample: zenoh.Sample) -> None:
             payload = sample.payload
             data = payload.to_bytes() if len(payload) <= PAYLOAD_MAX else b""
             slot.push(RawSample(topic, data, b"", time.monotonic_ns()))
@@ -147,7 +147,7 @@ class Ros2Node:
 class Ros2Publisher:
     """Counts and sends the messages of one topic."""
 
-    def __init__(self, raw: Any) -> None:
+    def __init__(self, raw: zenoh.Publisher) -> None:
         self._raw = raw
         self._identity = secrets.token_bytes(16)
         self._sequence = 0

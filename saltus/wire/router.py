@@ -7,7 +7,6 @@ import shutil
 import tempfile
 from dataclasses import dataclass
 from resource import RLIMIT_NOFILE, getrlimit, setrlimit
-from typing import Any
 
 import zenoh
 
@@ -31,7 +30,7 @@ class NetworkAccess:
     """Where, e.g. tls/192.168.123.10:7447."""
     certificate: Certificate
     """The router's."""
-    access_control: dict[str, Any]
+    access_control: dict[str, object]
     """Rights of each certificate, as Zenoh's configuration says them."""
 
 

@@ -73,7 +73,7 @@ class ZenohBus(Bus):
         key, slot = self._key(topic, suffix), Slot(self.bell)
         name = key.removeprefix(f"{self.prefix}/")
 
-        def receive(sample: Any) -> None:
+        def receive(sample: zenoh.Sample) -> None:
             keep_thread()
             slot.push(_raw(sample, name))
 
@@ -89,7 +89,7 @@ class ZenohBus(Bus):
         start = len(self.prefix) + 1
         switch_as_before = switch_soon()
 
-        def receive(sample: Any) -> None:
+        def receive(sample: zenoh.Sample) -> None:
             stream.push(_raw(sample, str(sample.key_expr)[start:]))
 
         subscriber = self._session.declare_subscriber(f"{self.prefix}/**", receive)
@@ -108,7 +108,7 @@ class ZenohBus(Bus):
             congestion_control=zenoh.CongestionControl.DROP,
             priority=zenoh.Priority.DATA_LOW,
         )
-        return Sharer(publisher.put, lambda: bool(publisher.matching_status.matching))
+        return Sharer(publisher.put, lambda: _matches(publisher))
 
     def look_on(self, receive: Callable[[bytes], None]) -> None:
         """Gives each batch that a supervisor hands on to `receive`, for `saltus.wire.sharing.unpacked`."""
@@ -129,14 +129,14 @@ class ZenohBus(Bus):
 class ZenohPublisher:
     """Counts and sends the messages of one key."""
 
-    def __init__(self, publisher: Any, bus: ZenohBus) -> None:
+    def __init__(self, publisher: zenoh.Publisher, bus: ZenohBus) -> None:
         self._publisher = publisher
         self._bus = bus
         self._sequence = 0
 
     def heard(self) -> bool:
         """True where a subscriber is known; a link alone is there before its subscribers are."""
-        return bool(self._publisher.matching_status.matching)
+        return _matches(self._publisher)
 
     def put(self, message: Message) -> None:
         """Encodes and sends, unless its bus is muted.
@@ -154,7 +154,12 @@ class ZenohPublisher:
         self._publisher.put(payload, attachment=envelope.to_bytes())
 
 
-def _raw(sample: Any, key: str) -> RawSample:
+def _matches(publisher: zenoh.Publisher) -> bool:
+    status: Any = publisher.matching_status  # a bool by its stub alone
+    return bool(status.matching)
+
+
+def _raw(sample: zenoh.Sample, key: str) -> RawSample:
     """Copies a sample out of Zenoh; what is beyond the limit is not worth a copy of its own."""
     payload, attachment = sample.payload, sample.attachment
     data = payload.to_bytes() if len(payload) <= codec.PAYLOAD_MAX else bytes(codec.PAYLOAD_MAX + 1)

@@ -1,9 +1,7 @@
 """Where the camera of a run log was and where it looked, by its claims and poses, and what there was to see."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
@@ -13,6 +11,7 @@ from scipy.stats import median_abs_deviation
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.log import boxes_of, robot_of
 from saltus.real2sim.problem.rotations import continuous, unit
+from saltus.recordings.rig_claims import CameraClaim
 from saltus.recordings.run_log import RunLog
 from saltus.robots.mount import Mount
 from saltus.rotations import rotation_matrix
@@ -61,9 +60,13 @@ def claimed_camera(log: RunLog) -> ClaimedCamera:
     )
 
 
-def claimed_mount(camera: Mapping[str, Any]) -> Mount:
+def claimed_mount(camera: CameraClaim) -> Mount:
     """Where a camera sits by its claim (`meta.camera`); angles that are not claimed are 0."""
-    angles = {name: float(camera.get(name, 0.0)) for name in ("roll", "pitch", "yaw")}
+    angles = {
+        "roll": float(camera.get("roll", 0.0)),
+        "pitch": float(camera.get("pitch", 0.0)),
+        "yaw": float(camera.get("yaw", 0.0)),
+    }
     return Mount(position=np.asarray(camera["position"], dtype=np.float64), **angles)
 
 

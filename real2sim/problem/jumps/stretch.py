@@ -1,13 +1,12 @@
 """A stretch of a log of a robot that jumps: what its measured motion needs, and what its drives are told."""
 
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from saltus.arrays import Floats
+from saltus.arrays import AnyArray, Floats
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.effects.body import BodyModel
 from saltus.effects.motor_limits import lag_weights
@@ -28,7 +27,7 @@ from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import LEGS, LINKS
 from saltus.sim.measured_robot import MeasuredMotion, MeasuredRobot, Touch
 
-Values = TypeVar("Values", bound=NDArray[Any])
+Values = TypeVar("Values", bound=AnyArray)
 
 BASE = 6
 """Degrees of freedom of a base."""
