@@ -1,5 +1,6 @@
 """The service of any grid on a recorded run again, and how far its heights are off the simulator's ground."""
 
+import heapq
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -22,11 +23,11 @@ newest image."""
 
 def replayed_run(
     recording: Recording, choice: ScanChoice
-) -> Iterator[tuple[RobotState, DepthFrame | None, Heightmap]]:
-    """Each recorded state with the image that came with it and its answer, in order of time.
+) -> Iterator[tuple[RobotState, dict[str, DepthFrame], Heightmap]]:
+    """Each recorded state with the images that came with it, by camera, and its answer, in order of time.
 
     Raises:
-        RecordingError: there is no image or no state in it.
+        RecordingError: there is no image or no state in it, or none of one of the cameras.
     """
     times = [
         (arrival_ns, envelope.capture_ns)
@@ -40,17 +41,30 @@ def replayed_run(
     latency_s = 1e-9 * min(arrival_ns - capture_ns for arrival_ns, capture_ns in times)
     rig = choice.rig(recording.robot, recording.camera)
     service = ScanService(choice.network(), rig, depth_topic(latency_s))
-    arriving = (
-        (ns, frame)
-        for ns, _, frame in recording.messages("camera/depth")
-        if isinstance(frame, DepthFrame)
-    )
+    arriving = _images(recording, list(rig.cameras))
     following = next(arriving, None)
     for state in states:
-        newest = None
+        newest: dict[str, DepthFrame] = {}
         while following is not None and following[0] <= state.time_ns:
-            newest, following = following[1], next(arriving, None)
+            newest[following[1]], following = following[2], next(arriving, None)
         yield state, newest, service.step(state, newest, state.time_ns)
+
+
+def _images(recording: Recording, cameras: list[str]) -> Iterator[tuple[int, str, DepthFrame]]:
+    """Arrival [ns], camera and image, of all cameras in order of arrival."""
+
+    def of_camera(name: str) -> Iterator[tuple[int, str, DepthFrame]]:
+        for ns, _, frame in recording.messages("camera/depth" + (f"/{name}" if name else "")):
+            if isinstance(frame, DepthFrame):
+                yield ns, name, frame
+
+    for name in cameras:
+        if next(of_camera(name), None) is None:
+            raise RecordingError(
+                f"{recording.path} has no images of the camera '{name}': it needs the name under "
+                "which they were sent"
+            )
+    yield from heapq.merge(*map(of_camera, cameras), key=lambda each: each[0])
 
 
 def scan_errors(

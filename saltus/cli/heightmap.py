@@ -119,17 +119,20 @@ class Serve(ScanOptions):
             contextlib.ExitStack() as resources,
             ZenohBus(self._endpoint(resources), self.prefix) as bus,
         ):
-            topics = ("controller/state", "camera/depth", "heightmap/heightmap")
-            publishers = [bus.publisher(topic) for topic in topics]
+            states, heights = (
+                bus.publisher("controller/state"),
+                bus.publisher("heightmap/heightmap"),
+            )
+            cameras = ["", *(camera.name for camera in choice.cameras[1:])]
+            depth = {name: bus.publisher("camera/depth", name) for name in cameras}
             begun_s, first_ns = time.monotonic(), None
-            for messages in replayed_run(recording, choice):
-                first_ns = messages[0].time_ns if first_ns is None else first_ns
-                time.sleep(
-                    max(0.0, begun_s + 1e-9 * (messages[0].time_ns - first_ns) - time.monotonic())
-                )
-                for publisher, message in zip(publishers, messages, strict=True):
-                    if message is not None:
-                        publisher.put(message)
+            for state, frames, heightmap in replayed_run(recording, choice):
+                first_ns = state.time_ns if first_ns is None else first_ns
+                time.sleep(max(0.0, begun_s + 1e-9 * (state.time_ns - first_ns) - time.monotonic()))
+                states.put(state)
+                for name, frame in frames.items():
+                    depth[name].put(frame)
+                heights.put(heightmap)
         return 0
 
     def _endpoint(self, resources: contextlib.ExitStack) -> str:

@@ -142,7 +142,8 @@ class Recording:
     def messages(self, topic: str) -> Iterator[tuple[int, Envelope, Message]]:
         """Yields (arrival in the run's clock [ns], envelope, message) in order of arrival.
 
-        The topic "status" yields those of all processes, "status/render" those of one. A message
+        The topic "status" yields those of all processes, "status/render" those of one;
+        "camera/depth" images of the first camera, "camera/depth/rear" of one named so. A message
         that does not fit this version's is a `RecordingError`.
         """
         self._check_fields(topic)
@@ -254,8 +255,10 @@ class Recording:
     def _channels_of(self, topic: str) -> dict[int, Channel]:
         found = {}
         for number, channel in self._channels.items():
-            row = topic_of(channel.topic[1:])
-            if row is not None and topic in (row.name, channel.topic[1:]):
+            key = channel.topic[1:]
+            row = topic_of(key)
+            of_every_process = row is not None and row.publisher == "*" and topic == row.name
+            if row is not None and (topic == key or of_every_process):
                 found[number] = channel
         return found
 

@@ -175,7 +175,7 @@ class Viewer:
             self._plan = message
         elif isinstance(message, Heightmap):
             yield from self._of_heightmap(message, drawn=drawn)
-        elif isinstance(message, DepthFrame) and drawn:
+        elif isinstance(message, DepthFrame) and key == topic.name and drawn:
             wire = depth_on_the_wire(message)
             yield _message("/viewer/depth", wire.image)
             yield _message("/viewer/camera_info", wire.camera_info)

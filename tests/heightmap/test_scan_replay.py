@@ -4,6 +4,7 @@ import contextlib
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -19,12 +20,19 @@ from saltus.recordings.recorder import Recorder
 from saltus.wire import codec
 from saltus.wire.bus import RawSample
 from saltus.wire.codec import Envelope
-from saltus.wire.messages import GroundTruth, Message
+from saltus.wire.messages import DepthFrame, GroundTruth, Message
 from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus
 
 STEPS = 170
 PATIENCE_S = 60.0
+
+
+def rolled(frame: DepthFrame) -> DepthFrame:
+    """The image that a camera in the same place would take, rolled by 180 degrees."""
+    height, width = frame.depth.shape
+    turned = np.ascontiguousarray(frame.depth[::-1, ::-1])
+    return replace(frame, depth=turned, cx=width - frame.cx, cy=height - frame.cy)
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +54,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
             now_ns = tick.state.time_ns
             if tick.frame is not None:
                 write("camera/depth", tick.frame, now_ns)
+                write("camera/depth/rolled", rolled(tick.frame), now_ns)
             truth = GroundTruth(
                 time_ns=now_ns, step=tick.state.step, position_base_in_world=tick.position,
                 quaternion_base_in_world=tick.state.quaternion_base_in_world,
@@ -79,6 +88,30 @@ def test_figures_and_the_picture_are_those_of_the_ground_of_the_run(
     assert found["visible"]["share"] + found["remembered"]["share"] == pytest.approx(
         found["seen"]["share"], abs=2e-3
     )
+
+
+def test_images_of_further_cameras_are_read_with_their_own_mounts(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same view rolled, with its roll said, tells the same ground; with none said, it misleads."""
+
+    def seen_mm(*rolls_rad: float) -> float:
+        files = []
+        for name, roll_rad in zip(("first", "rolled"), (0.0, *rolls_rad), strict=False):
+            files.append(tmp_path / f"{name}.toml")
+            files[-1].write_text(f'name = "{name}"\ncamera_roll = {roll_rad}\n')
+        cameras = ["--cameras", *map(str, files)]
+        assert main(["replay", str(recording), "--grid", "scan", *cameras, "--json"]) == 0
+        return float(json.loads(capsys.readouterr().out.splitlines()[-1])["seen"]["mean_mm"])
+
+    alone, both, misled = seen_mm(), seen_mm(np.pi), seen_mm(0.0)
+    assert both == pytest.approx(alone, abs=3.0)
+    assert misled > 3.0 * alone
+    other = tmp_path / "other.toml"
+    other.write_text('name = "rear"\n')
+    first = str(tmp_path / "first.toml")
+    assert main(["replay", str(recording), "--grid", "scan", "--cameras", first, str(other)]) == 2
+    assert "no images of the camera 'rear'" in capsys.readouterr().err
 
 
 def test_it_is_served_with_states_and_images(recording: Path) -> None:
