@@ -9,7 +9,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 import pyarrow as pa
@@ -35,6 +35,17 @@ TASKS_FILE, INFO_FILE, STATS_FILE = "meta/tasks.parquet", "meta/info.json", "met
 CROISSANT_FILE = "croissant.json"
 ROW_GROUP = 4096  # ticks: 6 MB of images, which a reader holds at once
 
+EpisodeRow = TypedDict(
+    "EpisodeRow",
+    {
+        "episode_index": int, "tasks": list[str], "length": int,
+        "data/chunk_index": int, "data/file_index": int,
+        "dataset_from_index": int, "dataset_to_index": int,
+        "meta/episodes/chunk_index": int, "meta/episodes/file_index": int,
+    },
+)  # fmt: skip
+"""A row of LeRobot's table of episodes."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Exported:
@@ -58,7 +69,7 @@ def export(directory: Path, out: Path, done: Callable[[int], object] = lambda _:
     if out.exists():
         raise DatasetError(f"{out}: there is a file or folder of this name already")
     terrains: dict[str, int] = {}
-    rows: list[dict[str, Any]] = []
+    rows: list[EpisodeRow] = []
     columns = columns_of(records[0].grid)
     statistics = {column.name: _Statistics() for column in columns}
     schema = pa.schema([(column.name, column.kind) for column in columns])
@@ -87,9 +98,9 @@ def export(directory: Path, out: Path, done: Callable[[int], object] = lambda _:
     return Exported(episodes=len(rows), ticks=_index(rows), terrains=tuple(terrains))
 
 
-def _index(rows: list[dict[str, Any]]) -> int:
+def _index(rows: list[EpisodeRow]) -> int:
     """Index of the next row of the data."""
-    return int(rows[-1]["dataset_to_index"]) if rows else 0
+    return rows[-1]["dataset_to_index"] if rows else 0
 
 
 def _table(episode: Episode, number: int, first: int, task: int) -> dict[str, AnyArray]:
@@ -114,7 +125,7 @@ def _table(episode: Episode, number: int, first: int, task: int) -> dict[str, An
     }
 
 
-def _row(episode: Episode, rows: list[dict[str, Any]], file: int) -> dict[str, Any]:
+def _row(episode: Episode, rows: list[EpisodeRow], file: int) -> EpisodeRow:
     """Row of an episode in LeRobot's table."""
     first = _index(rows)
     return {
@@ -140,7 +151,7 @@ class _Statistics:
             np.maximum(self._high, numbers.max(0)),
         )
 
-    def table(self, shape: tuple[int, ...]) -> dict[str, Any]:
+    def table(self, shape: tuple[int, ...]) -> dict[str, object]:
         """As LeRobot's stats.json has them."""
         mean = self._sum / self._count
         deviation = np.sqrt(np.maximum(self._squares / self._count - mean**2, 0.0))
@@ -154,7 +165,7 @@ def _write_meta(
     made: Path,
     robot: str,
     columns: Sequence[Column],
-    rows: list[dict[str, Any]],
+    rows: list[EpisodeRow],
     terrains: dict[str, int],
     statistics: dict[str, _Statistics],
 ) -> None:
@@ -190,7 +201,7 @@ def _write_meta(
     (made / STATS_FILE).write_text(json.dumps(stats) + "\n", encoding="utf-8")
 
 
-def croissant(records: list[ShardRecord]) -> dict[str, Any]:
+def croissant(records: list[ShardRecord]) -> dict[str, object]:
     """The description of an exported dataset in Croissant 1.0 (JSON-LD)."""
     kinds = {"uint16": "sc:Integer", "int64": "sc:Integer", "float32": "sc:Float"}
     fields = [

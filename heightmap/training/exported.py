@@ -1,19 +1,19 @@
 """Reads the weights of an exported heightmap network back, so that training can go on from what is shipped."""
 
 from pathlib import Path
-from typing import Any
 
 import onnx
 import torch
 from onnx import numpy_helper
 
 from saltus.errors import ModelError
+from saltus.heightmap.training.checkpoint_table import CheckpointTable
 from saltus.model_file import ModelFile
 
 _PREFIX = "model."  # of the network within what `saltus.heightmap.training.export` writes
 
 
-def read_exported(path: Path) -> dict[str, Any]:
+def read_exported(path: Path) -> CheckpointTable:
     """Reads an ONNX file as a table like that of a checkpoint, without the state of the optimiser.
 
     Args:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from saltus.heightmap.data.shards import (
     read_records,
 )
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.training.checkpoint_table import TrainingOrigin
 from saltus.heightmap.training.export import Origin, export, parity
 from saltus.heightmap.training.interface import interface
 from saltus.heightmap.training.train import load_checkpoint, split
@@ -163,7 +163,7 @@ def card_path(model_path: Path) -> Path:
     return model_path.with_suffix(".md")
 
 
-def _unseen(folder: Path, training: dict[str, Any], trained_on: list[ShardRecord]) -> str:
+def _unseen(folder: Path, training: TrainingOrigin, trained_on: list[ShardRecord]) -> str:
     """Names a dataset that is not known to have been trained on.
 
     Raises:
@@ -185,7 +185,7 @@ def _card(
     robot: Robot,
     camera: DepthCamera,
     result: Release,
-    training: dict[str, Any],
+    training: TrainingOrigin,
     records: list[ShardRecord],
     held_out: str,
 ) -> str:

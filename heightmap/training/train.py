@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar, cast
 from zipfile import is_zipfile
 
 import numpy as np
@@ -31,6 +31,7 @@ from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.settings import ModelConfig, PredictorTraining
 from saltus.heightmap.training.calibration import calibrate
+from saltus.heightmap.training.checkpoint_table import CheckpointTable, TrainingOrigin
 from saltus.heightmap.training.dataset import (
     NO_NOISE,
     TRAINING_NOISE,
@@ -101,7 +102,7 @@ def train(
     known = load_checkpoint(start) if start else None
     ask_for_room(checkpoint.parent)
     settings = {**asdict(config), "model": asdict(known[0].config if known else config.model)}
-    origin: dict[str, Any] = {
+    origin: TrainingOrigin = {
         "config": settings,
         "dataset": dataset_hash(records),
         "start": None,
@@ -109,7 +110,8 @@ def train(
     if start and known:
         origin["start"] = {
             "sha256": file_sha256(start),
-            **{name: known[1][name] for name in ("dataset", "update")},
+            "dataset": known[1]["dataset"],
+            "update": known[1]["update"],
         }
     begun = _begun(checkpoint, origin)
     store, held_out = _stores(data, records, device, shown)
@@ -210,7 +212,7 @@ def split(episodes: list[Item]) -> tuple[list[Item], list[Item]]:
     return fitted, held_out
 
 
-def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, dict[str, Any]]:
+def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, TrainingOrigin]:
     """The network of a checkpoint or of an exported model, on the CPU, and what it was made from.
 
     An ONNX file holds the same weights; of its training it tells the dataset and the seed alone.
@@ -218,9 +220,7 @@ def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, dict[str, Any]]:
     Raises:
         ModelError: the file is missing, or is no checkpoint of this network.
     """
-    table: dict[str, Any] = (
-        _read(checkpoint) if is_zipfile(checkpoint) else read_exported(checkpoint)
-    )
+    table = _read(checkpoint) if is_zipfile(checkpoint) else read_exported(checkpoint)
     try:
         sizes = table["origin"]["config"]["model"]
         shapes = {name: table["model"][name] for name in Normalisation._fields}
@@ -290,7 +290,7 @@ def _device(name: str) -> torch.device:
     return torch.device(name)
 
 
-def _read(checkpoint: Path) -> dict[str, Any]:
+def _read(checkpoint: Path) -> CheckpointTable:
     try:
         check_archive(checkpoint, checksums=True)  # torch loads flipped weights without complaint
         table = torch.load(checkpoint, map_location="cpu", weights_only=True)
@@ -301,10 +301,10 @@ def _read(checkpoint: Path) -> dict[str, Any]:
     known = isinstance(table, dict) and {"origin", "update", "model", "optimiser"} <= table.keys()
     if not known or not isinstance(table["origin"], dict):
         raise ModelError(f"{checkpoint} is no checkpoint of the heightmap network")
-    return table
+    return cast(CheckpointTable, table)
 
 
-def _weights(table: dict[str, Any]) -> dict[str, Tensor]:
+def _weights(table: CheckpointTable) -> dict[str, Tensor]:
     """Weights of the network.
 
     An older checkpoint has and needs no correction of intervals by width.
@@ -312,7 +312,7 @@ def _weights(table: dict[str, Any]) -> dict[str, Tensor]:
     return {"correction": torch.zeros(WIDTHS), **table["model"]}
 
 
-def _begun(checkpoint: Path, origin: dict[str, Any]) -> dict[str, Any] | None:
+def _begun(checkpoint: Path, origin: TrainingOrigin) -> CheckpointTable | None:
     """Reads what there is of this training; refuses what there is of another one."""
     if not checkpoint.exists():
         return None
@@ -325,7 +325,7 @@ def _begun(checkpoint: Path, origin: dict[str, Any]) -> dict[str, Any] | None:
     return table
 
 
-def _compared(origin: dict[str, Any]) -> dict[str, Any]:
+def _compared(origin: TrainingOrigin) -> dict[str, object]:
     """Parts of an origin that make it another training: not where it runs, nor how often it is saved."""
     config = {
         name: value
@@ -337,7 +337,7 @@ def _compared(origin: dict[str, Any]) -> dict[str, Any]:
 
 def _save(
     checkpoint: Path,
-    origin: dict[str, Any],
+    origin: TrainingOrigin,
     update: int,
     model: HeightmapModel,
     optimiser: torch.optim.Optimizer,

@@ -209,7 +209,7 @@ class _Deriver:
             f"; the model's {' and '.join(said)} of the joints: left to a profile" if said else ""
         )
 
-    def _stand_pose(self, robot: Robot) -> Any:
+    def _stand_pose(self, robot: Robot) -> Floats:
         if self._given.stand_pose is not None:
             return self._take("stand_pose", None, "toml")
         refused = ""
@@ -232,7 +232,7 @@ class _Deriver:
         how = f"feet below the thighs' axes, {STAND_SHARE:g} of the leg's length{refused}"
         return self._take("stand_pose", crouch, "derived", how)
 
-    def _stand_height(self, robot: Robot) -> Any:
+    def _stand_height(self, robot: Robot) -> float:
         """Soles on the ground, and what the drives give way under the robot's weight."""
         foot, jacobian = LegKinematics(robot).position_and_jacobian(robot.stand_pose)
         weight = robot.mass * GRAVITY / len(foot)
@@ -254,7 +254,7 @@ class _Deriver:
             armature=robot.armature,
         )
 
-    def _inertia(self, robot: Robot) -> Any:
+    def _inertia(self, robot: Robot) -> Floats:
         model = mujoco.MjModel.from_xml_string(robot.mjcf)
         data, matrix = mujoco.MjData(model), np.zeros((model.nv, model.nv))
         data.qpos[7:] = robot.stand_pose
@@ -266,7 +266,7 @@ class _Deriver:
             "inertia", inertia, "derived", f"{factors} times that of the standing robot"
         )
 
-    def _limit(self, name: str, found: Floats) -> Any:
+    def _limit(self, name: str, found: Floats) -> Floats:
         missing = _named(~np.isfinite(found))
         detail = f"of {missing}: taken as none" if missing else ""
         return self._take(name, found, "missing" if missing else "model", detail)
