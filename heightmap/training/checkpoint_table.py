@@ -14,7 +14,7 @@ class StartOrigin(TypedDict):
 
 
 class TrainingOrigin(TypedDict):
-    """What a network was made from."""
+    """The making of a network: settings, data, and the network that it began with."""
 
     config: dict[str, Any]
     """The settings, as nested tables; of an exported model the seed and the network's sizes alone."""
