@@ -13,6 +13,7 @@ from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.capsules import capsules_in_camera, draw_capsules
 from saltus.render.renderer import Renderer
 from saltus.render.surface import terrain_triangles
+from saltus.robots.leg_shapes import Capsules
 from saltus.terrain.terrain import Terrain
 
 open3d = load_open3d()
@@ -54,17 +55,24 @@ class EmbreeRenderer(Renderer):
     def _render(
         self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
     ) -> NDArray[np.float32]:
+        return self._seen(
+            *camera_pose(self.mount, base_position, base_quaternion), self._legs(joint_position)
+        )
+
+    def _legs(self, joint_position: Floats) -> Capsules | None:
+        """Legs in the base frame; None where the camera sees none."""
+        return self.legs.capsules(joint_position) if self.camera.legs else None
+
+    def _seen(self, origin: Floats, rotation: Floats, legs: Capsules | None) -> NDArray[np.float32]:
+        """Depth of terrain and legs from n camera poses, shape (n, height, width)."""
         height, width = self.intrinsics.height, self.intrinsics.width
-        depth = np.empty((len(base_position), height, width), dtype=np.float32)
+        depth = np.empty((len(origin), height, width), dtype=np.float32)
         chunk = max(1, RAYS_PER_CAST // (height * width))
         for first in range(0, len(depth), chunk):
             part = slice(first, first + chunk)
-            origin, rotation = camera_pose(self.mount, base_position[part], base_quaternion[part])
-            depth[part] = self._cast(origin, rotation)
-        if self.camera.legs:
-            legs = capsules_in_camera(
-                self.legs.capsules(joint_position), self.mount.position, self.mount.rotation
-            )
+            depth[part] = self._cast(origin[part], rotation[part])
+        if legs is not None:
+            legs = capsules_in_camera(legs, self.mount.position, self.mount.rotation)
             draw_capsules(depth, legs, self._directions, self.intrinsics)
         return depth
 

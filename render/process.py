@@ -1,10 +1,13 @@
 """The camera as a process: truth in, late depth frames out."""
 
+import math
+
 import numpy as np
 
 from saltus.depth import depth_frame, depth_in_millimetres
 from saltus.depth_camera import DepthCamera
 from saltus.effects.camera import CameraChain
+from saltus.effects.image_delivery import ROUNDING_S
 from saltus.effects.signals import DepthImage
 from saltus.render.exposure import Exposure
 from saltus.wire.messages import DepthFrame, GroundTruth
@@ -34,7 +37,7 @@ class CameraProcess:
         self._exposed: DepthImage | None = None
         self._taken = 0  # images that should have been by then, if none had been left out
         self._frame_ids: dict[int, int] = {}
-        self._stepped_ns = 0
+        self._next_s = math.inf  # when the next image arrives
         self.due: DepthFrame | None = None
         """The newest frame that is due."""
         self.exposures = 0
@@ -46,12 +49,14 @@ class CameraProcess:
 
         `now_ns` is in the run's clock.
         """
-        self._stepped_ns = now_ns
+        now_s = 1e-9 * now_ns
         if truth is not None and self._camera.taken_by(truth.step) > self._taken:
             self._expose(truth)
-        if self._exposed is None:
+        elif now_s + ROUNDING_S < self._next_s:  # nothing new, and nothing has arrived
             return None
-        image, self._state = self._effects.step(self._exposed, 1e-9 * now_ns, self._state)
+        assert self._exposed is not None  # noqa: S101 - else nothing would be under way
+        image, self._state = self._effects.step(self._exposed, now_s, self._state)
+        self._next_s = self._effects.next_arrival_s(now_s, self._state)
         if not np.isfinite(image.time_s):
             return None
         time_ns = round(1e9 * float(image.time_s))
@@ -66,8 +71,7 @@ class CameraProcess:
         Not at all for one that has become due since the last step, while its exposure took its
         time.
         """
-        arrival = self._effects.next_arrival_s(1e-9 * self._stepped_ns, self._state)
-        return float(np.clip(arrival - 1e-9 * now_ns, 0.0, limit_s))
+        return min(max(self._next_s - 1e-9 * now_ns, 0.0), limit_s)
 
     def _expose(self, truth: GroundTruth) -> None:
         depth = self._camera.in_range(self._exposure.expose(truth))

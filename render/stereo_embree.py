@@ -10,7 +10,7 @@ from saltus.depth import Intrinsics
 from saltus.render.camera import RobotCamera, camera_pose
 from saltus.render.capsules import Quadrics, capsules_in_camera, windows
 from saltus.render.embree import RAYS_PER_CAST, EmbreeRenderer, open3d
-from saltus.render.renderer import StereoRenderer
+from saltus.render.renderer import StereoRenderer, check_poses
 from saltus.render.stereo.doubt import doubtful
 from saltus.render.stereo.optics import Optics
 from saltus.robots.leg_shapes import Capsules
@@ -39,19 +39,22 @@ class StereoEmbree(EmbreeRenderer, StereoRenderer):
         self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """See `StereoRenderer`."""
-        depth = self.render_batch(base_position, base_quaternion, joint_position)
+        check_poses(base_position, base_quaternion, joint_position)
+        origin, rotation = camera_pose(self.mount, base_position, base_quaternion)
+        legs = self._legs(joint_position)
+        depth = self._seen(origin, rotation, legs)
         hidden = np.zeros(depth.shape, dtype=np.bool_)
+        if legs is not None:
+            to_right = self.mount.rotation[:, 0] * self.optics.baseline_m
+            legs = capsules_in_camera(legs, self.mount.position + to_right, self.mount.rotation)
         chunk = max(1, RAYS_PER_CAST // depth[0].size)
         for first in range(0, len(depth), chunk):
             part = slice(first, first + chunk)
-            origin, rotation = camera_pose(self.mount, base_position[part], base_quaternion[part])
-            self._terrain_hides(hidden[part], np.minimum(depth[part], FARTHEST_M), origin, rotation)
-            if self.camera.legs:
-                right = self.mount.position + self.mount.rotation[:, 0] * self.optics.baseline_m
-                legs = capsules_in_camera(
-                    self.legs.capsules(joint_position[part]), right, self.mount.rotation
-                )
-                self._legs_hide(hidden[part], depth[part], legs)
+            near = np.minimum(depth[part], FARTHEST_M)
+            self._terrain_hides(hidden[part], near, origin[part], rotation[part])
+            if legs is not None:
+                own = replace(legs, start=legs.start[part], end=legs.end[part])
+                self._legs_hide(hidden[part], depth[part], own)
         return depth, hidden
 
     def _terrain_hides(

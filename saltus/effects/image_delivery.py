@@ -143,10 +143,5 @@ class CameraLatency(Effect[DepthImage], name="camera_latency", site="depth"):
     def next_arrival_s(self, time_s: float, state: Memory) -> float:
         """When the next image arrives, of any robot's [s]; infinite where none is under way."""
         _, images = state
-        arrivals = [np.asarray(arrival_s) for _, arrival_s in images]
-        coming = [
-            float(np.min(a[a > time_s + ROUNDING_S]))
-            for a in arrivals
-            if np.any(a > time_s + ROUNDING_S)
-        ]
-        return min(coming, default=math.inf)
+        arrivals = (arrival for _, arrival_s in images for arrival in np.ravel(arrival_s).tolist())
+        return min((a for a in arrivals if a > time_s + ROUNDING_S), default=math.inf)
