@@ -5,12 +5,16 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated
 
+from saltus.cli.output import JsonOption
 from saltus.cli.run_options import CourseOptions, SizedCourse
 from saltus.config import Pace
 from saltus.errors import ConfigError
 from saltus.flags import Flag, shown
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from saltus.clock import RunClock
     from saltus.controller.robot.unitree.simulated import SimulatedUnitree
     from saltus.robots.robot import Robot
 
@@ -50,10 +54,11 @@ class PaceOptions:
     speed: float = 1.0
     """With realtime: seconds of the robot for each second of this computer, on both sides alike."""
 
-    def check(self) -> None:
-        """Raises `ConfigError` for a speed that is none."""
-        if not 0.0 < self.speed <= 1.0:
-            raise ConfigError(f"--speed {self.speed:g}: allowed is more than 0, and 1 at most")
+
+def check_speed(speed: float) -> None:
+    """Raises `ConfigError` for a speed that is none."""
+    if not 0.0 < speed <= 1.0:
+        raise ConfigError(f"--speed {speed:g}: allowed is more than 0, and 1 at most")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +89,7 @@ class Simulate(PaceOptions, LinkOptions):
         """Runs until the end."""
         from saltus.clock import RunClock
 
-        self.check()
+        check_speed(self.speed)
         robot = self.loaded()
         simulated = self._simulated(robot)
         from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
@@ -129,3 +134,60 @@ class Simulate(PaceOptions, LinkOptions):
         )  # fmt: skip
         faults = Faults([Fault.parse(text) for text in self.fault], self.seed)
         return SimulatedUnitree(plant, faults, self.seed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preflight(JsonOption, LinkOptions):
+    """Checks a robot before it is commanded, and refuses it with the reason: exit code 1.
+
+    It is listened to for 2 s. If it hangs and all is well, its legs are then moved for 5 s, softly:
+    keep your hands away. Nothing is sent where another program commands the robot.
+
+    For example:
+      saltus robot preflight --interface enp3s0 --domain 0
+      saltus robot preflight --standing --json
+    """
+
+    standing: Flag = False
+    """The robot stands on level ground by itself: it is told nothing, and its IMU is compared with
+    its legs. Without, it hangs with its feet in the air."""
+    speed: float = 1.0
+    """Speed of a simulated robot, as it was told there."""
+
+    def run(self) -> int:
+        """Prints a line for each check; 1 where one refuses the robot."""
+        check_speed(self.speed)
+        kind = self.loaded()
+        from saltus.clock import RunClock
+        from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
+        from saltus.controller.robot.unitree.preflight import preflight
+
+        clock = RunClock(speed=self.speed)
+        link = UnitreeLink(self.domain, self.interface, sends=[COMMANDS], takes=[STATES])
+        try:
+            checks = preflight(link, kind, clock, ticking(clock), stands=self.standing)
+        finally:
+            link.close()
+        for check in checks:
+            told = "ok     " if check.passed else "REFUSED"
+            print(f"{told} {check.name:13} {check.found}  (allowed: {check.allowed})")
+            if not check.passed:
+                print(f"{'':22}{check.cure}")
+        refused = [check.name for check in checks if not check.passed]
+        print(f"refused: {', '.join(refused)}" if refused else "the robot may be commanded")
+        self.tell_json({"passed": not refused, "checks": [vars(check) for check in checks]})
+        return 1 if refused else 0
+
+
+def ticking(clock: "RunClock") -> "Callable[[], float]":
+    """A function that returns every 2 ms of a clock, with its time [s]."""
+    from saltus.constants import PHYSICS_DT
+    from saltus.runtime.ticker import Ticker
+
+    ticker = Ticker(1.0 / PHYSICS_DT, clock=clock)
+
+    def wait() -> float:
+        ticker.wait()
+        return clock.elapsed_s()
+
+    return wait

@@ -108,11 +108,15 @@ class UnitreeRobot(RobotBackend):
         self._tell(self._damping() if self.fault else command)
         self._told = self._awaited = True
 
-    def close(self) -> None:
+    def relax(self) -> None:
         """Leaves the robot damped, if it was commanded and no other program does it now."""
         if self._told and not self._link.others(COMMANDS):
             self._tell(self._damping())
         self._told = False
+
+    def close(self) -> None:
+        """Leaves the robot damped, as `relax`, and its domain."""
+        self.relax()
         self._link.close()
 
     def _take(self) -> None:

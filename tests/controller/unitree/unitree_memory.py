@@ -16,6 +16,7 @@ from saltus.effects.profile import load_profile
 from saltus.robots.loading import load_robot
 from saltus.sim.plant import Plant
 from saltus.terrain import flat
+from saltus.trial import Trial
 
 ROBOT = load_robot("go2")
 
@@ -26,7 +27,8 @@ def tick() -> CompiledTick:
 
 
 def simulated(*faults: str, seed: int = 0, held: bool = False) -> SimulatedUnitree:
-    profile = load_profile("shipped", ROBOT)
+    """One with the drives that a trial draws: 0.9 to 1.1 of their strength, and later or sooner."""
+    profile = Trial.draw(seed).applied_to(load_profile("shipped", ROBOT))
     plant = Plant(ROBOT, flat.make(), chain=profile.actuator_chain, held=held)
     return SimulatedUnitree(plant, Faults([Fault.parse(each) for each in faults], seed), seed)
 

@@ -1,0 +1,101 @@
+"""Preflights find what is wrong with a robot, name it, and pass healthy ones."""
+
+import json
+
+import pytest
+from unitree_memory import ROBOT, Wire, simulated
+from unitree_processes import own_domain, saltus
+from unitree_processes import simulated as simulated_process
+
+from saltus.controller.robot.unitree.faults import KINDS
+from saltus.controller.robot.unitree.messages import LOW_COMMAND, MOTORS
+from saltus.controller.robot.unitree.preflight import preflight
+from saltus.robots.robot import JOINTS
+
+PATIENCE_S = 100.0
+FOUND_BY = {
+    "lost": {"gaps"}, "silent": {"rate"}, "late": {"answers"}, "slow": {"rate", "gaps"},
+    "frozen": {"rate", "clock"}, "stuck": {"clock"}, "crc": {"checksums"}, "tick": {"clock"},
+    "hot": {"temperatures"}, "battery": {"battery"}, "imu": {"level"}, "dead": {"motors"},
+    "sign": {"gravity", "follows", "ranges"}, "foreign": {"alone"},
+}  # fmt: skip
+"""Checks of a hanging robot of which one at least refuses it, by the fault."""
+
+
+def checked(wire: Wire, *, stands: bool = False) -> dict[str, bool]:
+    def wait() -> float:
+        wire.tick()
+        return wire.elapsed_s()
+
+    checks = preflight(wire, ROBOT, wire, wait, stands=stands)  # type: ignore[arg-type]
+    return {check.name: check.passed for check in checks}
+
+
+def refused(*faults: str, seed: int = 0, stands: bool = False) -> set[str]:
+    wire = Wire(simulated(*faults, seed=seed, held=not stands))
+    if "foreign" in faults:
+        wire.strangers = ("sport",)
+    return {name for name, passed in checked(wire, stands=stands).items() if not passed}
+
+
+@pytest.mark.parametrize("kind", FOUND_BY)
+def test_each_fault_of_a_hanging_robot_is_found_and_named(kind: str) -> None:
+    found = refused(kind)
+    assert found & FOUND_BY[kind]
+    assert found <= FOUND_BY[kind] | ({"rate", "gaps", "follows"} if kind != "hot" else set())
+
+
+def test_every_kind_of_fault_is_looked_for() -> None:
+    assert {*FOUND_BY, "offset"} == {*KINDS}
+
+
+@pytest.mark.parametrize("joint", JOINTS[3:])
+def test_a_flipped_joint_is_found_wherever_it_is(joint: str) -> None:
+    assert refused(f"sign:{joint}", seed=1) & FOUND_BY["sign"]
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_a_zero_that_is_off_is_found_of_a_standing_robot(joint: str) -> None:
+    assert refused(f"offset:{joint}", stands=True) & {"legs", "ranges"}
+
+
+def test_a_turned_imu_is_found_of_a_standing_robot() -> None:
+    assert refused("imu", stands=True) == {"legs"}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("stands", [False, True], ids=["hangs", "stands"])
+def test_healthy_robots_pass_all_checks(seed: int, stands: bool) -> None:
+    wire = Wire(simulated(seed=seed, held=not stands))
+    checks = checked(wire, stands=stands)
+    assert all(checks.values())
+    assert len(checks) == (10 if stands else 15)
+    if stands:
+        assert not wire.sent
+    else:  # it is left damped
+        motors = LOW_COMMAND.read([wire.sent[-1]])[0]["motor_cmd"][:MOTORS]
+        assert not motors["kp"].any()
+        assert motors["kd"].all()
+
+
+@pytest.mark.parametrize("kind", ["crc", "battery", "foreign", "imu"])
+def test_a_robot_that_is_refused_at_rest_is_told_nothing(kind: str) -> None:
+    wire = Wire(simulated(kind, held=True), ["sport"] if kind == "foreign" else [])
+    assert not all(checked(wire).values())
+    assert not wire.sent
+
+
+def test_the_command_judges_a_robot_in_another_process() -> None:
+    """Its figures depend on how busy this computer is; its form and the refusal do not."""
+    where = ("--domain", str(own_domain()), "--speed", "0.1")
+    with (
+        simulated_process(own_domain(), "--held", "--speed", "0.1", "--fault", "battery"),
+        saltus("robot", "preflight", *where, "--json") as process,
+    ):
+        out, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1
+    told = json.loads(out.splitlines()[-1])
+    assert told["passed"] is False
+    by_name = {check["name"]: check for check in told["checks"]}
+    assert by_name["battery"]["found"].startswith("4 %")
+    assert "REFUSED battery" in out
