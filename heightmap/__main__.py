@@ -17,10 +17,10 @@ from saltus.wire.zenoh_bus import ZenohBus
 
 def body(
     context: ProcessContext,
-    robots: Sequence[str],
-    endpoint: str,
+    robots: Sequence[str] = (),
+    endpoint: str = "",
     *,
-    peer: bool,
+    peer: bool = False,
     scan: ScanChoice | None = None,
 ) -> None:
     """Serves `robots`, each on a bus of its own (`peer`: see `ZenohBus`); run.toml's robot where there are none."""

@@ -28,11 +28,11 @@ class MemoryHub:
     def inject(self, key: str, payload: bytes, attachment: bytes) -> None:
         """Delivers bytes as they are, malformed ones too."""
         now_ns = time.monotonic_ns()
-        for slot in self._slots.get(key, ()):
-            slot.push(RawSample(key, payload, attachment, now_ns))
-        for prefix, stream in self._streams:
+        for prefix, stream in self._streams:  # first, so that they have causes before effects
             if key.startswith(prefix):
                 stream.push(RawSample(key.removeprefix(prefix), payload, attachment, now_ns))
+        for slot in self._slots.get(key, ()):
+            slot.push(RawSample(key, payload, attachment, now_ns))
 
 
 class MemoryBus(Bus):

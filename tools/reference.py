@@ -178,7 +178,7 @@ def messages_page() -> str:
 def _topics() -> str:
     head = (
         "| topic | message | who sends it | rate [Hz] | age on time [ms] | "
-        "not used when older than [ms] | recorded |\n"
+        "not used when older than [ms] |\n"
     )
     rows = []
     for t in TOPICS.values():
@@ -188,15 +188,9 @@ def _topics() -> str:
             _shown(1e3 * t.nominal_age_s),
             _shown(1e3 * t.invalid_age_s),
         )
-        cells = (
-            f"`{t.name}`",
-            f"`{schemas.TYPE_NAME[t.message]}`",
-            sender,
-            *numbers,
-            "yes" if t.recorded else "no",
-        )
+        cells = (f"`{t.name}`", f"`{schemas.TYPE_NAME[t.message]}`", sender, *numbers)
         rows.append(f"| {' | '.join(cells)} |")
-    return head + "|---|---|---|---|---|---|---|\n" + "\n".join(rows)
+    return head + "|---|---|---|---|---|---|\n" + "\n".join(rows)
 
 
 def _codes() -> str:

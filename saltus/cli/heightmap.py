@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,11 +22,16 @@ from saltus.errors import RecordingError, SaltusError
 from saltus.flags import CommandGroup, Flag, Subcommands, shown
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.wire.messages import DepthFrame, HeightmapStatus
+from saltus.wire import codec
+from saltus.wire.bus import Publisher, topic_of
+from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, Message
+from saltus.wire.topics import TOPICS, Topic
 
 if TYPE_CHECKING:
     from saltus.heightmap.service.network import HeightmapNetwork
     from saltus.heightmap.service.scan_fleet import ScanChoice
+    from saltus.recordings.recording import Arrival
+    from saltus.runtime.replay import Answer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,8 +116,8 @@ class Serve(ScanOptions):
 
     def _serve_run(self, path: Path, choice: "ScanChoice") -> int:
         """Publishes states, images and heights of a recorded run at its own pace."""
-        from saltus.heightmap.evaluation.scan_replay import replayed_run
         from saltus.recordings.recording import read_recording
+        from saltus.runtime.replay import body_of, replay
         from saltus.wire.zenoh_bus import ZenohBus
 
         recording = read_recording(path)
@@ -119,20 +125,28 @@ class Serve(ScanOptions):
             contextlib.ExitStack() as resources,
             ZenohBus(self._endpoint(resources), self.prefix) as bus,
         ):
-            states, heights = (
-                bus.publisher("controller/state"),
-                bus.publisher("heightmap/heightmap"),
-            )
-            cameras = ["", *(camera.name for camera in choice.cameras[1:])]
-            depth = {name: bus.publisher("camera/depth", name) for name in cameras}
-            begun_s, first_ns = time.monotonic(), None
-            for state, frames, heightmap in replayed_run(recording, choice):
-                first_ns = state.time_ns if first_ns is None else first_ns
-                time.sleep(max(0.0, begun_s + 1e-9 * (state.time_ns - first_ns) - time.monotonic()))
-                states.put(state)
-                for name, frame in frames.items():
-                    depth[name].put(frame)
-                heights.put(heightmap)
+            publishers: dict[str, Publisher] = {}
+            begun_s, first_ns = time.monotonic(), recording.span_ns[0]
+
+            def publish(key: str, message: Message, topic: Topic) -> None:
+                if key not in publishers:
+                    suffix = key.removeprefix(topic.name).lstrip("/")
+                    publishers[key] = bus.publisher(topic.name, suffix)
+                publishers[key].put(message)
+
+            def heard(arrival: "Arrival") -> None:
+                due_s = begun_s + 1e-9 * (arrival.arrival_ns - first_ns)
+                time.sleep(max(0.0, due_s - time.monotonic()))
+                topic = topic_of(arrival.key)
+                assert topic is not None  # noqa: S101 - the service hears known topics
+                publish(arrival.key, codec.decode(topic.message, arrival.payload), topic)
+
+            def said(answer: "Answer") -> None:
+                if isinstance(answer.message, Heightmap):
+                    publish(answer.key, answer.message, TOPICS["heightmap/heightmap"])
+
+            body = partial(body_of("heightmap"), scan=choice)
+            replay("heightmap", recording, said, heard=heard, body=body)
         return 0
 
     def _endpoint(self, resources: contextlib.ExitStack) -> str:

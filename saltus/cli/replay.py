@@ -1,20 +1,20 @@
-"""`saltus replay`: runs the heightmap service on recorded depth again and reports the difference."""
+"""`saltus replay`: runs a process on a recorded run again and compares what it says."""
 
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import tyro
 
-from saltus.cli.output import JsonOption, finite, print_json
+from saltus.cli.output import Bar, JsonOption, finite, print_figures, print_json
 from saltus.cli.run_options import RobotOption
 from saltus.cli.scan_options import ScanOptions
-from saltus.errors import RecordingError
+from saltus.errors import ConfigError, RecordingError
 from saltus.flags import Flag, shown
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.wire.messages import (
@@ -27,17 +27,33 @@ from saltus.wire.messages import (
 )
 
 if TYPE_CHECKING:
-    from saltus.heightmap.service.scan_fleet import ScanChoice
-    from saltus.recordings.recording import Recording
+    from saltus.config import RunConfig
+    from saltus.recordings.answers import Comparison
+    from saltus.recordings.recording import Arrival, Recording
     from saltus.robots.robot import Robot
+    from saltus.runtime.replay import Answer
+
+ProcessName = Literal["camera", "heightmap", "planner", "controller"]
+PROGRAM: dict[ProcessName, str] = {
+    "camera": "render",
+    "heightmap": "heightmap",
+    "planner": "policy",
+    "controller": "controller",
+}
+"""Name of each process in the table of programs, where it stands for the folder of its code."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Replay(ScanOptions, RobotOption, JsonOption):
-    """Runs the heightmap service on the depth of a recording again and compares with what was recorded.
+    """Runs a process on a recorded run again and compares what it says with what it said.
+
+    It is fed what it heard. Of a lockstep run all must be equal to the bit: the exit code is 1
+    where it is not. Of a real-time run, and with another model, a difference is a result.
 
     For example:
       saltus replay runs/one/recording.mcap
+      saltus replay runs/one/recording.mcap --process controller
+      saltus replay runs/one/recording.mcap --process planner --model runs/policy/policy.onnx
       saltus replay runs/one/recording.mcap --grid scan
       saltus replay desk.bag --assume-level --base-height-m 0.3
     """
@@ -45,8 +61,10 @@ class Replay(ScanOptions, RobotOption, JsonOption):
     recording: Annotated[Path, tyro.conf.Positional]
     """A run (.mcap), which names its robot, or a RealSense recording (.bag, .db3), which has no robot state and needs
     --assume-level."""
-    model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
-    """ONNX file."""
+    process: ProcessName = "heightmap"
+    """Which one to run. A controller's run must have been in lockstep."""
+    model: Annotated[Path | None, shown("PATH", "that of the run")] = None
+    """ONNX file of the heightmap or of the planner, in place of the run's."""
     assume_level: Flag = False
     """Take the robot to stand still and level.
 
@@ -57,57 +75,115 @@ class Replay(ScanOptions, RobotOption, JsonOption):
     level: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(default_factory=LevelRobot)
 
     def run(self) -> int:
-        """Prints the differences; 0 always, for a difference is a result."""
+        """Prints what is equal and what differs; 1 where a lockstep run does not repeat, else 0."""
         from saltus.recordings.realsense import ENDINGS
-        from saltus.resources import resource
+        from saltus.recordings.recording import read_recording
 
-        model = self.model or resource("models/heightmap.onnx")
-        choice, bag = self.scan_choice(self.model), self.recording.suffix in ENDINGS
-        if choice is None:
-            table, standing = self._bag(model) if bag else self._run(model)
+        self._check_flags()
+        if self.recording.suffix in ENDINGS:
+            return self._tell_profile(*self._bag())
+        recording = read_recording(self.recording)
+        if self.assume_level:
+            return self._tell_profile(*self._level(recording))
+        return self._process(recording)
+
+    def _check_flags(self) -> None:
+        """`ConfigError` for flags that say nothing to the process."""
+        if self.process != "heightmap":
+            given = [f"--{f}" for f in ("grid", "dialect", "picture") if getattr(self, f)]
+            given += ["--cameras"] if self.cameras else []
+            given += ["--assume-level"] if self.assume_level else []
+            if given:
+                raise ConfigError(f"{given[0]} is of the heightmap: leave --process out")
+        if self.model is not None and self.process not in ("heightmap", "planner"):
+            raise ConfigError(
+                f"--model {self.model}: the {self.process} has no network, heightmap and planner "
+                "have one"
+            )
+        self.scan_choice(self.model)
+
+    def _process(self, recording: "Recording") -> int:
+        from saltus.recordings.answers import Comparison
+        from saltus.runtime.replay import body_of, replay
+
+        name, config, body = PROGRAM[self.process], self._config(recording), None
+        if self.process == "heightmap":
+            grid = self.grid or recording.known_config.grid
+            choice = replace(self, grid=grid).scan_choice(self.model)
+            body = partial(body_of(name), scan=choice)
+            if not recording.of(RobotState):
+                raise RecordingError(f"{self.recording} has no robot state: add --assume-level")
+        comparison, heightmaps = Comparison(recording, name), list[Heightmap]()
+        own_points = self.grid is None  # those of the run
+
+        def said(answer: "Answer") -> None:
+            if own_points:
+                comparison.take(*answer)
+            if isinstance(answer.message, Heightmap):
+                heightmaps.append(answer.message)
+
+        with Bar() as bar:
+            heard = partial(_show, bar, f"replay {self.process}", max(1, recording.span_ns[1]))
+            replay(name, recording, said, heard=heard, body=body, config=config)
+        start = {
+            "recording": str(self.recording),
+            "process": self.process,
+            "lost": recording.lost,
+            **(self._figures(recording, heightmaps) if heightmaps else {}),
+        }
+        if not own_points:
+            return self._tell(start)
+        comparison.finish()
+        self._tell({**start, **_compared(comparison)})
+        return 1 if comparison.first and _must_repeat(recording, config) else 0
+
+    def _config(self, recording: "Recording") -> "RunConfig":
+        """The configuration of the run, with the model that was asked for."""
+        config = recording.known_config
+        if self.model is None or self.grid is not None:
+            return config
+        if self.process == "heightmap":
+            return replace(config, heightmap_model=str(self.model))
+        return replace(config, policy_model=str(self.model))
+
+    def _figures(self, recording: "Recording", heightmaps: list[Heightmap]) -> dict[str, object]:
+        """Figures of heights beside the simulator's ground."""
+        statuses = dict(Counter(map(_status, heightmaps)))
+        if recording.grid.size == heightmaps[0].height.size and self.grid is None:
+            truths = {m.step: m.height for m in recording.of(GroundTruth)}
+            return {
+                "status": statuses,
+                "mae_recorded_m": _error(recording.of(Heightmap), truths),
+                "mae_replayed_m": _error(heightmaps, truths),
+            }
+        from saltus.grid import load_grid
+        from saltus.heightmap.evaluation.scan_picture import write_picture
+        from saltus.heightmap.evaluation.scan_replay import scan_errors, true_heights
+
+        grid, last = load_grid(self.grid or recording.known_config.grid), heightmaps[-1]
+        if self.picture is not None:
+            truth = next((t for t in recording.of(GroundTruth) if t.step == last.step), None)
+            ground = None if truth is None else true_heights(recording, grid, truth)
+            write_picture(self.picture, last, ground)
+        return {"status": statuses, **scan_errors(recording, grid, heightmaps)}
+
+    def _tell(self, table: dict[str, object]) -> int:
+        if self.json:
+            print_json(table)
         else:
-            table, standing = self._scan(choice), list[Heightmap]()
+            print_figures({n: value for n, value in finite(table).items() if value not in ({}, [])})
+        return 0
+
+    def _tell_profile(self, table: dict[str, object], last: Heightmap) -> int:
+        """A table, and the profile that it ends with."""
         if self.json:
             print_json(table)
             return 0
-        for name, value in finite(table).items():
-            if not isinstance(value, list) or name == "lost":
-                print(f"{name:22} {'-' if value is None else value}")
-        if standing:
-            _print_profile(standing[-1])
+        self._tell({k: v for k, v in table.items() if k == "lost" or not isinstance(v, list)})
+        _print_profile(last)
         return 0
 
-    def _scan(self, choice: "ScanChoice") -> dict[str, object]:
-        """Figures of the heights of a grid: how far they are off the simulator's ground."""
-        from saltus.heightmap.evaluation.scan_picture import write_picture
-        from saltus.heightmap.evaluation.scan_replay import replayed_run, scan_errors, true_heights
-        from saltus.recordings.recording import read_recording
-
-        recording, statuses, last = (
-            read_recording(self.recording),
-            Counter[str](),
-            list[Heightmap](),
-        )
-
-        def answers() -> Iterator[Heightmap]:
-            for _, _, answer in replayed_run(recording, choice):
-                statuses[_status(answer)] += 1
-                last[:] = [answer]
-                yield answer
-
-        figures = scan_errors(recording, choice.grid, answers())
-        if self.picture is not None:
-            truth = next((t for t in recording.of(GroundTruth) if t.step == last[0].step), None)
-            ground = None if truth is None else true_heights(recording, choice.grid, truth)
-            write_picture(self.picture, last[0], ground)
-        return {
-            "recording": str(self.recording),
-            "lost": recording.lost,
-            "status": dict(statuses),
-            **figures,
-        }
-
-    def _bag(self, model: Path) -> tuple[dict[str, object], list[Heightmap]]:
+    def _bag(self) -> tuple[dict[str, object], Heightmap]:
         from saltus.recordings.realsense import read_realsense
         from saltus.robots.loading import load_robot
 
@@ -121,7 +197,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
             )
         invalid: list[float] = []
         read = partial(read_realsense, self.recording)
-        profile, heightmaps = self._standing(load_robot(self.robot), model, read, invalid)
+        profile, last = self._standing(load_robot(self.robot), read, invalid)
         table = {
             "recording": str(self.recording),
             "frames": len(invalid),
@@ -130,50 +206,24 @@ class Replay(ScanOptions, RobotOption, JsonOption):
             "invalid_fraction": float(np.mean(invalid)),
             **profile,
         }
-        return table, heightmaps
+        return table, last
 
-    def _run(self, model: Path) -> tuple[dict[str, object], list[Heightmap]]:
+    def _level(self, recording: "Recording") -> tuple[dict[str, object], Heightmap]:
         from saltus.heightmap.evaluation.comparison import lost_note
-        from saltus.heightmap.service.network import HeightmapNetwork
-        from saltus.heightmap.service.replay import replay_predictor
-        from saltus.heightmap.service.service import HeightmapService
-        from saltus.recordings.recording import read_recording
-        from saltus.wire.topics import depth_topic
 
-        recording = read_recording(self.recording)
-        lost = lost_note(recording.lost)
-        times = [
-            (arrival_ns, envelope.capture_ns)
-            for arrival_ns, envelope, _ in recording.payloads("camera/depth")
-        ]
-        if not times:
-            raise RecordingError(f"{self.recording} has no depth image{lost}")
-        start = {"recording": str(self.recording), "lost": recording.lost, "frames": len(times)}
-        if self.assume_level:
-            profile, heightmaps = self._standing(
-                recording.robot, model, partial(_frames, recording), []
-            )
-            return {**start, **profile}, heightmaps
-        states = recording.of(RobotState)
-        if not states:
-            raise RecordingError(f"{self.recording} has no robot state{lost}: add --assume-level")
-        latency_s = 1e-9 * min(arrival_ns - capture_ns for arrival_ns, capture_ns in times)
-        service = HeightmapService(HeightmapNetwork(recording.robot, model), depth_topic(latency_s))
-        arrivals = (arrival_ns for arrival_ns, _ in times)
-        return {
-            **start,
-            **_differences(
-                recording, replay_predictor(service, _frames(recording), states, arrivals)
-            ),
-        }, []
+        frames = sum(1 for _ in recording.payloads("camera/depth"))
+        if not frames:
+            raise RecordingError(f"{self.recording} has no depth image{lost_note(recording.lost)}")
+        start = {"recording": str(self.recording), "lost": recording.lost, "frames": frames}
+        profile, last = self._standing(recording.robot, partial(_frames, recording), [])
+        return {**start, **profile}, last
 
     def _standing(
         self,
         robot: "Robot",
-        model: Path,
         read: Callable[[], Iterator[DepthFrame]],
         invalid: list[float],
-    ) -> tuple[dict[str, object], list[Heightmap]]:
+    ) -> tuple[dict[str, object], Heightmap]:
         """How a standing robot sees the images, and the last heightmap.
 
         Appends each image's share without depth.
@@ -181,9 +231,11 @@ class Replay(ScanOptions, RobotOption, JsonOption):
         from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.heightmap.service.replay import replay_standing
         from saltus.heightmap.service.stamps import SteadyStamps
+        from saltus.used_networks import model_path
 
+        network = HeightmapNetwork(robot, model_path("heightmap", self.model))
         stamps, statuses, last, before = SteadyStamps(), Counter[str](), None, None
-        for frame, last in replay_standing(HeightmapNetwork(robot, model), read, self.level):
+        for frame, last in replay_standing(network, read, self.level):
             if frame.frame_id != before:  # a lockstep run may have an image twice
                 stamps.step(frame.time_ns)
             before = frame.frame_id
@@ -197,7 +249,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
             for name in ("x", "height", "half_width_90")
         }
         jumps = {"jumps": stamps.count, "largest_jump_s": stamps.largest_s}
-        return {"heightmaps": statuses.total(), "status": dict(statuses), **jumps, **arrays}, [last]
+        return {"heightmaps": statuses.total(), "status": dict(statuses), **jumps, **arrays}, last
 
 
 def _frames(recording: "Recording") -> Iterator[DepthFrame]:
@@ -215,22 +267,26 @@ def _print_profile(heightmap: Heightmap) -> None:
         print(f"{x:9.3f}   {height:10.3f}   {half:10.3f}")
 
 
-def _differences(recording: "Recording", heightmaps: list[Heightmap]) -> dict[str, object]:
-    """Replayed heightmaps beside the recorded ones, and both beside the truth."""
-    recorded = {m.step: m for m in recording.of(Heightmap)}
-    truths = {m.step: m.height for m in recording.of(GroundTruth)}
-    pairs = [(m, recorded[m.step]) for m in heightmaps if m.step in recorded]
-    differences = [np.abs(np.asarray(new.height) - old.height) for new, old in pairs]
+def _show(bar: Bar, stage: str, end_ns: int, arrival: "Arrival") -> None:
+    bar.at(stage, arrival.arrival_ns / end_ns)
+
+
+def _compared(comparison: "Comparison") -> dict[str, object]:
+    """A comparison as a table."""
     return {
-        "heightmaps": len(heightmaps),
-        "compared": len(pairs),
-        "max_difference_m": float(np.max(differences)) if differences else None,
-        "mean_difference_m": float(np.mean(differences)) if differences else None,
-        "status": dict(Counter(map(_status, heightmaps))),
-        "status_differs": sum(new.status != old.status for new, old in pairs),
-        "mae_recorded_m": _error(recorded.values(), truths),
-        "mae_replayed_m": _error(heightmaps, truths),
+        "messages": {topic: asdict(counts) for topic, counts in comparison.topics.items()},
+        "differences": {name: asdict(row) for name, row in comparison.fields.items()},
+        "first_difference": None if comparison.first is None else str(comparison.first),
     }
+
+
+def _must_repeat(recording: "Recording", config: "RunConfig") -> bool:
+    """True where the same process, with the same networks, heard all that it once heard."""
+    from saltus.used_networks import models_of
+
+    return (
+        config.pace == "lockstep" and recording.complete and models_of(config) == recording.models
+    )
 
 
 def _status(heightmap: Heightmap) -> str:

@@ -1,6 +1,6 @@
 """Writes a run as one MCAP file that viewers open and that survives a crash up to its last half second.
 
-Every recorded topic is a channel of CDR messages with its ROS 2 definition, one channel for each
+Every topic is a channel of CDR messages with its ROS 2 definition, one channel for each
 sender; the channel's metadata hold the sender's boot id. A record keeps the sequence, the capture
 time (publish time) and the arrival (log time), all in the run's clock, so that a replay can check
 order and age as live.
@@ -19,7 +19,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import TracebackType
 
@@ -98,9 +98,9 @@ class Recorder:
         self._syncs.start()
 
     def write(self, raw: RawSample) -> None:
-        """Records one sample of a recorded topic; counts what is malformed."""
+        """Records one sample of a known topic; counts what is malformed."""
         topic = topic_of(raw.key)
-        if topic is None or not topic.recorded:
+        if topic is None:
             return
         try:
             envelope, message = unpack(topic, raw)
@@ -244,10 +244,7 @@ def describe(run_config: RunConfig, setup: Setup) -> dict[str, str]:
     return {
         "schema": SCHEMA,
         "config": config.to_toml(run_config),
-        **{
-            name: getattr(setup, name).to_toml()
-            for name in ("robot", "grid", "terrain", "profile", "camera")
-        },
+        **{part.name: getattr(setup, part.name).to_toml() for part in fields(setup)},
         "seed": str(run_config.seed),
         "models": json.dumps(models_of(run_config)),
         "commit": commit(),

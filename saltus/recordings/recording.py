@@ -7,7 +7,7 @@ and `Recording.lost` says what; `saltus.recordings.repair` makes a whole file of
 """
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -21,14 +21,17 @@ from mcap.stream_reader import StreamReader
 from saltus import config
 from saltus.config import RunConfig, Value, from_table
 from saltus.depth_camera import DepthCamera, load_camera
+from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError, MessageError, RecordingError
 from saltus.grid import HeightGrid, load_grid
-from saltus.recordings.chunks import RECORD_MAX, rows, sound_records, torn_chunk
+from saltus.recordings.chunks import RECORD_MAX, ChunkRow, rows, sound_records, torn_chunk
 from saltus.recordings.recorder import LIBRARY, LOST, METADATA, METADATA_END
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.setup import Setup
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
+from saltus.trial import Trial
 from saltus.wire import cdr, codec, schemas
 from saltus.wire.bus import topic_of
 from saltus.wire.codec import Envelope
@@ -117,11 +120,27 @@ class Recording:
         """
         return self._value("camera", DepthCamera, load_camera)
 
+    @cached_property
+    def setup(self) -> Setup:
+        """Everything that the run was of; an older recording names the profile and the seed of its trial.
+
+        Raises:
+            ConfigError: it was written by another version.
+        """
+        return Setup(
+            robot=self.robot,
+            grid=self.grid,
+            terrain=self.terrain,
+            profile=self._value("profile", Profile, lambda name: load_profile(name, self.robot)),
+            camera=self.camera,
+            trial=self._value("trial", Trial, lambda _: Trial.draw(self.known_config.seed)),
+        )
+
     def _value(self, name: str, kind: type[Part], otherwise: Callable[[Any], Part]) -> Part:
         """A value of the run as it was written, or `otherwise` made of its name in the configuration."""
         if name in self.metadata:
             return kind.from_toml(self.metadata[name])
-        return otherwise(getattr(self.known_config, name))
+        return otherwise(getattr(self.known_config, name, None))
 
     @cached_property
     def models(self) -> dict[str, str]:
@@ -134,9 +153,15 @@ class Recording:
         except (ValueError, TypeError, RecursionError) as error:
             raise RecordingError(f"{self.path}: its names of models are damaged") from error
 
+    @property
+    def senders(self) -> list[str]:
+        """Keys below the robot's prefix that have messages, e.g. "status/render"."""
+        found = (channel.topic[1:] for channel in self._channels.values())
+        return [key for key in dict.fromkeys(found) if topic_of(key) is not None]
+
     def topics(self) -> list[str]:
         """Names of the topics that have messages; those of one topic table row count as one."""
-        known = {topic_of(channel.topic[1:]) for channel in self._channels.values()}
+        known = set(map(topic_of, self.senders))
         return [name for name, topic in TOPICS.items() if topic in known]
 
     def messages(self, topic: str) -> Iterator[tuple[int, Envelope, Message]]:
@@ -146,10 +171,9 @@ class Recording:
         "camera/depth" images of the first camera, "camera/depth/rear" of one named so. A message
         that does not fit this version's is a `RecordingError`.
         """
-        self._check_fields(topic)
-        for arrival_ns, envelope, payload, key in self._records(topic):
+        for arrival_ns, key, envelope, payload in self.arrivals_of([topic]):
             row = topic_of(key)
-            assert row is not None  # noqa: S101 - `_records` yields rows of the table only
+            assert row is not None  # noqa: S101 - these are rows of the table only
             try:
                 yield arrival_ns, envelope, codec.decode(row.message, payload)
             except MessageError as error:
@@ -167,8 +191,19 @@ class Recording:
 
     def payloads(self, topic: str) -> Iterator[tuple[int, Envelope, bytes]]:
         """Like `messages`, but not decoded."""
-        for arrival_ns, envelope, payload, _ in self._records(topic):
+        for arrival_ns, _, envelope, payload in self._records([topic]):
             yield arrival_ns, envelope, payload
+
+    def arrivals_of(self, topics: Iterable[str]) -> Iterator[Arrival]:
+        """Messages of some topics, named as those of `messages`, in the order of the file.
+
+        Raises:
+            RecordingError: their fields are those of another version.
+        """
+        topics = tuple(topics)
+        for topic in topics:
+            self._check_fields(topic)
+        yield from self._records(topics)
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -203,14 +238,7 @@ class Recording:
                 if topic_of(sender[0]) is not None
             }
             self._unpacked[number] = [
-                Arrival(
-                    row.log_time,
-                    key,
-                    Envelope(row.sequence, row.publish_time, boot_id),
-                    self._payload(row.channel, key, row.payload),
-                )
-                for row in rows(chunk, wanted)
-                for key, boot_id in [wanted[row.channel]]
+                self._arrival(row, *wanted[row.channel]) for row in rows(chunk, wanted)
             ]
         return self._unpacked[number]
 
@@ -262,17 +290,19 @@ class Recording:
                 found[number] = channel
         return found
 
-    def _records(self, topic: str) -> Iterator[tuple[int, Envelope, bytes, str]]:
-        wanted = {number: _sender(channel) for number, channel in self._channels_of(topic).items()}
+    def _records(self, topics: Iterable[str]) -> Iterator[Arrival]:
+        wanted = {
+            number: _sender(channel)
+            for topic in topics
+            for number, channel in self._channels_of(topic).items()
+        }
         for chunk in self._chunks:
             for row in rows(chunk, wanted):
-                key, boot_id = wanted[row.channel]
-                yield (
-                    row.log_time,
-                    Envelope(row.sequence, row.publish_time, boot_id),
-                    self._payload(row.channel, key, row.payload),
-                    key,
-                )
+                yield self._arrival(row, *wanted[row.channel])
+
+    def _arrival(self, row: ChunkRow, key: str, boot_id: bytes) -> Arrival:
+        envelope = Envelope(row.sequence, row.publish_time, boot_id)
+        return Arrival(row.log_time, key, envelope, self._payload(row.channel, key, row.payload))
 
 
 def is_recording(path: Path) -> bool:

@@ -173,7 +173,7 @@ class SceneMaker:
     ) -> Iterable[TopicRow]:
         for topic in self._topics.values():
             keys = [key for key in newest if key == topic.name or key.startswith(f"{topic.name}/")]
-            if topic.rate_hz == 0.0 or not topic.recorded:
+            if topic.rate_hz == 0.0:
                 continue
             for key in sorted(keys) or ([topic.name] if topic.publisher != "*" else []):
                 if key not in newest:

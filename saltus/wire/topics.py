@@ -28,14 +28,14 @@ class Topic:
     """The process that may publish it; "*" where every process does, each under
     `name/<process>`."""
     readers: tuple[str, ...] = ()
-    """The processes that subscribe to it; others record or show it."""
+    """The processes that subscribe to it; others show it, and each is recorded."""
     rate_hz: float = 100.0
+    """0 of what has no rate of its own."""
     nominal_age_s: float = 0.0
     """Age (now - capture time) of a message that is on time, when it is used; of images see
     `depth_topic`."""
     max_extra_age_s: float = MAX_EXTRA_AGE_S
     """Beyond nominal + this a message must not be used. Half of it is the limit of "degraded"."""
-    recorded: bool = True
     jitter_s: float = 0.0
     """So much sooner or later a message may come in a trial, however fast the computer."""
     urgent: bool = False
@@ -70,7 +70,7 @@ _ROWS = (
     Topic("policy/plan", messages.MotionPlan, "policy", ("controller",)),
     Topic("controller/joints", messages.JointLog, "controller", nominal_age_s=0.010),
     Topic("plant/truth", messages.GroundTruth, "controller", ("render",)),
-    Topic("done", messages.Done, "*", ("controller",), max_extra_age_s=1.0, recorded=False),
+    Topic("done", messages.Done, "*", ("controller",), 0.0, max_extra_age_s=1.0),
     Topic(
         "event",
         messages.Event,

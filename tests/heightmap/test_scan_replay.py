@@ -111,7 +111,7 @@ def test_images_of_further_cameras_are_read_with_their_own_mounts(
     other.write_text('name = "rear"\n')
     first = str(tmp_path / "first.toml")
     assert main(["replay", str(recording), "--grid", "scan", "--cameras", first, str(other)]) == 2
-    assert "no images of the camera 'rear'" in capsys.readouterr().err
+    assert "has no camera/depth/rear" in capsys.readouterr().err
 
 
 def test_it_is_served_with_states_and_images(recording: Path) -> None:

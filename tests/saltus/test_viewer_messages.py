@@ -25,12 +25,13 @@ from saltus.robots.loading import load_robot
 from saltus.robots.shipped import shipped_robots
 from saltus.rotations import rotation_matrix
 from saltus.sim.shapes import looks_of
-from saltus.wire.messages import Event, HeightmapStatus, PlanStatus
+from saltus.wire.messages import Done, Event, HeightmapStatus, PlanStatus
 from saltus.wire.schemas import TYPE_NAME
 from saltus.wire.topics import TOPICS
 
 SIGMA = 1.645  # half of the 90 % interval of a normal distribution, in standard deviations
 EVENT = Event(time_ns=5 * MS, process="heightmap", code="depth_lost", detail="nothing for 110 ms")
+DONE = Done(time_ns=5 * MS, step=0, process="render")
 
 
 def one_of(derived: Any, topic: str) -> Any:
@@ -52,7 +53,10 @@ def derive(steps: int, *without: str) -> list[viewer.ViewerMessage]:
 
 
 def test_plain_readers_decode_every_channel_of_a_recording(tmp_path: Path) -> None:
-    recording = write(tmp_path / "run.mcap", [*run_samples(), raw("event/heightmap", EVENT, 1)])
+    recording = write(
+        tmp_path / "run.mcap",
+        [*run_samples(), raw("event/heightmap", EVENT, 1), raw("done/render", DONE, 1)],
+    )
     read: dict[str, list[Any]] = {}
     types = {}
     for topic, type_name, message, _ in messages_of(recording.path):
@@ -62,13 +66,13 @@ def test_plain_readers_decode_every_channel_of_a_recording(tmp_path: Path) -> No
         t: n for t, (n, _) in viewer.TOPICS.items()
     }
     for name, row in TOPICS.items():
-        if row.recorded:
-            found = [types[topic] for topic in types if topic[1:].startswith(name)]
-            assert found == [TYPE_NAME[row.message]]
+        found = [types[topic] for topic in types if topic[1:].startswith(name)]
+        assert found == [TYPE_NAME[row.message]]
     assert {name for name in types if not name.startswith("/viewer/")} == {
         "/event/heightmap",
         "/status/controller",
-        *(f"/{n}" for n, r in TOPICS.items() if r.recorded and r.publisher != "*"),
+        "/done/render",
+        *(f"/{n}" for n, r in TOPICS.items() if r.publisher != "*"),
     }
     assert [len(read[topic]) for topic in ("/viewer/robot", "/viewer/terrain")] == [1, 1]
     (line,) = read["/viewer/log"]

@@ -1,0 +1,198 @@
+"""Each process of a recorded run, fed what it heard, says what it said; where it does not, the difference is told."""
+
+import json
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lockstep_run import recorded_run
+from samples import EVERYTHING
+
+from saltus.cli.main import main
+from saltus.config import PlannerName, RunConfig, TerrainConfig
+from saltus.errors import RecordingError
+from saltus.recordings.answers import Comparison
+from saltus.recordings.recorder import Recorder
+from saltus.recordings.recording import Recording, read_recording
+from saltus.runtime.programs import PROGRAMS
+from saltus.runtime.replay import Answer, replay
+from saltus.wire import codec
+from saltus.wire.bus import RawSample, sender_of
+
+NAMES = [program.name for program in PROGRAMS]
+STEPS = 150
+COURSES = ("flat", "stairs", "gap", "stepping_stones")
+ASKED = (None, ("push", "8"), None, ("blind", "0.2"))
+
+
+def compared(recording: Recording, name: str, config: RunConfig | None = None) -> Comparison:
+    comparison = Comparison(recording, name)
+    replay(name, recording, lambda answer: comparison.take(*answer), config=config)
+    comparison.finish()
+    return comparison
+
+
+def run(folder: Path, number: int) -> Recording:
+    """A run of a drawn seed, of another course, camera, planner, profile and operator for each number."""
+    rng = np.random.default_rng(number)
+    planners: tuple[PlannerName, ...] = ("learned", "scripted")
+    profile = folder / "everything.toml"
+    profile.write_text(EVERYTHING.to_toml())
+    config = RunConfig(
+        robot="go1",
+        grid="line",
+        terrain=TerrainConfig(terrain=COURSES[number]),
+        seed=int(rng.integers(2**31)),
+        camera=("ideal", "d435i")[number % 2],
+        planner=planners[number % 3 % 2],
+        profile=str(profile) if number > 1 else "shipped",
+        time_limit_s=1.3,
+    )
+    return recorded_run(folder, config, ASKED[number])
+
+
+@pytest.mark.parametrize("number", range(len(COURSES)))
+def test_every_process_repeats_to_the_bit(number: int, tmp_path: Path) -> None:
+    recording = run(tmp_path, number)
+    for name in NAMES:
+        comparison = compared(recording, name)
+        assert comparison.first is None, str(comparison.first)
+        assert all(counts.equal for counts in comparison.topics.values())
+        assert comparison.compared > STEPS
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    return run(tmp_path_factory.mktemp("run"), 0)
+
+
+def answers(recording: Recording, name: str) -> list[Answer]:
+    """Messages of a process, as they are recorded."""
+    keys = [key for key in recording.senders if sender_of(key) == name]
+    return [
+        Answer(key, message, codec.encode(message))
+        for key in keys
+        if not key.startswith("status/")
+        for _, _, message in recording.messages(key)
+    ]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_changed_entry_is_told_with_its_place(recording: Recording, name: str) -> None:
+    rng = np.random.default_rng(len(name))
+    said = answers(recording, name)
+    for _ in range(5):
+        place = int(rng.integers(len(said)))
+        key, message, _ = said[place]
+        numbers = [
+            field.name
+            for field in fields(message)
+            if field.name not in ("time_ns", "step")
+            and np.asarray(getattr(message, field.name)).dtype.kind in "uif"
+            and np.size(getattr(message, field.name))
+        ]
+        if not numbers:  # of an event
+            continue
+        field = str(rng.choice(numbers))
+        value = np.array(getattr(message, field))
+        index = tuple(int(rng.integers(size)) for size in value.shape)
+        value[index] += 1
+        other = replace(message, **{field: value if value.shape else value.item()})
+        comparison = Comparison(recording, name)
+        for answer in said:
+            changed = answer.message is message
+            comparison.take(key, other, codec.encode(other)) if changed else comparison.take(
+                *answer
+            )
+        comparison.finish()
+        first = comparison.first
+        assert first is not None
+        assert (first.topic, first.time_ns) == (key, message.time_ns)
+        assert first.field == (f"{field}[{', '.join(map(str, index))}]" if index else field)
+        assert list(comparison.fields) == [f"{key}.{field}"]
+        assert comparison.fields[f"{key}.{field}"].messages == 1
+        assert str(first.recorded) in str(first)
+
+
+def test_messages_that_one_side_lacks_are_counted(recording: Recording) -> None:
+    said = [answer for answer in answers(recording, "policy") if answer.key == "policy/plan"]
+    comparison = Comparison(recording, "policy")
+    for answer in (*said[:10], *said[12:]):
+        comparison.take(*answer)
+    late = replace(said[-1].message, time_ns=said[-1].message.time_ns + 1)
+    comparison.take("policy/plan", late, codec.encode(late))
+    comparison.finish()
+    counts = comparison.topics["policy/plan"]
+    assert (counts.equal, counts.missing, counts.more) == (len(said) - 2, 2, 1)
+    assert comparison.first is not None
+    assert comparison.first.time_ns == said[10].message.time_ns
+    assert "not said again" in str(comparison.first)
+
+
+def test_another_planner_plans_otherwise(recording: Recording) -> None:
+    config = recording.known_config
+    other: PlannerName = "scripted" if config.planner == "learned" else "learned"
+    comparison = compared(recording, "policy", replace(config, planner=other))
+    assert comparison.first is not None
+    assert comparison.first.topic == "policy/plan"
+    assert comparison.topics["done/policy"].differ == 0
+
+
+@pytest.mark.parametrize("process", ["camera", "heightmap", "planner", "controller"])
+def test_the_command_says_so(
+    recording: Recording, process: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(recording.path), "--process", process, "--json"]) == 0
+    table = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert table["first_difference"] is None
+    assert sum(row["equal"] for row in table["messages"].values()) > STEPS
+
+
+def test_a_difference_fails_where_a_run_must_repeat(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The recording says another seed than the run had: its camera draws other noise, and another trial is not."""
+    changed = tmp_path / "changed.mcap"
+    config = replace(recording.known_config, planner="scripted")
+    with Recorder(changed, config, recording.setup) as file:
+        for arrival in recording.arrivals(-1, 2**62):
+            attachment = arrival.envelope.to_bytes()
+            file.write(RawSample(arrival.key, arrival.payload, attachment, arrival.arrival_ns))
+    assert main(["replay", str(changed), "--process", "planner"]) == 1
+    assert "policy/plan at " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (["--process", "camera", "--model", "x.onnx"], "the camera has no network"),
+        (["--process", "controller", "--grid", "scan"], "--grid is of the heightmap"),
+        (["--process", "planner", "--model", "x.onnx"], "x.onnx"),
+        (["--process", "camra"], "camera"),
+    ],
+)
+def test_flags_that_do_not_fit_are_said(
+    recording: Recording, flags: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(recording.path), *flags]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_run_without_what_a_process_hears_is_refused(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hears = {"render": "plant/truth", "policy": "heightmap/heightmap", "controller": "done/render"}
+    for name, topic in hears.items():
+        path = tmp_path / f"{name}.mcap"
+        with Recorder(path, recording.known_config, recording.setup) as file:
+            for arrival in recording.arrivals(-1, 2**62):
+                if not arrival.key.startswith(topic):
+                    attachment = arrival.envelope.to_bytes()
+                    file.write(
+                        RawSample(arrival.key, arrival.payload, attachment, arrival.arrival_ns)
+                    )
+        with pytest.raises(RecordingError, match=f"has no {topic}, which is heard"):
+            compared(read_recording(path), name)
+    assert main(["replay", str(path), "--process", "controller"]) == 2
+    assert "saltus demo" in capsys.readouterr().err

@@ -1,0 +1,59 @@
+"""A lockstep run within one process: the bodies of all four in threads on one bus, and a recording of it."""
+
+import threading
+from pathlib import Path
+
+from memory_bus import MemoryBus, MemoryHub
+from samples import put_run
+
+from saltus.config import RunConfig
+from saltus.named_setup import named_setup
+from saltus.recordings.recorder import RECORDING_FILE, Recorder
+from saltus.recordings.recording import Recording, read_recording
+from saltus.runtime.process import ProcessContext
+from saltus.runtime.programs import PROGRAMS
+from saltus.runtime.replay import body_of
+from saltus.wire.messages import OPERATOR, Event
+
+PATIENCE_S = 60.0
+
+
+class OperatedHub(MemoryHub):
+    """At the end of the first step an operator asks for something, by code and detail."""
+
+    def __init__(self, asked: tuple[str, str] | None) -> None:
+        super().__init__()
+        self._asked = asked
+
+    def inject(self, key: str, payload: bytes, attachment: bytes) -> None:
+        """See `MemoryHub.inject`."""
+        super().inject(key, payload, attachment)
+        if self._asked is not None and key.endswith("/controller/joints"):
+            (code, detail), self._asked = self._asked, None
+            bus = MemoryBus(key.removesuffix("/controller/joints"), self)
+            event = Event(time_ns=0, process=OPERATOR, code=code, detail=detail)
+            bus.publisher("event", OPERATOR).put(event)
+
+
+def recorded_run(
+    folder: Path, config: RunConfig, asked: tuple[str, str] | None = None
+) -> Recording:
+    """Makes a run to its end, in a folder of its own."""
+    hub, contexts, threads = OperatedHub(asked), [], []
+    put_run(folder, config)
+    others = MemoryBus(config.prefix, hub)
+    stream = others.stream()
+    for name in (program.name for program in PROGRAMS):  # the controller comes last
+        contexts.append(ProcessContext(name, config, folder, MemoryBus(config.prefix, hub)))
+        ready = others.latest("status", name)
+        threads.append(threading.Thread(target=body_of(name), args=contexts[-1:], daemon=True))
+        threads[-1].start()
+        assert ready.wait(PATIENCE_S) is not None
+    threads[-1].join(PATIENCE_S)
+    for context, thread in zip(contexts, threads, strict=True):
+        context.stopped = True
+        thread.join(PATIENCE_S)
+        assert not thread.is_alive()
+    with Recorder(folder / RECORDING_FILE, config, named_setup(config)) as recorder:
+        recorder.write_all(stream)
+    return read_recording(folder / RECORDING_FILE)
