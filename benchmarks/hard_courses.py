@@ -34,7 +34,6 @@ from saltus.errors import ConfigError, nearest_hint
 from saltus.flags import shown
 from saltus.folders import ask_for_room
 from saltus.grid import LINE
-from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.loop.heights import HeightsFactory
 from saltus.policy.evaluation.evaluate import BATCH, HEIGHTS, Evaluation, run_batch
 from saltus.policy.planner import make_planner
@@ -134,7 +133,9 @@ class Benchmark(Command):
         for model in self.models:
             make_planner("learned", robot, LINE, model)  # what is wrong with it is said at once
         if self.heightmap == "predicted":
-            HeightmapNetwork(load_camera(self.camera).mounted_on(robot), self.heightmap_model)
+            from saltus.heightmap.data.predicted import load_predictor  # needs a renderer
+
+            load_predictor(self.heightmap_model, load_camera(self.camera).mounted_on(robot))
         if self.out is not None:
             ask_for_room(self.out.parent)
 

@@ -1,5 +1,6 @@
 """Heights that the service of each robot of a loop would give: rendered images, late as in each trial, one network."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +12,18 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats, Singles
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.signals import DepthImage
+from saltus.grid import HeightGrid
 from saltus.heightmap.data.robot_cameras import robot_cameras
+from saltus.heightmap.data.scan_heights import ScanHeights
+from saltus.heightmap.scan.predictor import FORMAT as SCAN_FORMAT
+from saltus.heightmap.scan.predictor import ScanNetwork
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.sight import Network, Sight
+from saltus.model_file import ModelFile
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
 from saltus.setup import Setup
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates
@@ -30,15 +37,50 @@ class PredictedHeightsFactory:
     model: Path | None = None
     """ONNX file; by default the shipped model."""
 
-    def __call__(self, setups: Sequence[Setup]) -> "PredictedHeights":
+    def __call__(self, setups: Sequence[Setup]) -> "PredictedHeights | ScanHeights":
         """A source of heights for one batch; errors of stereo matching are made by the fast chain.
 
         Raises:
             ConfigError: the profile shifts true heights.
             ModelError: the model cannot be used.
         """
-        path = model_path("heightmap", self.model)
-        return PredictedHeights(HeightmapNetwork(setups[0].robot, path, setups[0].grid), setups)
+        return predicted_heights(model_path("heightmap", self.model), setups)
+
+
+def load_predictor(
+    path: Path, robot: Robot, grid: HeightGrid | None = None
+) -> HeightmapNetwork | ScanNetwork:
+    """The network of a file, which says itself whether it is of the line or of the scan.
+
+    Args:
+        path: An ONNX file.
+        robot: Whose heights are wanted.
+        grid: Where; None where the model says it. A scan has heights everywhere.
+
+    Raises:
+        ModelError: the file cannot be read, or fits neither robot nor program.
+    """
+    if ModelFile(path).metadata.get("format") == json.dumps(SCAN_FORMAT):
+        return ScanNetwork(path)
+    return HeightmapNetwork(robot, path, grid)
+
+
+def predicted_heights(
+    path: Path,
+    setups: Sequence[Setup],
+    errors: StereoConfig | None = None,
+    rngs: Sequence[np.random.Generator] | None = None,
+) -> "PredictedHeights | ScanHeights":
+    """Heights by the network of a file; `errors` and `rngs` are those of `robot_cameras`.
+
+    Raises:
+        ConfigError: the profile shifts true heights.
+        ModelError: the model cannot be used.
+    """
+    network = load_predictor(path, setups[0].robot, setups[0].grid)
+    if isinstance(network, ScanNetwork):
+        return ScanHeights(network, setups, errors, rngs)
+    return PredictedHeights(network, setups, errors, rngs)
 
 
 class LeggedNetwork(Network, Protocol):

@@ -21,7 +21,8 @@ from saltus.effects.profile import SHIPPED
 from saltus.errors import ConfigError, nearest_hint
 from saltus.heightmap.data.closed_loop import random_course
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
-from saltus.heightmap.data.predicted import PredictedHeights
+from saltus.heightmap.data.predicted import PredictedHeights, predicted_heights
+from saltus.heightmap.data.scan_heights import ScanHeights
 from saltus.heightmap.evaluation.comparison import BASELINES
 from saltus.heightmap.evaluation.distance_travelled import Way
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
@@ -130,8 +131,7 @@ class HeldOutRuns:
         trials = [Trial.draw(int(seed)) for seed in seeds]
         setups = named_setups(self.robot, self.grid, self.camera, SHIPPED, terrains, trials)
         robot, ticks = setups[0].robot, list[_Tick]()
-        network = HeightmapNetwork(robot, model, setups[0].grid)
-        source = _source(network, rng, setups)
+        source = _source(model, rng, setups)
         loop = Loop(
             setups,
             make_planner(
@@ -148,15 +148,15 @@ class HeldOutRuns:
         tell(self.work - ROBOTS * ROBOT_WORK - len(ticks))
         measured = []
         for i, setup in enumerate(setups):
-            measured.append(_measured(self, network, ticks, i, setup, levels[i]))
+            measured.append(_measured(self, model, ticks, i, setup, levels[i]))
             tell(ROBOT_WORK)
         tell(ROBOT_WORK * (ROBOTS - count))
         return measured
 
 
 def _source(
-    network: HeightmapNetwork, rng: np.random.Generator, setups: Sequence[Setup]
-) -> PredictedHeights:
+    model: Path, rng: np.random.Generator, setups: Sequence[Setup]
+) -> PredictedHeights | ScanHeights:
     """Heights of robots whose cameras lose images and, where they are not ideal, have errors of different strength."""
     camera, profile = setups[0].camera, setups[0].profile
     profile = replace(
@@ -164,8 +164,8 @@ def _source(
     )
     errors = None if camera.ideal else drawn_cameras(len(setups), rng, StereoConfig.of(camera))
     rngs = None if camera.ideal else rng.spawn(len(setups))
-    return PredictedHeights(
-        network, [replace(setup, profile=profile) for setup in setups], errors, rngs
+    return predicted_heights(
+        model, [replace(setup, profile=profile) for setup in setups], errors, rngs
     )
 
 
@@ -211,7 +211,7 @@ class _Tick(Prediction):
 
 def _measured(
     config: HeldOutRuns,
-    model: HeightmapNetwork,
+    model: Path,
     ticks: Sequence[_Tick],
     robot: int,
     setup: Setup,
@@ -233,7 +233,8 @@ def _measured(
         for name in config.baselines
     ]
     if config.statuses:
-        answers = _replayed(HeightmapService(model), ticks, robot)[counted]
+        network = HeightmapNetwork(setup.robot, model, setup.grid)
+        answers = _replayed(HeightmapService(network), ticks, robot)[counted]
         status = np.array([answer.status for answer in answers], np.int8)
     return HeldOutRun(
         terrain=terrain.kind,

@@ -183,10 +183,10 @@ class Eval(RobotOption, ModelOptions, JsonOption):
         """Runs them all and prints how far robots went, and a table, in millimetres."""
         from tqdm import tqdm
 
+        from saltus.heightmap.data.predicted import load_predictor
         from saltus.heightmap.evaluation.distance_travelled import way_warning
         from saltus.heightmap.evaluation.held_out import HeldOutRun, HeldOutRuns
         from saltus.heightmap.evaluation.scores import scores
-        from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.workers import in_order
 
         config = HeldOutRuns(
@@ -197,9 +197,7 @@ class Eval(RobotOption, ModelOptions, JsonOption):
         )  # fmt: skip
         models = {"heightmap": model_path("heightmap", self.heightmap_model)}
         models["policy"] = model_path("policy", self.policy_model)
-        HeightmapNetwork(
-            mounted_camera(self.camera, load_robot(self.robot))[1], models["heightmap"]
-        )
+        load_predictor(models["heightmap"], mounted_camera(self.camera, load_robot(self.robot))[1])
         work = partial(config.measure, models["heightmap"])
         measured: list[HeldOutRun] = []
         total = len(config.batches) * config.work

@@ -121,11 +121,10 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
         The one that predicts lies above the planner, so it is handed down from here.
         """
         if self.heightmap == "predicted":
-            from saltus.heightmap.data.predicted import PredictedHeightsFactory
-            from saltus.heightmap.service.network import HeightmapNetwork
+            from saltus.heightmap.data.predicted import PredictedHeightsFactory, load_predictor
 
             _, robot = mounted_camera(self.camera, load_robot(self.robot))
-            HeightmapNetwork(robot, model_path("heightmap", self.heightmap_model))
+            load_predictor(model_path("heightmap", self.heightmap_model), robot)
             return PredictedHeightsFactory(model=self.heightmap_model)
         if self.heightmap_model is not None:
             raise ConfigError(

@@ -2,7 +2,7 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pytest
@@ -10,13 +10,19 @@ from memory_bus import MemoryBus, MemoryHub
 from samples import PROFILE, ROBOT, put_run, setups_of
 from test_camera_family import CASES, with_latency
 
+from saltus import used_networks
 from saltus.config import RunConfig, TerrainConfig
+from saltus.depth_camera import load_camera
 from saltus.effects.effect import Effect
 from saltus.effects.image_delivery import FrameDrop
 from saltus.effects.profile import load_profile
+from saltus.errors import ModelError
 from saltus.grid import LINE
-from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
+from saltus.heightmap.data.predicted import PredictedHeightsFactory, load_predictor
+from saltus.heightmap.scan.predictor import ScanNetwork
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.scan import ScanService
+from saltus.heightmap.service.scan_fleet import ScanChoice
 from saltus.heightmap.service.service import HeightmapService
 from saltus.loop.heights import HeightSource
 from saltus.loop.loop import Loop, Moment
@@ -28,11 +34,12 @@ from saltus.runtime.process import ProcessContext
 from saltus.states import state_message
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
-from saltus.wire.messages import ControllerMode, GroundTruth, RobotState
+from saltus.wire.messages import ControllerMode, DepthFrame, GroundTruth, Heightmap, RobotState
 
 TRIALS = [Trial.draw(seed) for seed in (3, 4, 5)]
 KINDS = ("stairs", "stairs", "gap")
 TERRAINS = [make_terrain(TerrainConfig(terrain=kind)) for kind in KINDS]
+SCAN = used_networks.model_path("scan")
 TICKS = 60
 TICK_NS = 10_000_000
 GAPS = (FrameDrop(fraction=0.8),)
@@ -88,16 +95,19 @@ def deployed(profile: str, folder: Path) -> list[CameraProcess]:
     return processes
 
 
-@pytest.mark.parametrize(
-    "effects", [PROFILE.camera, *CASES, GAPS], ids=lambda effects: effects[-1].name
-)
-def test_they_are_those_of_the_deployed_processes(
-    effects: tuple[Effect[Any], ...], model_path: Path, tmp_path: Path
+class Service(Protocol):
+    """Answers a state, with the image that has arrived."""
+
+    def step(self, state: RobotState, frame: DepthFrame | None, now_ns: int, /) -> Heightmap: ...
+
+
+def compare(
+    effects: tuple[Effect[Any], ...], model: Path, services: list[Service], folder: Path
 ) -> None:
-    path = tmp_path / "profile.toml"
-    path.write_text(with_latency(effects).to_toml())
-    services = [HeightmapService(HeightmapNetwork(ROBOT, model_path)) for _ in TRIALS]
-    batch, cameras = rollout(model_path, str(path), stand_steps=20), deployed(str(path), tmp_path)
+    """Steps a batch and the deployed processes of each of its robots, and holds their heights to each other."""
+    path = folder / "profile.toml"
+    path.write_text(with_latency(effects).to_toml(), encoding="utf-8")
+    batch, cameras = rollout(model, str(path), stand_steps=20), deployed(str(path), folder)
     for k in range(TICKS):
         step = batch.step()
         for robot, (camera, service) in enumerate(zip(cameras, services, strict=True)):
@@ -106,10 +116,37 @@ def test_they_are_those_of_the_deployed_processes(
             np.testing.assert_allclose(step.heights[robot], answer.height, atol=1e-5)
 
 
-def test_a_robot_that_starts_again_has_forgotten(model_path: Path) -> None:
+@pytest.mark.parametrize(
+    "effects", [PROFILE.camera, *CASES, GAPS], ids=lambda effects: effects[-1].name
+)
+def test_they_are_those_of_the_deployed_processes(
+    effects: tuple[Effect[Any], ...], model_path: Path, tmp_path: Path
+) -> None:
+    network = HeightmapNetwork(ROBOT, model_path)
+    compare(effects, model_path, [HeightmapService(network) for _ in TRIALS], tmp_path)
+
+
+@pytest.mark.parametrize("effects", [PROFILE.camera, GAPS], ids=["shipped", "gaps"])
+def test_those_of_the_scan_are_those_of_its_services(
+    effects: tuple[Effect[Any], ...], tmp_path: Path
+) -> None:
+    model, rig = SCAN, ScanChoice(grid=LINE).rig(ROBOT, load_camera("ideal"))
+    network = ScanNetwork(model)
+    compare(effects, model, [ScanService(network, rig) for _ in TRIALS], tmp_path)
+
+
+def test_a_file_says_whether_it_is_of_the_line_or_of_the_scan(model_path: Path) -> None:
+    assert isinstance(load_predictor(model_path, ROBOT), HeightmapNetwork)
+    assert isinstance(load_predictor(SCAN, ROBOT), ScanNetwork)
+    with pytest.raises(ModelError, match="policy"):
+        load_predictor(used_networks.model_path("policy"), ROBOT)
+
+
+@pytest.mark.parametrize("kind", ["line", "scan"])
+def test_a_robot_that_starts_again_has_forgotten(kind: str, model_path: Path) -> None:
     batch = rollout(model_path)
-    source: HeightSource = PredictedHeightsFactory(model=model_path)(setups_of(TERRAINS, TRIALS))
-    assert isinstance(source, PredictedHeights)
+    model = model_path if kind == "line" else SCAN
+    source: HeightSource = PredictedHeightsFactory(model=model)(setups_of(TERRAINS, TRIALS))
     steps = [batch.step() for _ in range(40)]
     everyone, nobody = np.ones(3, dtype=np.bool_), np.zeros(3, dtype=np.bool_)
     first = [
@@ -124,18 +161,25 @@ def test_a_robot_that_starts_again_has_forgotten(model_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("camera", "course"),
-    [("ideal", {"terrain": "stairs"}), ("d435i", {"terrain": "stepping_stones", "gap_max_m": 0.5})],
-    ids=["ideal", "d435i"],
+    ("camera", "course", "model"),
+    [
+        ("ideal", {"terrain": "stairs"}, None),
+        ("d435i", {"terrain": "stepping_stones", "gap_max_m": 0.5}, None),
+        ("d435i", {"terrain": "gap"}, SCAN),
+    ],
+    ids=["ideal", "d435i", "scan"],
 )
 def test_a_trial_does_not_depend_on_who_else_is_in_the_batch(
-    camera: str, course: dict[str, Any]
+    camera: str, course: dict[str, Any], model: Path | None
 ) -> None:
     evaluation = Evaluation(
         robot="go1", grid="line", camera=camera, course=TerrainConfig(**course), time_limit_s=1.5
     )
     run = partial(
-        run_batch, evaluation, PredictedHeightsFactory(), partial(make_planner, "learned")
+        run_batch,
+        evaluation,
+        PredictedHeightsFactory(model=model),
+        partial(make_planner, "learned"),
     )
     alone, together = run([4])[4], run([3, 4, 5])[4]
     assert alone.outcome == together.outcome
