@@ -18,7 +18,7 @@ from saltus.constants import POLICY_STEPS
 from saltus.grid import load_grid
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import TrainConfig, for_cpu, for_gpu
-from saltus.policy.training.learner import Learner
+from saltus.policy.training.learner import JumpLearner
 from saltus.policy.training.train import device_of_this_process, make_engine
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -50,7 +50,7 @@ def measure(
     """Trains for some iterations, then times the stages of a step one by one."""
     engine = make_engine(load_robot(DEFAULT_ROBOT), config.robots, config.env, device)
     env = JumpEnv(engine, config.env, load_grid(config.grid), seed=0, device=device)
-    learner = Learner(env, config.learning)
+    learner = JumpLearner(env, config.learning)
     collecting, learning = _iterations(learner, iterations, device)
     plan, control, sense, finish = env.stages
     horizon = config.learning.horizon
@@ -74,7 +74,7 @@ def measure(
     }
 
 
-def _iterations(learner: Learner, count: int, device: str) -> tuple[float, float]:
+def _iterations(learner: JumpLearner, count: int, device: str) -> tuple[float, float]:
     """Seconds of collecting and of learning, the mean of `count` iterations after some to warm up."""
     collecting = learning = 0.0
     for i in range(count + _WARM_UPS):

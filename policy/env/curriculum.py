@@ -125,17 +125,33 @@ def next_level(
         finished: It came to the end of the course, bool, shape (n,).
         draw: Uniform in [0, 1), shape (n,).
     """
-    xp = namespace(level)
-    one = xp.ones_like(level)
     up = ~failed & (finished | (way > config.promotion_m))
     down = ~up & (way < config.demotion_m)
+    return moved_level(config.levels, level, up, down, draw, any_level=config.any_level)
+
+
+def moved_level(
+    levels: int, level: Array, up: Array, down: Array, draw: Array, *, any_level: float = 0.0
+) -> Array:
+    """The level above or below, whole numbers as floats; beyond the last, and in a share `any_level`, any level.
+
+    Args:
+        levels: How many there are.
+        level: The present one, shape (n,).
+        up: Who goes up, bool, shape (n,).
+        down: Who goes down, bool, shape (n,).
+        draw: Uniform in [0, 1), shape (n,).
+        any_level: Share of those who get any level.
+    """
+    xp = namespace(level)
+    one = xp.ones_like(level)
     moved = xp.clip(
         level + xp.where(up, one, 0.0 * one) - xp.where(down, one, 0.0 * one), 0.0, None
     )
-    place = draw * config.levels
+    place = draw * levels
     drawn = xp.floor(place)
-    is_drawn = place - drawn < config.any_level  # the fraction of a uniform number is uniform, too
-    return xp.where(is_drawn | (moved >= config.levels), drawn, moved)
+    is_drawn = place - drawn < any_level  # the fraction of a uniform number is uniform, too
+    return xp.where(is_drawn | (moved >= levels), drawn, moved)
 
 
 def difficulty(config: CurriculumConfig, level: Array, draw: Array) -> Array:

@@ -6,7 +6,7 @@ a GPU each stage is replayed as a CUDA graph and nothing waits for the processor
 """
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import torch
 from torch import Tensor
@@ -36,6 +36,7 @@ from saltus.policy.env.memory import blank_memory, keep, store
 from saltus.policy.env.rewards import RewardInputs, reward_terms
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.states import engine_states
+from saltus.policy.env.transition import Transition
 from saltus.policy.env.views import Views
 from saltus.robots.legs import LegKinematics
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
@@ -43,25 +44,6 @@ from saltus.sim.engine import Engine
 from saltus.states import RobotStates
 from saltus.terrain.batch import Courses
 from saltus.wire.messages import ControllerMode
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Transition:
-    """Result of a step; nothing in it changes with the next step."""
-
-    actor: Tensor
-    """Inputs of the policy, after resets. Shape (n, `saltus.policy.features.size_with`)."""
-    critic: Tensor
-    """Inputs of the critic alone, shape (n, `Views.privileged_size`)."""
-    reward: Tensor
-    """Shape (n,)."""
-    done: Tensor
-    """The episode is over and the next has begun, bool, shape (n,)."""
-    timed_out: Tensor
-    """It ended at the time limit or at the end of the course, which is no failure.
-
-    Bool, shape (n,).
-    """
 
 
 class JumpEnv:
@@ -165,6 +147,10 @@ class JumpEnv:
     def crowded_share(self) -> float:
         """Share of the robots for which the physics left out contacts since the last call, as there was no room."""
         return float(torch.as_tensor(self._engine.crowded()).float().mean())
+
+    def grow(self, steps: float) -> None:
+        """Ranges are drawn from as after so many environment steps of all processes."""
+        self.episodes.grow(steps)
 
     def set_levels(self, level: Tensor) -> None:
         """Starts every robot again on a course of the given level, shape (n,)."""

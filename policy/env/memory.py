@@ -116,8 +116,8 @@ def blank_memory(kinds: Iterable[int], plans: int, past: int, device: torch.devi
     return Memory(**tensors)
 
 
-def store(memory: Memory, mask: Tensor | None = None, **values: Tensor) -> None:
-    """Writes values in place: everywhere, or in the rows where `mask`, bool of shape (n,), is set."""
+def store(memory: Any, mask: Tensor | None = None, **values: Tensor) -> None:
+    """Writes values of a memory in place: everywhere, or in the rows where `mask`, bool of shape (n,), is set."""
     for name, value in values.items():
         old = getattr(memory, name)
         if mask is not None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, overload
 
 import torch
 
@@ -10,6 +10,8 @@ from saltus.config import from_toml
 from saltus.errors import ConfigError, SaltusError
 from saltus.files import atomic_write, check_archive
 from saltus.policy.env.settings import TrainConfig
+
+Config = TypeVar("Config")
 
 NEEDED = {
     "actor_state_dict", "critic_state_dict", "optimizer_state_dict", "kind", "level",
@@ -42,10 +44,14 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
     return state
 
 
-def config_of(state: Mapping[str, Any]) -> TrainConfig:
+@overload
+def config_of(state: Mapping[str, Any]) -> TrainConfig: ...
+@overload
+def config_of(state: Mapping[str, Any], kind: type[Config]) -> Config: ...
+def config_of(state: Mapping[str, Any], kind: type[Any] = TrainConfig) -> Any:
     """The configuration of a training, from what its checkpoint holds; `SaltusError` if it is another program's."""
     try:
-        return from_toml(TrainConfig, state["config"])
+        return from_toml(kind, state["config"])
     except ConfigError as error:
         raise SaltusError(
             f"the checkpoint's configuration does not fit this program: {error}"

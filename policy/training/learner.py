@@ -11,25 +11,31 @@ from tensordict import TensorDict
 
 from saltus.errors import SaltusError
 from saltus.policy.bounds import ACTIONS, ActionBounds
-from saltus.policy.env.env import JumpEnv, Transition
+from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import LearningConfig
+from saltus.policy.env.transition import LearningEnv, Transition
 from saltus.policy.training.checkpoint import config_of, read_checkpoint, write_checkpoint
 
 FIRST_ACTION = (2.0, 1.0, 0.3, 0.0, 0.0, 0.0, 0.12, 0.0, 0.0, 0.12)
 """Action of an untrained policy: a slow bound that lifts its feet. From the middle of the ranges,
 standing would have to be unlearnt first."""
 _LIFTS = [ACTIONS.index("front_residual_z"), ACTIONS.index("rear_residual_z")]
-_GROUPS = {"actor": ["policy"], "critic": ["privileged"]}
+GROUPS = {"actor": ["policy"], "critic": ["privileged"]}
+"""Which parts of an observation each network reads."""
 
 
 class Learner:
     """Collects experience and learns from it; `distributed` is rank and number of processes that learn together."""
 
     def __init__(
-        self, env: JumpEnv, config: LearningConfig, distributed: tuple[int, int] = (0, 1)
+        self,
+        env: LearningEnv,
+        config: LearningConfig,
+        actor: MLPModel,
+        distributed: tuple[int, int] = (0, 1),
     ) -> None:
         self._env, self._config = env, config
-        self._observation = _observation(env.transition())
+        self._observation = observation_of(env.transition())
         device = str(env.device)
         self.world = distributed[1]
         self._together = self.world > 1
@@ -39,11 +45,11 @@ class Learner:
             else None
         )
         storage = RolloutStorage(
-            "rl", env.count, config.horizon, self._observation, [len(ACTIONS)], device
+            "rl", env.count, config.horizon, self._observation, [actor.mlp[-1].out_features], device
         )
         self.ppo = PPO(
-            make_actor(self._observation, config, env.config.bounds),
-            MLPModel(self._observation, _GROUPS, "critic", 1, list(config.hidden), "elu", True),
+            actor,
+            MLPModel(self._observation, GROUPS, "critic", 1, list(config.hidden), "elu", True),
             storage,
             num_learning_epochs=config.epochs,
             num_mini_batches=config.minibatches,
@@ -65,10 +71,10 @@ class Learner:
     @torch.no_grad()
     def collect(self) -> None:
         """Steps the environment `horizon` times."""
-        self._env.episodes.grow(float(self.steps))
+        self._env.grow(float(self.steps))
         for _ in range(self._config.horizon):
             transition = self._env.step(self.act())
-            self._observation = _observation(transition)
+            self._observation = observation_of(transition)
             self.ppo.process_env_step(
                 self._observation,
                 transition.reward,
@@ -79,7 +85,7 @@ class Learner:
         self.steps += self._config.horizon * self._env.count * self.world
 
     def act(self) -> torch.Tensor:
-        """Output of the network for the present observation, with exploration, shape (n, 10)."""
+        """Output of the network for the present observation, with exploration, shape (n, actions)."""
         return self.ppo.act(self._observation)
 
     def learn(self) -> dict[str, float]:
@@ -113,7 +119,7 @@ class Learner:
         write_checkpoint(path, state)
 
     def load(self, path: Path) -> dict[str, Any]:
-        """Goes on from a file that `save` wrote, with any number of robots and any bounds.
+        """Goes on from a file that `save` wrote, with any number of robots.
 
         Returns what it holds.
 
@@ -127,13 +133,10 @@ class Learner:
             raise SaltusError(
                 f"{path} holds networks of another size than this training"
             ) from error
-        old, new = config_of(state).env.bounds, self._env.config.bounds
-        if old != new:
-            rebase(self.ppo.actor, old, new)
         self.iteration, self.steps = int(state["iteration"]), int(state["steps"])
-        self._env.episodes.grow(float(self.steps))
+        self._env.grow(float(self.steps))
         self._env.set_levels(_levels(state["kind"], state["level"], self._env.memory.kind))
-        self._observation = _observation(self._env.transition())
+        self._observation = observation_of(self._env.transition())
         self._share_parameters()
         return state
 
@@ -147,6 +150,26 @@ class Learner:
             self.ppo.broadcast_parameters()
 
 
+class JumpLearner(Learner):
+    """The learner of the jumping policy."""
+
+    def __init__(
+        self, env: JumpEnv, config: LearningConfig, distributed: tuple[int, int] = (0, 1)
+    ) -> None:
+        self._bounds = env.config.bounds
+        actor = make_actor(observation_of(env.transition()), config, self._bounds)
+        super().__init__(env, config, actor, distributed)
+
+    def load(self, path: Path) -> dict[str, Any]:
+        """The same from a file that was saved with any bounds."""
+        state = super().load(path)
+        old = config_of(state).env.bounds
+        if old != self._bounds:
+            rebase(self.ppo.actor, old, self._bounds)
+            self._share_parameters()
+        return state
+
+
 def make_actor(observation: TensorDict, config: LearningConfig, bounds: ActionBounds) -> MLPModel:
     """An untrained actor; `observation` gives the size of its input."""
     gaussian = {
@@ -155,7 +178,7 @@ def make_actor(observation: TensorDict, config: LearningConfig, bounds: ActionBo
         "std_range": config.std_range,
     }
     actor = MLPModel(
-        observation, _GROUPS, "actor", len(ACTIONS), list(config.hidden), "elu", True, gaussian
+        observation, GROUPS, "actor", len(ACTIONS), list(config.hidden), "elu", True, gaussian
     )
     last = actor.mlp[-1]
     with torch.no_grad():
@@ -180,7 +203,8 @@ def rebase(actor: MLPModel, old: ActionBounds, new: ActionBounds) -> None:
         actor.distribution.std_param.mul_(scale)
 
 
-def _observation(transition: Transition) -> TensorDict:
+def observation_of(transition: Transition) -> TensorDict:
+    """Inputs of actor and critic as rsl-rl takes them."""
     return TensorDict(
         {"policy": transition.actor, "privileged": transition.critic},
         batch_size=[len(transition.actor)],

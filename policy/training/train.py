@@ -20,7 +20,7 @@ from saltus.gpu import has_gpu
 from saltus.grid import load_grid
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig, TrainConfig
-from saltus.policy.training.learner import Learner
+from saltus.policy.training.learner import JumpLearner, Learner
 from saltus.policy.training.training_record import TrainingRecord
 from saltus.provenance import commit
 from saltus.robots.loading import load_robot
@@ -97,14 +97,14 @@ def train(
         seed=config.seed + 1000 * rank.rank,
         device=rank.device,
     )
-    learner = Learner(env, config.learning, (rank.rank, rank.world))
+    learner = JumpLearner(env, config.learning, (rank.rank, rank.world))
     before_s = float(learner.load(resume)["seconds"]) if resume else 0.0
     record: TrainingRecord | None = None
     try:
         if rank.rank == 0:
             record = TrainingRecord(
                 folder, config, env, learner, commit=code or commit(), start_s=start - before_s,
-                evaluate_s=60.0 * evaluate_minutes, say=_say, resumed=resume,
+                evaluate_s=60.0 * evaluate_minutes, say=say, resumed=resume,
             )  # fmt: skip
             if note:
                 record.say(note)
@@ -112,7 +112,7 @@ def train(
                 f"ready after {time.monotonic() - start:.0f} s: {config.robots} robots on "
                 f"{rank.device}"
             )
-        for _ in _iterations(learner, start, minutes, iterations, rank):
+        for _ in paced(learner, start, minutes, iterations, rank):
             learner.collect()
             losses = learner.learn()
             if record is not None:
@@ -132,7 +132,7 @@ def train(
             record.close()
 
 
-def _iterations(
+def paced(
     learner: Learner, start: float, minutes: float, last: int | None, rank: Rank
 ) -> Iterator[None]:
     """One item for each iteration that there is time for, with a bar that shows how much of it is gone."""
@@ -162,7 +162,8 @@ def _over(start: float, minutes: float, rank: Rank) -> bool:
     return bool(over.item())
 
 
-def _say(line: str) -> None:
+def say(line: str) -> None:
+    """Prints a line beside the bar of `paced`."""
     tqdm.write(line, file=sys.stdout)
     sys.stdout.flush()
 

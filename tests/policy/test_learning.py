@@ -16,7 +16,7 @@ from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import LearningConfig, TrainConfig
 from saltus.policy.features import size_with
 from saltus.policy.training.export import export
-from saltus.policy.training.learner import FIRST_ACTION, Learner, make_actor, rebase
+from saltus.policy.training.learner import FIRST_ACTION, JumpLearner, make_actor, rebase
 from saltus.policy.training.train import Rank, make_engine, train
 
 CONFIG = TrainConfig(
@@ -119,7 +119,7 @@ def test_actions_vary_as_much_as_is_asked_at_least():
     env = JumpEnv(
         make_engine(ROBOT, CONFIG.robots, CONFIG.env, "cpu", threads=1), CONFIG.env, LINE, seed=0
     )
-    learner = Learner(env, learning)
+    learner = JumpLearner(env, learning)
     assert learner.std == pytest.approx(0.6)
     actions = torch.stack([learner.act() for _ in range(200)])
     assert actions.std(dim=0).mean().item() == pytest.approx(0.6, rel=0.03)

@@ -15,7 +15,7 @@ from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig, LearningConfig, TrainConfig
 from saltus.policy.training.background_evaluation import BackgroundEvaluation
 from saltus.policy.training.evaluation_table import EvaluationRow, append_rows, read_rows, summary
-from saltus.policy.training.learner import Learner
+from saltus.policy.training.learner import JumpLearner
 from saltus.policy.training.standard_evaluation import COURSES, main
 from saltus.policy.training.train import make_engine
 from saltus.policy.training.training_record import TrainingRecord
@@ -36,11 +36,11 @@ ROW = EvaluationRow(
 )  # fmt: skip
 
 
-def make_record(folder: Path, said: list[str], evaluate_s: float) -> tuple[Learner, TrainingRecord]:
+def make_record(folder: Path, said: list[str], evaluate_s: float) -> tuple[JumpLearner, TrainingRecord]:
     env = JumpEnv(
         make_engine(ROBOT, CONFIG.robots, CONFIG.env, "cpu", threads=1), CONFIG.env, LINE, seed=0
     )
-    learner = Learner(env, CONFIG.learning)
+    learner = JumpLearner(env, CONFIG.learning)
     record = TrainingRecord(
         folder,
         CONFIG,

@@ -1,0 +1,98 @@
+"""From a checkpoint of a walking policy to its ONNX file, whose metadata say how it is to be run."""
+
+from pathlib import Path
+from typing import Any
+
+import torch
+from rsl_rl.models import MLPModel
+from tensordict import TensorDict
+from torch import Tensor, nn
+
+from saltus.errors import SaltusError
+from saltus.grid import SCAN, grid_metadata
+from saltus.onnx_export import write_onnx
+from saltus.policy.env.settings import LearningConfig
+from saltus.policy.training.checkpoint import config_of, read_checkpoint
+from saltus.policy.training.learner import GROUPS
+from saltus.policy.walking.observation import LAYOUT, POLICY_HZ, SIZE
+from saltus.policy.walking.settings import WalkTrainConfig
+from saltus.robots.loading import load_robot
+from saltus.robots.robot import JOINTS
+
+FORMAT = "saltus walking policy 1"
+"""First line of the card."""
+
+
+def make_actor(config: LearningConfig) -> MLPModel:
+    """An untrained actor."""
+    like = TensorDict({"policy": torch.zeros(1, SIZE)}, batch_size=[1])
+    gaussian = {
+        "class_name": "rsl_rl.modules.distribution:GaussianDistribution",
+        "init_std": config.first_std,
+        "std_range": config.std_range,
+    }
+    hidden = list(config.hidden)
+    actor = MLPModel(like, GROUPS, "actor", len(JOINTS), hidden, "elu", True, gaussian)
+    with torch.no_grad():
+        actor.mlp[-1].weight.mul_(0.01)  # it begins by standing
+        actor.mlp[-1].bias.zero_()
+    return actor
+
+
+class DeployedWalk(nn.Module):
+    """The actor's mean action, observation scaled before the network."""
+
+    def __init__(self, checkpoint: dict[str, Any]) -> None:
+        super().__init__()
+        self.config = config_of(checkpoint, WalkTrainConfig)
+        actor = make_actor(self.config.learning)
+        try:
+            actor.load_state_dict(checkpoint["actor_state_dict"])
+        except RuntimeError as error:
+            raise SaltusError(
+                "the checkpoint's network does not fit this program: train the policy again"
+            ) from error
+        self.network = actor.as_onnx(verbose=False).eval()
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Actions, shape (n, 12), for vectors of `saltus.policy.walking.observation`, shape (n, SIZE)."""
+        most = self.config.env.drives.most
+        return torch.clamp(self.network(observation), -most, most)
+
+
+def export(checkpoint: Path, path: Path) -> None:
+    """Writes the policy of a checkpoint as ONNX, whole or not at all.
+
+    Raises:
+        SaltusError: the checkpoint cannot be read or does not fit, or the file cannot be written.
+    """
+    state = read_checkpoint(checkpoint)
+    policy = DeployedWalk(state)
+    write_onnx(
+        policy,
+        (torch.zeros(2, SIZE),),
+        path,
+        inputs=("observation",),
+        outputs=("action",),
+        metadata=metadata(policy.config, state),
+    )
+
+
+def metadata(config: WalkTrainConfig, state: dict[str, Any]) -> dict[str, Any]:
+    """The card: everything that somebody needs to run the file."""
+    robot, drives = load_robot(config.robot), config.env.drives
+    return {
+        "format": FORMAT,
+        "robot": robot.name,
+        **grid_metadata(SCAN),
+        "dialect": config.env.dialect,
+        "blind": config.env.blind,
+        "observation": LAYOUT,
+        "joints": list(JOINTS),
+        "stand_pose_rad": robot.stand_pose.tolist(),
+        "action_scale_rad": drives.scale,
+        "kp": drives.kp,
+        "kd": drives.kd,
+        "rate_hz": POLICY_HZ,
+        **{key: state[key] for key in ("steps", "iteration", "seconds", "commit", "config")},
+    }

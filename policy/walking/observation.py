@@ -1,0 +1,73 @@
+"""What a walking policy is told: one vector, in the order in which its ONNX file states it.
+
+The order is IsaacLab's (`base_ang_vel, projected_gravity, velocity_commands, joint_pos, joint_vel,
+actions, height_scan`), without the linear velocity, which no sensor of the robot measures. Scaling
+belongs to the network.
+"""
+
+from dataclasses import dataclass
+
+from saltus.arrays import Array, Constant, Joints, Places, Points, namespace
+from saltus.dialects import Dialect
+from saltus.grid import SCAN
+from saltus.robots.robot import JOINTS, Robot
+
+LAYOUT: dict[str, int] = {
+    "angular_velocity": 3,
+    "gravity": 3,
+    "command": 3,
+    "joint_position": len(JOINTS),
+    "joint_velocity": len(JOINTS),
+    "action": len(JOINTS),
+    "heights": SCAN.size,
+}
+"""Names of the parts of the vector, in order, and their lengths."""
+SIZE = sum(LAYOUT.values())
+"""Length of the vector."""
+POLICY_HZ = 50
+"""Rate of the policy; IsaacLab's, legged_gym's and mjlab's."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sensed:
+    """Readings and memory of a walking robot; arrays of shape (..., k)."""
+
+    angular_velocity: Places
+    """Base frame [rad/s], shape (..., 3)."""
+    gravity: Places
+    """Direction of gravity in the base frame, a unit vector, shape (..., 3)."""
+    command: Places
+    """Velocity ahead and to the left [m/s], turning to the left [rad/s], shape (..., 3)."""
+    joint_position: Joints
+    """[rad], shape (..., 12)."""
+    joint_velocity: Joints
+    """[rad/s], shape (..., 12)."""
+    action: Joints
+    """The policy's last one, shape (..., 12)."""
+    heights: Points
+    """Ground above the base at the points of `saltus.grid.SCAN` [m], shape (..., 187)."""
+
+
+class Observer:
+    """Makes the vector for one robot and one dialect of heights; numpy or torch."""
+
+    def __init__(self, robot: Robot, dialect: Dialect) -> None:
+        self._stand, self._dialect = Constant(robot.stand_pose), dialect
+
+    def vector(self, given: Sensed) -> Array:
+        """The policy's vector, shape (..., SIZE)."""
+        parts = {
+            "angular_velocity": given.angular_velocity,
+            "gravity": given.gravity,
+            "command": given.command,
+            "joint_position": given.joint_position - self._stand.like(given.joint_position),
+            "joint_velocity": given.joint_velocity,
+            "action": given.action,
+            "heights": self._dialect.observation(given.heights, SCAN),
+        }
+        return namespace(given.heights).concat([parts[name] for name in LAYOUT], axis=-1)
+
+
+def gravity_in_base(rotation: Array) -> Array:
+    """Direction of gravity in the base frame, shape (..., 3), from rotations base to world, (..., 3, 3)."""
+    return -rotation[..., 2, :]

@@ -1,0 +1,81 @@
+"""The reward of walking, term by term, of one policy step, in the field's form (legged_gym, IsaacLab)."""
+
+from dataclasses import dataclass, fields
+
+from saltus.arrays import Array, Joints, Places, Scalars, namespace
+from saltus.policy.walking.observation import POLICY_HZ
+from saltus.policy.walking.settings import RewardConfig
+
+TERMS = tuple(f.name for f in fields(RewardConfig))
+SHARPNESS = 0.25  # (m/s)^2 or (rad/s)^2: squared error at which tracking earns 1/e; legged_gym's
+AIR_TIME_S = 0.5  # a step that lasts longer earns, a shorter one costs; legged_gym's
+LEAST_COMMAND = 0.1  # m/s or rad/s; who is asked for less need not step; legged_gym's
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RewardInputs:
+    """Inputs of the terms; arrays with a leading dimension of robots."""
+
+    command: Places
+    """Ahead, to the left [m/s], turning [rad/s], shape (n, 3)."""
+    velocity: Places
+    """Of the base in the frame of commands, see `saltus.policy.walking.commands`, shape (n, 3)."""
+    angular_velocity: Places
+    """Base frame [rad/s], shape (n, 3)."""
+    gravity: Places
+    """Direction of gravity in the base frame, shape (n, 3)."""
+    torque: Joints
+    """[Nm], shape (n, 12)."""
+    joint_acceleration: Joints
+    """[rad/s^2], shape (n, 12)."""
+    joint_offset: Joints
+    """From the standing pose [rad], shape (n, 12)."""
+    action: Joints
+    last_action: Joints
+    """This and the one before it, shape (n, 12)."""
+    landed_after_s: Array
+    """For feet that touch the ground since this step: how long they were in the air; else 0.5 s. Shape (n, 4)."""
+    foot_touching: Array
+    """Bool, shape (n, 4)."""
+    foot_speed_squared: Array
+    """Horizontal [m^2/s^2], shape (n, 4)."""
+    leg_touching: Array
+    """Thigh or calf touches the ground, bool, shape (n, 8)."""
+    failed: Array
+    """The episode ended with a fall, bool, shape (n,)."""
+
+
+def reward_terms(config: RewardConfig, given: RewardInputs) -> Array:
+    """All terms, weighted, in the order of `TERMS`, of one policy step; shape (n, len(TERMS))."""
+    xp = namespace(given.velocity)
+    zero = xp.zeros_like(given.velocity[:, 0])
+
+    def squared(values: Array) -> Scalars:
+        return xp.sum(values * values, axis=-1)
+
+    asked = xp.sqrt(squared(given.command))
+    moves = xp.where(asked > LEAST_COMMAND, 1.0 + zero, zero)
+    hips = xp.stack([given.joint_offset[:, 3 * leg] for leg in range(4)], -1)
+    slipping = xp.where(
+        given.foot_touching, given.foot_speed_squared, 0.0 * given.foot_speed_squared
+    )
+    turning = given.angular_velocity[:, 2] - given.command[:, 2]
+    values = {
+        "linear_velocity": xp.exp(
+            -squared(given.velocity[:, :2] - given.command[:, :2]) / SHARPNESS
+        ),
+        "turning": xp.exp(-turning * turning / SHARPNESS),
+        "vertical_velocity": given.velocity[:, 2] ** 2,
+        "roll_pitch_rate": squared(given.angular_velocity[:, :2]),
+        "tilt": squared(given.gravity[:, :2]),
+        "torque": squared(given.torque),
+        "joint_acceleration": squared(given.joint_acceleration),
+        "action_rate": squared(given.action - given.last_action),
+        "air_time": moves * xp.sum(given.landed_after_s - AIR_TIME_S, axis=-1),
+        "slip": xp.sum(slipping, axis=-1),
+        "collision": xp.sum(xp.where(given.leg_touching, 1.0 + 0.0 * zero[:, None], 0.0), axis=-1),
+        "hip": squared(hips),
+        "still": (1.0 - moves) * xp.sum(xp.abs(given.joint_offset), axis=-1),
+        "end": xp.where(given.failed, 1.0 + zero, zero),
+    }
+    return xp.stack([getattr(config, name) * values[name] / POLICY_HZ for name in TERMS], -1)

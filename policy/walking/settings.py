@@ -1,0 +1,213 @@
+"""Configuration of a walking policy's training: one dataclass that is the TOML, the flags, and what a checkpoint holds."""
+
+from dataclasses import dataclass, field, fields
+
+from saltus.config import check_between
+from saltus.errors import ConfigError
+from saltus.policy.env.randomisation import RandomisationConfig
+from saltus.policy.env.settings import LARGEST, MOST_ROBOTS, SMALLEST, LearningConfig
+from saltus.terrain.table import CourseTable
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundConfig:
+    """Kinds of ground, their levels, and which of a ground's boxes a robot has."""
+
+    shares: dict[str, float] = field(
+        default_factory=lambda: {
+            "plain": 0.15,
+            "rubble": 0.25,
+            "stairs": 0.15,
+            "stairs_down": 0.1,
+            "irregular": 0.05,
+            "stones": 0.1,
+            "hurdles": 0.1,
+            "ramp_up": 0.05,
+            "ramp_down": 0.05,
+        }
+    )
+    """Share of the robots on each family of terrain, relative to the others; a robot stays on its own."""
+    wide: tuple[str, ...] = ("plain", "rubble")
+    """Families on which commands lead in any direction, and robots start anywhere."""
+    levels: int = 10
+    """Level k has difficulties from k / levels to (k + 1) / levels of the hardest."""
+    hardest: float = 0.6
+    """Difficulty at the end of the last level: stairs of 0.20 m, ramps of 18 degrees."""
+    promotion: float = 0.8
+    """Share of the commanded way that earns a harder ground; legged_gym's, half its patch."""
+    demotion: float = 0.5
+    """Less than this share of the commanded way leads to an easier ground; legged_gym."""
+    boxes: int = 24
+    """Boxes that a robot has at a time, those nearest to it: more cost time in every physics step."""
+    margin_m: float = 0.5
+    """A robot that comes so near to the rim of its ground starts anew [m]; it did not fail."""
+
+    def __post_init__(self) -> None:
+        check_between(self, levels=(1, 255), hardest=(0.0, 1.0), promotion=(0.0, 10.0))
+        check_between(self, demotion=(0.0, 10.0), boxes=(1, 1000), margin_m=(0.0, 100.0))
+        if any(share < 0.0 for share in self.shares.values()) or not sum(self.shares.values()):
+            raise ConfigError(f"shares = {self.shares}: none may be negative, one must be above 0")
+
+    def share(self, kind: str) -> float:
+        """Share of the robots on a family."""
+        return self.shares[kind] / sum(self.shares.values())
+
+    @property
+    def table(self) -> CourseTable:
+        """The courses of all families, see `saltus.terrain.table`."""
+        return CourseTable.of(tuple(self.shares), self.levels, self.hardest, self.boxes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandConfig:
+    """Velocities that are asked for, in the yaw frame of the base."""
+
+    ahead_mps: tuple[float, float] = (-0.8, 1.2)
+    """On wide ground."""
+    aside_mps: float = 0.5  # +-
+    turn_rps: float = 1.0  # +-
+    along_mps: tuple[float, float] = (0.3, 1.2)
+    """Ahead on ground that leads one way, where the heading is held."""
+    along_aside_mps: float = 0.2  # +-
+    heading_rad: float = 0.3  # +-; around the way that the ground leads
+    heading_gain: float = 0.5
+    """Turning rate by error of the heading [1/s]; legged_gym's."""
+    middle_gain: float = 0.5
+    """Heading towards the middle by the distance from it [rad/m]: robots stay on narrow ground."""
+    standing: float = 0.1
+    """Share of the commands that ask to stand still."""
+    period_s: float = 5.0
+    """Mean time until another command."""
+
+    def __post_init__(self) -> None:
+        check_between(self, ahead_mps=(-5.0, 5.0), along_mps=(-5.0, 5.0), aside_mps=(0.0, 5.0))
+        check_between(self, turn_rps=(0.0, 10.0), along_aside_mps=(0.0, 5.0), standing=(0.0, 1.0))
+        check_between(self, heading_rad=(0.0, 3.2), heading_gain=(0.0, 10.0))
+        check_between(self, middle_gain=(0.0, 10.0), period_s=(0.02, LARGEST))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RewardConfig:
+    """Weight of each term, per second; legged_gym's and IsaacLab's for the Go1 where nothing else is said."""
+
+    linear_velocity: float = 1.5
+    turning: float = 0.75
+    vertical_velocity: float = -2.0
+    roll_pitch_rate: float = -0.05
+    tilt: float = -0.2
+    """Of the base against level; legged_gym's -0 on rough ground lets robots lean for good."""
+    torque: float = -2e-4
+    joint_acceleration: float = -2.5e-7
+    action_rate: float = -0.01
+    air_time: float = 1.0
+    slip: float = -0.1
+    collision: float = -1.0
+    hip: float = -0.1
+    """Of abduction away from the standing pose: feet stay below the hips."""
+    still: float = -0.5
+    """Of joints away from the standing pose while the command is to stand."""
+    end: float = -100.0
+    """Of a failure, which lasts one step: two units of reward."""
+
+    def __post_init__(self) -> None:
+        check_between(self, **dict.fromkeys((f.name for f in fields(self)), (-1e6, 1e6)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanConfig:
+    """Errors of the policy's heights, as those of the shipped scan on the Go1's mount (models/scan.md)."""
+
+    image_hz: float = 30.0
+    """Heights are held from image to image; the D435i's rate."""
+    seen_m: float = 0.0196
+    """Standard deviation of points that were seen: mean error 15.6 mm, times 1.25 for a normal law."""
+    unseen: float = 0.40
+    """Standard deviation of points that no ray reached, by the ground's own mean deviation from its
+    mean: 57.0 mm where flat ground is off by 179.3 mm, times 1.25."""
+    seen_x_m: float = 0.15
+    seen_y_m: float = 0.35
+    """Points this far ahead and no further aside are seen: 26 % of 187; the card has 27 %."""
+    change_s: float = 0.5
+    """Mean time until the error of a point is another one: what was not seen stays wrong."""
+    shift_m: float = 0.02
+    """Up or down, all points alike, for an episode (+-): height of the base above its feet."""
+
+    def __post_init__(self) -> None:
+        check_between(self, image_hz=(SMALLEST, 50.0), seen_m=(0.0, 1.0), unseen=(0.0, 10.0))
+        check_between(self, seen_x_m=(-10.0, 10.0), seen_y_m=(0.0, 10.0))
+        check_between(self, change_s=(0.02, LARGEST), shift_m=(0.0, 1.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorConfig:
+    """Noise of proprioception, uniform to either side; IsaacLab's but for joint velocities."""
+
+    angular_velocity: float = 0.2
+    gravity: float = 0.05
+    joint_position: float = 0.01
+    joint_velocity: float = 0.5
+    """[rad/s]; IsaacLab's 1.5 would hide the velocity of the base, which this policy is not given."""
+
+    def __post_init__(self) -> None:
+        check_between(self, angular_velocity=(0.0, 10.0), gravity=(0.0, 1.0))
+        check_between(self, joint_position=(0.0, 1.0), joint_velocity=(0.0, 10.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveConfig:
+    """From actions to joint targets: the standing pose plus `scale` times the action."""
+
+    scale: float = 0.25  # [rad]; legged_gym, IsaacLab
+    kp: float = 25.0  # [Nm/rad]; IsaacLab's Go2
+    kd: float = 0.5  # [Nm s/rad]; IsaacLab's Go2
+    most: float = 10.0
+    """Actions are cut off beyond this, to either side."""
+
+    def __post_init__(self) -> None:
+        check_between(self, scale=(SMALLEST, 10.0), kp=(0.0, 1e3), kd=(0.0, 1e2))
+        check_between(self, most=(SMALLEST, 1e3))
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkConfig:
+    """Everything that shapes the task."""
+
+    ground: GroundConfig = field(default_factory=GroundConfig)
+    command: CommandConfig = field(default_factory=CommandConfig)
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    scan: ScanConfig = field(default_factory=ScanConfig)
+    sensors: SensorConfig = field(default_factory=SensorConfig)
+    drives: DriveConfig = field(default_factory=DriveConfig)
+    randomisation: RandomisationConfig = field(default_factory=RandomisationConfig)
+    """Bodies, drives and pushes as of the jumping policy; its heights' shift and torque are not used."""
+    dialect: str = "isaaclab"
+    """How the policy reads heights, see `saltus.dialects`."""
+    blind: bool = False
+    """The policy is told that the ground is level at its standing height: the control."""
+    time_limit_s: float = 20.0
+    profile: str = "shipped"
+    """Effects of the drives, see `saltus.effects.profile`."""
+
+    def __post_init__(self) -> None:
+        check_between(self, time_limit_s=(1.0, LARGEST))
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkTrainConfig:
+    """One training: what is learned, from what, and how."""
+
+    robot: str
+    """Name, or path of an MJCF or of a folder with a robot.toml."""
+    robots: int = 4096
+    """Robots of each process."""
+    seed: int = 0
+    """Seed of all random draws."""
+    env: WalkConfig = field(default_factory=WalkConfig)
+    learning: LearningConfig = field(
+        default_factory=lambda: LearningConfig(
+            first_std=1.0, std_range=(0.05, 2.0), last_entropy=0.005
+        )
+    )
+
+    def __post_init__(self) -> None:
+        check_between(self, robots=(1, MOST_ROBOTS), seed=(0, 2**32))
