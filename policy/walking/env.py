@@ -34,6 +34,7 @@ from saltus.policy.walking.observation import (
     Observer,
     Sensed,
     gravity_in_base,
+    walking_pose,
 )
 from saltus.policy.walking.rewards import AIR_TIME_S, RewardInputs, reward_terms
 from saltus.policy.walking.settings import WalkConfig
@@ -79,9 +80,9 @@ class WalkEnv:
         self._qacc, self._ctrl = torch.as_tensor(engine.qacc), torch.as_tensor(engine.ctrl)
         self._warmstart = torch.as_tensor(engine.warmstart)
         self._legs = LegKinematics(self.robot)
-        self._stand = torch.tensor(
-            self.robot.stand_pose, dtype=torch.float32, device=self.device
-        )
+        pose = walking_pose(self.robot, config.drives.height)
+        self._pose = torch.tensor(pose, dtype=torch.float32, device=self.device)
+        self._height = self.robot.foot_radius - float(self._legs.position(pose)[:, 2].min())
         kind = torch.tensor(kinds_of(config, self.count), device=self.device)
         wide = torch.tensor(
             [name in config.ground.wide for name in config.ground.shares], device=self.device
@@ -91,7 +92,7 @@ class WalkEnv:
         self._is_kind = torch.stack([kind == k for k in range(len(config.ground.shares))]).float()
         self._sight, self._observer = (
             Sight(config.scan),
-            Observer(self.robot, dialect_of(config.dialect)),
+            Observer(pose, dialect_of(config.dialect)),
         )
         profile = load_profile(config.profile, self.robot)
         self._body = profile.body_chain
@@ -183,7 +184,7 @@ class WalkEnv:
         obeyed = torch.where(is_late[:, None], memory.last_action, memory.action)
         zero = torch.zeros_like(obeyed)
         command = JointCommand(
-            position=self._stand + drives.scale * obeyed,
+            position=self._pose + drives.scale * obeyed,
             velocity=zero,
             kp=zero + drives.kp,
             kd=zero + drives.kd,
@@ -242,7 +243,7 @@ class WalkEnv:
                 gravity=gravity_in_base(rotation),
                 torque=memory.torque,
                 joint_acceleration=torch.as_tensor(self._qacc)[:, 6:].float(),
-                joint_offset=qpos[:, 7:] - self._stand,
+                joint_offset=qpos[:, 7:] - self._pose,
                 action=memory.action,
                 last_action=memory.last_action,
                 landed_after_s=torch.where(landed, memory.air_s, AIR_TIME_S),
@@ -330,7 +331,7 @@ class WalkEnv:
     def _place(self, mask: Tensor, begin: Tensor, drawn: Any) -> None:
         """Puts robots in their standing pose, just above the highest ground under their feet."""
         memory, ranges = self.memory, self.config.randomisation
-        joints = self._stand + ranges.start_joint_rad * (2.0 * drawn.joints - 1.0)
+        joints = self._pose + ranges.start_joint_rad * (2.0 * drawn.joints - 1.0)
         yaw = torch.where(memory.wide, torch.pi, ranges.start_yaw_rad) * (2.0 * drawn.yaw - 1.0)
         zero = torch.zeros_like(yaw)
         quaternion = quaternion_from_roll_pitch_yaw(zero, zero, yaw)
@@ -384,7 +385,7 @@ class WalkEnv:
         store(memory, command=command, phase=phase, pose=pose, error=error)
         told = self._sight.told(self._heights(memory.sight), error, memory.shift)
         if self.config.blind:
-            told = torch.full_like(told, -self.robot.stand_height)
+            told = torch.full_like(told, -self._height)
         exact = self._observed(rotation, qpos, qvel, self._heights(pose), None)
         actor = self._observed(rotation, qpos, qvel, told, _SENSORS.of(drawn.sensors))
         self.actor.copy_(torch.nan_to_num(actor).clamp(-100.0, 100.0))

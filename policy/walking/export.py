@@ -14,7 +14,7 @@ from saltus.onnx_export import write_onnx
 from saltus.policy.env.settings import LearningConfig
 from saltus.policy.training.checkpoint import config_of, read_checkpoint
 from saltus.policy.training.learner import GROUPS
-from saltus.policy.walking.observation import LAYOUT, POLICY_HZ, SIZE
+from saltus.policy.walking.observation import LAYOUT, POLICY_HZ, SIZE, walking_pose
 from saltus.policy.walking.settings import WalkTrainConfig
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS
@@ -89,7 +89,7 @@ def metadata(config: WalkTrainConfig, state: dict[str, Any]) -> dict[str, Any]:
         "blind": config.env.blind,
         "observation": LAYOUT,
         "joints": list(JOINTS),
-        "stand_pose_rad": robot.stand_pose.tolist(),
+        "pose_rad": walking_pose(robot, drives.height).tolist(),
         "action_scale_rad": drives.scale,
         "kp": drives.kp,
         "kd": drives.kd,

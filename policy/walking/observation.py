@@ -7,9 +7,10 @@ belongs to the network.
 
 from dataclasses import dataclass
 
-from saltus.arrays import Array, Constant, Joints, Places, Points, namespace
+from saltus.arrays import Array, Constant, Floats, Joints, Places, Points, namespace
 from saltus.dialects import Dialect
 from saltus.grid import SCAN
+from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot
 
 LAYOUT: dict[str, int] = {
@@ -49,10 +50,10 @@ class Sensed:
 
 
 class Observer:
-    """Makes the vector for one robot and one dialect of heights; numpy or torch."""
+    """Makes the vector for one pose and one dialect of heights; numpy or torch."""
 
-    def __init__(self, robot: Robot, dialect: Dialect) -> None:
-        self._stand, self._dialect = Constant(robot.stand_pose), dialect
+    def __init__(self, pose: Floats, dialect: Dialect) -> None:
+        self._pose, self._dialect = Constant(pose), dialect
 
     def vector(self, given: Sensed) -> Array:
         """The policy's vector, shape (..., SIZE)."""
@@ -60,12 +61,25 @@ class Observer:
             "angular_velocity": given.angular_velocity,
             "gravity": given.gravity,
             "command": given.command,
-            "joint_position": given.joint_position - self._stand.like(given.joint_position),
+            "joint_position": given.joint_position - self._pose.like(given.joint_position),
             "joint_velocity": given.joint_velocity,
             "action": given.action,
             "heights": self._dialect.observation(given.heights, SCAN),
         }
         return namespace(given.heights).concat([parts[name] for name in LAYOUT], axis=-1)
+
+
+def walking_pose(robot: Robot, height: float) -> Floats:
+    """Joint angles with each foot below its thigh's axis [rad], shape (12,).
+
+    Args:
+        robot: Which one.
+        height: Of that axis above the foot's centre, by the length of the leg, from 0 to 1.
+    """
+    foot = robot.hip_anchor.copy()
+    foot[:, 1] += robot.abduction_offset
+    foot[:, 2] -= height * robot.leg_length
+    return LegKinematics(robot).inverse(foot)
 
 
 def gravity_in_base(rotation: Array) -> Array:
