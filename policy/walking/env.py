@@ -140,6 +140,12 @@ class WalkEnv:
             timed_out=self.timed_out.clone(),
         )
 
+    def motion(self) -> Tensor:
+        """Velocity of each base ahead and to the left [m/s], and its turning [rad/s]; shape (n, 3)."""
+        qpos, qvel = self._qpos.float(), self._qvel.float()
+        ahead = in_command_frame(qvel[:, :3], rotation_matrix(qpos[:, 3:7]))[:, :2]
+        return torch.cat([ahead, qvel[:, 5:6]], -1)
+
     def crowded_share(self) -> float:
         """Share of the robots for which the physics left out contacts since the last call, as there was no room."""
         return float(torch.as_tensor(self._engine.crowded()).float().mean())
@@ -308,9 +314,7 @@ class WalkEnv:
         self._place(mask, begin, start)
         zero = torch.zeros_like(memory.time_s)
         command, standing = draw_command(self.config.command, memory.wide, drawn.command)
-        redrawn = mask | (
-            commands.DRAWS.of(drawn.command).when < DT / self.config.command.period_s
-        )
+        redrawn = mask | (commands.DRAWS.of(drawn.command).when < DT / self.config.command.period_s)
         store(memory, redrawn, drawn=command, standing=standing)
         store(
             memory,
@@ -418,9 +422,7 @@ class WalkEnv:
             return None if noise is None else getattr(noise, name)
 
         given = Sensed(
-            angular_velocity=noisy(
-                qvel[:, 3:6], limits.angular_velocity, of("angular_velocity")
-            ),
+            angular_velocity=noisy(qvel[:, 3:6], limits.angular_velocity, of("angular_velocity")),
             gravity=noisy(gravity_in_base(rotation), limits.gravity, of("gravity")),
             command=self.memory.command,
             joint_position=noisy(qpos[:, 7:], limits.joint_position, of("position")),

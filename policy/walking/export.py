@@ -21,6 +21,8 @@ from saltus.robots.robot import JOINTS
 
 FORMAT = "saltus walking policy 1"
 """First line of the card."""
+MODEL = "walk.onnx"
+"""Name of the file in a training's folder."""
 
 
 def make_actor(config: LearningConfig) -> MLPModel:

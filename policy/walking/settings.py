@@ -1,4 +1,4 @@
-"""Configuration of a walking policy's training: one dataclass that is the TOML, the flags, and what a checkpoint holds."""
+"""Configuration of a walking training: one dataclass that is the TOML, the flags, and what a checkpoint holds."""
 
 from dataclasses import dataclass, field, fields
 
@@ -37,8 +37,11 @@ class GroundConfig:
     """Share of the commanded way that earns a harder ground; legged_gym's, half its patch."""
     demotion: float = 0.5
     """Less than this share of the commanded way leads to an easier ground; legged_gym."""
-    boxes: int = 24
-    """Boxes that a robot has at a time, those nearest to it: more cost time in every physics step."""
+    boxes: int = 20
+    """Boxes that a robot has at a time, those nearest to it: more cost time in every physics step.
+
+    With 20, 0.2 % of the scan's points on rubble miss a box, on other ground less, and none within 0.4 m ahead.
+    """
     margin_m: float = 0.5
     """A robot that comes so near to the rim of its ground starts anew [m]; it did not fail."""
 
@@ -168,7 +171,9 @@ class DriveConfig:
     """Actions are cut off beyond this, to either side."""
 
     def __post_init__(self) -> None:
-        check_between(self, height=(0.1, 0.99), scale=(SMALLEST, 10.0), kp=(0.0, 1e3), kd=(0.0, 1e2))
+        check_between(
+            self, height=(0.1, 0.99), scale=(SMALLEST, 10.0), kp=(0.0, 1e3), kd=(0.0, 1e2)
+        )
         check_between(self, most=(SMALLEST, 1e3))
 
 

@@ -11,7 +11,7 @@ from saltus.policy.training.files import CHECKPOINT, COMMIT, PROGRESS
 from saltus.policy.training.learner import Learner
 from saltus.policy.training.train import Rank, paced, say
 from saltus.policy.walking.env import TALLY, WalkEnv
-from saltus.policy.walking.export import export, make_actor
+from saltus.policy.walking.export import MODEL, export, make_actor
 from saltus.policy.walking.rewards import TERMS
 from saltus.policy.walking.settings import WalkTrainConfig
 from saltus.provenance import commit
@@ -20,7 +20,6 @@ from saltus.robots.robot import Robot
 from saltus.sim.engine import Engine
 
 REPORT_S, SAVE_S = 10.0, 45.0
-MODEL = "walk.onnx"
 
 
 def make_engine(robot: Robot, config: WalkTrainConfig, device: str, threads: int = 0) -> Engine:

@@ -6,6 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import tyro
+
 from saltus.cli.output import JsonOption, run_directory, table_lines
 from saltus.cli.policy_train import Train
 from saltus.cli.run_options import (
@@ -23,7 +25,10 @@ from saltus.flags import CommandGroup, Subcommands, shown
 from saltus.folders import new_folder
 from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.policy.training.command import TRAINING
+from saltus.policy.walking import command
+from saltus.policy.walking.settings import WalkTrainConfig
 from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.used_networks import model_id, model_path
 from saltus.workers import check_processes
 
@@ -175,10 +180,28 @@ class Serve(ServeProcess):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Policy(CommandGroup):
-    """The motion planner: train, export, eval, serve."""
+class WalkTrain(command.Train):  # noqa: D101 - that of the training below
+    __doc__ = command.Train.__doc__
 
-    command: Subcommands[Train | Export | Eval | Serve]
+    training: Annotated[WalkTrainConfig, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: WalkTrainConfig(robot=DEFAULT_ROBOT)
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walk(CommandGroup):
+    """Policies that walk on velocity commands: train, export, eval."""
+
+    command: Subcommands[
+        Annotated[WalkTrain, tyro.conf.subcommand("train")] | command.Export | command.Eval
+    ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Policy(CommandGroup):
+    """The motion planner: train, export, eval, serve; and walking."""
+
+    command: Subcommands[Train | Export | Eval | Serve | Walk]
 
 
 def _print_table(result: "EvaluationResult", start: str) -> None:

@@ -36,7 +36,9 @@ ROW = EvaluationRow(
 )  # fmt: skip
 
 
-def make_record(folder: Path, said: list[str], evaluate_s: float) -> tuple[JumpLearner, TrainingRecord]:
+def make_record(
+    folder: Path, said: list[str], evaluate_s: float
+) -> tuple[JumpLearner, TrainingRecord]:
     env = JumpEnv(
         make_engine(ROBOT, CONFIG.robots, CONFIG.env, "cpu", threads=1), CONFIG.env, LINE, seed=0
     )

@@ -1,0 +1,149 @@
+"""How well a walking policy does: its ONNX file in the environment of its training, on the CPU engine.
+
+The action is the mean one, and all draws are those of the training: bodies, pushes, noise, and the
+errors of heights unless they are asked to be true.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from saltus.arrays import Floats
+from saltus.config import from_toml
+from saltus.errors import ModelError
+from saltus.model_file import ModelFile
+from saltus.policy.walking.env import TALLY, WalkEnv
+from saltus.policy.walking.export import FORMAT
+from saltus.policy.walking.observation import LAYOUT, POLICY_HZ
+from saltus.policy.walking.settings import WalkConfig, WalkTrainConfig
+from saltus.policy.walking.train import make_engine
+from saltus.robots.loading import load_robot
+
+STRIDE = round(0.5 * POLICY_HZ)
+"""Steps over which velocities are averaged: about a stride, within which every trunk sways."""
+SETTLING = POLICY_HZ
+"""Steps after a start or a new command that do not count."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkScore:
+    """Result on one ground."""
+
+    ground: str
+    level: int
+    episodes: int
+    """Episodes that ended."""
+    falls: int
+    """Those of them that ended with a fall."""
+    walked_s: float
+    """Time of all robots together."""
+    ahead_mps: float
+    """Mean error of the velocity ahead, averaged over a stride."""
+    aside_mps: float
+    turn_rps: float
+    way: float
+    """Way along the command by the way that was commanded."""
+
+    def line(self) -> str:
+        """For people."""
+        return (
+            f"{self.ground}, level {self.level}: {self.falls} falls in {self.walked_s:.0f} s "
+            f"({self.falls} of {self.episodes} episodes), errors {self.ahead_mps:.3f} m/s ahead, "
+            f"{self.aside_mps:.3f} m/s aside, {self.turn_rps:.3f} rad/s, "
+            f"way {100.0 * self.way:.0f} % of the commanded"
+        )
+
+
+class WalkActor:
+    """The network of a model file.
+
+    Raises:
+        ModelError: the file is no walking policy, or reads another observation.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.file = ModelFile(path)
+        for name, value in {"format": FORMAT, "observation": LAYOUT}.items():
+            if (found := self.file.field(name)) != value:
+                raise ModelError(f"{path}: '{name}' is {found!r}, this program needs {value!r}")
+        self.config: WalkTrainConfig = from_toml(WalkTrainConfig, self.file.field("config"))
+        self._session = self.file.session
+
+    def __call__(self, observation: Floats) -> Floats:
+        """Actions, shape (n, 12), for observations, shape (n, SIZE)."""
+        given = np.ascontiguousarray(observation, dtype=np.float32)
+        return np.asarray(self._session.run(["action"], {"observation": given})[0])
+
+
+def evaluate(
+    model: Path,
+    ground: str,
+    *,
+    level: int,
+    robots: int,
+    seconds: float,
+    seed: int,
+    exact: bool = False,
+) -> WalkScore:
+    """Runs robots on one ground, all of one level.
+
+    Args:
+        model: The ONNX file.
+        ground: A family of terrain.
+        level: Of the ground.
+        robots: How many run at once.
+        seconds: How long.
+        seed: Of all draws.
+        exact: Whether heights are true.
+    """
+    actor = WalkActor(model)
+    config = replace(
+        actor.config, robots=robots, env=_on(actor.config.env, ground, exact), seed=seed
+    )
+    env = WalkEnv(make_engine(load_robot(config.robot), config, "cpu"), config.env, seed=seed)
+    everyone = torch.full((robots,), float(level))
+    env.set_levels(everyone)
+    errors, fresh, ends = [], [], np.zeros(2, dtype=np.int64)
+    for _ in range(round(seconds * POLICY_HZ)):
+        drawn, command = env.memory.drawn.clone(), env.memory.command.clone()
+        transition = env.step(torch.as_tensor(actor(env.actor.numpy())))
+        env.memory.level.copy_(everyone)
+        errors.append((env.motion() - command).numpy())
+        fresh.append((transition.done | (env.memory.drawn != drawn).any(-1)).numpy())
+        failed = transition.done & ~transition.timed_out
+        ends += [int(transition.done.sum()), int(failed.sum())]
+    way = dict(zip(TALLY, env.tally[0].tolist(), strict=True))
+    ahead, aside, turn = tracking_errors(np.array(errors), np.array(fresh))
+    return WalkScore(
+        ground=ground, level=level, episodes=int(ends[0]), falls=int(ends[1]),
+        walked_s=robots * seconds, ahead_mps=ahead, aside_mps=aside, turn_rps=turn,
+        way=way["way_m"] / max(way["asked_m"], 1e-9),
+    )  # fmt: skip
+
+
+def tracking_errors(error: Floats, fresh: NDArray[np.bool_]) -> list[float]:
+    """Mean absolute errors of velocities that were averaged over `STRIDE` steps, `SETTLING` steps after any change.
+
+    Args:
+        error: Of each step and robot, shape (steps, n, 3).
+        fresh: Where a robot began, or got another command, with that step, shape (steps, n).
+
+    Returns:
+        One for each of the three; NaN where no robot kept its command for long enough.
+    """
+    kept, since = [], np.zeros(fresh.shape[1], dtype=np.int64)
+    for step in range(len(error)):
+        since = np.where(fresh[step], 0, since + 1)
+        long = since >= SETTLING + STRIDE
+        kept.append(np.abs(error[max(0, step - STRIDE + 1) : step + 1].mean(axis=0))[long])
+    found = np.concatenate(kept)
+    return found.mean(axis=0).tolist() if len(found) else [math.nan] * 3
+
+
+def _on(config: WalkConfig, ground: str, exact: bool) -> WalkConfig:
+    scan = replace(config.scan, seen_m=0.0, unseen=0.0, shift_m=0.0) if exact else config.scan
+    return replace(config, ground=replace(config.ground, shares={ground: 1.0}), scan=scan)
