@@ -1,0 +1,408 @@
+"""Laws of the walking environment: frames, mirroring, observation and card, resets, errors of the scan, ground."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import torch
+from samples import ROBOT
+
+from saltus.dialects import dialect_of
+from saltus.grid import SCAN
+from saltus.policy.env.settings import LearningConfig
+from saltus.policy.training.train import Rank
+from saltus.policy.walking import commands
+from saltus.policy.walking.commands import draw_command, followed, in_command_frame
+from saltus.policy.walking.env import PRIVILEGED, WalkEnv
+from saltus.policy.walking.evaluation import SETTLING, STRIDE, WalkActor, evaluate, tracking_errors
+from saltus.policy.walking.export import DeployedWalk
+from saltus.policy.walking.ground import Ground
+from saltus.policy.walking.observation import (
+    LAYOUT,
+    SIZE,
+    Observer,
+    Sensed,
+    gravity_in_base,
+    walking_pose,
+)
+from saltus.policy.walking.rewards import TERMS, RewardInputs, reward_terms
+from saltus.policy.walking.settings import (
+    CommandConfig,
+    GroundConfig,
+    RewardConfig,
+    ScanConfig,
+    WalkConfig,
+    WalkTrainConfig,
+)
+from saltus.policy.walking.sight import Sight
+from saltus.policy.walking.train import make_engine, train
+from saltus.robots.legs import LegKinematics
+from saltus.robots.loading import load_robot
+from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
+
+N = 12
+GROUND = GroundConfig(shares={"plain": 0.5, "stairs": 0.5}, levels=2)
+OTHER_SIDE = [1, 0, 3, 2]
+"""Each leg's mirror image, in the order of `LEGS`."""
+CONFIG = WalkTrainConfig(
+    robot="go1",
+    robots=N,
+    env=WalkConfig(ground=GROUND),
+    learning=LearningConfig(hidden=(16,), horizon=4, epochs=1, minibatches=2),
+)
+
+
+def make_env(seed=0, config=CONFIG):
+    return WalkEnv(
+        make_engine(load_robot(config.robot), config, "cpu", threads=1), config.env, seed=seed
+    )
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("walk")
+    train(CONFIG, folder, minutes=1.0, rank=Rank(), iterations=2)
+    return folder / "walk.onnx"
+
+
+def both(function, *arrays):
+    """The result for numpy, which torch's has to equal."""
+    ours = function(*arrays)
+    theirs = function(*(torch.as_tensor(array) for array in arrays))
+    np.testing.assert_allclose(np.asarray(theirs), ours, atol=1e-12)
+    return ours
+
+
+def mirrored(vector, sign):
+    return np.asarray(vector) * np.asarray(sign)
+
+
+def mirrored_joints(values):
+    legs = np.asarray(values).reshape(-1, 4, 3)[:, OTHER_SIDE]
+    return (legs * [-1.0, 1.0, 1.0]).reshape(-1, 12)
+
+
+# commands
+
+
+def test_a_velocity_is_told_in_the_level_frame_that_turns_with_the_base():
+    rng = np.random.default_rng(0)
+    (roll, pitch), yaw = rng.uniform(-0.5, 0.5, (2, 50)), rng.uniform(-3.0, 3.0, 50)
+    rotation = rotation_matrix(quaternion_from_roll_pitch_yaw(roll, pitch, yaw))
+    ahead, aside, up = rng.normal(size=(3, 50))
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    world = np.stack([cosine * ahead - sine * aside, sine * ahead + cosine * aside, up], -1)
+    told = both(in_command_frame, world, rotation)
+    np.testing.assert_allclose(told, np.stack([ahead, aside, up], -1), atol=1e-12)
+
+
+def test_commands_stay_within_their_ranges_on_either_kind_of_ground():
+    config = CommandConfig()
+    draws = np.random.default_rng(1).uniform(size=(2000, commands.DRAWS.count))
+    for wide, ahead, aside, turn in (
+        (True, config.ahead_mps, config.aside_mps, config.turn_rps),
+        (False, config.along_mps, config.along_aside_mps, config.heading_rad),
+    ):
+        drawn, standing = draw_command(config, np.full(2000, wide), draws)
+        for column, (low, high) in enumerate((ahead, (-aside, aside), (-turn, turn))):
+            assert low <= drawn[:, column].min() < low + 0.1 * (high - low)
+            assert high >= drawn[:, column].max() > high - 0.1 * (high - low)
+        assert abs(standing.mean() - config.standing) < 0.03
+
+
+def test_who_is_to_stand_is_asked_for_nothing_and_others_turn_towards_their_way():
+    config, yaw = CommandConfig(), np.linspace(-2.5, 2.5, 13)
+    drawn, narrow = np.tile([0.5, 0.1, 0.2], (13, 1)), np.zeros(13, dtype=bool)
+    command = followed(config, drawn, narrow, yaw > 2.0, 0.0 * yaw, yaw)
+    assert not command[yaw > 2.0].any()
+    walks = yaw <= 2.0
+    assert (np.sign(command[walks, 2]) == np.sign(0.2 - yaw[walks])).all()
+    left_of_the_middle = followed(config, drawn, narrow, narrow, 0.0 * yaw + 1.0, 0.0 * yaw)
+    assert (left_of_the_middle[:, 2] < 0.0).all()
+    np.testing.assert_array_equal(
+        followed(config, drawn, ~narrow, narrow, 0.0 * yaw, yaw)[:, 2], 0.2
+    )
+
+
+# reward
+
+
+def inputs(n=40, seed=2):
+    rng = np.random.default_rng(seed)
+    shapes = dict.fromkeys(("command", "velocity", "angular_velocity", "gravity"), 3)
+    joints = ("torque", "joint_acceleration", "joint_offset", "action", "last_action")
+    shapes |= dict.fromkeys(joints, 12) | {"landed_after_s": 4, "foot_speed_squared": 4}
+    values = {name: rng.normal(size=(n, size)) for name, size in shapes.items()}
+    flags = {"foot_touching": (n, 4), "leg_touching": (n, 8), "failed": (n,)}
+    values |= {name: rng.uniform(size=shape) < 0.5 for name, shape in flags.items()}
+    values["command"][: n // 4] *= 0.01
+    return RewardInputs(**values)
+
+
+def in_a_mirror(given):
+    """The same motion seen in a mirror that stands along x and z."""
+    legs = [*OTHER_SIDE, *(4 + leg for leg in OTHER_SIDE)]
+    joints = ("torque", "joint_acceleration", "joint_offset", "action", "last_action")
+    changed = {name: mirrored_joints(getattr(given, name)) for name in joints}
+    changed |= {
+        "command": mirrored(given.command, [1, -1, -1]),
+        "velocity": mirrored(given.velocity, [1, -1, 1]),
+        "angular_velocity": mirrored(given.angular_velocity, [-1, 1, -1]),
+        "gravity": mirrored(given.gravity, [1, -1, 1]),
+        "leg_touching": given.leg_touching[:, legs],
+    }
+    feet = ("landed_after_s", "foot_speed_squared", "foot_touching")
+    changed |= {name: getattr(given, name)[:, OTHER_SIDE] for name in feet}
+    return replace(given, **changed)
+
+
+def test_every_term_is_the_same_in_a_mirror_and_in_torch():
+    given, config = inputs(), RewardConfig()
+    terms = reward_terms(config, given)
+    assert terms.shape == (40, len(TERMS))
+    np.testing.assert_allclose(reward_terms(config, in_a_mirror(given)), terms, atol=1e-12)
+    tensors = {f.name: torch.as_tensor(getattr(given, f.name)) for f in fields(given)}
+    np.testing.assert_allclose(
+        reward_terms(config, RewardInputs(**tensors)).numpy(), terms, atol=1e-12
+    )
+
+
+def test_each_term_has_its_weight_and_none_rewards_a_worse_velocity():
+    given = inputs()
+    for name in TERMS:
+        alone = RewardConfig(**(dict.fromkeys(TERMS, 0.0) | {name: 1.0}))
+        terms = reward_terms(alone, given)
+        assert terms[:, TERMS.index(name)].any()
+        assert not np.delete(terms, TERMS.index(name), axis=1).any()
+    step = np.array([0.1, 0.0, 0.0]) * np.sign(given.velocity - given.command)
+    worse = replace(given, velocity=given.velocity + step)
+    column = TERMS.index("linear_velocity")
+    config = RewardConfig()
+    assert (reward_terms(config, worse)[:, column] <= reward_terms(config, given)[:, column]).all()
+
+
+# observation
+
+
+@pytest.mark.parametrize("dialect", ["isaaclab", "legged_gym", "mjlab"])
+def test_the_vector_holds_its_parts_in_the_stated_order(dialect):
+    pose, rng = walking_pose(ROBOT, 0.7), np.random.default_rng(3)
+    parts = {name: rng.normal(size=(5, size)) for name, size in LAYOUT.items()}
+    vector = both(lambda *given: Observer(pose, dialect_of(dialect)).vector(
+        Sensed(**dict(zip(parts, given, strict=True)))), *parts.values())  # fmt: skip
+    assert vector.shape == (5, SIZE)
+    ends = np.cumsum(list(LAYOUT.values()))
+    found = dict(zip(LAYOUT, np.split(vector, ends[:-1], axis=-1), strict=True))
+    expected = parts | {
+        "joint_position": parts["joint_position"] - pose,
+        "heights": dialect_of(dialect).observation(parts["heights"], SCAN),
+    }
+    for name, value in expected.items():
+        np.testing.assert_array_equal(found[name], value)
+
+
+@pytest.mark.parametrize("name", ["go1", "go2"])
+@pytest.mark.parametrize("height", [0.5, 0.7, 0.9])
+def test_the_pose_of_any_robot_puts_its_feet_below_its_hips(name, height):
+    robot = load_robot(name)
+    feet = LegKinematics(robot).position(walking_pose(robot, height))
+    np.testing.assert_allclose(feet[:, 0], robot.hip_anchor[:, 0], atol=1e-9)
+    np.testing.assert_allclose(
+        robot.hip_anchor[:, 2] - feet[:, 2], height * robot.leg_length, atol=1e-9
+    )
+
+
+def test_the_card_says_how_the_vector_is_made_and_the_file_is_the_network(model):
+    actor = WalkActor(model)
+    assert actor.file.field("observation") == LAYOUT
+    assert actor.file.grid.equals(SCAN)
+    assert actor.file.field("robot") == "go1"
+    drives = CONFIG.env.drives
+    card = {name: actor.file.field(name) for name in ("dialect", "kp", "kd", "action_scale_rad")}
+    assert card == {
+        "dialect": "isaaclab", "kp": drives.kp, "kd": drives.kd, "action_scale_rad": drives.scale,
+    }  # fmt: skip
+    np.testing.assert_allclose(actor.file.field("pose_rad"), walking_pose(ROBOT, drives.height))
+    state = torch.load(model.with_name("checkpoint.pt"), weights_only=True)
+    given = np.random.default_rng(4).normal(size=(50, SIZE)).astype(np.float32)
+    with torch.no_grad():
+        expected = DeployedWalk(state)(torch.from_numpy(given)).numpy()
+    np.testing.assert_allclose(actor(given), expected, atol=1e-4)
+
+
+# the environment
+
+
+def test_observations_are_what_the_engine_and_the_ground_say():
+    exact = replace(
+        CONFIG.env,
+        scan=ScanConfig(image_hz=50.0, seen_m=0.0, unseen=0.0, shift_m=0.0),
+        sensors=replace(CONFIG.env.sensors, **dict.fromkeys(
+            ("angular_velocity", "gravity", "joint_position", "joint_velocity"), 0.0)),
+    )  # fmt: skip
+    env = make_env(config=replace(CONFIG, env=exact))
+    before = env.memory.pose.clone()
+    for _ in range(10):
+        before = env.memory.pose.clone()
+        transition = env.step(0.2 * torch.ones(N, 12))
+    going = ~transition.done
+    qpos, qvel = torch.as_tensor(env._engine.qpos).float(), torch.as_tensor(env._engine.qvel)
+    rotation = rotation_matrix(qpos[:, 3:7])
+    x, y = SCAN.points_in_world(before[:, :2], before[:, 3])  # heights are an image late
+    ground = env.ground.table.solid.of_robot(env.memory.course).height_at(x, y)
+    expected = Observer(walking_pose(ROBOT, 0.7), dialect_of("isaaclab")).vector(
+        Sensed(
+            angular_velocity=qvel[:, 3:6].float(),
+            gravity=gravity_in_base(rotation),
+            command=env.memory.command,
+            joint_position=qpos[:, 7:],
+            joint_velocity=qvel[:, 6:].float(),
+            action=env.memory.action,
+            heights=ground - before[:, 2:3],
+        )
+    )
+    assert transition.critic.shape == (N, SIZE + PRIVILEGED)
+    torch.testing.assert_close(transition.actor[going], expected[going], atol=1e-4, rtol=0.0)
+
+
+def test_the_same_seed_gives_the_same_run():
+    def last(seed):
+        env = make_env(seed)
+        for _ in range(5):
+            transition = env.step(torch.zeros(N, 12))
+        return transition.actor
+
+    assert torch.equal(last(3), last(3))
+    assert not torch.equal(last(3), last(4))
+
+
+def test_a_robot_that_falls_starts_anew_and_no_other_notices():
+    quiet, fallen = make_env(), make_env()
+    torch.as_tensor(fallen._engine.qpos)[2, 3:7] = torch.tensor([0.0, 1.0, 0.0, 0.0]).double()
+    others = torch.arange(N) != 2
+    for step in range(8):
+        calm, after = quiet.step(torch.zeros(N, 12)), fallen.step(torch.zeros(N, 12))
+        if step == 0:
+            assert after.done[2]
+            assert not after.timed_out[2]
+            assert after.reward[2] < calm.reward[2]
+        torch.testing.assert_close(after.actor[others], calm.actor[others], rtol=0.0, atol=1e-5)
+        assert torch.equal(after.done[others], calm.done[others])
+
+
+def test_robots_start_in_their_pose_above_whatever_ground_they_are_on():
+    config = replace(
+        CONFIG,
+        env=replace(CONFIG.env, ground=GroundConfig(shares={"rubble": 1.0}, levels=2)),
+    )
+    env = make_env(config=config)
+    env.set_levels(torch.ones(N))
+    joints = torch.as_tensor(env._engine.qpos)[:, 7:].numpy()
+    slack = config.env.randomisation.start_joint_rad + 1e-6
+    assert np.abs(joints - walking_pose(ROBOT, config.env.drives.height)).max() <= slack
+    falls = torch.zeros(N, dtype=torch.bool)
+    for _ in range(15):
+        transition = env.step(torch.zeros(N, 12))
+        falls |= transition.done & ~transition.timed_out
+    assert falls.sum() <= 1
+
+
+def test_a_way_as_commanded_leads_to_harder_ground_and_a_fall_to_easier():
+    env = make_env()
+    env.memory.level.fill_(1.0)
+    env.memory.asked_m.fill_(10.0)
+    env.memory.way_m.copy_(torch.where(torch.arange(N) % 2 == 0, 9.9, 1.0))
+    env.memory.time_s.fill_(1e3)
+    env.memory.first_time_s.fill_(0.0)
+    transition = env.step(torch.zeros(N, 12))
+    assert transition.timed_out.all()
+    level = env.memory.level.numpy()
+    assert set(level[1::2]) == {0.0}
+    assert set(level[0::2]) <= {0.0, 1.0}  # beyond the last level any is drawn
+
+
+# ground and sight
+
+
+def test_the_nearest_boxes_are_the_ground_below_a_robot_and_nearly_all_that_the_scan_sees():
+    config = GroundConfig(levels=2)
+    ground, rng = Ground(config, torch.zeros(1)), np.random.default_rng(5)
+    course = torch.as_tensor(rng.integers(0, len(ground.table.finish_x), 600))
+    place = torch.as_tensor(rng.uniform(-0.8, 0.8, (600, 2)), dtype=torch.float32)
+    place[:, 0] = ground.table.finish_x[course] * torch.as_tensor(rng.uniform(size=600)).float()
+    yaw = torch.as_tensor(rng.uniform(-3.1, 3.1, 600)).float()
+    x, y = SCAN.points_in_world(place, yaw)
+    near = ground.near(course, place)
+    assert near.center.shape == (600, config.boxes, 3)
+    whole = ground.table.solid.of_robot(course)
+    wrong = (near.height_at(x, y) - whole.height_at(x, y)).abs() > 1e-4
+    below = torch.as_tensor((np.abs(SCAN.points) < [0.41, 0.31]).all(axis=1))
+    assert not wrong[:, below].any()
+    assert wrong.float().mean() < 0.003
+
+
+def test_errors_of_heights_have_the_stated_spread_last_and_vanish_on_flat_ground():
+    config = ScanConfig(shift_m=0.0)
+    sight, rng, n = Sight(config), np.random.default_rng(6), 400
+    error = sight.changed(np.zeros((n, 187)), np.ones(n, dtype=bool), rng.uniform(size=(n, 187)))
+    uneven = rng.normal(0.0, 0.1, (n, 187))
+    seen = (SCAN.points[:, 0] >= config.seen_x_m) & (abs(SCAN.points[:, 1]) <= config.seen_y_m)
+    zero = np.zeros(n)
+    wrong = both(sight.told, uneven, error, zero) - uneven
+    assert wrong[:, seen].std() == pytest.approx(config.seen_m, rel=0.05)
+    spread = config.unseen * np.abs(uneven).mean()
+    assert wrong[:, ~seen].std() == pytest.approx(spread, rel=0.1)
+    flat = sight.told(0.0 * uneven, error, zero)
+    assert np.abs(flat).max() <= np.sqrt(3.0) * config.seen_m
+    later, steps = error, 5
+    for _ in range(steps):
+        later = both(sight.changed, later, np.zeros(n, dtype=bool), rng.uniform(size=(n, 187)))
+    kept = (later == error).mean()
+    assert kept == pytest.approx((1.0 - 1.0 / (50.0 * config.change_s)) ** steps, abs=0.01)
+
+
+@pytest.mark.parametrize("rate", [10.0, 30.0, 50.0])
+def test_images_arrive_at_their_rate(rate):
+    sight, phase, count = Sight(ScanConfig(image_hz=rate)), np.array([0.3]), 0
+    for _ in range(500):
+        phase, arrives = sight.arrives(phase)
+        count += int(arrives[0])
+    assert abs(count - 10.0 * rate) <= 1
+
+
+# training and evaluation
+
+
+def test_a_training_goes_on_from_its_checkpoint(model, tmp_path):
+    first = torch.load(model.with_name("checkpoint.pt"), weights_only=True)
+    train(
+        CONFIG, tmp_path, minutes=1.0, rank=Rank(), resume=model.with_name("checkpoint.pt"),
+        iterations=3,
+    )  # fmt: skip
+    second = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    assert (first["iteration"], second["iteration"]) == (2, 3)
+    assert second["steps"] == 3 * 4 * N
+    assert (tmp_path / "walk.onnx").exists()
+
+
+def test_the_first_command_of_an_untrained_policy_is_its_pose(model):
+    given = np.random.default_rng(7).normal(size=(20, SIZE)).astype(np.float32)
+    assert np.abs(WalkActor(model)(given)).max() < 1.0
+
+
+def test_an_evaluation_counts_what_it_saw(model):
+    score = evaluate(model, "plain", level=0, robots=4, seconds=3.0, seed=1)
+    assert score.walked_s == 12.0
+    assert 0 <= score.falls <= score.episodes
+    assert np.isfinite([score.ahead_mps, score.aside_mps, score.turn_rps]).all()
+
+
+def test_errors_are_averaged_over_a_stride_and_not_counted_after_a_change():
+    steps = SETTLING + 3 * STRIDE
+    sway = np.where(np.arange(steps) % 2 == 0, 1.0, -1.0)
+    error = np.stack([0.2 + sway, 0.0 * sway, 0.1 + 0.0 * sway], -1)[:, None]
+    fresh = np.zeros((steps, 1), dtype=bool)
+    ahead, aside, turn = tracking_errors(error, fresh)
+    assert (ahead, aside, turn) == (pytest.approx(0.2, abs=0.05), 0.0, pytest.approx(0.1))
+    fresh[::10] = True
+    assert np.isnan(tracking_errors(error, fresh)).all()
