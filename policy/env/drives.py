@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -11,16 +12,15 @@ from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.effect import Drawn, Effect
 from saltus.effects.offsets_and_factors import CoulombFriction, TorqueGain, ViscousFriction
 from saltus.effects.profile import Profile
-from saltus.policy.env.memory import Memory
 from saltus.policy.env.randomisation import RandomisationConfig
 from saltus.robots.robot import Robot
 from saltus.trial import NOMINAL_FEEDFORWARD_DELAY_S
 
 
 def training_drives(
-    robot: Robot, profile: Profile, config: RandomisationConfig, memory: Memory
+    robot: Robot, profile: Profile, config: RandomisationConfig, memory: Any
 ) -> ActuatorChain:
-    """The chain of all robots; what is drawn for them is read from `memory` at every use."""
+    """The chain of all robots; what is drawn for them is read from the fields of `memory`, of any environment, at every use."""
     wide, m = config.wide, memory
     effects: dict[str, Effect] = {effect.name: effect.fitted(robot) for effect in profile.actuator}
 

@@ -27,7 +27,7 @@ class Transition:
 
 
 class LearningEnv(Protocol):
-    """What a learner needs of a training environment."""
+    """A training environment, as far as a learner knows it."""
 
     count: int
     """Robots."""

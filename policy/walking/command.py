@@ -43,7 +43,7 @@ class Train:
     device: Literal["auto", "cpu"] = "auto"
     """auto: a GPU where there is one."""
     commit: Annotated[str | None, shown("STR", "as git says")] = None
-    """Which code trains, where this machine has no repository."""
+    """Commit of the code that trains, where this machine has no repository."""
     training: Annotated[WalkTrainConfig, tyro.conf.arg(name="")]
 
     def defaults(self) -> "Train":

@@ -36,7 +36,7 @@ from saltus.policy.walking.observation import (
     gravity_in_base,
     walking_pose,
 )
-from saltus.policy.walking.rewards import AIR_TIME_S, RewardInputs, reward_terms
+from saltus.policy.walking.rewards import AIR_TIME_S, RewardInputs, reward_terms, total
 from saltus.policy.walking.settings import WalkConfig
 from saltus.policy.walking.sight import Sight
 from saltus.robots.legs import LegKinematics
@@ -77,7 +77,7 @@ class WalkEnv:
         self.device = torch.device(device)
         self._engine = engine
         self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
-        self._qacc, self._ctrl = torch.as_tensor(engine.qacc), torch.as_tensor(engine.ctrl)
+        self._ctrl = torch.as_tensor(engine.ctrl)
         self._warmstart = torch.as_tensor(engine.warmstart)
         self._legs = LegKinematics(self.robot)
         pose = walking_pose(self.robot, config.drives.height)
@@ -248,7 +248,7 @@ class WalkEnv:
                 angular_velocity=qvel[:, 3:6],
                 gravity=gravity_in_base(rotation),
                 torque=memory.torque,
-                joint_acceleration=torch.as_tensor(self._qacc)[:, 6:].float(),
+                joint_acceleration=(qvel[:, 6:] - memory.joint_velocity) / DT,
                 joint_offset=qpos[:, 7:] - self._pose,
                 action=memory.action,
                 last_action=memory.last_action,
@@ -260,11 +260,12 @@ class WalkEnv:
             ),
         )
         terms = torch.nan_to_num(terms).clamp(-10.0, 10.0)
-        self.reward.copy_(terms.sum(-1))
+        self.reward.copy_(total(terms))
         self.term_sums.add_(terms.mean(0))
         store(
             memory,
             terms=terms,
+            joint_velocity=qvel[:, 6:],
             foot_touching=touching[:, :4],
             air_s=torch.where(touching[:, :4], 0.0, memory.air_s + DT),
         )
@@ -308,7 +309,7 @@ class WalkEnv:
         begin = torch.stack([x, y], -1)
         here = torch.where(mask[:, None], begin, torch.nan_to_num(self._qpos[:, :2].float()))
         boxes = self.ground.near(memory.course, here)
-        store(memory, center=boxes.center, half_size=boxes.half_size, turn=boxes.turn)
+        store(memory, center=boxes.center, half_size=boxes.half_size, turn=boxes.angles)
         self._engine.set_terrain(self._boxes())
         self._engine.set_bodies(self._bodies())
         self._place(mask, begin, start)
@@ -325,6 +326,7 @@ class WalkEnv:
             action=torch.zeros_like(memory.action),
             last_action=torch.zeros_like(memory.action),
             air_s=torch.zeros_like(memory.air_s),
+            joint_velocity=torch.zeros_like(memory.joint_velocity),
             foot_touching=torch.zeros_like(memory.foot_touching),
             way_m=zero,
             asked_m=zero,

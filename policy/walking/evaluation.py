@@ -1,4 +1,4 @@
-"""How well a walking policy does: its ONNX file in the environment of its training, on the CPU engine.
+"""Scores of a walking policy: its ONNX file in the environment of its training, on the CPU engine.
 
 The action is the mean one, and all draws are those of the training: bodies, pushes, noise, and the
 errors of heights unless they are asked to be true.

@@ -46,5 +46,5 @@ class Ground:
         )
 
     def left(self, course: Tensor, position: Tensor) -> Tensor:
-        """Who came near to the rim of its ground, bool, shape (n,)."""
+        """Robots that came near to the rim of their ground, bool, shape (n,)."""
         return ((position < self._from[course]) | (position > self._to[course])).any(-1)

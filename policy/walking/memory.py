@@ -21,6 +21,7 @@ class WalkMemory:
     action: Tensor  # (12,)
     last_action: Tensor  # (12,): the one before it
     torque: Tensor  # (12,): in the last physics step
+    joint_velocity: Tensor  # (12,): at the last step
     foot_touching: Tensor  # (4,), bool: at the last step
     air_s: Tensor  # (4,): since each foot touched the ground
     terms: Tensor  # (len(TERMS),): reward of the last step
@@ -58,6 +59,7 @@ _ROWS: dict[str, tuple[int, ...]] = {
     "action": (12,),
     "last_action": (12,),
     "torque": (12,),
+    "joint_velocity": (12,),
     "air_s": (4,),
     "terms": (len(TERMS),),
     "drawn": (3,),
@@ -74,8 +76,13 @@ def blank_memory(kind: Tensor, wide: Tensor, boxes: int) -> WalkMemory:
     """Zeros for robots on the given families; every episode begins with a reset that fills them."""
     count, device = len(kind), kind.device
     rows = _ROWS | {"center": (boxes, 3), "half_size": (boxes, 3), "turn": (boxes, 2)}
-    given = {"actuators": (), "kind": kind, "wide": wide, "course": torch.zeros_like(kind)}
-    blank = {
+    given: dict[str, Any] = {
+        "actuators": (),
+        "kind": kind,
+        "wide": wide,
+        "course": torch.zeros_like(kind),
+    }
+    blank: dict[str, Any] = {
         f.name: torch.zeros(
             count,
             *_FLAGS.get(f.name, rows.get(f.name, ())),

@@ -1,4 +1,4 @@
-"""What a walking policy is told: one vector, in the order in which its ONNX file states it.
+"""The observation of a walking policy: one vector, in the order in which its ONNX file states it.
 
 The order is IsaacLab's (`base_ang_vel, projected_gravity, velocity_commands, joint_pos, joint_vel,
 actions, height_scan`), without the linear velocity, which no sensor of the robot measures. Scaling

@@ -19,7 +19,7 @@ class RewardInputs:
     command: Places
     """Ahead, to the left [m/s], turning [rad/s], shape (n, 3)."""
     velocity: Places
-    """Of the base in the frame of commands, see `saltus.policy.walking.commands`, shape (n, 3)."""
+    """Velocity of the base in the frame of commands, see `saltus.policy.walking.commands`, shape (n, 3)."""
     angular_velocity: Places
     """Base frame [rad/s], shape (n, 3)."""
     gravity: Places
@@ -27,7 +27,7 @@ class RewardInputs:
     torque: Joints
     """[Nm], shape (n, 12)."""
     joint_acceleration: Joints
-    """[rad/s^2], shape (n, 12)."""
+    """Mean over the step [rad/s^2], shape (n, 12)."""
     joint_offset: Joints
     """From the standing pose [rad], shape (n, 12)."""
     action: Joints
@@ -79,3 +79,14 @@ def reward_terms(config: RewardConfig, given: RewardInputs) -> Array:
         "end": xp.where(given.failed, 1.0 + zero, zero),
     }
     return xp.stack([getattr(config, name) * values[name] / POLICY_HZ for name in TERMS], -1)
+
+
+def total(terms: Array) -> Scalars:
+    """The reward, shape (n,): the sum of the terms, not below 0 but for the end of an episode.
+
+    Where living cost more than an early end, robots would learn to fall; legged_gym's
+    `only_positive_rewards`.
+    """
+    xp, end = namespace(terms), TERMS.index("end")
+    going = xp.sum(terms, axis=-1) - terms[:, end]
+    return xp.clip(going, 0.0, None) + terms[:, end]

@@ -98,7 +98,7 @@ class RewardConfig:
     vertical_velocity: float = -2.0
     roll_pitch_rate: float = -0.05
     tilt: float = -0.2
-    """Of the base against level; legged_gym's -0 on rough ground lets robots lean for good."""
+    """Tilt of the base against level; legged_gym's -0 on rough ground lets robots lean for good."""
     torque: float = -2e-4
     joint_acceleration: float = -2.5e-7
     action_rate: float = -0.01
@@ -106,11 +106,11 @@ class RewardConfig:
     slip: float = -0.1
     collision: float = -1.0
     hip: float = -0.1
-    """Of abduction away from the pose: feet stay below the hips."""
+    """Abduction away from the pose: feet stay below the hips."""
     still: float = -0.5
-    """Of joints away from the pose while the command is to stand."""
+    """Joints away from the pose while the command is to stand."""
     end: float = -100.0
-    """Of a failure, which lasts one step: two units of reward."""
+    """A failure, which lasts one step: it costs two units of reward."""
 
     def __post_init__(self) -> None:
         check_between(self, **dict.fromkeys((f.name for f in fields(self)), (-1e6, 1e6)))
@@ -161,12 +161,12 @@ class DriveConfig:
     """From actions to joint targets: a pose plus `scale` times the action."""
 
     height: float = 0.7
-    """Of the thighs' axes above the feet in that pose, by the length of the legs: 0.30 m, joints at 0.8 and -1.6 rad,
+    """Height of the thighs' axes above the feet in that pose, by the length of the legs: 0.30 m, joints at 0.8 and -1.6 rad,
     about legged_gym's; in the standing pose of jumping, which is lower, knees touch the ground under load."""
     scale: float = 0.25  # [rad]; legged_gym, IsaacLab
-    kp: float = 40.0
+    kp: float = 35.0
     """[Nm/rad]; with IsaacLab's 25 for the Go2 a robot under 1.5 kg sits down on its rear knees."""
-    kd: float = 1.0  # [Nm s/rad]; about the damping ratio of IsaacLab's 25 and 0.5
+    kd: float = 0.8  # [Nm s/rad]; IsaacLab's 0.5 lets feet bounce here
     most: float = 10.0
     """Actions are cut off beyond this, to either side."""
 
@@ -190,7 +190,7 @@ class WalkConfig:
     randomisation: RandomisationConfig = field(default_factory=RandomisationConfig)
     """Bodies, drives and pushes as of the jumping policy; its heights' shift and torque are not used."""
     dialect: str = "isaaclab"
-    """How the policy reads heights, see `saltus.dialects`."""
+    """Dialect in which the policy reads heights, see `saltus.dialects`."""
     blind: bool = False
     """The policy is told that the ground is level at its standing height: the control."""
     time_limit_s: float = 20.0
