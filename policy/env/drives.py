@@ -20,7 +20,10 @@ from saltus.trial import NOMINAL_FEEDFORWARD_DELAY_S
 def training_drives(
     robot: Robot, profile: Profile, config: RandomisationConfig, memory: Any
 ) -> ActuatorChain:
-    """The chain of all robots; what is drawn for them is read from the fields of `memory`, of any environment, at every use."""
+    """The chain of all robots.
+
+    Values that are drawn for them are read from the fields of `memory` at every use.
+    """
     wide, m = config.wide, memory
     effects: dict[str, Effect] = {effect.name: effect.fitted(robot) for effect in profile.actuator}
 

@@ -1,1 +1,1 @@
-"""Walking: a policy that follows a commanded velocity with joint targets at 50 Hz, given a height scan."""
+"""Walking: a policy that follows a commanded velocity with joint targets, given a height scan."""

@@ -18,9 +18,10 @@ from saltus.policy.walking.settings import WalkTrainConfig
 
 @dataclass(frozen=True, kw_only=True)
 class Train:
-    """Trains a policy that follows velocity commands with joint targets, on 187 heights; Ctrl-C saves.
+    """Trains a policy that follows velocity commands with joint targets, on 187 heights.
 
-    A flag wins over --config, --config over the resumed training or the defaults, which are a GPU's.
+    Ctrl-C saves. A flag wins over --config, --config over the resumed training or the defaults,
+    which are a GPU's.
 
     For example:
       saltus policy walk train --minutes 40
@@ -47,7 +48,7 @@ class Train:
     training: Annotated[WalkTrainConfig, tyro.conf.arg(name="")]
 
     def defaults(self) -> "Train":
-        """The same command with what its flags go on from: resumed training or the defaults, and --config.
+        """The same command with the settings that its flags change.
 
         Raises:
             SaltusError: a file cannot be used, or training is not installed.
@@ -56,7 +57,7 @@ class Train:
         return replace(self, training=load_changes(start, self.config) if self.config else start)
 
     def run(self) -> int:
-        """Trains to the end of the time, with one line every ten seconds; saves where it is interrupted.
+        """Trains to the end of the time; saves where it is interrupted.
 
         Raises:
             KeyboardInterrupt: it was interrupted; what was learned is saved.
@@ -137,7 +138,7 @@ class Export:
 
 @dataclass(frozen=True, kw_only=True)
 class Eval:
-    """Measures a walking policy on the CPU engine: falls, and errors of the velocity, on each ground.
+    """Measures a walking policy on the CPU engine: falls, and errors of its velocity.
 
     Example: saltus policy walk eval --model runs/DATE-policy-walk/walk.onnx --grounds plain rubble
     """

@@ -41,7 +41,9 @@ def draw_command(config: CommandConfig, wide: Array, draws: Array) -> tuple[Plac
 def followed(
     config: CommandConfig, drawn: Places, wide: Array, standing: Array, y: Scalars, yaw: Scalars
 ) -> Places:
-    """The command of this instant: nothing for who stands, a turning towards the heading on other than wide ground.
+    """The command of this instant: nothing for who stands, elsewhere a turning to the heading.
+
+    On wide ground the turning is what was drawn.
 
     Args:
         config: Gains.

@@ -1,4 +1,6 @@
-"""The environment of walking: thousands of robots, each on the ground that is nearest to it, in lockstep at 50 Hz.
+"""The environment of walking: thousands of robots in lockstep at 50 Hz.
+
+Each has the boxes of its ground that are nearest to it.
 
 A step is: take the action; ten times drives and physics; then judge, reset who is done, command,
 look. As in `saltus.policy.env` all state lives in tensors that are changed in place, so that on a
@@ -141,13 +143,13 @@ class WalkEnv:
         )
 
     def motion(self) -> Tensor:
-        """Velocity of each base ahead and to the left [m/s], and its turning [rad/s]; shape (n, 3)."""
+        """Velocities of the bases as commands have them, shape (n, 3)."""
         qpos, qvel = self._qpos.float(), self._qvel.float()
         ahead = in_command_frame(qvel[:, :3], rotation_matrix(qpos[:, 3:7]))[:, :2]
         return torch.cat([ahead, qvel[:, 5:6]], -1)
 
     def crowded_share(self) -> float:
-        """Share of the robots for which the physics left out contacts since the last call, as there was no room."""
+        """Share of the robots for whose contacts there was no room since the last call."""
         return float(torch.as_tensor(self._engine.crowded()).float().mean())
 
     def grow(self, steps: float) -> None:
@@ -298,7 +300,7 @@ class WalkEnv:
         store(memory, self.done, level=level)
 
     def _reset(self, mask: Tensor) -> None:
-        """Starts the next episode of the robots in `mask`, bool, shape (n,), and brings all the ground that is near."""
+        """Starts the next episode of the robots in `mask`; brings everyone the near ground."""
         memory, drawn = self.memory, _DRAWS.of(self._draws)
         start = _START.of(drawn.start)
         course = self.ground.table.draw(memory.kind, memory.level, start.variant)
@@ -375,7 +377,7 @@ class WalkEnv:
         self._qvel[:, :2] += (kick * pushed).to(self._qvel.dtype)
 
     def _look(self, fresh: Tensor) -> None:
-        """Writes the command of now and what policy and critic see; `fresh` are robots that begin, bool, shape (n,)."""
+        """Writes the command and what policy and critic see; `fresh` are robots that begin."""
         memory, drawn = self.memory, _DRAWS.of(self._draws)
         qpos, qvel = self._qpos.float(), self._qvel.float()
         rotation, position = rotation_matrix(qpos[:, 3:7]), qpos[:, :3]

@@ -126,7 +126,9 @@ def evaluate(
 
 
 def tracking_errors(error: Floats, fresh: NDArray[np.bool_]) -> list[float]:
-    """Mean absolute errors of velocities that were averaged over `STRIDE` steps, `SETTLING` steps after any change.
+    """Mean absolute errors of velocities that were averaged over `STRIDE` steps.
+
+    The first `SETTLING` steps after a start or another command are left out.
 
     Args:
         error: Of each step and robot, shape (steps, n, 3).

@@ -1,4 +1,4 @@
-"""From a checkpoint of a walking policy to its ONNX file, whose metadata say how it is to be run."""
+"""From a checkpoint of a walking policy to its ONNX file, whose metadata say how to run it."""
 
 from pathlib import Path
 from typing import Any
@@ -57,7 +57,7 @@ class DeployedWalk(nn.Module):
         self.network = actor.as_onnx(verbose=False).eval()
 
     def forward(self, observation: Tensor) -> Tensor:
-        """Actions, shape (n, 12), for vectors of `saltus.policy.walking.observation`, shape (n, SIZE)."""
+        """Actions, shape (n, 12), for vectors of `Observer`, shape (n, SIZE)."""
         most = self.config.env.drives.most
         return torch.clamp(self.network(observation), -most, most)
 

@@ -1,4 +1,4 @@
-"""The ground of walking robots: courses of a table, of which each robot has the boxes that are nearest to it.
+"""The ground of walking robots: courses of a table, of which each robot has the nearest boxes.
 
 A field of rubble has a hundred boxes, and every box that a robot has costs time in every physics
 step; the scan reaches no further than 1 m.

@@ -1,4 +1,7 @@
-"""The state of a walking environment beside the physics: tensors that are changed in place, one row for each robot."""
+"""The state of a walking environment beside the physics.
+
+Tensors that are changed in place, one row for each robot.
+"""
 
 from dataclasses import dataclass, fields
 from typing import Any
@@ -73,7 +76,7 @@ _FLAGS = {"foot_touching": (4,), "standing": ()}
 
 
 def blank_memory(kind: Tensor, wide: Tensor, boxes: int) -> WalkMemory:
-    """Zeros for robots on the given families; every episode begins with a reset that fills them."""
+    """Zeros for robots on the given families; a reset fills them."""
     count, device = len(kind), kind.device
     rows = _ROWS | {"center": (boxes, 3), "half_size": (boxes, 3), "turn": (boxes, 2)}
     given: dict[str, Any] = {

@@ -83,5 +83,5 @@ def walking_pose(robot: Robot, height: float) -> Floats:
 
 
 def gravity_in_base(rotation: Array) -> Array:
-    """Direction of gravity in the base frame, shape (..., 3), from rotations base to world, (..., 3, 3)."""
+    """Direction of gravity in the base frame, shape (..., 3), of rotations base to world."""
     return -rotation[..., 2, :]

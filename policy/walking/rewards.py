@@ -1,4 +1,4 @@
-"""The reward of walking, term by term, of one policy step, in the field's form (legged_gym, IsaacLab)."""
+"""The reward of walking, term by term, of one policy step, as in legged_gym and IsaacLab."""
 
 from dataclasses import dataclass, fields
 
@@ -19,7 +19,7 @@ class RewardInputs:
     command: Places
     """Ahead, to the left [m/s], turning [rad/s], shape (n, 3)."""
     velocity: Places
-    """Velocity of the base in the frame of commands, see `saltus.policy.walking.commands`, shape (n, 3)."""
+    """Velocity of the base in the frame of commands, shape (n, 3)."""
     angular_velocity: Places
     """Base frame [rad/s], shape (n, 3)."""
     gravity: Places
@@ -34,7 +34,10 @@ class RewardInputs:
     last_action: Joints
     """This and the one before it, shape (n, 12)."""
     landed_after_s: Array
-    """For feet that touch the ground since this step: how long they were in the air; else 0.5 s. Shape (n, 4)."""
+    """Time in the air of feet that touch the ground since this step, 0.5 s of others [s].
+
+    Shape (n, 4).
+    """
     foot_touching: Array
     """Bool, shape (n, 4)."""
     foot_speed_squared: Array

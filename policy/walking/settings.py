@@ -1,4 +1,4 @@
-"""Configuration of a walking training: one dataclass that is the TOML, the flags, and what a checkpoint holds."""
+"""Configuration of a walking training: the TOML file, the flags, and what a checkpoint holds."""
 
 from dataclasses import dataclass, field, fields
 
@@ -26,7 +26,10 @@ class GroundConfig:
             "ramp_down": 0.05,
         }
     )
-    """Share of the robots on each family of terrain, relative to the others; a robot stays on its own."""
+    """Share of the robots on each family of terrain, relative to the others.
+
+    A robot stays on its family.
+    """
     wide: tuple[str, ...] = ("plain", "rubble")
     """Families on which commands lead in any direction, and robots start anywhere."""
     levels: int = 10
@@ -40,7 +43,8 @@ class GroundConfig:
     boxes: int = 20
     """Boxes that a robot has at a time, those nearest to it: more cost time in every physics step.
 
-    With 20, 0.2 % of the scan's points on rubble miss a box, on other ground less, and none within 0.4 m ahead.
+    With 20, 0.2 % of the scan's points on rubble miss a box, on other ground less; none near the
+    feet does.
     """
     margin_m: float = 0.5
     """A robot that comes so near to the rim of its ground starts anew [m]; it did not fail."""
@@ -91,7 +95,7 @@ class CommandConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class RewardConfig:
-    """Weight of each term, per second; legged_gym's and IsaacLab's for the Go1 where nothing else is said."""
+    """Weight of each term, per second; IsaacLab's for the Go1 where nothing else is said."""
 
     linear_velocity: float = 1.5
     turning: float = 0.75
@@ -118,15 +122,17 @@ class RewardConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class ScanConfig:
-    """Errors of the policy's heights, as those of the shipped scan on the Go1's mount (models/scan.md)."""
+    """Errors of heights, as of the shipped scan on the Go1's mount (models/scan.md)."""
 
     image_hz: float = 30.0
     """Heights are held from image to image; the D435i's rate."""
     seen_m: float = 0.0196
-    """Standard deviation of points that were seen: mean error 15.6 mm, times 1.25 for a normal law."""
+    """Standard deviation of points that were seen: the card's mean error, 15.6 mm, times 1.25."""
     unseen: float = 0.40
-    """Standard deviation of points that no ray reached, by the ground's own mean deviation from its
-    mean: 57.0 mm where flat ground is off by 179.3 mm, times 1.25."""
+    """Standard deviation of other points, by the ground's own mean deviation from its mean.
+
+    The card's 57.0 mm, where flat ground is off by 179.3 mm, times 1.25.
+    """
     seen_x_m: float = 0.15
     seen_y_m: float = 0.35
     """Points this far ahead and no further aside are seen: 26 % of 187; the card has 27 %."""
@@ -149,7 +155,7 @@ class SensorConfig:
     gravity: float = 0.05
     joint_position: float = 0.01
     joint_velocity: float = 0.5
-    """[rad/s]; IsaacLab's 1.5 would hide the velocity of the base, which this policy is not given."""
+    """[rad/s]; IsaacLab's 1.5 would hide the velocity of the base, which is not told."""
 
     def __post_init__(self) -> None:
         check_between(self, angular_velocity=(0.0, 10.0), gravity=(0.0, 1.0))
@@ -161,8 +167,11 @@ class DriveConfig:
     """From actions to joint targets: a pose plus `scale` times the action."""
 
     height: float = 0.7
-    """Height of the thighs' axes above the feet in that pose, by the length of the legs: 0.30 m, joints at 0.8 and -1.6 rad,
-    about legged_gym's; in the standing pose of jumping, which is lower, knees touch the ground under load."""
+    """Height of the thighs' axes above the feet in that pose, by the length of the legs.
+
+    0.30 m, joints at 0.8 and -1.6 rad, about legged_gym's. In the standing pose of jumping, which
+    is lower, knees touch the ground under load.
+    """
     scale: float = 0.25  # [rad]; legged_gym, IsaacLab
     kp: float = 35.0
     """[Nm/rad]; with IsaacLab's 25 for the Go2 a robot under 1.5 kg sits down on its rear knees."""
@@ -188,7 +197,7 @@ class WalkConfig:
     sensors: SensorConfig = field(default_factory=SensorConfig)
     drives: DriveConfig = field(default_factory=DriveConfig)
     randomisation: RandomisationConfig = field(default_factory=RandomisationConfig)
-    """Bodies, drives and pushes as of the jumping policy; its heights' shift and torque are not used."""
+    """Bodies, drives and pushes of jumping; its shift of heights and its torque are not used."""
     dialect: str = "isaaclab"
     """Dialect in which the policy reads heights, see `saltus.dialects`."""
     blind: bool = False

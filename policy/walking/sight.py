@@ -1,4 +1,4 @@
-"""Heights with the errors that the scan has: held from image to image, late, wrong where nothing was seen.
+"""Heights with the errors of the scan: held between images, late, wrong where unseen.
 
 The error of a point lasts: it is a uniform number that changes at random, on average every
 `ScanConfig.change_s`, times the spread of points that were seen, or of those that were not.

@@ -1,4 +1,4 @@
-"""Trains a walking policy, on a CPU or on a GPU, resumable at any time (`saltus policy walk train`)."""
+"""Trains a walking policy, on a CPU or on a GPU, resumable at any time."""
 
 import time
 from pathlib import Path
@@ -44,7 +44,9 @@ def train(
     iterations: int | None = None,
     code: str | None = None,
 ) -> None:
-    """Trains until the time is over or `iterations` are done; saves every 45 s, and where it is interrupted.
+    """Trains until the time is over or `iterations` are done.
+
+    Saves every 45 s, and where it is interrupted.
 
     Args:
         config: The run; resuming takes networks and levels from the checkpoint.
@@ -76,7 +78,7 @@ def train(
 
 
 class Record:
-    """Files in a training's folder: checkpoint, model, configuration, log and table of the progress."""
+    """Files in a training's folder: checkpoint, model, configuration, log and table."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Laws of the walking environment: frames, mirroring, observation and card, resets, errors of the scan, ground."""
+"""Laws of walking: frames, mirroring, observation and card, resets, errors of the scan, ground."""
 
 from dataclasses import fields, replace
 
