@@ -23,7 +23,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
@@ -33,8 +33,8 @@ import numpy as np
 import zenoh
 
 from benchmarks._command import Command, progress, tell
-from benchmarks._kills import SILENT_S, end_of, stale_uses, wait_until_running
-from saltus.config import RunConfig, TerrainConfig
+from benchmarks._judgement import end_of, stale_uses
+from benchmarks._kills import ON_FLAT_GROUND, SILENT_S, wait_until_running
 from saltus.errors import StackError
 from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.run_folder import CLIENT_FILE
@@ -87,15 +87,7 @@ class Benchmark(Command):
 
     def _trial(self, disturb: Disturbance, number: int) -> dict[str, Any]:
         after_s = BEFORE_S + float(np.random.default_rng([self.seed, number]).uniform(0.0, 0.5))
-        config = RunConfig(
-            robot="go1",
-            grid="line",
-            terrain=TerrainConfig(terrain="flat"),
-            pace="realtime",
-            planner="scripted",
-            speed=self.speed,
-            seed=number,
-        )
+        config = replace(ON_FLAT_GROUND, speed=self.speed, seed=number)
         with tempfile.TemporaryDirectory() as folder:
             host, port = address = free_address()
             create(Path(folder) / "keys", f"{host}:{port}", days=1)

@@ -34,7 +34,8 @@ from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from benchmarks._command import Command, progress, tell
-from benchmarks._kills import is_upright, witness
+from benchmarks._judgement import is_upright
+from benchmarks._kills import witness
 from benchmarks._measuring import SIGNALS, hear_signals
 from saltus.config import RunConfig, TerrainConfig
 from saltus.errors import SaltusError

@@ -18,7 +18,8 @@ from typing import Any, Literal
 import numpy as np
 
 from benchmarks._command import Command, progress, tell
-from benchmarks._kills import PRODUCT, judge, kill_during_run
+from benchmarks._judgement import PRODUCT, judge
+from benchmarks._kills import kill_during_run
 from saltus.config import RunConfig, TerrainConfig
 from saltus.recordings.recorder import RECORDING_FILE
 from saltus.runtime.programs import PROGRAMS, WITH_STANDBYS

@@ -15,7 +15,7 @@ import signal
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.pool import Pool
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from typing import Any
 import zenoh
 
 from benchmarks._command import Command
-from saltus.config import RunConfig, TerrainConfig
+from benchmarks._kills import ON_FLAT_GROUND
 from saltus.errors import SaltusError
 from saltus.plan import REST, plan_message
 from saltus.resources import resource
@@ -64,14 +64,7 @@ def attempts(user: Pool) -> dict[str, str]:
     with tempfile.TemporaryDirectory() as directory:
         folder = Path(directory)
         folder.chmod(0o755)  # as folders in most homes
-        config = RunConfig(
-            robot="go1",
-            grid="line",
-            terrain=TerrainConfig(terrain="flat"),
-            pace="realtime",
-            planner="scripted",
-            speed=0.25,
-        )
+        config = replace(ON_FLAT_GROUND, speed=0.25)
         with Stack(config, folder) as stack:
             plans, met = stack.latest("policy/plan"), False
             trial = user.apply_async(attack, (folder, config.prefix))

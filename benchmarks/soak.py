@@ -28,7 +28,7 @@ from typing import Any, Literal
 import numpy as np
 
 from benchmarks._command import Command, progress
-from benchmarks._kills import PRODUCT
+from benchmarks._judgement import PRODUCT
 from benchmarks._measuring import Use, percentiles, use_of
 from benchmarks.transport import Scenes, served
 from saltus.clock import RunClock

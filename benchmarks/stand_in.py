@@ -19,7 +19,7 @@ import tyro
 from tqdm import tqdm
 
 from benchmarks._command import Command
-from paper.motion import STAIRS
+from paper.run_figures import STAIRS
 from paper.runs import Effort, Ran, Setting, ran
 from paper.stand_in import stand_in
 from saltus.effects.profile import SHIPPED, Profile, load_profile

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from paper.drawing import OTHER, OURS, legend, subplots
-from paper.motion import STAIRS, Made
+from paper.run_figures import STAIRS, Made
 from paper.runs import Effort, Ran, Setting, ran
 from paper.stand_in import STAND_IN_SEED, stand_in
 from paper.training import (

@@ -22,8 +22,8 @@ from paper.ablations import (
     trainings_of,
 )
 from paper.drawing import check_drawing, save
-from paper.motion import Made
 from paper.rows import ABLATION, BY_NAME, ROWS, Row
+from paper.run_figures import Made
 from paper.runs import Effort
 from paper.training import CAMERA, FULL, PUBLISHED
 from saltus.errors import SaltusError, nearest_hint

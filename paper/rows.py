@@ -174,16 +174,16 @@ ROWS: tuple[Row, ...] = (
         "the row of four most robots with true heights fail: its gaps are deeper than in training.",
     ),
     Row(
-        name="step-and-gap", where="Fig. 7", make="motion.step_and_gap", trial=_SIMULATED,
+        name="step-and-gap", where="Fig. 7", make="edges.step_and_gap", trial=_SIMULATED,
         shows="A step of 0.60 m and a gap of 0.80 m: key frames, and predicted heights that fit the ground.",
     ),
     Row(
-        name="gap-footsteps", where="Fig. 8", make="motion.gap_footsteps", trial=_SIMULATED,
+        name="gap-footsteps", where="Fig. 8", make="edges.gap_footsteps", trial=_SIMULATED,
         shows="Feet are placed by the gap: narrow ones are crossed at once, at wide ones the robot lands once more.",
         differs="Ours crosses all of them in one jump, and bounds once more before it only where its start is far off.",
     ),
     Row(
-        name="step-pitch", where="Fig. 9", make="motion.step_pitch", trial=_SIMULATED,
+        name="step-pitch", where="Fig. 9", make="edges.step_pitch", trial=_SIMULATED,
         shows="The higher the step, the further the policy pitches the nose up.",
     ),
     Row(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from paper.drawing import OTHER, OURS, legend, subplots
-from paper.motion import Made
+from paper.run_figures import Made
 from paper.runs import Effort
 from saltus.arrays import Floats
 from saltus.effects.image_delivery import CameraLatency

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.errors import RecordingError, nearest_hint
-from saltus.real2sim.importers.table import READERS, kind_of, read_table
+from saltus.real2sim.importers.kinds import kind_of
+from saltus.real2sim.importers.table import READERS, read_table
 from saltus.real2sim.screening.clock import MIN_ROWS, clock_faults
 from saltus.real2sim.screening.screen import believed_units
 from saltus.recordings.description import Description

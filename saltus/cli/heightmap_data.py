@@ -34,12 +34,21 @@ if TYPE_CHECKING:
     from saltus.heightmap.training.train import TrainingProgress
 
 DATASET = Path("runs/dataset")
-Processes = Annotated[int | None, shown("INT", "one for each core")]
-Ray = Annotated[str | None, shown("STR", "none: this computer's cores")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class OnProcessors(SettingsCommand):
+class WorkersOption:
+    """Flags of a command that collects on processors."""
+
+    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    """Number of processes that collect. The data do not depend on it."""
+    ray: Annotated[str | None, shown("STR", "none: this computer's cores")] = None
+    """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this
+    machine's cores."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnProcessors(WorkersOption, SettingsCommand):
     """Episodes of both planners in MuJoCo on this computer's processors, or on a Ray cluster.
 
     The settings can also stand in a TOML file (--config), those of the loop as loop.hardest = 0.5.
@@ -57,11 +66,6 @@ class OnProcessors(SettingsCommand):
             loop=ClosedLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID)
         )
     )
-    processes: Processes = None
-    """Number of processes that collect. The data do not depend on it."""
-    ray: Ray = None
-    """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this
-    machine's cores."""
 
     def run(self) -> int:
         """Writes the shard; of one that is interrupted the batches that are whole."""
@@ -196,7 +200,7 @@ def _tell(folders: "Iterable[Path]", found: "Collection") -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dagger(SettingsCommand):
+class Dagger(WorkersOption, SettingsCommand):
     """Rounds of: the predictor drives robots, and is trained on all that was collected.
 
     Goes on where it was stopped.
@@ -222,11 +226,6 @@ class Dagger(SettingsCommand):
             loop=ClosedLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID)
         )
     )
-    processes: Processes = None
-    """Number of processes that collect. The data do not depend on it."""
-    ray: Ray = None
-    """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this
-    machine's cores."""
 
     def run(self) -> int:
         """Runs to the end, with a progress bar for each half of a round."""

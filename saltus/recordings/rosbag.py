@@ -5,60 +5,26 @@ received a message. All count from the first message of joints: seconds since 19
 doubles a quarter of a microsecond.
 """
 
-import sys
-from collections import Counter, defaultdict
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.highlevel import AnyReader
-from tqdm import tqdm
 
 from saltus.arrays import Floats
-from saltus.depth import NOTHING
 from saltus.errors import MessageError, RecordingError
-from saltus.files import ARCHIVE_MAX
 from saltus.recordings.bag_files import opened
+from saltus.recordings.bag_messages import Messages, Received, receive
 from saltus.recordings.bag_topics import COMMANDS, choose
 from saltus.recordings.description import Topics
-from saltus.recordings.images import (
-    intrinsics,
-    is_rectified,
-    matrices_differ,
-    millimetres,
-    pixels_of,
-)
+from saltus.recordings.images import intrinsics, is_rectified, matrices_differ
 from saltus.recordings.rig_claims import CameraClaim, RigClaims
-from saltus.recordings.ros_types import (
-    CameraInfo,
-    Image,
-    Imu,
-    JointState,
-    Odometry,
-    Quaternion,
-    Vector,
-)
+from saltus.recordings.ros_types import CameraInfo
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, period_of
 from saltus.rotations import rotation_matrix
 
 OLDEST_IMAGE_S = 10.0  # an image that is older at its arrival was stamped by another clock
-NANO = 10**9
-CAMERAS_MAX = 16  # calibrations of a topic that are looked at; one that changes has a few
-
-
-@dataclass(frozen=True)
-class _Received:
-    """One message, or what is kept of it."""
-
-    arrival_s: float
-    time_s: float
-    message: Any
-
-
-_Messages = Sequence[_Received]
 
 
 def read_rosbag(
@@ -86,7 +52,7 @@ def read_rosbag(
     notes: list[str] = []
     with opened(path) as reader:
         chosen = choose(reader, path, topics, left_out, notes)
-        received = _receive(reader, path, chosen, notes, depth_unit_m)
+        received = receive(reader, path, chosen, notes, depth_unit_m)
     notes.insert(0, ", ".join(f"{part} from {topic}" for part, topic in chosen.items()))
     names, joints = _joints(chosen, received, left_out, notes)
     depth = _depth(path, received.pop("depth", []), size, notes)
@@ -108,158 +74,9 @@ def read_rosbag(
     return log, notes
 
 
-def _receive(
-    reader: AnyReader,
-    path: Path,
-    chosen: dict[str, str],
-    notes: list[str],
-    depth_unit_m: float | None,
-) -> dict[str, list[_Received]]:
-    """Messages of each part; of images and calibrations what is kept of them."""
-    part_of = {topic: part for part, topic in chosen.items()}
-    connections = [c for c in reader.connections if c.topic in part_of]
-    total = sum(c.msgcount for c in connections)
-    received: dict[str, _Rows] = defaultdict(list)
-    images = _Images(path, depth_unit_m)
-    keep = KEPT | {"depth": images.kept}
-    for connection, arrival_ns, raw in tqdm(
-        reader.messages(connections), desc=path.name, total=total, disable=None, leave=False
-    ):
-        message = reader.deserialize(raw, connection.msgtype)
-        part, stamp = part_of[connection.topic], message.header.stamp
-        if part == "camera_info" and len(received[part]) >= CAMERAS_MAX:
-            continue
-        kept = keep[part](message)
-        if kept is not None:
-            received[part].append((arrival_ns, int(stamp.sec) * 10**9 + int(stamp.nanosec), kept))
-    images.tell(notes)
-    if not received["joints"]:
-        raise RecordingError(
-            f"{path}: {chosen['joints']} holds no messages: its metadata say more than there is"
-        )
-    kept_of = {part: _stamped(rows, chosen[part], notes) for part, rows in received.items()}
-    arrival_ns, stamp_ns, _ = kept_of["joints"][0]
-    return {part: _timed(rows, stamp_ns or arrival_ns) for part, rows in kept_of.items()}
-
-
-class _Joints(NamedTuple):
-    """The part of a JointState that is kept: an hour at 500 Hz has two million of them."""
-
-    name: tuple[str, ...]
-    position: Floats
-    velocity: Floats
-    effort: Floats
-
-
-def _joint_row(message: JointState) -> _Joints:
-    values = (np.array(getattr(message, field), np.float64) for field in _Joints._fields[1:])
-    return _Joints(tuple(map(sys.intern, message.name)), *values)
-
-
-def _imu_row(message: Imu) -> Floats:
-    """Orientation, rate and acceleration of an Imu; NaN for an orientation that it says it does not have."""
-    has_none = message.orientation_covariance[0] == -1.0  # sensor_msgs/Imu
-    turned = (np.nan,) * 4 if has_none else _wxyz(message.orientation)
-    return np.array([*turned, *_xyz(message.angular_velocity), *_xyz(message.linear_acceleration)])
-
-
-def _base_row(message: Odometry) -> Floats:
-    """Position, orientation and the velocity in the child's own frame of an Odometry."""
-    pose = message.pose.pose
-    return np.array(
-        [*_xyz(pose.position), *_wxyz(pose.orientation), *_xyz(message.twist.twist.linear)]
-    )
-
-
-KEPT: dict[str, Callable[[Any], object]] = {
-    "joints": _joint_row, "commands": _joint_row, "imu": _imu_row, "base": _base_row,
-    "camera_info": lambda info: info,
-}  # fmt: skip
-"""The part of a message that is kept, for each part of the log."""
-
-
-class _Images:
-    """Makes millimetres of images as they come, so that no more than these are held."""
-
-    def __init__(self, path: Path, unit_m: float | None) -> None:
-        self._path, self._unit_m = path, unit_m
-        self._bytes = self._kept = 0
-        self._refused: Counter[str] = Counter()
-
-    def kept(self, image: Image) -> NDArray[np.uint16] | None:
-        """Pixels in whole millimetres; None for an image that cannot be read."""
-        try:
-            pixels = _measured(millimetres(pixels_of(image), self._unit_m))
-        except MessageError as error:
-            self._refused[str(error)] += 1
-            return None
-        self._kept += 1
-        self._bytes += pixels.nbytes
-        if self._bytes > ARCHIVE_MAX:
-            raise RecordingError(
-                f"{self._path}: its depth images take more than {ARCHIVE_MAX / 2**30:g} GiB: cut "
-                "the bag, or say "
-                'leave_out = ["depth"] in the description'
-            )
-        return pixels
-
-    def tell(self, notes: list[str]) -> None:
-        """Notes on images that could not be read; an error where none could."""
-        for reason, count in self._refused.most_common():
-            if not self._kept:
-                raise RecordingError(
-                    f"{self._path}: none of its depth images can be read: {reason}; or leave_out = "
-                    f'["depth"]'
-                )
-            notes.append(f"{count} of {count + self._kept} depth images are left out: {reason}")
-
-
-def _measured(depth: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Depth of a run log, which has no sign for "nothing within range" but that of no depth."""
-    return np.where(depth == NOTHING, 0, depth).astype(np.uint16)
-
-
-_Rows = list[tuple[int, int, object]]
-"""Arrival and stamp [ns], and what is kept of a message."""
-
-
-def _stamped(rows: _Rows, topic: str, notes: list[str]) -> _Rows:
-    """Messages of one topic without those that bear no stamp, unless none has one.
-
-    Simulated time begins at 0: a first stamp of 0 is one if others follow within a second.
-    """
-    if not any(stamp for _, stamp, _ in rows):
-        return rows
-    begin = next(place for place, (_, stamp, _) in enumerate(rows) if stamp)
-    from_zero = rows[begin][1] < NANO
-    kept = [row for place, row in enumerate(rows) if row[1] or (from_zero and place < begin)]
-    if len(kept) < len(rows):
-        notes.append(
-            f"{topic}: {len(rows) - len(kept)} of {len(rows)} messages bear no stamp, and are left "
-            "out"
-        )
-    return kept
-
-
-def _timed(rows: _Rows, start_ns: int) -> list[_Received]:
-    """Messages of one topic, timed from a start on.
-
-    Those of a topic without stamps by their arrivals.
-    """
-    has_stamps = any(stamp for _, stamp, _ in rows)
-    return [
-        _Received(
-            1e-9 * (arrival - start_ns),
-            1e-9 * ((stamp if has_stamps else arrival) - start_ns),
-            each,
-        )
-        for arrival, stamp, each in rows
-    ]
-
-
 def _joints(
     chosen: dict[str, str],
-    received: dict[str, list[_Received]],
+    received: dict[str, list[Received]],
     left_out: Sequence[str],
     notes: list[str],
 ) -> tuple[list[str], JointTable]:
@@ -290,7 +107,7 @@ def _joints(
     return names, JointTable(time_s=time_s, **signals)
 
 
-def _whole(messages: _Messages, topic: str, notes: list[str]) -> _Messages:
+def _whole(messages: Messages, topic: str, notes: list[str]) -> Messages:
     """The messages of a topic that name all joints of the longest: a gripper may send its own on the same topic."""
     named = Counter(each.message.name for each in messages)
     most = max(named, key=lambda names: (len(names), named[names]))
@@ -306,7 +123,7 @@ def _whole(messages: _Messages, topic: str, notes: list[str]) -> _Messages:
 
 
 def _signals(
-    messages: _Messages,
+    messages: Messages,
     topic: str,
     names: Sequence[str],
     signals: Sequence[str],
@@ -341,11 +158,11 @@ def _signals(
     return rows
 
 
-def _times(messages: _Messages) -> Floats:
+def _times(messages: Messages) -> Floats:
     return np.array([each.time_s for each in messages])
 
 
-def _imu(messages: _Messages, notes: list[str]) -> Table | None:
+def _imu(messages: Messages, notes: list[str]) -> Table | None:
     if not messages:
         return None
     values = np.stack([each.message for each in messages])
@@ -355,7 +172,7 @@ def _imu(messages: _Messages, notes: list[str]) -> Table | None:
     return Table(time_s=_times(messages), values=values)
 
 
-def _base(messages: _Messages) -> Table | None:
+def _base(messages: Messages) -> Table | None:
     if not messages:
         return None
     values = np.stack([each.message for each in messages])
@@ -365,7 +182,7 @@ def _base(messages: _Messages) -> Table | None:
 
 
 def _depth(
-    path: Path, messages: list[_Received], size: tuple[int, int] | None, notes: list[str]
+    path: Path, messages: list[Received], size: tuple[int, int] | None, notes: list[str]
 ) -> DepthTable | None:
     """Images of one size, taken before they came and by the clock of the bag."""
     if not messages:
@@ -450,11 +267,3 @@ def _camera(
         f"the camera is not known: {reason}; say fx, fy, cx, cy, width, height in [claims.camera]"
     )
     return None
-
-
-def _xyz(vector: Vector) -> tuple[float, float, float]:
-    return vector.x, vector.y, vector.z
-
-
-def _wxyz(quaternion: Quaternion) -> tuple[float, float, float, float]:
-    return quaternion.w, quaternion.x, quaternion.y, quaternion.z

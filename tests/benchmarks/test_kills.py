@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from benchmarks import faults
-from benchmarks._kills import FaultResult
+from benchmarks._judgement import FaultResult
 from saltus.recordings.recorder import RECORDING_FILE
 
 

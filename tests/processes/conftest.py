@@ -4,11 +4,12 @@ import os
 import statistics
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from saltus.config import RunConfig, TerrainConfig
+from benchmarks._kills import ON_FLAT_GROUND
 from saltus.runtime.real_time import RealTimeFactor
 from saltus.runtime.stack import Stack
 
@@ -58,15 +59,7 @@ def speed(tmp_path_factory: pytest.TempPathFactory) -> float:
 
 def measured(directory: Path, speed: float) -> tuple[RealTimeFactor, float]:
     """What a run at such a speed reaches, and the share of its processors that it gets."""
-    config = RunConfig(
-        robot="go1",
-        grid="line",
-        terrain=TerrainConfig(terrain="flat"),
-        pace="realtime",
-        planner="scripted",
-        speed=speed,
-    )
-    with Stack(config, directory) as stack:
+    with Stack(replace(ON_FLAT_GROUND, speed=speed), directory) as stack:
         stack.wait(speed * MEASURED_S)
         factor = stack.real_time
     assert factor is not None, "the run was over before it could be measured"

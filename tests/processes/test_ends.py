@@ -10,7 +10,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from benchmarks._kills import is_upright, witness
+from benchmarks._judgement import is_upright
+from benchmarks._kills import witness
 from saltus.recordings.recording import Recording, read_recording
 from saltus.recordings.repair import repair
 from saltus.wire.messages import ControllerMode, RobotState

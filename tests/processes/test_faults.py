@@ -10,16 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks._kills import (
+from benchmarks._judgement import (
     PRODUCT,
     decided_ns,
     heard_alone_ns,
     judge,
-    kill_during_run,
     last_before,
     late_uses,
 )
-from saltus.config import RunConfig, TerrainConfig
+from benchmarks._kills import ON_FLAT_GROUND, kill_during_run
 from saltus.constants import POLICY_DT
 from saltus.controller.watchdog import WatchdogConfig
 from saltus.errors import StackError
@@ -29,19 +28,15 @@ from saltus.runtime.programs import WITH_STANDBYS
 from saltus.wire.codec import Envelope
 from saltus.wire.topics import MAX_EXTRA_AGE_S
 
-CONFIG = RunConfig(
-    robot="go1",
-    grid="line",
-    terrain=TerrainConfig(terrain="flat"),
-    pace="realtime",
-    planner="scripted",
-)
-
 
 @pytest.mark.slow
 def test_a_spare_camera_takes_over_or_the_robot_stands(speed: float, tmp_path: Path) -> None:
     """Its first image is 50 ms old when it comes: whether that is in time depends on the computer."""
-    first, both, config = tmp_path / "first", tmp_path / "both", replace(CONFIG, speed=speed)
+    first, both, config = (
+        tmp_path / "first",
+        tmp_path / "both",
+        replace(ON_FLAT_GROUND, speed=speed),
+    )
     result = judge(kill_during_run(config, first, "render", 0.7, watch_s=0.5), "render", 0.7)
     assert result.end == "goes on" or result.silence_ms > 1e3 * (
         MAX_EXTRA_AGE_S - LOSS_MARGIN_S - POLICY_DT
@@ -59,7 +54,7 @@ def test_a_killed_process_is_noticed_and_the_robot_stands(
     process: str, speed: float, tmp_path: Path
 ) -> None:
     after_s = {"heightmap": 0.9, "policy": 1.1}[process]
-    recording = kill_during_run(replace(CONFIG, speed=speed), tmp_path, process, after_s)
+    recording = kill_during_run(replace(ON_FLAT_GROUND, speed=speed), tmp_path, process, after_s)
     result = judge(recording, process, after_s)
     assert result.told_ms <= 110.0
     assert result.back_s <= 2.0
@@ -99,7 +94,7 @@ class Incomplete(Recording):
 def test_the_robot_goes_on_if_a_standby_is_in_time(
     process: str, speed: float, tmp_path: Path
 ) -> None:
-    config, after_s = replace(CONFIG, speed=speed), 0.9
+    config, after_s = replace(ON_FLAT_GROUND, speed=speed), 0.9
     recording = kill_during_run(
         config, tmp_path, process, after_s, watch_s=0.5, programs=WITH_STANDBYS
     )
@@ -164,7 +159,7 @@ def test_a_killed_controller_ends_the_run_and_leaves_a_recording(
     speed: float, tmp_path: Path
 ) -> None:
     with pytest.raises(StackError, match=r"controller died \(.*SIGKILL"):
-        kill_during_run(replace(CONFIG, speed=speed), tmp_path, "controller", 0.5)
+        kill_during_run(replace(ON_FLAT_GROUND, speed=speed), tmp_path, "controller", 0.5)
     recording = read_recording(tmp_path / "recording.mcap")
     assert recording.lost == []
     assert sum(1 for _ in recording.messages("controller/state")) > 100

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from report_pages import opens_without_a_network
 
-from paper import ablations, drawing, making, motion, new_ground, sysid
+from paper import ablations, drawing, edges, making, motion, new_ground, run_figures, sysid
 from paper.ablations import STAND_IN, SYSTEMS, files_of, shipped_in, trainings_of
 from paper.drawing import save, subplots
 from paper.making import check_makeable, is_makeable, made_before, make, number_at
@@ -101,7 +101,8 @@ def test_a_row_is_made_of_trials_that_succeed_and_that_fail(
     def run_none(settings: Sequence[Setting], effort: Effort) -> list[list[Ran]]:
         return [[one] * max(effort.trials, len(setting.starts_x)) for setting in settings]
 
-    monkeypatch.setattr(motion, "ran", run_none)
+    for module in (edges, motion):
+        monkeypatch.setattr(module, "ran", run_none)
     check_makeable(row, tmp_path, tmp_path)
     result = make(row, Effort(trials=2, time_limit_s=1.3), tmp_path)
     assert made_before(row, tmp_path) == json.loads(json.dumps(result))
@@ -180,7 +181,7 @@ def test_the_lag_of_heights_is_the_latency_that_was_hidden() -> None:
 
 def test_planks_leave_open_what_stairs_fill() -> None:
     planks = new_ground.plank_stairs()
-    solid = make_terrain(motion.STAIRS)
+    solid = make_terrain(run_figures.STAIRS)
     x = np.linspace(0.0, planks.finish_x, 501)
     np.testing.assert_allclose(planks.height_at(x, 0.0 * x), solid.height_at(x, 0.0 * x), atol=1e-9)
     between = [box for box in planks.boxes if box.low[2] > 0.0]
