@@ -9,6 +9,7 @@ from saltus.arrays import Floats
 from saltus.real2sim.search.findings import Confusion
 from saltus.real2sim.search.fit import Fit
 from saltus.real2sim.search.layout import Layout, Model
+from saltus.real2sim.search.quadratic import dispersion as quadratic_dispersion
 from saltus.real2sim.search.quadratic import downside, held_out_gains
 from saltus.real2sim.search.split import TEST, Cells, Split
 
@@ -159,7 +160,7 @@ def _replaces(
     rival: ScoredFit,
     dispersion: float,
 ) -> bool:
-    if not comparison.lead(held, rival, dispersion):
+    if not comparison.lead(held, rival, _dispersion_of(comparison, held, rival, dispersion)):
         return False
     is_clear = False
     if held.fit.model:
@@ -183,6 +184,22 @@ def _replaces(
     if len(sizes) == 1:
         return sizes[0] >= 1.0
     return sizes[0] >= (BESIDE if is_clear else TOGETHER) and sizes[1] >= TOGETHER
+
+
+def _dispersion_of(
+    comparison: ModelComparison, held: ScoredFit, rival: ScoredFit, dispersion: float
+) -> float:
+    """Dispersion of what a rival gains: its own where its new effects change residuals that no other unknown does.
+
+    How many images were lost is no less certain because depths scatter in a way of their own.
+    """
+    fit = rival.fit
+    own = comparison.layout.of_effects(set(fit.model) - set(held.fit.model))
+    is_new = np.isin(fit.columns, own)
+    changed = np.any(fit.jacobian != 0.0, axis=0)  # (columns, m)
+    if not is_new.any() or np.any(changed[is_new].any(axis=0) & changed[~is_new].any(axis=0)):
+        return dispersion
+    return quadratic_dispersion(fit.quadratic(comparison.layout, comparison.split), is_new)
 
 
 def _is_whole(comparison: ModelComparison, rival: ScoredFit, further: float) -> bool:

@@ -82,6 +82,11 @@ class LinearProblem(Problem):
         )
         self.measured, self._signatures = self.measured[:, rows], self._signatures[:, rows]
 
+    def part_signals(self) -> None:
+        """Has an effect at a place change the signal of that place alone, and the clock that of hips."""
+        of_thigh = np.array([candidate.where == "thigh" for candidate in self.candidates])
+        self._signatures = self._signatures * (of_thigh[:, None] == (self.signal == 1))
+
     def keep_unknowns(self, unknowns: slice) -> None:
         """Forgets what the other unknowns do."""
         self._signatures = self._signatures[unknowns]

@@ -9,8 +9,17 @@ from one_joint import OneJoint
 from scipy.ndimage import gaussian_filter1d
 
 from benchmarks.left_out import NarrowedProblem
-from saltus.real2sim.search.decide import REMAINDER_RMS
+from saltus.real2sim.search import fit
+from saltus.real2sim.search.decide import (
+    REMAINDER_RMS,
+    SIZE_RMS,
+    ModelComparison,
+    ScoredFit,
+    _dispersion_of,
+)
+from saltus.real2sim.search.layout import Layout, Model
 from saltus.real2sim.search.search import search
+from saltus.real2sim.search.split import Cells
 
 BLOCKS = ("FR", "FL")
 
@@ -281,6 +290,36 @@ def test_a_weak_gap_shows_in_more_than_one_segment_and_signal(
         wave = amplitude * np.sin(2.0 * np.pi * 7.0 * problem.time_s[shown])
         problem.measured[0, shown] += wave
         assert search(problem).verdict == verdict
+
+
+@pytest.mark.parametrize("is_apart", [True, False])
+def test_an_effect_with_residuals_of_its_own_gains_by_its_own_scatter(is_apart: bool) -> None:
+    """As lost images beside a temporal filter, whose depths scatter far more than noise."""
+    problem = LinearProblem({("e1", "hip", "FR"): 6.0, ("e5", "thigh", "FR"): 3.0})
+    if is_apart:
+        problem.part_signals()
+    problem.candidates = tuple(
+        replace(c, effect=f"{c.effect} of a thigh") if c.where == "thigh" else c
+        for c in problem.candidates
+    )
+    layout, evaluate = Layout.of(problem), fit.Evaluator(problem)
+    null, split = fit.fitted_null(problem, evaluate, layout)
+    comparison = ModelComparison(
+        layout=layout,
+        split=split,
+        cells=Cells.of(problem, split.is_fit),
+        rng=np.random.default_rng(0),
+        size=SIZE_RMS,
+    )
+
+    def scored(model: Model) -> ScoredFit:
+        start = fit.begun(evaluate, layout, model, layout.of_model(model), null.unknowns, "")
+        fits = fit.refine(evaluate, layout, split, [start], stage="")
+        return comparison.score(fit.renewed(evaluate, layout, fits, "")[0])
+
+    held, rival = scored(("e1",)), scored(("e1", "e5 of a thigh"))
+    found = _dispersion_of(comparison, held, rival, 300.0)
+    assert found < 3.0 if is_apart else found == 300.0
 
 
 @pytest.mark.parametrize("large", [3.0, 8.0])
