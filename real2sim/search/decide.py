@@ -296,7 +296,7 @@ def ambiguities(
 
     These are effects of models of the same size over which the chosen model has no lead beyond
     chance and the disagreement of simulators, and effects collinear with the chosen one, if a model
-    with them closes enough of the gap.
+    with them closes enough of the gap, and of what the other effects of the chosen model leave.
     """
     by_model = {each.fit.model: each for each in scored}
     null = by_model[()]
@@ -311,7 +311,11 @@ def ambiguities(
         ):
             continue
         effect, other = gone.pop(), new.pop()
-        is_tied = not comparison.lead(rival, chosen, dispersion)
+        beside = by_model.get(tuple(name for name in chosen.fit.model if name != effect), null)
+        if comparison.closed(null, beside, rival) < REMAINDER_SHARE:
+            continue  # it explains nothing of what the others leave
+        own = _dispersion_of(comparison, rival, chosen, dispersion)
+        is_tied = not comparison.lead(rival, chosen, own)
         # Cosines come from derivatives, in the limit of small effects; at their real sizes a delay
         # and a filter may differ.
         imitates = comparison.closed(null, null, rival) >= collinear**2 * comparison.closed(
