@@ -5,8 +5,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from saltus.grid import HeightGrid
+from saltus.loop.heights import true_heights
 from saltus.recordings.recording import Recording
-from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.wire.messages import GroundTruth, Heightmap
 
 SETTLED_NS = 1_000_000_000
@@ -31,7 +31,7 @@ def scan_errors(
         truth = truths.get(answer.step)
         if truth is None or begun_ns is None or answer.time_ns - begun_ns < SETTLED_NS:
             continue
-        height = true_heights(recording, grid, truth)
+        height = heights_below(recording, grid, truth)
         found = (
             np.abs(answer.height - height),
             answer.half_width_90,
@@ -63,10 +63,7 @@ def scan_errors(
     }
 
 
-def true_heights(recording: Recording, grid: HeightGrid, truth: GroundTruth) -> np.ndarray:
+def heights_below(recording: Recording, grid: HeightGrid, truth: GroundTruth) -> np.ndarray:
     """Heights of the ground at the points of a grid, relative to the base [m], shape (points,)."""
-    _, _, yaw = roll_pitch_yaw(rotation_matrix(np.asarray(truth.quaternion_base_in_world)))
-    position = np.asarray(truth.position_base_in_world)
-    return np.asarray(
-        recording.terrain.height_at(*grid.points_in_world(position, yaw)) - position[2]
-    )
+    pose = truth.position_base_in_world, truth.quaternion_base_in_world
+    return np.asarray(true_heights(recording.terrain, *pose, grid))

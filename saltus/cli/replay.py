@@ -19,6 +19,7 @@ from saltus.flags import Flag, shown
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.wire.messages import (
     DepthFrame,
+    Event,
     GroundTruth,
     Heightmap,
     HeightmapStatus,
@@ -80,7 +81,10 @@ class Replay(ScanOptions, RobotOption, JsonOption):
         from saltus.recordings.recording import read_recording
 
         self._check_flags()
-        if self.recording.suffix in ENDINGS:
+        bag = self.recording.suffix in ENDINGS
+        if bag or self.assume_level:
+            self.scan_choice(self.model)
+        if bag:
             return self._tell_profile(*self._bag())
         recording = read_recording(self.recording)
         if self.assume_level:
@@ -100,7 +104,6 @@ class Replay(ScanOptions, RobotOption, JsonOption):
                 f"--model {self.model}: the {self.process} has no network, heightmap and planner "
                 "have one"
             )
-        self.scan_choice(self.model)
 
     def _process(self, recording: "Recording") -> int:
         from saltus.recordings.answers import Comparison
@@ -158,12 +161,12 @@ class Replay(ScanOptions, RobotOption, JsonOption):
             }
         from saltus.grid import load_grid
         from saltus.heightmap.evaluation.scan_picture import write_picture
-        from saltus.heightmap.evaluation.scan_replay import scan_errors, true_heights
+        from saltus.heightmap.evaluation.scan_replay import heights_below, scan_errors
 
         grid, last = load_grid(self.grid or recording.known_config.grid), heightmaps[-1]
         if self.picture is not None:
             truth = next((t for t in recording.of(GroundTruth) if t.step == last.step), None)
-            ground = None if truth is None else true_heights(recording, grid, truth)
+            ground = None if truth is None else heights_below(recording, grid, truth)
             write_picture(self.picture, last, ground)
         return {"status": statuses, **scan_errors(recording, grid, heightmaps)}
 
@@ -281,11 +284,15 @@ def _compared(comparison: "Comparison") -> dict[str, object]:
 
 
 def _must_repeat(recording: "Recording", config: "RunConfig") -> bool:
-    """True where the same process, with the same networks, heard all that it once heard."""
+    """True where the same process, with the same networks, heard all of a run that came to its own end."""
+    from saltus.recordings.summary import OUTCOME_CODES
     from saltus.used_networks import models_of
 
     return (
-        config.pace == "lockstep" and recording.complete and models_of(config) == recording.models
+        config.pace == "lockstep"
+        and recording.complete
+        and any(event.code in OUTCOME_CODES for event in recording.of(Event))
+        and models_of(config) == recording.models
     )
 
 

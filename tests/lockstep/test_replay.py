@@ -12,6 +12,8 @@ from samples import EVERYTHING
 from saltus.cli.main import main
 from saltus.config import PlannerName, RunConfig, TerrainConfig
 from saltus.errors import RecordingError
+from saltus.loop.body import Body
+from saltus.plan import Plan, plan_of
 from saltus.recordings.answers import Comparison
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
@@ -19,6 +21,7 @@ from saltus.runtime.programs import PROGRAMS
 from saltus.runtime.replay import Answer, replay
 from saltus.wire import codec
 from saltus.wire.bus import RawSample, sender_of
+from saltus.wire.messages import ControllerMode, GroundTruth, MotionPlan, RobotState
 
 NAMES = [program.name for program in PROGRAMS]
 STEPS = 150
@@ -78,6 +81,16 @@ def answers(recording: Recording, name: str) -> list[Answer]:
     ]
 
 
+def copied(recording: Recording, path: Path, config: RunConfig, without: str = "-") -> Path:
+    """The same messages, but for those of one key, under another configuration."""
+    with Recorder(path, config, recording.setup) as file:
+        for arrival in recording.arrivals(-1, 2**62):
+            if not arrival.key.startswith(without):
+                attachment = arrival.envelope.to_bytes()
+                file.write(RawSample(arrival.key, arrival.payload, attachment, arrival.arrival_ns))
+    return path
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_a_changed_entry_is_told_with_its_place(recording: Recording, name: str) -> None:
     rng = np.random.default_rng(len(name))
@@ -113,6 +126,24 @@ def test_a_changed_entry_is_told_with_its_place(recording: Recording, name: str)
         assert list(comparison.fields) == [f"{key}.{field}"]
         assert comparison.fields[f"{key}.{field}"].messages == 1
         assert str(first.recorded) in str(first)
+
+
+def test_a_body_that_is_given_the_recorded_plans_goes_where_the_robot_went(
+    recording: Recording,
+) -> None:
+    """The controller's process and `Body`, of which evaluations and data are made, are one loop."""
+    body, modes = Body([recording.setup]), [state.mode for state in recording.of(RobotState)]
+    ends = modes.index(ControllerMode.LANDING)  # which the controller's own plans lead
+    assert modes[:ends].count(ControllerMode.RUN) > 20
+    rows = zip(recording.of(MotionPlan), recording.of(GroundTruth), modes[1:ends], strict=False)
+    for message, truth, mode in rows:
+        for name in ("position_base_in_world", "quaternion_base_in_world", "joint_position"):
+            np.testing.assert_allclose(
+                getattr(body.truth, name)[0], getattr(truth, name), atol=1e-9, err_msg=name
+            )
+        plan = plan_of(message)
+        one = {f.name: np.array([getattr(plan, f.name)]) for f in fields(Plan)}
+        body.step(Plan(**one), mode)
 
 
 def test_messages_that_one_side_lacks_are_counted(recording: Recording) -> None:
@@ -152,14 +183,13 @@ def test_the_command_says_so(
 def test_a_difference_fails_where_a_run_must_repeat(
     recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The recording says another seed than the run had: its camera draws other noise, and another trial is not."""
-    changed = tmp_path / "changed.mcap"
+    """A recording that names another planner than the run had, whole, or without the run's outcome."""
     config = replace(recording.known_config, planner="scripted")
-    with Recorder(changed, config, recording.setup) as file:
-        for arrival in recording.arrivals(-1, 2**62):
-            attachment = arrival.envelope.to_bytes()
-            file.write(RawSample(arrival.key, arrival.payload, attachment, arrival.arrival_ns))
+    changed = copied(recording, tmp_path / "changed.mcap", config)
     assert main(["replay", str(changed), "--process", "planner"]) == 1
+    assert "policy/plan at " in capsys.readouterr().out
+    cut = copied(recording, tmp_path / "cut.mcap", config, without="event/controller")
+    assert main(["replay", str(cut), "--process", "planner"]) == 0
     assert "policy/plan at " in capsys.readouterr().out
 
 
@@ -184,14 +214,7 @@ def test_a_run_without_what_a_process_hears_is_refused(
 ) -> None:
     hears = {"render": "plant/truth", "policy": "heightmap/heightmap", "controller": "done/render"}
     for name, topic in hears.items():
-        path = tmp_path / f"{name}.mcap"
-        with Recorder(path, recording.known_config, recording.setup) as file:
-            for arrival in recording.arrivals(-1, 2**62):
-                if not arrival.key.startswith(topic):
-                    attachment = arrival.envelope.to_bytes()
-                    file.write(
-                        RawSample(arrival.key, arrival.payload, attachment, arrival.arrival_ns)
-                    )
+        path = copied(recording, tmp_path / f"{name}.mcap", recording.known_config, topic)
         with pytest.raises(RecordingError, match=f"has no {topic}, which is heard"):
             compared(read_recording(path), name)
     assert main(["replay", str(path), "--process", "controller"]) == 2
