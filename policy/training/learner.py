@@ -38,6 +38,8 @@ class Learner:
         self._observation = observation_of(env.transition())
         device = str(env.device)
         self.world = distributed[1]
+        self.robots = env.count * self.world
+        """Robots of all processes."""
         self._together = self.world > 1
         group = (
             {"global_rank": distributed[0], "world_size": distributed[1]}
@@ -82,7 +84,7 @@ class Learner:
                 {"time_outs": transition.timed_out.float()},
             )
         self.ppo.compute_returns(self._observation)
-        self.steps += self._config.horizon * self._env.count * self.world
+        self.steps += self._config.horizon * self.robots
 
     def act(self) -> torch.Tensor:
         """Output of the network for the present observation, with exploration, shape (n, actions)."""

@@ -1,5 +1,7 @@
 """Progress of a training: one line for people, a table for programs, curves for tensorboard."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
@@ -19,14 +21,14 @@ _SHORT = {
 }  # fmt: skip
 
 
-class TallyReader:
-    """Reads the environment's tallies and starts them again.
+class TallyReader(ABC):
+    """Reads an environment's tallies and starts them again.
 
     Continues `progress.csv` and the curves of a folder.
     """
 
-    def __init__(self, folder: Path, env: JumpEnv, learner: Learner) -> None:
-        self._env, self._learner = env, learner
+    def __init__(self, folder: Path, learner: Learner) -> None:
+        self._learner = learner
         self._table = folder / PROGRESS
         self._curves = SummaryWriter(str(folder), purge_step=learner.iteration)
         self._last_steps = learner.steps
@@ -41,14 +43,20 @@ class TallyReader:
             "steps_per_s": (learner.steps - self._last_steps) / max(seconds, 1e-9),
             "learning_rate": learner.ppo.learning_rate,
             "std": learner.std,
-            "crowded": self._env.crowded_share(),
             **losses,
-            **self._rewards(),
-            **self._terrains(),
+            **self.counts(max((learner.steps - self._last_steps) / learner.robots, 1.0)),
         }
         self._last_steps = learner.steps
         self._write(row)
-        return _line(row)
+        return self.line(row)
+
+    @abstractmethod
+    def counts(self, steps: float) -> dict[str, float]:
+        """Columns that the environment adds, of so many steps of each robot; it counts anew."""
+
+    @abstractmethod
+    def line(self, row: dict[str, float]) -> str:
+        """A row for people."""
 
     def add(self, values: dict[str, float], iteration: int) -> None:
         """Adds points to tensorboard's curves."""
@@ -59,15 +67,59 @@ class TallyReader:
         """Finishes the curves."""
         self._curves.close()
 
-    def _rewards(self) -> dict[str, float]:
+    def _write(self, row: dict[str, float]) -> None:
+        append_table(self._table, [{name: f"{value:.6g}" for name, value in row.items()}])
+        self.add(
+            {name if "/" in name else f"train/{name}": value for name, value in row.items()},
+            int(row["iteration"]),
+        )
+
+
+def mean_rewards(sums: torch.Tensor, names: Sequence[str], per_second: float) -> dict[str, float]:
+    """Columns of the reward and its terms.
+
+    Args:
+        sums: Over steps, of the mean over robots of each term; set to 0 here.
+        names: Of the terms.
+        per_second: What makes the sums those of a second.
+    """
+    means = (per_second * sums).tolist()
+    sums.zero_()
+    return {f"reward/{name}": value for name, value in zip(names, means, strict=True)} | {
+        "reward": sum(means)
+    }
+
+
+class JumpTally(TallyReader):
+    """The tallies of jumping robots."""
+
+    def __init__(self, folder: Path, env: JumpEnv, learner: Learner) -> None:
+        super().__init__(folder, learner)
+        self._env = env
+
+    def counts(self, steps: float) -> dict[str, float]:
+        """Rewards by term, and level, way, speed and ends on each kind of terrain."""
         sums = self._env.episodes.term_sums
-        robots = self._env.count * self._learner.world
-        steps = max((self._learner.steps - self._last_steps) / robots, 1.0)
-        means = (100.0 * sums / steps).tolist()  # per second
-        sums.zero_()
-        return {f"reward/{name}": value for name, value in zip(TERMS, means, strict=True)} | {
-            "reward": sum(means)
+        return {
+            "crowded": self._env.crowded_share(),
+            **mean_rewards(sums, TERMS, 100.0 / steps),
+            **self._terrains(),
         }
+
+    def line(self, row: dict[str, float]) -> str:
+        """A row for people."""
+        kinds = [name.removesuffix("/level") for name in row if name.endswith("/level")]
+        terrains = [
+            f"{_SHORT.get(kind, kind)} L{row[f'{kind}/level']:.2f} {row[f'{kind}/way_m']:.1f}m "
+            f"{row[f'{kind}/speed']:.2f}m/s ok{100 * row[f'{kind}/finished']:.0f}%"
+            for kind in kinds
+        ]
+        return (
+            f"it {row['iteration']:.0f} {row['steps'] / 1e6:.1f}M {row['seconds']:.0f}s "
+            f"{row['steps_per_s'] / 1e3:.1f}k/s "
+            f"rew {row['reward']:.2f} std {row['std']:.2f} lr {row['learning_rate']:.0e} | "
+            + " | ".join(terrains)
+        )
 
     def _terrains(self) -> dict[str, float]:
         memory, tally = self._env.memory, self._env.episodes.tally
@@ -84,25 +136,3 @@ class TallyReader:
             values |= {f"{kind}/{name}": count / episodes for name, count in counts.items()}
         tally.zero_()
         return values
-
-    def _write(self, row: dict[str, float]) -> None:
-        append_table(self._table, [{name: f"{value:.6g}" for name, value in row.items()}])
-        self.add(
-            {name if "/" in name else f"train/{name}": value for name, value in row.items()},
-            int(row["iteration"]),
-        )
-
-
-def _line(row: dict[str, float]) -> str:
-    kinds = [name.removesuffix("/level") for name in row if name.endswith("/level")]
-    terrains = [
-        f"{_SHORT.get(kind, kind)} L{row[f'{kind}/level']:.2f} {row[f'{kind}/way_m']:.1f}m "
-        f"{row[f'{kind}/speed']:.2f}m/s ok{100 * row[f'{kind}/finished']:.0f}%"
-        for kind in kinds
-    ]
-    return (
-        f"it {row['iteration']:.0f} {row['steps'] / 1e6:.1f}M {row['seconds']:.0f}s "
-        f"{row['steps_per_s'] / 1e3:.1f}k/s "
-        f"rew {row['reward']:.2f} std {row['std']:.2f} lr {row['learning_rate']:.0e} | "
-        + " | ".join(terrains)
-    )

@@ -21,6 +21,7 @@ from saltus.grid import load_grid
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig, TrainConfig
 from saltus.policy.training.learner import JumpLearner, Learner
+from saltus.policy.training.progress import JumpTally
 from saltus.policy.training.training_record import TrainingRecord
 from saltus.provenance import commit
 from saltus.robots.loading import load_robot
@@ -99,20 +100,32 @@ def train(
     )
     learner = JumpLearner(env, config.learning, (rank.rank, rank.world))
     before_s = float(learner.load(resume)["seconds"]) if resume else 0.0
-    record: TrainingRecord | None = None
+    shares, record = config.env.curriculum.shares, None
+    if rank.rank == 0:
+        record = TrainingRecord(
+            folder, config, learner, lambda: JumpTally(folder, env, learner),
+            commit=code or commit(), start_s=start - before_s, evaluate_s=60.0 * evaluate_minutes,
+            kinds=[kind for kind, share in shares.items() if share > 0.0], say=say, resumed=resume,
+        )  # fmt: skip
+        if note:
+            record.say(note)
+        record.say(
+            f"ready after {time.monotonic() - start:.0f} s: {env.count} robots on {rank.device}"
+        )
+    learn(learner, record, paced(learner, start, minutes, iterations, rank))
+
+
+def learn(learner: Learner, record: TrainingRecord | None, turns: Iterator[None]) -> None:
+    """An iteration for each of `turns`; saves at the end, also where it is interrupted.
+
+    `record` is None in processes that help the first one.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted; what was learned is saved.
+        SaltusError: the checkpoint cannot be written.
+    """
     try:
-        if rank.rank == 0:
-            record = TrainingRecord(
-                folder, config, env, learner, commit=code or commit(), start_s=start - before_s,
-                evaluate_s=60.0 * evaluate_minutes, say=say, resumed=resume,
-            )  # fmt: skip
-            if note:
-                record.say(note)
-            record.say(
-                f"ready after {time.monotonic() - start:.0f} s: {config.robots} robots on "
-                f"{rank.device}"
-            )
-        for _ in paced(learner, start, minutes, iterations, rank):
+        for _ in turns:
             learner.collect()
             losses = learner.learn()
             if record is not None:

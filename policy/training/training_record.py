@@ -3,14 +3,11 @@
 import contextlib
 import shutil
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from saltus.config import to_toml
-from saltus.policy.env.curriculum import CurriculumConfig
-from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import TrainConfig
 from saltus.policy.tables import carry_on
 from saltus.policy.training.background_evaluation import BackgroundEvaluation, missing_packages
 from saltus.policy.training.evaluation_table import EvaluationRow, summary
@@ -25,25 +22,30 @@ LOG, RESULTS = "log.txt", "evaluation.csv"
 
 
 class TrainingRecord:
-    """Writes checkpoints, reports and curves into a folder when they are due; `say` prints a line for people as well.
+    """Writes checkpoints, reports and curves into a folder when they are due.
 
-    The run began at `start_s` on the monotonic clock, less what the checkpoint that it resumes had
-    cost; log and tables beside that one are continued. Every `evaluate_s` the deployed stack is
-    evaluated, never where that is 0.
+    `say` prints a line for people as well. `progress` is made once tables of a training that is
+    resumed lie in the folder; `saved` is called with each checkpoint that was written. The run
+    began at `start_s` on the monotonic clock, less what the checkpoint that it resumes had cost;
+    log and tables beside that one are continued. Every `evaluate_s` the deployed stack is evaluated
+    on `kinds` of terrain, never where that is 0.
     """
 
     def __init__(
         self,
         folder: Path,
-        config: TrainConfig,
-        env: JumpEnv,
+        config: object,
         learner: Learner,
+        progress: Callable[[], TallyReader],
         *,
         commit: str,
         start_s: float,
-        evaluate_s: float,
+        evaluate_s: float = 0.0,
+        kinds: Sequence[str] = (),
         say: Callable[[str], None],
         resumed: Path | None = None,
+        saved: Callable[[Path], None] | None = None,
+        save_s: float = SAVE_S,
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         if resumed is not None:
@@ -51,16 +53,13 @@ class TrainingRecord:
         self.checkpoint = folder / CHECKPOINT
         """Where the checkpoint lies."""
         self._learner, self._start_s, self._say, self._log = learner, start_s, say, folder / LOG
+        self._after_saving, self._save_s = saved, save_s
         self._extra: Mapping[str, str] = {"config": to_toml(config), "commit": commit}
         (folder / "config.toml").write_text(self._extra["config"], encoding="utf-8")
         (folder / COMMIT).write_text(commit + "\n", encoding="utf-8")
-        self._progress = TallyReader(folder, env, learner)
+        self._progress = progress()
         self._reported = self._saved = time.monotonic()
-        self.evaluation = (
-            self._evaluations(folder, config.env.curriculum, evaluate_s)
-            if evaluate_s > 0.0
-            else None
-        )
+        self.evaluation = self._evaluations(folder, kinds, evaluate_s) if evaluate_s > 0.0 else None
         """Evaluation that runs beside the training; None where none does."""
         # A folder with a table in it has a checkpoint, which no other training writes over
         self.save()
@@ -79,7 +78,7 @@ class TrainingRecord:
             self.say(self._progress.report(losses, now - self._reported, now - self._start_s))
             self._reported = now
         evaluates = self.evaluation is not None and self.evaluation.due(now)
-        if evaluates or now - self._saved > SAVE_S:
+        if evaluates or now - self._saved > self._save_s:
             self.save()
         if self.evaluation is not None:
             if evaluates:
@@ -97,6 +96,8 @@ class TrainingRecord:
         """Writes the checkpoint."""
         now = time.monotonic()
         self._learner.save(self.checkpoint, {**self._extra, "seconds": now - self._start_s})
+        if self._after_saving is not None:
+            self._after_saving(self.checkpoint)
         self._saved = now
 
     def _tell(self, rows: list[EvaluationRow]) -> None:
@@ -111,7 +112,7 @@ class TrainingRecord:
             )
 
     def _evaluations(
-        self, folder: Path, curriculum: CurriculumConfig, every_s: float
+        self, folder: Path, kinds: Sequence[str], every_s: float
     ) -> BackgroundEvaluation | None:
         missing = missing_packages()
         if missing:
@@ -119,7 +120,6 @@ class TrainingRecord:
                 f"no evaluation with the deployed stack: not installed here: {', '.join(missing)}"
             )
             return None
-        kinds = [kind for kind, share in curriculum.shares.items() if share > 0.0]
         return BackgroundEvaluation(
             folder / RESULTS, kinds, every_s=every_s, trials=EVALUATION_TRIALS
         )

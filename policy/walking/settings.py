@@ -28,7 +28,7 @@ class GroundConfig:
     )
     """Share of the robots on each family of terrain, relative to the others.
 
-    A robot stays on its family.
+    A robot stays on its family. A TOML file gives 0 to those that it does not want.
     """
     wide: tuple[str, ...] = ("plain", "rubble")
     """Families on which commands lead in any direction, and robots start anywhere."""

@@ -16,6 +16,7 @@ from saltus.policy.env.settings import EnvConfig, LearningConfig, TrainConfig
 from saltus.policy.training.background_evaluation import BackgroundEvaluation
 from saltus.policy.training.evaluation_table import EvaluationRow, append_rows, read_rows, summary
 from saltus.policy.training.learner import JumpLearner
+from saltus.policy.training.progress import JumpTally
 from saltus.policy.training.standard_evaluation import COURSES, main
 from saltus.policy.training.train import make_engine
 from saltus.policy.training.training_record import TrainingRecord
@@ -46,11 +47,12 @@ def make_record(
     record = TrainingRecord(
         folder,
         CONFIG,
-        env,
         learner,
+        lambda: JumpTally(folder, env, learner),
         commit="abc",
         start_s=0.0,
         evaluate_s=evaluate_s,
+        kinds=[kind for kind, share in CONFIG.env.curriculum.shares.items() if share > 0.0],
         say=said.append,
     )
     return learner, record
