@@ -12,6 +12,7 @@ from saltus.arrays import Floats
 from saltus.errors import RecordingError, nearest_hint
 from saltus.real2sim.importers.kinds import kind_of
 from saltus.real2sim.importers.table import READERS, read_table
+from saltus.real2sim.importers.unitree import is_unitree, read_unitree
 from saltus.real2sim.screening.clock import MIN_ROWS, clock_faults
 from saltus.real2sim.screening.screen import believed_units
 from saltus.recordings.description import Description
@@ -75,7 +76,10 @@ def import_recording(
     _check_left_out(description.leave_out)
     _check_units(description)
     kind = kind_of(recording)
-    if kind not in READERS:
+    if kind not in READERS and is_unitree(recording):
+        log, notes = read_unitree(recording, description.leave_out)
+        parts = {"": log}
+    elif kind not in READERS:
         unit_m = description.units.depth_unit_m
         log, notes = read_rosbag(
             recording, description.topics, description.leave_out, _image_size(description), unit_m

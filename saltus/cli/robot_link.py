@@ -1,8 +1,11 @@
 """Commands of `saltus robot` that speak a robot's own protocol, from either side."""
 
+import contextlib
 import importlib.util
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Annotated
 
 from saltus.cli.output import JsonOption
@@ -191,3 +194,51 @@ def ticking(clock: "RunClock") -> "Callable[[], float]":
         return clock.elapsed_s()
 
     return wait
+
+
+@dataclass(frozen=True, kw_only=True)
+class Log(LinkOptions):
+    """Records what a robot says and is told, at full rate, until Ctrl-C; it sends nothing.
+
+    For example:
+      saltus robot log --interface enp3s0 --domain 0 --out logs/walk.mcap
+      saltus real2sim import logs/walk.mcap --robot go2 --out logs/walk
+    """
+
+    out: Annotated[Path | None, shown("PATH", "a new one under runs/")] = None
+    """The file, in MCAP, which ROS 2 and viewers open."""
+    seconds: Annotated[float, shown("FLOAT", "until Ctrl-C")] = math.inf
+    """How long is recorded [s]."""
+
+    def run(self) -> int:
+        """Records, and says what came; 0 where states did, 130 after Ctrl-C (the file is whole either way)."""
+        self.loaded()
+        from saltus.controller.robot.unitree.link import COMMANDS, STATES, Arrived, UnitreeLink
+        from saltus.controller.robot.unitree.log import TOPICS, new_log, record
+        from saltus.controller.robot.unitree.states import StateWatch
+        from saltus.folders import new_folder
+
+        path = self.out or new_folder("robot-log") / "log.mcap"
+        watch = StateWatch()
+        arrivals: SimpleQueue[tuple[str, Arrived]] = SimpleQueue()
+        with (
+            new_log(path) as log,
+            contextlib.closing(
+                UnitreeLink(
+                    self.domain,
+                    self.interface,
+                    takes=[*TOPICS],
+                    heard=lambda topic, arrived: arrivals.put((topic, arrived)),
+                )
+            ),
+        ):
+            print(f"recording into {path}; Ctrl-C ends it", flush=True)
+            try:
+                record(arrivals, log, watch, self.seconds)
+            finally:
+                states, commands = (log.counts[TOPICS[name]] for name in (STATES, COMMANDS))
+                print(
+                    f"{states} states ({watch.health.lost} more were lost, "
+                    f"{sum(watch.health.bad.values())} not usable), {commands} commands"
+                )
+        return 0 if states else 1

@@ -1,7 +1,7 @@
 """Commands and states of a Go2 over DDS: of its own side, of ours, and of whoever only listens."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 from uuid import UUID
@@ -11,7 +11,7 @@ from cyclonedds.builtin import (
     BuiltinTopicDcpsParticipant,
     BuiltinTopicDcpsPublication,
 )
-from cyclonedds.core import DDSException, InstanceState, Policy, Qos
+from cyclonedds.core import DDSException, InstanceState, Listener, Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
@@ -27,8 +27,9 @@ LAYOUTS: dict[str, Layout] = {COMMANDS: LOW_COMMAND, STATES: LOW_STATE}
 """Topics of the low level and what they carry."""
 DOMAIN_MAX = 232  # of DDS: ports of higher ones do not exist
 LOOPBACK = "lo"
-DEPTH = 100
-"""States that wait for who is late: 0.2 s."""
+DEPTH = 5000
+"""States that wait for who is late: 10 s."""
+TAKEN_AT_A_TIME = 100
 FOUND_AT_A_TIME = 100
 MEETING_S = 0.5
 """Others are met within this: they answer at once whoever joins."""
@@ -64,6 +65,8 @@ class UnitreeLink:
         interface: Network interface, "lo" within this computer; None as CYCLONEDDS_URI has it.
         sends: Topics that are sent.
         takes: Topics that are taken.
+        heard: Called by a thread of DDS with each message at once, in the order in which they come;
+            `take` then finds none.
         reliable: Lets senders wait for what is taken, where nothing may be lost.
 
     Raises:
@@ -77,13 +80,14 @@ class UnitreeLink:
         *,
         sends: Sequence[str] = (),
         takes: Sequence[str] = (),
+        heard: Callable[[str, Arrived], None] | None = None,
         reliable: bool = False,
     ) -> None:
         if not 0 <= domain <= DOMAIN_MAX:
             raise StackError(f"DDS domain {domain}: allowed is 0 to {DOMAIN_MAX}")
         try:
             self._domain = None if interface is None else _domain(domain, interface)
-            self._participant = DomainParticipant(domain)
+            self._participant: Any = DomainParticipant(domain)
         except DDSException as error:
             raise StackError(
                 f"DDS cannot be joined in domain {domain} over {interface or 'any interface'}: "
@@ -97,10 +101,16 @@ class UnitreeLink:
             name: DataWriter(self._participant, self._topic(name), qos=writes) for name in sends
         }
         self._readers = {
-            name: DataReader(self._participant, self._topic(name), qos=reads) for name in takes
+            name: DataReader(
+                self._participant,
+                self._topic(name),
+                qos=reads,
+                listener=None if heard is None else _Intake(name, heard),
+            )
+            for name in takes
         }
-        self._publications = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
-        self._participants = BuiltinDataReader(self._participant, BuiltinTopicDcpsParticipant)
+        self._publications: Any = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
+        self._participants: Any = BuiltinDataReader(self._participant, BuiltinTopicDcpsParticipant)
         self._publishers: dict[UUID, tuple[str, UUID]] = {}
         self._names: dict[UUID, str] = {}
         self._joined_s = time.monotonic()
@@ -126,13 +136,7 @@ class UnitreeLink:
 
     def take(self, topic: str) -> list[Arrived]:
         """The messages that have come since the last call, the oldest first."""
-        samples = self._readers[topic].take(N=DEPTH)
-        now_ns = time.monotonic_ns()
-        return [
-            Arrived(sample.payload, now_ns, int(sample.sample_info.source_timestamp))
-            for sample in samples
-            if hasattr(sample, "payload")  # else it says that a sender has gone
-        ]
+        return _taken(self._readers[topic])
 
     def others(self, topic: str) -> tuple[str, ...]:
         """Programs besides this that publish a topic, by name, process and computer."""
@@ -153,13 +157,39 @@ class UnitreeLink:
 
     def close(self) -> None:
         """Leaves the domain. May be called twice."""
+        for reader in self._readers.values():
+            reader.set_listener(None)
         self._writers, self._readers = {}, {}
-        del self._publications, self._participants
-        del self._participant
-        self._domain = None
+        self._publications = self._participants = self._participant = self._domain = None
 
     def _topic(self, name: str) -> Any:
         return Topic(self._participant, name, raw_type_of(LAYOUTS[name].type_name))
+
+
+class _Intake(Listener):
+    """Hands on what comes."""
+
+    def __init__(self, topic: str, heard: Callable[[str, Arrived], None]) -> None:
+        super().__init__()
+        self._topic, self._heard = topic, heard
+
+    def on_data_available(self, reader: Any) -> None:
+        for arrived in _taken(reader):
+            self._heard(self._topic, arrived)
+
+
+def _taken(reader: Any) -> list[Arrived]:
+    """All that waits in a reader."""
+    samples = new = reader.take(N=TAKEN_AT_A_TIME)
+    while len(new) == TAKEN_AT_A_TIME:
+        new = reader.take(N=TAKEN_AT_A_TIME)
+        samples += new
+    now_ns = time.monotonic_ns()
+    return [
+        Arrived(sample.payload, now_ns, int(sample.sample_info.source_timestamp))
+        for sample in samples
+        if hasattr(sample, "payload")  # else it says that a sender has gone
+    ]
 
 
 def _domain(number: int, interface: str) -> Domain | None:

@@ -1,0 +1,39 @@
+"""Records what a robot says and is told, at full rate, as rosbag2 would name it."""
+
+import contextlib
+import time
+from pathlib import Path
+from queue import Empty, SimpleQueue
+
+from saltus.controller.robot.unitree.link import COMMANDS, LAYOUTS, STATES, Arrived
+from saltus.controller.robot.unitree.states import StateWatch
+from saltus.recordings.cdr_log import CdrLog
+
+TOPICS = {COMMANDS: "/lowcmd", STATES: "/lowstate"}
+"""ROS 2's names of the topics: without the `rt` that it puts before all."""
+WAIT_S = 0.1
+
+
+def new_log(path: Path) -> CdrLog:
+    """An empty recording of a robot; the errors of `CdrLog`."""
+    return CdrLog(path, {TOPICS[name]: layout.type_name for name, layout in LAYOUTS.items()})
+
+
+def record(
+    arrivals: "SimpleQueue[tuple[str, Arrived]]", log: CdrLog, watch: StateWatch, seconds: float
+) -> None:
+    """Records what a link hears, for some seconds; `watch` counts the states.
+
+    Raises:
+        RecordingError: the file cannot be written.
+    """
+    since_1970_ns = time.time_ns() - time.monotonic_ns()
+    until_s = time.monotonic() + seconds
+    while time.monotonic() < until_s:
+        log.flush()
+        with contextlib.suppress(Empty):
+            name, arrived = arrivals.get(timeout=WAIT_S)
+            arrival_ns = since_1970_ns + arrived.arrival_ns
+            log.write(TOPICS[name], arrived.payload, arrival_ns, arrived.sent_ns)
+            if name == STATES:
+                watch.take([arrived.payload], 1e-9 * arrived.arrival_ns)

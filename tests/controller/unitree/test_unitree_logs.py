@@ -1,0 +1,187 @@
+"""Logs of a robot's low level: whole, as ROS 2 names them, and as run logs."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags import rosbag2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from unitree_memory import ROBOT, Run, tick
+from unitree_processes import own_domain, saltus, simulated
+
+from saltus.constants import PHYSICS_DT
+from saltus.controller.loop import ControlLoop
+from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
+from saltus.controller.robot.unitree.log import TOPICS, new_log
+from saltus.controller.robot.unitree.messages import DEFINITIONS, LOW_COMMAND, LOW_STATE
+from saltus.controller.robot.unitree.robot import UnitreeRobot
+from saltus.errors import RecordingError
+from saltus.joint_command import JointCommand
+from saltus.real2sim.importers.importing import import_recording
+from saltus.recordings.description import Description
+from saltus.recordings.run_log import RunLog, read_run_log
+
+PATIENCE_S = 60.0
+ROWS = 60
+START_NS = 1_700_000_000 * 10**9
+TICK_NS = round(1e9 * PHYSICS_DT)
+Rows = list[tuple[str, bytes, int]]
+
+
+@dataclass
+class Recorded:
+    """A robot that was commanded at random: what travelled, and what was commanded in each tick."""
+
+    rows: Rows = field(default_factory=list)
+    commands: list[JointCommand] = field(default_factory=list)
+    states: list[bytes] = field(default_factory=list)
+
+
+@pytest.fixture(scope="module")
+def recorded() -> Recorded:
+    made, run, rng = Recorded(), Run(), np.random.default_rng(1)
+    for row in range(ROWS):
+        at_ns = START_NS + row * TICK_NS + int(rng.integers(0, TICK_NS // 2))
+        state = LOW_STATE.payload(run.robot.message)
+        made.rows.append((STATES, state, at_ns))
+        made.states.append(state)
+        command = JointCommand(
+            position=ROBOT.stand_pose + rng.normal(0.0, 0.02, 12), velocity=rng.normal(size=12),
+            kp=rng.uniform(10, 60, 12), kd=rng.uniform(1, 3, 12), torque=rng.normal(size=12),
+        )  # fmt: skip
+        run.robot.write(command)
+        made.rows.append((COMMANDS, run.wire.sent[-1], at_ns + TICK_NS // 4))
+        made.commands.append(command)
+        run.wire.tick()
+        run.robot.read()
+    return made
+
+
+def written(path: Path, rows: Rows, kind: str) -> Path:
+    """A log of ours, or a rosbag2 as `ros2 bag record` writes it."""
+    if kind == "ours":
+        with new_log(path / "log.mcap") as log:
+            for topic, payload, at_ns in rows:
+                log.write(TOPICS[topic], payload, at_ns, at_ns)
+        return log.path
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in DEFINITIONS.items():
+        store.register(get_types_from_msg(text, name))
+    plugin = rosbag2.StoragePlugin[kind.upper()]
+    with rosbag2.Writer(path / "bag", version=9, storage_plugin=plugin) as bag:
+        layouts = {COMMANDS: LOW_COMMAND, STATES: LOW_STATE}
+        connections: dict[str, Any] = {
+            topic: bag.add_connection(TOPICS[topic], layouts[topic].type_name, typestore=store)
+            for topic in layouts
+        }
+        for topic, payload, at_ns in rows:
+            bag.write(connections[topic], at_ns, payload)
+    return path / "bag"
+
+
+def imported(path: Path, **claims: Any) -> tuple[RunLog, tuple[str, ...]]:
+    out = path.parent / "log"
+    told = import_recording(path, out, Description(claims=claims), ROBOT)
+    return read_run_log(out), told.notes
+
+
+@pytest.mark.parametrize("kind", ["ours", "mcap", "sqlite3"])
+def test_a_log_holds_each_state_and_the_command_that_acted_on_it(
+    kind: str, recorded: Recorded, tmp_path: Path
+) -> None:
+    log, _ = imported(written(tmp_path, recorded.rows, kind), base="fixed")
+    joints, states = log.joints, LOW_STATE.read(recorded.states)
+    np.testing.assert_allclose(joints.time_s, PHYSICS_DT * np.arange(ROWS), atol=1e-9)
+    np.testing.assert_allclose(joints.q, states["motor_state"]["q"][:, :12])
+    np.testing.assert_allclose(joints.tau_est, states["motor_state"]["tau_est"][:, :12])
+    names = {"q_des": "position", "dq_des": "velocity", "tau_ff": "torque", "kp": "kp", "kd": "kd"}
+    for name, own in names.items():
+        sent = np.array([getattr(command, own) for command in recorded.commands])
+        np.testing.assert_allclose(getattr(joints, name), sent, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(log.meta["kp"], np.median(joints.kp, axis=0))
+    assert log.imu is not None
+    np.testing.assert_allclose(log.imu.values[:, 4:7], states["imu_state"]["gyroscope"])
+    assert log.meta["control_dt"] == pytest.approx(PHYSICS_DT, rel=0.05)
+    assert log.meta["base"] == "fixed"
+
+
+def test_gains_that_never_change_but_at_the_ends_are_claims(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    rows: Rows = []
+    for row, (topic, payload, at_ns) in enumerate(recorded.rows):
+        if topic == COMMANDS:
+            damped = row < 10 or row > 2 * ROWS - 7  # five states at begin, three at the end
+            command = LOW_COMMAND.read([payload])[0]
+            command["motor_cmd"]["kp"], command["motor_cmd"]["kd"] = (0, 3) if damped else (30, 0.8)
+            payload = LOW_COMMAND.sealed(command)
+        rows.append((topic, payload, at_ns))
+    log, notes = imported(written(tmp_path, rows, "ours"))
+    assert len(log.joints.q) == ROWS - 8
+    assert "8 states at begin and end have other gains, and are left out" in notes
+    assert (log.meta["kp"], log.meta["kd"]) == ([30.0] * 12, [0.8] * 12)
+    assert log.joints.kp is None
+    assert log.joints.kd is None
+
+
+def test_damaged_and_repeated_messages_are_left_out_and_told(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    rows = list(recorded.rows)
+    topic, payload, at_ns = rows[10]
+    rows[10] = (topic, payload[:-1] + bytes([payload[-1] ^ 1]), at_ns)
+    rows.insert(21, (rows[20][0], rows[20][1], rows[20][2] + 1000))
+    log, notes = imported(written(tmp_path, rows, "ours"))
+    assert len(log.joints.time_s) == ROWS - 1
+    assert any(note.startswith("1 messages unitree_go/msg/LowState") for note in notes)
+    assert "1 states came twice, and are left out" in notes
+
+
+def test_states_alone_are_a_log_without_commands(recorded: Recorded, tmp_path: Path) -> None:
+    rows = [row for row in recorded.rows if row[0] == STATES]
+    log, notes = imported(written(tmp_path, rows, "ours"), kp=20.0, kd=0.5)
+    assert log.joints.q_des is None
+    assert "no commands (/lowcmd) were recorded" in notes
+
+
+def test_a_robot_that_began_anew_is_refused(recorded: Recorded, tmp_path: Path) -> None:
+    later = [(topic, payload, at_ns + 10**9) for topic, payload, at_ns in recorded.rows]
+    with pytest.raises(RecordingError, match="clock runs backwards"):
+        imported(written(tmp_path, [*recorded.rows, *later], "ours"))
+
+
+def test_a_log_is_not_written_over(recorded: Recorded, tmp_path: Path) -> None:
+    written(tmp_path, recorded.rows[:2], "ours")
+    with pytest.raises(RecordingError, match="is there already"):
+        written(tmp_path, recorded.rows[:2], "ours")
+
+
+def test_a_robot_is_logged_whole_while_another_process_commands_it(tmp_path: Path) -> None:
+    domain, path = str(own_domain()), tmp_path / "log.mcap"
+    with (
+        simulated(own_domain(), "--pace", "lockstep", "--seconds", "0.6"),
+        saltus("robot", "log", "--domain", domain, "--out", str(path), "--seconds", "6") as logger,
+    ):
+        assert logger.stdout is not None
+        assert logger.stdout.readline().startswith("recording into")
+        link = UnitreeLink(own_domain(), "lo", sends=[COMMANDS], takes=[STATES], reliable=True)
+        robot, loop = UnitreeRobot(link, ROBOT, lockstep=True), ControlLoop(ROBOT, tick())
+        robot.reset()
+        for _ in range(300):
+            loop.sense(robot.read())
+            robot.write(loop.act(None, np.inf))
+        robot.read()
+        told, _ = logger.communicate(timeout=PATIENCE_S)
+        link.close()
+    assert logger.returncode == 0
+    assert "(0 more were lost, " in told
+    assert "300 commands" in told
+    out = tmp_path / "log"
+    command = ("real2sim", "import", str(path), "--robot", "go2", "--out", str(out))
+    with saltus(*command) as process:
+        assert process.wait(PATIENCE_S) == 0
+    time_s = read_run_log(out).joints.time_s
+    np.testing.assert_allclose(np.diff(time_s), PHYSICS_DT, atol=1e-9)
+    assert 299 <= len(time_s) <= 301  # the first command may come in the midst of the first state
