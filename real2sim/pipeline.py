@@ -57,7 +57,8 @@ def find(
         out: Folder for the results; it is made if it does not exist.
         profile: Effects that the simulator has already, besides what the logs claim.
         seed: Seed of the bootstrap.
-        report: Whether to write report.html, which takes two seconds.
+        report: Whether to write report.html, which takes two seconds; if not, an older one in `out`
+            is removed.
         progress: Called with the stage and the share that is done.
 
     Raises:
@@ -88,11 +89,10 @@ def examine(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[Examination, ...]:
-    """Compares logs of one robot on several rigs with the simulator, sensor by sensor.
+    """Screens logs of one robot, and searches each of its sensors for effects; one result a rig.
 
-    Nothing if one log is damaged.
-
-    Arguments are as in `find`.
+    If any log is damaged all come back with their faults, and nothing is searched. Arguments are as
+    in `find`; nothing is written.
     """
     if progress is not None:
         progress("screen", 0.0)

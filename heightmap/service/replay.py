@@ -56,9 +56,10 @@ def replay_frames(
 def replay_level(
     network: HeightmapNetwork, frames: Iterable[DepthFrame], level: LevelRobot
 ) -> Iterator[tuple[DepthFrame, Heightmap]]:
-    """Each frame, in order of capture, with the heightmap before a robot that stands still and level.
+    """Yields each frame with the heightmap ahead of a robot that stands still and level.
 
-    Holds no frame longer than it takes to answer it.
+    Frames must come in order of capture; each is answered as if it had arrived `CAMERA_LATENCY_S`
+    after its exposure. No frame is held longer than that takes.
     """
     service, still, latency_ns = (
         HeightmapService(network),

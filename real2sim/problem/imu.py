@@ -128,7 +128,7 @@ def cut_windows(log: RunLog, segments: Sequence[Segment]) -> ImuWindows:
         segment=np.array([segment for segment, _ in places], dtype=np.int64),
         gyro=sampled(steps, time_s, values[:, 4:7]),
         jumped=jumped - jumped[:, :1],
-        orientation=rotations.unit(sampled(steps, time_s, orientation)),
+        orientation=rotations.normalised(sampled(steps, time_s, orientation)),
         base=base,
         noise=(noise[0], gyro_noise, reference),
     )
@@ -140,7 +140,7 @@ def _mismatch(time_s: Floats, gyro: Floats, base: tuple[Floats, Floats]) -> tupl
     The first is noise and bias. The second is what was missed where a foot landed between two
     samples, of which the log does not say when.
     """
-    turned = rotations.unit(sampled(time_s, *base))
+    turned = rotations.normalised(sampled(time_s, *base))
     moves = rotations.to_vector(quaternion_product(quaternion_inverse(turned[:-1]), turned[1:]))
     rate = 0.5 * (gyro[1:] + gyro[:-1]) - moves / np.maximum(np.diff(time_s), SHORTEST_S)[:, None]
     usual = np.median(rate, axis=0)
@@ -252,7 +252,7 @@ class ImuProblem(Problem):
     def _base(self, delay_s: Floats) -> Floats:
         """Orientation of the base `delay_s` before each step, shape (n, w, steps, 4)."""
         at_s = self._windows.step_s - delay_s[:, None, None]
-        return rotations.unit(sampled(at_s, *self._windows.base))
+        return rotations.normalised(sampled(at_s, *self._windows.base))
 
     def _tilt_error(self, base: Floats, mount: Floats) -> Floats:
         """Reported minus expected tilt: the rotation vector without its part about the vertical, (n, w, BLOCKS, 2)."""

@@ -5,8 +5,8 @@ import numpy as np
 from saltus.arrays import Floats
 
 
-def unit(quaternion: Floats) -> Floats:
-    """Scaled to length 1."""
+def normalised(quaternion: Floats) -> Floats:
+    """Scales quaternions (..., 4) to length 1; NaN of one that is 0."""
     return np.asarray(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))
 
 
@@ -22,7 +22,7 @@ def turned(quaternion: Floats, vector: Floats) -> Floats:
     """Rotations followed by a small one in the turned frame, to first order: shapes (..., 4) and (..., 3) [rad]."""
     w, v, half = quaternion[..., :1], quaternion[..., 1:], 0.5 * vector
     scalar = w - np.sum(v * half, axis=-1, keepdims=True)
-    return unit(np.concatenate([scalar, v + w * half + np.cross(v, half)], axis=-1))
+    return normalised(np.concatenate([scalar, v + w * half + np.cross(v, half)], axis=-1))
 
 
 def continuous(quaternion: Floats) -> Floats:

@@ -174,7 +174,7 @@ def drawn_lines(judgement: Judgement) -> list[str]:
 
 
 def is_drawn(effect: FoundEffect, logs: Sequence[RunLog]) -> bool:
-    """True where an effect is what the seed of a run drew of its camera."""
+    """True of a camera latency that is, within a policy step, the one that a simulated run's seed drew."""
     if effect.name != CameraLatency.name or "latency" not in effect.params:
         return False
     latencies = [_latency_s(log, trial) for log in logs if (trial := _trial(log)) is not None]

@@ -70,6 +70,10 @@ class Ros2(EndpointOption):
 
     `none` for heights of any grid, of a robot with other legs.
     """
+    base_height_m: Annotated[
+        float | None, shown("FLOAT", "the stand height of the run's robot")
+    ] = None
+    """With `--joints none`: height of the base above the ground when the robot stands [m]."""
     imu: str = "/imu/data"
     """Taken with --take: sensor_msgs/Imu in the frame of the trunk."""
     odometry: str = "/odom"
@@ -101,6 +105,13 @@ class Ros2(EndpointOption):
             )
         if not 0 <= self.domain <= DOMAIN_MAX:
             raise SaltusError(f"domain = {self.domain}: it must be from 0 to {DOMAIN_MAX}")
+        if self.base_height_m is not None and not (
+            self.take and self.joints == NO_JOINTS and self.base_height_m > 0.0
+        ):
+            raise SaltusError(
+                f"base_height_m = {self.base_height_m}: it must be above 0, and needs --take "
+                "--joints none; else it is computed from the legs"
+            )
         found = read_run(self.run_dir)
         config, robot = found.config, found.setup.robot
         if self.take and config.epoch_ns:
@@ -115,6 +126,7 @@ class Ros2(EndpointOption):
             self.joint_names,
             arrival=self.arrival_times,
             has_joints=self.joints != NO_JOINTS,
+            base_height_m=self.base_height_m,
             depth=self.depth,
             cameras=others,
             depth_unit_m=unit_m,

@@ -70,6 +70,8 @@ class RosIntake:
             clock.
         has_joints: False of a robot whose joints nobody tells: its legs are unknown, which heights
             of any grid bear.
+        base_height_m: Of the base above the ground when such a robot stands [m]; that of `robot`,
+            if None.
         depth: Topic of the depth images. Its name says whether they are compressed, and whether
             they are rectified.
         cameras: The same of further cameras, by name. Their messages are of the kinds `depth/NAME`
@@ -83,8 +85,8 @@ class RosIntake:
 
     def __init__(
         self, robot: Robot, clock: WallClock, joints: tuple[str, ...] = (), *, arrival: bool = False,
-        has_joints: bool = True, depth: str = DEPTH, cameras: Mapping[str, str] | None = None,
-        depth_unit_m: float | None = None,
+        has_joints: bool = True, base_height_m: float | None = None, depth: str = DEPTH,
+        cameras: Mapping[str, str] | None = None, depth_unit_m: float | None = None,
     ) -> None:  # fmt: skip
         if depth_unit_m is not None:
             check_depth_unit(depth_unit_m)
@@ -98,6 +100,7 @@ class RosIntake:
         self._names = joints or JOINTS
         self._needed = ("joints", "imu", "odometry") if has_joints else ("imu", "odometry")
         self._robot = robot
+        self._base_height_m = robot.stand_height if base_height_m is None else base_height_m
         self._legs = LegKinematics(robot)
         self._clock = clock
         self._arrival = arrival
@@ -184,7 +187,7 @@ class RosIntake:
                 self._robot.stand_pose,
                 np.zeros(len(JOINTS)),
                 np.zeros(len(JOINTS)),
-                self._robot.stand_height,
+                self._base_height_m,
             )
         joints = self._newest["joints"].message
         order = self._order(joints)

@@ -163,7 +163,7 @@ _BROUGHT = FAMILIES | SCENERY
 
 
 def make_terrain(config: TerrainConfig) -> Terrain:
-    """Builds the terrain that `config` describes.
+    """Builds the terrain that `config` describes; its family may be a course's TOML file or installed.
 
     Raises:
         ConfigError: there is no such terrain, a size or the difficulty is out of range, or a size

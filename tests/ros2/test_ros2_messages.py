@@ -116,12 +116,13 @@ def test_a_state_that_goes_to_ros_and_back_is_the_same(name: str, attitude: bool
         assert not intake.rejected
 
 
+@pytest.mark.parametrize("base_height_m", [None, 0.25, 0.6])
 @pytest.mark.parametrize("place", [np.zeros(3), np.array([3.0, -1.0, 0.4])])
 def test_a_robot_with_other_legs_needs_no_joints_and_its_odometry_says_where_it_is(
-    place: np.ndarray,
+    place: np.ndarray, base_height_m: float | None
 ) -> None:
-    """A position that nobody has set is none."""
-    intake = RosIntake(ROBOT, LOCKSTEP, has_joints=False)
+    """A position that nobody has set is none; how high the base stands is said, or the robot's."""
+    intake = RosIntake(ROBOT, LOCKSTEP, has_joints=False, base_height_m=base_height_m)
     sent: Any = replace(dict(run_messages(0))["controller/state"], time_ns=NOW_NS)  # type: ignore[arg-type]
     assert intake.missing(NOW_NS) == ["imu", "odometry"]
     for kind, message in (
@@ -131,6 +132,7 @@ def test_a_robot_with_other_legs_needs_no_joints_and_its_odometry_says_where_it_
         intake.take(kind, ros.payload_of(message), NOW_NS)
     state = intake.state(NOW_NS)
     assert state is not None
+    assert state.base_height == (base_height_m or ROBOT.stand_height)
     np.testing.assert_allclose(
         state.position_base_in_odometry, place if place.any() else np.zeros(0)
     )

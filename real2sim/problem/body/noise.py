@@ -84,7 +84,7 @@ def errors(measured: Floats, simulated: Floats) -> Floats:
         Position of the base along the measured heading, rotation vector in the base frame, velocity
         along the heading, joints, joint velocities; shape (..., 33).
     """
-    quaternion = rotations.unit(measured[..., 3:7])
+    quaternion = rotations.normalised(measured[..., 3:7])
     rotation = rotation_matrix(quaternion)
     along = rotation[..., :2, 0] / np.linalg.norm(rotation[..., :2, 0], axis=-1, keepdims=True)
     c, s = along[..., 0], along[..., 1]
@@ -97,7 +97,7 @@ def errors(measured: Floats, simulated: Floats) -> Floats:
             vector[..., 2],
         ]
 
-    model = rotations.unit(simulated[..., 3:7])
+    model = rotations.normalised(simulated[..., 3:7])
     w, v = model[..., :1], model[..., 1:]
     tilt = 2.0 * (
         w * quaternion[..., 1:] - quaternion[..., :1] * v - np.cross(v, quaternion[..., 1:])

@@ -123,7 +123,9 @@ def track(log: RunLog, segment: Segment) -> Track:
     ]
     time_s = np.arange(rows[0], rows[-1] + 0.5 * PHYSICS_DT, PHYSICS_DT)
     position = sampled(time_s, base.time_s, base.values[:, :3])
-    turn = rotations.unit(sampled(time_s, base.time_s, rotations.continuous(base.values[:, 3:7])))
+    turn = rotations.normalised(
+        sampled(time_s, base.time_s, rotations.continuous(base.values[:, 3:7]))
+    )
     q = sampled(time_s, joints.time_s, joints.q)
     dq = (
         np.gradient(q, PHYSICS_DT, axis=0)

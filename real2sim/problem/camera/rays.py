@@ -10,7 +10,7 @@ from scipy.stats import median_abs_deviation
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.log import boxes_of, robot_of
-from saltus.real2sim.problem.rotations import continuous, unit
+from saltus.real2sim.problem.rotations import continuous, normalised
 from saltus.recordings.rig_claims import CameraClaim
 from saltus.recordings.run_log import RunLog
 from saltus.robots.mount import Mount
@@ -109,7 +109,7 @@ class BaseMotion:
             pose = np.broadcast_to(self._pose, (len(time_s), 7))
         else:
             pose = self._spline(np.clip(time_s, self.start_s, self.end_s))
-        return pose[:, :3], rotation_matrix(unit(pose[:, 3:]))
+        return pose[:, :3], rotation_matrix(normalised(pose[:, 3:]))
 
 
 def _smoothed(time_s: Floats, pose: Floats) -> tuple[Floats, float]:
@@ -214,6 +214,6 @@ def expected_depth(poses: Floats, log: RunLog, rows: Indices, columns: Indices) 
     camera, scene = claimed_camera(log), claimed_scenes(boxes_of(log))[0]
     row, column = np.meshgrid(rows, columns, indexing="ij")
     looks = camera.mount.rotation @ camera.tangents(row.ravel(), column.ravel())
-    rotation = np.asarray(rotation_matrix(unit(poses[:, 3:])))
+    rotation = np.asarray(rotation_matrix(normalised(poses[:, 3:])))
     depth = scene.depth(poses[:, :3] + rotation @ camera.mount.position, rotation @ looks)
     return depth.reshape(len(poses), len(rows), len(columns))
