@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from saltus.config import TerrainConfig as TerrainConfig
     from saltus.depth import D435I as D435I
     from saltus.depth import Intrinsics as Intrinsics
+    from saltus.depth_camera import load_camera as load_camera
     from saltus.errors import SaltusError as SaltusError
     from saltus.grid import load_grid as load_grid
     from saltus.heightmap.service.service import HeightmapService as HeightmapService
@@ -48,6 +49,7 @@ _HOMES = {
     ),
     "saltus.config": ("TerrainConfig",),
     "saltus.depth": ("D435I", "Intrinsics"),
+    "saltus.depth_camera": ("load_camera",),
     "saltus.errors": ("SaltusError",),
     "saltus.heightmap.service.service": ("HeightmapService",),
     "saltus.loop.loop": ("Moment",),

@@ -19,6 +19,8 @@ from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
 
 if TYPE_CHECKING:
     from saltus.depth import Intrinsics
+    from saltus.depth_camera import DepthCamera
+    from saltus.effects.profile import Profile
     from saltus.heightmap.service.service import HeightmapService
     from saltus.loop.heights import HeightsFactory
     from saltus.loop.loop import Moment
@@ -167,7 +169,8 @@ def roll_out(
     trials: int = 10,
     seed: int = 0,
     heights: Heights = "true",
-    camera: str = "d435i",
+    camera: "str | DepthCamera" = "d435i",
+    profile: "str | Profile" = "shipped",
     grid: "HeightGrid | None" = None,
     on_step: "Callable[[Moment], object] | None" = None,
 ) -> "list[Outcome]":
@@ -182,7 +185,8 @@ def roll_out(
             friction, payload, motor strength and delays.
         heights: "true": with the shift of each trial; "true-exact": without; "predicted": what the
             shipped predictor makes of the images of `camera`.
-        camera: Name or TOML file.
+        camera: Name, TOML file, or the camera itself.
+        profile: Effects of the hardware: a name, a TOML file, or the profile itself.
         grid: Where the planner is given heights; by default that of the shipped policy.
         on_step: Called with every step of all robots, 100 times a second of theirs.
 
@@ -190,10 +194,9 @@ def roll_out(
         How each trial went, in the order of the seeds.
 
     Raises:
-        ConfigError: no trials, or a camera that is not known.
+        ConfigError: no trials, or a camera or profile that is not known.
         ModelError: a policy of another robot.
     """
-    from saltus.effects.profile import SHIPPED
     from saltus.loop.loop import Loop
     from saltus.named_setup import named_setups
     from saltus.policy.actor import grid_of
@@ -214,7 +217,7 @@ def roll_out(
         [Trial.draw(seed + i) for i in range(trials)],
         grid or grid_of(model_path("policy")),
     )
-    setups = named_setups(robot, grid, camera, SHIPPED, [terrain] * trials, drawn)
+    setups = named_setups(robot, grid, camera, profile, [terrain] * trials, drawn)
     driver = planner or make_planner("learned", setups[0].robot, grid)
     loop = Loop(setups, driver, heights=source(setups))
     for step in loop.run():

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from saltus.config import RunConfig
-from saltus.depth_camera import load_camera
+from saltus.depth_camera import DepthCamera, load_camera
 from saltus.effects.profile import Profile, load_profile
 from saltus.grid import HeightGrid, load_grid
 from saltus.robots.loading import load_robot
@@ -23,7 +23,7 @@ def named_setup(run: RunConfig) -> Setup:
 def named_setups(
     robot: str | Robot,
     grid: str | HeightGrid,
-    camera: str,
+    camera: str | DepthCamera,
     profile: str | Profile,
     terrains: Sequence[Terrain],
     trials: Sequence[Trial],
@@ -33,7 +33,7 @@ def named_setups(
     Raises:
         ConfigError, ModelError: there is no such robot, grid, camera or profile.
     """
-    kind = load_camera(camera)
+    kind = load_camera(camera) if isinstance(camera, str) else camera
     robot = kind.mounted_on(load_robot(robot) if isinstance(robot, str) else robot)
     known = load_profile(profile, robot) if isinstance(profile, str) else profile
     grid, known = load_grid(grid) if isinstance(grid, str) else grid, kind.delivered(known)
