@@ -168,7 +168,7 @@ def _commanded(commands: Message) -> dict[str, Floats]:
     }  # fmt: skip
     return {
         # The digits that a float32 has: 0.8 and not 0.800000012
-        name: np.round(np.where(counts, motors[field], 0.0).astype(np.float64), DIGITS)
+        name: np.where(counts, motors[field], 0.0).astype(np.float64).round(DIGITS)
         for name, (field, counts) in fields.items()
     }
 

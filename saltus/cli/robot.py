@@ -8,7 +8,7 @@ import numpy as np
 import tyro
 
 from saltus.cli.output import JsonOption, print_json
-from saltus.cli.robot_link import Log, Preflight, Simulate
+from saltus.cli.robot_link import Log, Preflight, Run, Simulate
 from saltus.flags import CommandGroup, Subcommands, shown
 
 if TYPE_CHECKING:
@@ -70,9 +70,9 @@ class List:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotCommand(CommandGroup):
-    """Robots as Saltus knows them, and over their own protocol: show, list, simulate, preflight, log."""
+    """Robots as Saltus knows them, and over their own protocol: show, list, simulate, preflight, run, log."""
 
-    command: Subcommands[Show | List | Simulate | Preflight | Log]
+    command: Subcommands[Show | List | Simulate | Preflight | Run | Log]
 
 
 def _lines(derivation: "Derivation") -> list[str]:

@@ -6,22 +6,27 @@ import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from saltus.cli.output import JsonOption
 from saltus.cli.run_options import CourseOptions, SizedCourse
 from saltus.config import Pace
-from saltus.errors import ConfigError
+from saltus.errors import ConfigError, StackError
 from saltus.flags import Flag, shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from saltus.clock import RunClock
+    from saltus.controller.robot.unitree.link import UnitreeLink
+    from saltus.controller.robot.unitree.robot import UnitreeRobot
     from saltus.controller.robot.unitree.simulated import SimulatedUnitree
+    from saltus.policy.level_run import LevelRun
     from saltus.robots.robot import Robot
 
 CYCLONE = "pip install 'saltus[dds]'"
+LAND_S = 2.5
+"""A landing takes 1.1 s at most; the rest it stands."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,9 +121,10 @@ class Simulate(PaceOptions, LinkOptions):
         finally:
             stranger.close()
             link.close()
+            place = ", ".join(f"{value:.2f}" for value in simulated.position)
             print(
                 f"{simulated.time_s:.1f} s, {simulated.commands} commands, {simulated.refused} "
-                "refused",
+                f"refused; its base is at ({place}) m",
                 flush=True,
             )
         return 0
@@ -242,3 +248,84 @@ class Log(LinkOptions):
                     f"{sum(watch.health.bad.values())} not usable), {commands} commands"
                 )
         return 0 if states else 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(PaceOptions, LinkOptions):
+    """Lets a robot stand, or bound over level ground, over its own protocol. Begin with a simulated one.
+
+    The robot is listened to first, and refused as by the preflight. Then it rises in 2 s, stands,
+    and with `--stage bound` bounds ahead for `--seconds`; at the end, and after Ctrl-C, it lands,
+    stands, and is left damped: it sinks to the ground.
+
+    For example:
+      saltus robot run --stage stand
+      saltus robot run --stage bound --seconds 3 --pace lockstep
+    """
+
+    stage: Literal["stand", "bound"] = "stand"
+    """bound: by rules, on ground that is taken to be level; nothing looks ahead."""
+    seconds: float = 5.0
+    """How long it stands or bounds, after it has risen and stood for a second [s]."""
+    begin: Flag = False
+    """Begin at once. Without it you are asked to press Enter."""
+
+    def run(self) -> int:
+        """Runs it and says how it ended; 1 where the robot was lost or tipped over."""
+        check_speed(self.speed)
+        kind = self.loaded()
+        from saltus.clock import RunClock
+        from saltus.controller.loop import FIRST_STAND_S
+        from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
+        from saltus.controller.robot.unitree.robot import UnitreeRobot
+        from saltus.policy.level_run import RISE_S
+
+        lockstep, clock = self.pace == "lockstep", RunClock(speed=self.speed)
+        link = UnitreeLink(
+            self.domain, self.interface, sends=[COMMANDS], takes=[STATES], reliable=lockstep
+        )
+        robot = UnitreeRobot(link, kind, clock, lockstep=lockstep)
+        wait = (lambda: 0.0) if lockstep else ticking(clock)
+        with contextlib.closing(robot):
+            if not lockstep:
+                self._refuse(link, kind, wait)
+            if not self.begin:
+                input(f"Enter lets {kind.name} rise; keep away from it. Ctrl-C ends it: ")
+            robot.reset()
+            run = self._level_run(robot, kind)
+            try:
+                while run.time_s < RISE_S + FIRST_STAND_S + self.seconds and not robot.fault:
+                    wait()
+                    run.step()
+            finally:  # after Ctrl-C, too: it lands and stands, or is damped
+                end_s = run.time_s + LAND_S
+                while run.time_s < end_s:
+                    wait()
+                    run.step(halt=True)
+        mode, health = run.mode.name, robot.health
+        print(
+            f"{f'damped, as {robot.fault}' if robot.fault else mode} after {run.time_s:.1f} s; "
+            f"{health.lost} of {health.states + health.lost} states lost; "
+            f"at most {run.peak_power_w:.0f} W"
+        )
+        return 1 if robot.fault or mode == "DAMP" else 0
+
+    def _refuse(self, link: "UnitreeLink", kind: "Robot", wait: "Callable[[], float]") -> None:
+        """Raises `StackError` for a robot that may not be commanded."""
+        from saltus.controller.robot.unitree.listening import link_checks, listen
+
+        for check in link_checks(listen(link, wait)):
+            if not check.passed:
+                raise StackError(
+                    f"{kind.name} is not commanded: {check.name}: {check.found} (allowed: "
+                    f"{check.allowed}); {check.cure}. saltus robot preflight says more"
+                )
+
+    def _level_run(self, robot: "UnitreeRobot", kind: "Robot") -> "LevelRun":
+        from saltus.grid import DEFAULT_GRID, load_grid
+        from saltus.policy.level_run import LevelRun
+        from saltus.policy.planner import make_planner
+
+        grid = load_grid(DEFAULT_GRID)
+        planner = make_planner("scripted", kind, grid) if self.stage == "bound" else None
+        return LevelRun(robot, kind, grid, planner)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.controller.robot.unitree.drives import MS, command_message, command_of, state_message
 from saltus.controller.robot.unitree.faults import Faults
@@ -47,6 +48,11 @@ class SimulatedUnitree:
     def time_s(self) -> float:
         """Since the start [s]."""
         return self._ticks * PHYSICS_DT
+
+    @property
+    def position(self) -> Floats:
+        """Place of the base in the world [m], shape (3,), which no robot knows."""
+        return self._plant.state.position_base_in_world
 
     @property
     def is_commanded_by_others(self) -> bool:

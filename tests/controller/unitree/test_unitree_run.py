@@ -1,0 +1,96 @@
+"""A robot over its own protocol rises, stands, bounds over level ground, and stands again."""
+
+import numpy as np
+import pytest
+from unitree_memory import ROBOT, Wire
+from unitree_memory import simulated as simulated_here
+from unitree_processes import own_domain, saltus, simulated
+
+from saltus.controller.robot.unitree.messages import LOW_COMMAND, MOTORS
+from saltus.controller.robot.unitree.robot import UnitreeRobot
+from saltus.grid import DEFAULT_GRID, load_grid
+from saltus.policy.level_run import RISE_S, LevelRun
+from saltus.policy.planner import make_planner
+from saltus.wire.messages import ControllerMode
+
+PATIENCE_S = 100.0
+GRID = load_grid(DEFAULT_GRID)
+STANDS_S = RISE_S + 1.0
+
+
+class Bounding:
+    """A robot that bounds, and the wire to it."""
+
+    def __init__(self, *faults: str, seed: int = 0) -> None:
+        self.wire = Wire(simulated_here(*faults, seed=seed))
+        self.wire.tick()
+        self.robot = UnitreeRobot(self.wire, ROBOT, self.wire)  # type: ignore[arg-type]
+        self.robot.reset()
+        self.run = LevelRun(self.robot, ROBOT, GRID, make_planner("scripted", ROBOT, GRID))
+
+    def until(self, time_s: float, *, halt: bool = False) -> None:
+        while self.run.time_s < time_s:
+            self.run.step(halt=halt)
+            self.wire.tick()
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_robot_bounds_ahead_and_stands_again(seed: int) -> None:
+    bounding = Bounding(seed=seed)
+    bounding.until(STANDS_S - 0.1)
+    start = bounding.wire.robot.position
+    assert bounding.run.mode == ControllerMode.STAND
+    bounding.until(STANDS_S + 1.5)
+    assert bounding.run.mode == ControllerMode.RUN
+    bounding.until(STANDS_S + 4.0, halt=True)
+    assert bounding.run.mode == ControllerMode.STAND
+    assert not bounding.robot.fault
+    moved = bounding.wire.robot.position - start
+    assert moved[0] > 1.0
+    assert abs(moved[1]) < 0.3
+    assert bounding.wire.robot.position[2] == pytest.approx(ROBOT.stand_height, abs=0.03)
+    assert 100.0 < bounding.run.peak_power_w < 5000.0
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_robot_that_is_lost_in_midair_is_damped(seed: int) -> None:
+    start_s = STANDS_S + float(np.random.default_rng(seed).uniform(0.5, 0.8))
+    bounding = Bounding(f"silent@{start_s:.3f}", seed=seed)
+    bounding.until(start_s + 0.11)
+    assert "no new state" in bounding.robot.fault
+    motors = LOW_COMMAND.read([bounding.wire.sent[-1]])[0]["motor_cmd"][:MOTORS]
+    assert not motors["kp"].any()
+    assert not motors["tau"].any()
+
+
+def test_a_robot_is_led_softly_to_its_stand_pose() -> None:
+    """Its commands begin where its joints are, and never leap."""
+    bounding = Bounding(seed=3)
+    first = bounding.robot.read().measurement.joint_position
+    bounding.until(RISE_S)
+    motors = LOW_COMMAND.read(bounding.wire.sent)["motor_cmd"][:, :MOTORS]
+    np.testing.assert_allclose(motors["q"][0], first, atol=1e-6)
+    assert np.abs(np.diff(motors["q"], axis=0)).max() < 0.01
+    assert np.abs(np.diff(motors["kp"], axis=0)).max() < 0.2
+    np.testing.assert_allclose(motors["q"][-1], ROBOT.stand_pose, atol=1e-3)
+
+
+def test_the_command_stands_a_robot_in_another_process() -> None:
+    where = ("--domain", str(own_domain()), "--pace", "lockstep")
+    with (
+        simulated(own_domain(), "--pace", "lockstep"),
+        saltus("robot", "run", *where, "--seconds", "0.2", "--begin") as process,
+    ):
+        told, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0
+    assert told.startswith("STAND after 5.7 s; 0 of ")
+
+
+def test_the_command_refuses_a_robot_that_another_program_commands() -> None:
+    where = ("--domain", str(own_domain()), "--speed", "0.2")
+    with simulated(own_domain(), "--speed", "0.2", "--fault", "foreign") as robot:
+        with saltus("robot", "run", *where, "--begin") as process:
+            assert process.wait(PATIENCE_S) == 2
+        robot.terminate()
+        told, _ = robot.communicate(timeout=PATIENCE_S)
+    assert "refused; its base is at" in told
