@@ -1,10 +1,12 @@
 """How far heights on any grid are off the simulator's ground in a recorded run."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from saltus.grid import HeightGrid
+from saltus.heightmap.evaluation.scan_picture import write_picture
 from saltus.loop.heights import true_heights
 from saltus.recordings.recording import Recording
 from saltus.wire.messages import GroundTruth, Heightmap
@@ -61,6 +63,21 @@ def scan_errors(
         for name, kind in kinds.items()
         if kind.any()
     }
+
+
+def draw_scan(
+    path: Path, recording: Recording, grid: HeightGrid, answers: Sequence[Heightmap]
+) -> None:
+    """Draws the answer whose seen points span the most, where the ground is the most uneven."""
+    drawn = max(answers, key=_span_m)
+    truth = next((t for t in recording.of(GroundTruth) if t.step == drawn.step), None)
+    write_picture(path, drawn, None if truth is None else heights_below(recording, grid, truth))
+
+
+def _span_m(answer: Heightmap) -> float:
+    """Highest less lowest height that was seen [m]."""
+    seen = np.asarray(answer.height)[np.isfinite(answer.age_s)]
+    return float(np.ptp(seen)) if len(seen) else 0.0
 
 
 def heights_below(recording: Recording, grid: HeightGrid, truth: GroundTruth) -> np.ndarray:

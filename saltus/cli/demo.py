@@ -2,14 +2,21 @@
 
 import sys
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from saltus.cli.output import JsonOption, follow, print_json, run_directory
 from saltus.cli.run_options import RunOptions
 from saltus.cli.watch import ask_for_viser, watching
 from saltus.config import Pace, RunConfig
 from saltus.flags import Flag
-from saltus.wire.messages import GroundTruth
+from saltus.wire.messages import GroundTruth, Heightmap
+
+if TYPE_CHECKING:
+    from saltus.recordings.recording import Recording
+    from saltus.recordings.report import ScanSection
+    from saltus.runtime.replay import Answer
 
 BAR = "{desc}: {percentage:3.0f} % |{bar}| {n:.1f} of {total:.1f} m"
 
@@ -20,6 +27,7 @@ class Demo(JsonOption, RunOptions):
 
     For example:
       saltus demo
+      saltus demo --terrain stairs --scan
       saltus demo --terrain gap --gap-m 0.6 --camera d435i --seed 3
       saltus demo --pace realtime --speed 0.5 --out runs/one --json
     """
@@ -29,6 +37,9 @@ class Demo(JsonOption, RunOptions):
     """The run ends after this much simulated time."""
     video: bool = True
     """Make an MP4 of the robot with the predicted heightmap on the terrain."""
+    scan: Flag = False
+    """Also show in the report the 187 heights around the robot, by the network of any grid, and how
+    far they are off."""
     watch: Flag = False
     """Show the run on a page in the browser, and then its recording until Ctrl-C.
 
@@ -59,7 +70,8 @@ class Demo(JsonOption, RunOptions):
         summary = summarise(recording)
         report = directory / "report.html"
         video = directory / "video.mp4" if self.video else None
-        write_report(recording, summary, report, video)
+        scan = self._scan(recording, directory / "scan.png") if self.scan else None
+        write_report(recording, summary, report, video, scan)
         if video is not None:
             from saltus.cli.video import write_video
 
@@ -77,6 +89,25 @@ class Demo(JsonOption, RunOptions):
                 if table[name]:
                     print(f"{name:9} {table[name]}")
         return 0 if summary.success else 1
+
+    def _scan(self, recording: "Recording", picture: Path) -> "ScanSection":
+        """The scan of this run: the heightmap process hears the recording once more."""
+        from saltus.grid import SCAN
+        from saltus.heightmap.evaluation.scan_replay import draw_scan, scan_errors
+        from saltus.heightmap.service.scan_fleet import ScanChoice
+        from saltus.recordings.report import ScanSection
+        from saltus.runtime.replay import body_of, replay
+
+        answers = list[Heightmap]()
+
+        def said(answer: "Answer") -> None:
+            if isinstance(answer.message, Heightmap):
+                answers.append(answer.message)
+
+        body = partial(body_of("heightmap"), scan=ScanChoice(grid=SCAN))
+        replay("heightmap", recording, said, body=body)
+        draw_scan(picture, recording, SCAN, answers)
+        return ScanSection.of_figures(scan_errors(recording, SCAN, answers), picture)
 
 
 def run_stack(config: RunConfig, directory: Path) -> None:

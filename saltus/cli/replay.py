@@ -72,7 +72,8 @@ class Replay(ScanOptions, RobotOption, JsonOption):
     A recording that is shorter than the model's warm-up is repeated.
     """
     picture: Annotated[Path | None, shown("PATH", "none")] = None
-    """With a grid: PNG of the last heights, half-widths and ages, seen from above."""
+    """With a grid: PNG of heights, half-widths and ages where the ground is the most uneven, from
+    above."""
     level: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(default_factory=LevelRobot)
 
     def run(self) -> int:
@@ -160,14 +161,11 @@ class Replay(ScanOptions, RobotOption, JsonOption):
                 "mae_replayed_m": _error(heightmaps, truths),
             }
         from saltus.grid import load_grid
-        from saltus.heightmap.evaluation.scan_picture import write_picture
-        from saltus.heightmap.evaluation.scan_replay import heights_below, scan_errors
+        from saltus.heightmap.evaluation.scan_replay import draw_scan, scan_errors
 
-        grid, last = load_grid(self.grid or recording.known_config.grid), heightmaps[-1]
+        grid = load_grid(self.grid or recording.known_config.grid)
         if self.picture is not None:
-            truth = next((t for t in recording.of(GroundTruth) if t.step == last.step), None)
-            ground = None if truth is None else heights_below(recording, grid, truth)
-            write_picture(self.picture, last, ground)
+            draw_scan(self.picture, recording, grid, heightmaps)
         return {"status": statuses, **scan_errors(recording, grid, heightmaps)}
 
     def _tell(self, table: dict[str, object]) -> int:

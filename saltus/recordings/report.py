@@ -1,8 +1,10 @@
 """One HTML file about one recorded run: what happened, in pictures."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Self
 from urllib.parse import quote
 
 import numpy as np
@@ -64,6 +66,34 @@ class RunData:
     plans: dict[int, MotionPlan]
 
 
+@dataclass(frozen=True, kw_only=True)
+class ScanSection:
+    """Heights around the robot in two dimensions, as a report shows them."""
+
+    picture: Path
+    rows: list[tuple[str, str, str, str, str]]
+    """Group of points, its share, mean error, share inside the 90 % interval, median
+    half-width."""
+
+    @classmethod
+    def of_figures(cls, figures: Mapping[str, Any], picture: Path) -> Self:
+        """The figures that `saltus replay --grid scan` prints."""
+        return cls(
+            picture=picture,
+            rows=[
+                (
+                    name,
+                    f"{100 * group['share']:.0f} %",
+                    f"{group['mean_mm']:.1f} mm",
+                    f"{100 * group['inside']:.0f} %",
+                    f"{group['half_width_mm']:.0f} mm",
+                )
+                for name, group in figures.items()
+                if isinstance(group, Mapping) and "mean_mm" in group
+            ],
+        )
+
+
 def collect(recording: Recording) -> RunData:
     """Joins the messages of a recording by step."""
     states = {m.step: m for m in recording.of(RobotState)}
@@ -83,11 +113,12 @@ def collect(recording: Recording) -> RunData:
 
 
 def write_report(
-    recording: Recording, summary: RunSummary, path: Path, video: Path | None = None
-) -> None:
+    recording: Recording, summary: RunSummary, path: Path, video: Path | None = None,
+    scan: ScanSection | None = None,
+) -> None:  # fmt: skip
     """Writes the report of a run; it opens without a network.
 
-    It shows the video, which may be yet to be written.
+    It shows the video, which may be yet to be written, and the heights of a scan, if any.
     """
     config = recording.known_config
     data = collect(recording)
@@ -101,6 +132,7 @@ def write_report(
         shown=shown,
         beside=lambda file: quote(os.path.relpath(file, path.parent)),
         video=video,
+        scan=scan,
         path_figure=_path_figure(data, recording.terrain),
         body_figure=_body_figure(data),
         contact_figure=contact_figure(data.time_s, LEGS, scheduled, loaded),

@@ -12,7 +12,7 @@ from saltus.config import RunConfig, TerrainConfig
 from saltus.named_setup import named_setup
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import read_recording
-from saltus.recordings.report import write_report
+from saltus.recordings.report import ScanSection, write_report
 from saltus.recordings.summary import sentence, summarise
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Outcome
@@ -94,6 +94,17 @@ def test_a_report_shows_the_video_and_leads_to_the_recording(tmp_path: Path) -> 
     assert 'src="a%20run/video.mp4" poster="a%20run/video.png"' in text  # of what is not yet played
     write_report(recording, summarise(recording), tmp_path / "report.html")
     assert "<video" not in (tmp_path / "report.html").read_text()
+    figures = {
+        "points": 187,
+        "status": {"ok": 3},
+        "seen": {"mean_mm": 16.14, "inside": 0.923, "half_width_mm": 19.6, "share": 0.51},
+    }
+    section = ScanSection.of_figures(figures, folder / "scan.png")
+    write_report(recording, summarise(recording), tmp_path / "report.html", scan=section)
+    text = (tmp_path / "report.html").read_text()
+    assert 'src="a%20run/scan.png"' in text
+    row = re.sub(r"<[^>]*>", " ", text[text.index("<td>seen") :]).split("\n")
+    assert " ".join(row[0].split()) == "seen 51 % 16.1 mm 92 % 20 mm"
 
 
 @pytest.mark.parametrize("kind", ["flat", "stairs"])
