@@ -11,7 +11,17 @@ from cyclonedds.builtin import (
     BuiltinTopicDcpsParticipant,
     BuiltinTopicDcpsPublication,
 )
-from cyclonedds.core import DDSException, InstanceState, Listener, Policy, Qos
+from cyclonedds.core import (
+    DDSException,
+    InstanceState,
+    Listener,
+    Policy,
+    Qos,
+    ReadCondition,
+    SampleState,
+    ViewState,
+    WaitSet,
+)
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
@@ -109,6 +119,7 @@ class UnitreeLink:
             )
             for name in takes
         }
+        self._waits = {name: self._waiting(reader) for name, reader in self._readers.items()}
         self._publications: Any = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
         self._participants: Any = BuiltinDataReader(self._participant, BuiltinTopicDcpsParticipant)
         self._publishers: dict[UUID, tuple[str, UUID]] = {}
@@ -138,6 +149,10 @@ class UnitreeLink:
         """The messages that have come since the last call, the oldest first."""
         return _taken(self._readers[topic])
 
+    def wait(self, topic: str, seconds: float) -> None:
+        """Returns when a message waits to be taken, or after some seconds."""
+        self._waits[topic].wait(duration(seconds=seconds))
+
     def others(self, topic: str) -> tuple[str, ...]:
         """Programs besides this that publish a topic, by name, process and computer."""
         for found in self._participants.take(N=FOUND_AT_A_TIME):
@@ -159,8 +174,13 @@ class UnitreeLink:
         """Leaves the domain. May be called twice."""
         for reader in self._readers.values():
             reader.set_listener(None)
-        self._writers, self._readers = {}, {}
+        self._writers, self._readers, self._waits = {}, {}, {}
         self._publications = self._participants = self._participant = self._domain = None
+
+    def _waiting(self, reader: Any) -> WaitSet:
+        waits = WaitSet(self._participant)
+        waits.attach(ReadCondition(reader, SampleState.Any | ViewState.Any | InstanceState.Any))
+        return waits
 
     def _topic(self, name: str) -> Any:
         return Topic(self._participant, name, raw_type_of(LAYOUTS[name].type_name))

@@ -17,7 +17,7 @@ from saltus.robots.robot import Robot
 CONNECT_S = 10.0
 """Participants of DDS find each other within a second; a busy computer takes several."""
 ANSWER_S = 20.0  # lockstep: longer than anything but a simulation that has died
-POLL_S = 0.0002
+WAIT_S = 0.1  # how often a wait looks at the clock
 
 
 class UnitreeRobot(RobotBackend):
@@ -83,8 +83,8 @@ class UnitreeRobot(RobotBackend):
                     f"no states (rt/lowstate) came from the robot in {CONNECT_S:g} s{seen}: is it "
                     "on, and --interface the one that it hangs on?"
                 )
+            self._link.wait(STATES, WAIT_S)
             self._take()
-            time.sleep(POLL_S)
         self._refuse_others()
 
     def read(self) -> Reading:
@@ -132,7 +132,7 @@ class UnitreeRobot(RobotBackend):
                     f"the simulated robot has not answered for {ANSWER_S:g} s: does it run with "
                     "--pace lockstep, too?"
                 )
-            time.sleep(POLL_S)
+            self._link.wait(STATES, WAIT_S)
             self._take()
 
     def _tell(self, command: JointCommand) -> None:

@@ -12,8 +12,6 @@ from saltus.runtime.ticker import Ticker
 CATCH_UP_TICKS = 500
 """1 s: the clock of a real robot does not fall behind where the machine stalls."""
 ANEW_S = 0.1  # how often the first state of a lockstep run is said again
-POLL_S = 0.0002
-"""A tenth of a tick."""
 
 
 class Stranger:
@@ -65,7 +63,7 @@ class RobotServer:
             if not self._robot.commands and time.monotonic() - said_s > ANEW_S:
                 said_s = time.monotonic()
                 self._send(self._robot.said())
-            time.sleep(POLL_S)
+            self._link.wait(COMMANDS, ANEW_S)
 
     def _tick(self) -> None:
         self._send(self._robot.step())

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from benchmarks.unitree_link.command import HERE
 from saltus.controller.robot.unitree.messages import (
     DEFINITIONS,
     LOW_COMMAND,
@@ -20,7 +21,7 @@ from saltus.controller.robot.unitree.messages import (
 from saltus.dds_types import type_of
 from saltus.errors import MessageError
 
-IDL = Path(__file__).with_name("unitree_go.idl")
+IDL = HERE / "unitree_go.idl"
 SIZES = {LOW_COMMAND.type_name: 812, LOW_STATE.type_name: 1180}
 """Bytes of a struct in C."""
 LAYOUTS = pytest.mark.parametrize("layout", [LOW_COMMAND, LOW_STATE], ids=["command", "state"])

@@ -4,9 +4,10 @@ import json
 
 import pytest
 from unitree_memory import ROBOT, Wire, simulated
-from unitree_processes import own_domain, saltus
+from unitree_processes import saltus
 from unitree_processes import simulated as simulated_process
 
+from benchmarks.unitree_link.command import own_domain
 from saltus.controller.robot.unitree.faults import KINDS
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, MOTORS
 from saltus.controller.robot.unitree.preflight import preflight

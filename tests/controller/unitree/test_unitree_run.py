@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from unitree_memory import ROBOT, Wire
 from unitree_memory import simulated as simulated_here
-from unitree_processes import own_domain, saltus, simulated
+from unitree_processes import saltus, simulated
 
+from benchmarks.unitree_link.command import own_domain
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, MOTORS
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.grid import DEFAULT_GRID, load_grid

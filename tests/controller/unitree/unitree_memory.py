@@ -59,6 +59,9 @@ class Wire:
         come, self._come = self._come, []
         return come
 
+    def wait(self, topic: str, seconds: float) -> None:
+        pass
+
     def others(self, _topic: str) -> tuple[str, ...]:
         return self.strangers
 

@@ -33,14 +33,13 @@ int main(int count, char **arguments) {
   static unitree_go_msg_dds__LowState_ state;
   void *samples[1] = {NULL};
   dds_sample_info_t infos[1];
-  /* It begins by itself, and goes on for as long as it is spoken to */
+  /* It says its state again while nobody speaks, and gives up after 50 s */
   for (int silent = 0; answered + wrong < wanted && silent < 1000;) {
-    silent++;
-    if (answered + wrong == 0) {
+    if (dds_waitset_wait(set, NULL, 0, DDS_MSECS(50)) == 0) {
+      silent++;
       state.crc = checksum(&state, sizeof state);
       if (dds_write(out, &state) < 0) return 2;
     }
-    dds_waitset_wait(set, NULL, 0, DDS_MSECS(50));
     while (dds_take(in, samples, infos, 1, 1) > 0) {
       unitree_go_msg_dds__LowCmd_ *command = samples[0];
       if (infos[0].valid_data && checksum(command, sizeof *command) == command->crc) {
