@@ -38,11 +38,7 @@ def body(context: ProcessContext) -> None:
     robot = MujocoRobot(context.setup, compiled=context.config.pace == "realtime")
     robot.reset()
     try:
-        run = ControllerRun(context, robot)
-        if context.config.pace == "lockstep":
-            run.lockstep()
-        else:
-            run.realtime()
+        ControllerRun(context, robot).run()
     finally:
         robot.close()
 
@@ -69,56 +65,50 @@ class ControllerRun:
         self._step = 0
         self._interrupted = False
 
-    def lockstep(self) -> None:
-        """Waits for the others at every policy step."""
-        exchange = Lockstep(self._context, self._plans)
+    def run(self) -> None:
+        """Steps to the end: in lockstep when all others have answered, in real time by the run's clock."""
+        exchange = ticker = None
+        if self._context.config.pace == "lockstep":
+            exchange = Lockstep(self._context, self._plans)
+        else:
+            ticker = Ticker(1.0 / PHYSICS_DT, catch_up=CATCH_UP_TICKS, clock=self._context.clock)
+            freeze()
         self._context.ready()
         while not self._finished():
-            start_ns = self._step * STEP_NS
-            self._context.clock.set(start_ns)
-            self._context.beat(ticks=self._step * POLICY_STEPS)
-            self._loop.sense(self._robot.read())
-            truth = self._robot.truth(start_ns, self._step)
-            if not exchange.answered(truth, self._loop.state):
+            self._context.beat(
+                ticks=self._step * POLICY_STEPS, overruns=0 if ticker is None else ticker.overruns
+            )
+            if not self._policy_step(ticker, exchange):
                 break
-            self._robot.push(self._shove.step())
-            for tick in range(POLICY_STEPS):
-                now_ns = start_ns + tick * TICK_NS
-                self._context.clock.set(now_ns)
-                if tick:
-                    self._loop.sense(self._robot.read())
-                self._act(now_ns)
-            self._close_step(start_ns)
-        self._come_to_a_stand(None)
-
-    def realtime(self) -> None:
-        """Runs at 500 Hz of the run's clock; the others answer when they can."""
-        ticker = Ticker(1.0 / PHYSICS_DT, catch_up=CATCH_UP_TICKS, clock=self._context.clock)
-        freeze()
-        self._context.ready()
-        while not self._finished():
-            self._free_step(ticker)
-            self._context.beat(ticks=ticker.ticks, overruns=ticker.overruns)
         self._come_to_a_stand(ticker)
 
-    def _free_step(self, ticker: Ticker | None) -> None:
-        """A policy step that waits for nobody: by the run's clock, or, without a ticker, as fast as it goes."""
-        start_ns = 0
-        self._robot.push(self._shove.step())
+    def _policy_step(self, ticker: Ticker | None, exchange: Lockstep | None = None) -> bool:
+        """Ten milliseconds: by the run's clock, or, without a ticker, as fast as it goes.
+
+        Without an exchange it waits for nobody. False where the process is told to stop while it
+        waits.
+        """
+        start_ns = self._step * STEP_NS
         for tick in range(POLICY_STEPS):
-            if ticker is not None:
-                ticker.wait()
-                now_ns = self._context.clock.now_ns()
-            else:
+            if ticker is None:
                 now_ns = self._step * STEP_NS + tick * TICK_NS
                 self._context.clock.set(now_ns)
+            else:
+                ticker.wait()
+                now_ns = self._context.clock.now_ns()
             self._loop.sense(self._robot.read())
             if tick == 0:
                 start_ns = now_ns
-                self._truths.put(self._robot.truth(now_ns, self._step))
-                self._states.put(self._loop.state(now_ns, self._step))
+                truth = self._robot.truth(now_ns, self._step)
+                if exchange is None:
+                    self._truths.put(truth)
+                    self._states.put(self._loop.state(now_ns, self._step))
+                elif not exchange.answered(truth, self._loop.state):
+                    return False
+                self._robot.push(self._shove.step())
             self._act(now_ns)
         self._close_step(start_ns)
+        return True
 
     def _come_to_a_stand(self, ticker: Ticker | None) -> None:
         """A robot that is told to stop in the middle of a run lands before its controller goes."""
@@ -126,7 +116,7 @@ class ControllerRun:
             self._interrupted = True
             resting = 0
             for _ in range(MAX_STEPS_TO_STAND):
-                self._free_step(ticker)
+                self._policy_step(ticker)
                 resting += self._mode in AT_REST
                 if resting >= STEPS_AT_REST:
                     break
