@@ -46,9 +46,9 @@ class MemoryBus(Bus):
         """See `Bus.publisher`."""
         return MemoryPublisher(self, self._key(topic, suffix))
 
-    def latest(self, topic: str, suffix: str = "") -> Latest:
+    def latest(self, topic: str, suffix: str = "", *, rings: bool = True) -> Latest:
         """See `Bus.latest`."""
-        slot = Slot(self.bell)
+        slot = Slot(self.bell if rings else Bell())
         self.hub.attach(self._key(topic, suffix), slot)
         return self._latest(topic, slot)
 

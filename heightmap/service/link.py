@@ -1,6 +1,6 @@
 """One robot on the bus, as the heightmap process sees it."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 from saltus.heightmap.service.fleet import RobotRequest
 from saltus.runtime.process import ProcessContext
@@ -20,17 +20,21 @@ class RobotLink:
     Further cameras have names: their frames come below the first one's key.
     """
 
-    def __init__(self, context: ProcessContext, depth: Topic, cameras: Iterable[str] = ()) -> None:
+    def __init__(self, context: ProcessContext, depth: Topic, cameras: Sequence[str] = ()) -> None:
         self.context, self._depth = context, depth
         self.ticks = 0
         """Heightmaps so far."""
+        self._lockstep = context.config.pace == "lockstep"
         self._states = context.bus.latest("controller/state")
-        self._frames = context.bus.latest("camera/depth")
-        self._others = {name: context.bus.latest("camera/depth", name) for name in cameras}
+        # In real time they are looked at when a state asks
+        self._frames, *others = (
+            context.bus.latest("camera/depth", name, rings=self._lockstep)
+            for name in ("", *cameras)
+        )
+        self._others = dict(zip(cameras, others, strict=True))
         self._other_frames: dict[str, Sample] = {}
         self._heightmaps = context.bus.publisher("heightmap/heightmap")
         self._done = context.bus.publisher("done", context.name)
-        self._lockstep = context.config.pace == "lockstep"
         self._robot: bytes | None = None
         self._asked: Sample | None = None
         self._frame: Sample | None = None
@@ -51,8 +55,6 @@ class RobotLink:
         In lockstep a state asks only when the frame that is due with it has come, or not at all if
         a newer one comes first. In real time a state that is too old to be used asks nothing.
         """
-        if not self._lockstep:
-            self._take_frame()  # decoded before anybody waits for what is made of it
         self._asked = self._states.take() or self._asked
         if self._asked is None:
             return None

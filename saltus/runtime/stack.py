@@ -195,7 +195,12 @@ class Stack:
         self.endpoint, router = open_router(self._network, self.config.link_speed)
         self._resources.callback(router.close)
         write_client(self.run_dir / CLIENT_FILE, self.endpoint, speed=self.config.link_speed)
-        self._bus = ZenohBus.of_run(self.endpoint, self.config, peer=self._links_directly)
+        self._bus = ZenohBus.of_run(
+            self.endpoint,
+            self.config,
+            peer=self._links_directly,
+            dates=self.config.pace == "realtime",
+        )
         self._resources.callback(self._bus.close)
         self._stream = self._bus.stream()
         self._sharer = self._bus.sharer()

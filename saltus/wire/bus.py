@@ -235,8 +235,8 @@ def unpack(topic: Topic, raw: RawSample) -> tuple[Envelope, Message]:
 class Bus(ABC):
     """The other processes as one sees them, below the prefix of the robot's keys.
 
-    The bell is rung whenever a message comes in. Buses may share one, for a process that waits for
-    any of several robots.
+    The bell is rung whenever a message comes in that somebody waits for. Buses may share one, for a
+    process that waits for any of several robots.
     """
 
     def __init__(self, prefix: str, bell: Bell) -> None:
@@ -256,8 +256,12 @@ class Bus(ABC):
         """A publisher of `topic`, or of `topic/suffix` where every process has a key of its own."""
 
     @abstractmethod
-    def latest(self, topic: str, suffix: str = "") -> Latest:
-        """The newest message of one concrete key."""
+    def latest(self, topic: str, suffix: str = "", *, rings: bool = True) -> Latest:
+        """The newest message of one concrete key.
+
+        Without `rings` nobody is woken by it, and it costs half as much: for those who look when
+        they need it.
+        """
 
     @abstractmethod
     def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:

@@ -31,7 +31,7 @@ class Certificate:
 
 
 def open_session(
-    role: Literal["peer", "client"], endpoint: str, speed: float = 1.0
+    role: Literal["peer", "client"], endpoint: str, speed: float = 1.0, *, dates: bool = False
 ) -> zenoh.Session:
     """Opens a session of Zenoh with `zenoh_cfg/<role>.json5`.
 
@@ -41,6 +41,7 @@ def open_session(
         role: Peers link directly, beside a router of their owner.
         endpoint: Of the router, e.g. tcp/127.0.0.1:7447, or the path of a file of `write_client`.
         speed: Of the run's clock, see `lease_slowed`; a client's file has its own.
+        dates: Whether Zenoh dates what comes in, by the system's clock.
 
     Raises:
         StackError: the endpoint cannot be understood, nobody answers there, or peers cannot link
@@ -53,6 +54,7 @@ def open_session(
         if from_file and role == "client"
         else _settings(role, router, speed)
     )
+    settings.insert_json5("timestamping/enabled", json.dumps(dates))
     if role == "peer":
         if not router.startswith(LOCAL):
             raise StackError(

@@ -9,7 +9,7 @@ import zenoh
 from saltus.config import RunConfig
 from saltus.tuning import keep_thread, switch_soon
 from saltus.wire import codec
-from saltus.wire.bus import STREAM_CAPACITY, Bell, Bus, Latest, RawSample, Slot, Stream
+from saltus.wire.bus import RING, STREAM_CAPACITY, Bell, Bus, Latest, RawSample, Slot, Stream
 from saltus.wire.codec import Envelope
 from saltus.wire.joining import open_session
 from saltus.wire.messages import Message
@@ -26,6 +26,8 @@ class ZenohBus(Bus):
     processes of the router's own stack, and never to be guessed from the endpoint: what is between
     two peers no router carries. `endpoint` and `speed` are as in `open_session`. What does not fit
     into a full link is lost, unless its sender `waits`: for runs in lockstep, where nobody is late.
+    With `dates` Zenoh itself dates and keeps what comes for a `stream`: its thread need not enter
+    Python hundreds of times a second, which takes a third of what a message costs its receiver.
 
     Raises:
         StackError: no router answers at the endpoint, or peers cannot link beside it.
@@ -39,20 +41,35 @@ class ZenohBus(Bus):
         peer: bool = False,
         speed: float = 1.0,
         waits: bool = False,
+        dates: bool = False,
         bell: Bell | None = None,
     ) -> None:
         super().__init__(prefix, bell or Bell())
+        self._dates = dates
         # Waiting would stall a control loop of real time for seconds on one slow subscriber
         self._when_full = zenoh.CongestionControl.BLOCK if waits else zenoh.CongestionControl.DROP
-        self._session = open_session("peer" if peer else "client", endpoint, speed)
+        self._session = open_session("peer" if peer else "client", endpoint, speed, dates=dates)
 
     @classmethod
     def of_run(
-        cls, endpoint: str, run: RunConfig, *, peer: bool = False, bell: Bell | None = None
+        cls,
+        endpoint: str,
+        run: RunConfig,
+        *,
+        peer: bool = False,
+        dates: bool = False,
+        bell: Bell | None = None,
     ) -> "ZenohBus":
         """The bus of the robot of a run, with links that its pace and speed ask for."""
-        waits = run.pace == "lockstep"
-        return cls(endpoint, run.prefix, peer=peer, speed=run.link_speed, waits=waits, bell=bell)
+        return cls(
+            endpoint,
+            run.prefix,
+            peer=peer,
+            speed=run.link_speed,
+            waits=run.pace == "lockstep",
+            dates=dates,
+            bell=bell,
+        )
 
     def publisher(self, topic: str, suffix: str = "") -> "ZenohPublisher":
         """See `Bus.publisher`."""
@@ -68,10 +85,15 @@ class ZenohBus(Bus):
         )
         return ZenohPublisher(raw, self)
 
-    def latest(self, topic: str, suffix: str = "") -> Latest:
+    def latest(self, topic: str, suffix: str = "", *, rings: bool = True) -> Latest:
         """See `Bus.latest`."""
-        key, slot = self._key(topic, suffix), Slot(self.bell)
+        key = self._key(topic, suffix)
         name = key.removeprefix(f"{self.prefix}/")
+        if not rings:
+            channel: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(RING)
+            kept = KeptSlot(self.bell, self._session.declare_subscriber(key, channel), name)
+            return self._latest(topic, kept)
+        slot = Slot(self.bell)
 
         def receive(sample: zenoh.Sample) -> None:
             keep_thread()
@@ -85,8 +107,11 @@ class ZenohBus(Bus):
 
     def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
         """See `Bus.stream`."""
-        stream = Stream(capacity)
         start = len(self.prefix) + 1
+        if self._dates:
+            channel: zenoh.handlers.FifoChannel[zenoh.Sample] = zenoh.handlers.FifoChannel(capacity)
+            return KeptStream(self._session.declare_subscriber(f"{self.prefix}/**", channel), start)
+        stream = Stream(capacity)
         switch_as_before = switch_soon()
 
         def receive(sample: zenoh.Sample) -> None:
@@ -126,6 +151,53 @@ class ZenohBus(Bus):
             self._session.close()
 
 
+class KeptSlot(Slot):
+    """A slot that Zenoh fills by itself, without a word to Python; what is taken has come just now."""
+
+    def __init__(self, bell: Bell, subscriber: Any, name: str) -> None:
+        super().__init__(bell)
+        self._subscriber, self._name = subscriber, name
+
+    def pop(self) -> RawSample | None:
+        """See `Slot.pop`."""
+        sample = self._subscriber.try_recv()
+        return None if sample is None else _raw(sample, self._name)
+
+
+class KeptStream(Stream):
+    """A stream whose messages Zenoh keeps, dated, until they are drained.
+
+    Where nobody drains it for so long that it is full, nothing more comes: senders in real time
+    then lose messages, which readers see by their sequence.
+    """
+
+    def __init__(self, subscriber: Any, start: int) -> None:
+        super().__init__(0)
+        self._kept, self._start = subscriber.handler, start
+        self._drained_ns = time.monotonic_ns()
+        self.end = subscriber.undeclare
+
+    def drain(self) -> list[RawSample]:
+        """See `Stream.drain`."""
+        now_ns = time.monotonic_ns()
+        ahead_ns, since_ns = time.time_ns() - now_ns, self._drained_ns
+        samples = []
+        while (sample := self._next()) is not None:
+            date = sample.timestamp
+            came_ns = now_ns if date is None else date.get_time_as_ntp64().as_nanos() - ahead_ns
+            # The system's clock may have been set in between
+            came_ns = min(max(came_ns, since_ns), max(now_ns, since_ns))
+            samples.append(_raw(sample, str(sample.key_expr)[self._start :], came_ns))
+        self._drained_ns = now_ns
+        return samples
+
+    def _next(self) -> Any:
+        try:
+            return self._kept.try_recv()
+        except zenoh.ZError:  # it has ended
+            return None
+
+
 class ZenohPublisher:
     """Counts and sends the messages of one key."""
 
@@ -159,10 +231,12 @@ def _matches(publisher: zenoh.Publisher) -> bool:
     return bool(status.matching)
 
 
-def _raw(sample: zenoh.Sample, key: str) -> RawSample:
-    """Copies a sample out of Zenoh; what is beyond the limit is not worth a copy of its own."""
+def _raw(sample: zenoh.Sample, key: str, came_ns: int | None = None) -> RawSample:
+    """Copies a sample out of Zenoh; what is beyond the limit is not worth a copy of its own.
+
+    It came now where nobody knows better.
+    """
     payload, attachment = sample.payload, sample.attachment
     data = payload.to_bytes() if len(payload) <= codec.PAYLOAD_MAX else bytes(codec.PAYLOAD_MAX + 1)
-    return RawSample(
-        key, data, b"" if attachment is None else attachment.to_bytes(), time.monotonic_ns()
-    )
+    beside = b"" if attachment is None else attachment.to_bytes()
+    return RawSample(key, data, beside, time.monotonic_ns() if came_ns is None else came_ns)

@@ -191,6 +191,60 @@ def test_the_stream_counts_what_nobody_drained(pair: tuple[Bus, Bus]) -> None:
     assert [sample.key for sample in stream.drain()] == ["done/render"] * 3
 
 
+def test_what_zenoh_keeps_is_dated_when_it_came(endpoint: str) -> None:
+    """Not when it was drained, and not when a clock says that is set: never outside of two drains."""
+    kept = replace(RUN, prefix="kept")
+    with (
+        ZenohBus.of_run(endpoint, kept) as a,
+        ZenohBus.of_run(endpoint, kept, dates=True) as b,
+    ):
+        publisher, stream, plain = a.publisher("done", "render"), b.stream(), a.stream()
+        meet(publisher)
+        assert stream.drain() == []
+        begin_ns = time.monotonic_ns()
+        for step in range(30):
+            publisher.put(done(step))
+            time.sleep(0.005)
+        heard, seen = [], []
+
+        def all_came() -> bool:
+            heard.extend(stream.drain())
+            seen.extend(plain.drain())
+            return len(heard) == len(seen) == 30
+
+        until(all_came)
+        assert [(s.key, s.payload, s.attachment) for s in heard] == [
+            (s.key, s.payload, s.attachment) for s in seen
+        ]
+        came = [s.arrival_ns for s in heard]
+        assert came == sorted(came)
+        assert begin_ns <= came[0]
+        assert came[-1] <= time.monotonic_ns()
+        # The same clock as the callbacks', which only a busy computer calls late
+        late = sorted(y.arrival_ns - x.arrival_ns for x, y in zip(heard, seen, strict=True))
+        assert late[0] > -5_000_000
+        assert late[15] < 50_000_000
+        publisher.put(done(30))
+        until(lambda: any(codec.decode(Done, s.payload).step == 30 for s in plain.drain()))
+        stream.end()
+        assert len(stream.drain()) <= 1
+        assert stream.drain() == []
+
+
+def test_what_nobody_waits_for_wakes_nobody(pair: tuple[Bus, Bus]) -> None:
+    a, b = pair
+    publisher = a.publisher("done", "render")
+    latest = b.latest("done", "render", rings=False)
+    meet(publisher)
+    heard = b.bell.rings
+    for step in range(1, 10 * RING):
+        publisher.put(done(step))
+    until(lambda: (sample := latest.take()) is not None and sample.message.step == 10 * RING - 1)
+    assert latest.take() is None
+    assert b.bell.rings == heard
+    assert not b.rejected
+
+
 def test_payloads_of_any_size_leave_the_link_whole(endpoint: str) -> None:
     huge = replace(RUN, prefix="huge")
     with (
