@@ -6,7 +6,7 @@ That one keeps 1 KB in memory for each chunk, of which a run in real time has fo
 import struct
 import tempfile
 import zlib
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 from pathlib import Path
 from typing import IO
@@ -23,7 +23,6 @@ from mcap.records import (
     Header,
     McapRecord,
     Message,
-    MessageIndex,
     Metadata,
     MetadataIndex,
     Schema,
@@ -33,6 +32,11 @@ from mcap.records import (
 
 MAGIC = b"\x89MCAP0\r\n"
 COMPRESSION = "zstd"
+# Records that come often, whole: the library writes them number by number
+_RECORD = struct.Struct("<BQ")
+"""Head of every record: opcode and length of what follows."""
+_MESSAGE = struct.Struct(_RECORD.format + "HIQQ")
+_INDEX = struct.Struct(_RECORD.format + "HI")
 
 
 class IndexedWriter:
@@ -55,7 +59,8 @@ class IndexedWriter:
         self._span: tuple[int, int] | None = None
         """Least and greatest log time of the file [ns]."""
         self._chunk = RecordBuilder()
-        self._in_chunk: dict[int, MessageIndex] = {}
+        self._in_chunk: defaultdict[int, list[int]] = defaultdict(list)
+        """By channel: log time of each message of the chunk, and where it begins, in turn."""
         stream.write(MAGIC)
         self._write(Header(profile, library))
 
@@ -81,10 +86,20 @@ class IndexedWriter:
 
     def add_message(self, message: Message) -> None:
         """Adds a message to the chunk, and ends this one where it is large enough."""
-        index = self._in_chunk.setdefault(message.channel_id, MessageIndex(message.channel_id, []))
-        index.records.append((message.log_time, self._chunk.count))
-        self._counts[message.channel_id] += 1
-        message.write(self._chunk)
+        channel = message.channel_id
+        self._in_chunk[channel] += (message.log_time, self._chunk.count)
+        self._counts[channel] += 1
+        self._chunk.write(
+            _MESSAGE.pack(
+                Opcode.MESSAGE,
+                _MESSAGE.size - _RECORD.size + len(message.data),
+                channel,
+                message.sequence,
+                message.log_time,
+                message.publish_time,
+            )
+        )
+        self._chunk.write(message.data)
         if self._chunk.count > self._chunk_bytes:
             self._end_chunk()
 
@@ -134,15 +149,15 @@ class IndexedWriter:
     def _end_chunk(self) -> None:
         if not self._in_chunk:
             return
-        times = [time for index in self._in_chunk.values() for time, _ in index.records]
-        first, last = min(times), max(times)
+        first = min(min(index[::2]) for index in self._in_chunk.values())
+        last = max(max(index[::2]) for index in self._in_chunk.values())
         data = self._chunk.end()
         packed = zstandard.compress(data)
         chunk = Chunk(
             COMPRESSION, packed, last, first, zlib.crc32(data), uncompressed_size=len(data)
         )
         start, end = self._write(chunk), self._stream.tell()
-        offsets = {number: self._write(index) for number, index in self._in_chunk.items()}
+        offsets = {channel: self._write_index(channel) for channel in self._in_chunk}
         entry = ChunkIndex(
             chunk_length=end - start, chunk_start_offset=start, compression=COMPRESSION,
             compressed_size=len(packed),
@@ -151,7 +166,7 @@ class IndexedWriter:
             message_start_time=first, uncompressed_size=len(data),
         )  # fmt: skip
         self._index.write(_bytes_of([entry]))
-        self._in_chunk = {}
+        self._in_chunk.clear()
         self._chunks += 1
         known = self._span or (first, last)
         self._span = (min(first, known[0]), max(last, known[1]))
@@ -165,6 +180,14 @@ class IndexedWriter:
             message_start_time=first, metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )  # fmt: skip
+
+    def _write_index(self, channel: int) -> int:
+        """Writes where the messages of a channel begin in the chunk; returns where that begins."""
+        start, index = self._stream.tell(), self._in_chunk[channel]
+        size = 8 * len(index)
+        head = _INDEX.pack(Opcode.MESSAGE_INDEX, _INDEX.size - _RECORD.size + size, channel, size)
+        self._stream.write(head + struct.pack(f"<{len(index)}Q", *index))
+        return start
 
     def _write(self, record: McapRecord) -> int:
         """Writes a record; returns where it begins."""

@@ -282,6 +282,8 @@ def _cells(side: Floats, resolution: float) -> Floats:
 def _between(table: Floats, sides: Sequence[Floats], cells: Sequence[Floats]) -> Floats:
     """Values (rows, columns) of a grid at the middles of cells, interpolated along x, then along y."""
     along = np.stack([np.interp(cells[0], sides[0], column) for column in table.T], -1)
+    if len(sides[1]) == 1:
+        return np.repeat(along, len(cells[1]), axis=-1)
     return np.stack([np.interp(cells[1], sides[1], row) for row in along])
 
 

@@ -185,7 +185,7 @@ class Stack:
         while self.poll():
             if deadline_s is not None and self._clock.elapsed_s() >= deadline_s:
                 return False
-            time.sleep(POLL_S)
+            time.sleep(self._clock.machine_s(POLL_S))
         return True
 
     def _open(self) -> None:
