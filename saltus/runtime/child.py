@@ -25,9 +25,11 @@ ENVIRONMENT = {
     "PYTHONUTF8": "1",  # its log is read as UTF-8, whatever the locale
     # Nobody draws here; to find a window system MuJoCo would start one more Python, for 0.07 s
     "MUJOCO_GL": "off",
-    # Of the two receiving threads of the default one waits for the sockets and wakes the other for
-    # each message. Not for the router: with one it drops large messages.
-    "ZENOH_RUNTIME": "(rx: (worker_threads: 1))",
+    # One thread waits for the sockets, reads and writes: of the many of the default one wakes the
+    # other for each message. Not for the router: with one it drops large messages.
+    "ZENOH_RUNTIME": (
+        "(rx: (worker_threads: 1), tx: (handover: rx), acc: (handover: rx), net: (handover: rx))"
+    ),
 }
 
 

@@ -19,7 +19,11 @@ RECEIVING_THREADS = 16
 waits for each sender whose message does not fit into a full link. With the 2 of the default both
 wait for the recorder, a session of the same process, which needs one of them to receive. A run has
 5 senders; programs of its user come on top."""
-os.environ.setdefault("ZENOH_RUNTIME", f"(rx: (worker_threads: {RECEIVING_THREADS}))")
+os.environ.setdefault(
+    "ZENOH_RUNTIME",
+    # Else one thread learns that a socket has something, and wakes another to read it
+    f"(rx: (worker_threads: {RECEIVING_THREADS}), acc: (handover: rx), net: (handover: rx))",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
