@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from saltus.cli.output import JsonOption
 from saltus.cli.run_options import CourseOptions, SizedCourse
@@ -22,9 +22,12 @@ if TYPE_CHECKING:
     from saltus.controller.robot.unitree.robot import UnitreeRobot
     from saltus.controller.robot.unitree.simulated import SimulatedUnitree
     from saltus.policy.level_run import LevelRun
+    from saltus.real2sim.experiments.on_backend import ExperimentRun
     from saltus.robots.robot import Robot
 
 CYCLONE = "pip install 'saltus[dds]'"
+LEVEL = ("stand", "bound")
+"""Stages on level ground."""
 LAND_S = 2.5
 """A landing takes 1.1 s at most; the rest it stands."""
 
@@ -86,7 +89,7 @@ class Simulate(PaceOptions, LinkOptions):
     held: Flag = False
     """Hold the trunk in the air, as a crane or two people would."""
     fault: Annotated[tuple[str, ...], shown("KIND[:JOINT][@SECONDS]", "none")] = ()
-    """Faults, from some second on: battery, crc, dead, foreign, frozen, hot, imu, late, lost,
+    """Faults, from some second on: battery, button, crc, dead, foreign, frozen, hot, imu, late, lost,
     offset, sign, silent, slow, stuck, tick; of dead, hot, offset and sign at a joint."""
     seconds: Annotated[float, shown("FLOAT", "until Ctrl-C")] = math.inf
     """Time of the robot after which the simulation ends [s]."""
@@ -252,7 +255,7 @@ class Log(LinkOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class Run(PaceOptions, LinkOptions):
-    """Lets a robot stand, or bound over level ground, over its own protocol. Begin with a simulated one.
+    """Lets a robot stand, bound over level ground, or make an experiment's motion, over its own protocol.
 
     The robot is listened to first, and refused as by the preflight. Then it rises in 2 s, stands,
     and with `--stage bound` bounds ahead for `--seconds`; at the end, and after Ctrl-C, it lands,
@@ -261,12 +264,15 @@ class Run(PaceOptions, LinkOptions):
     For example:
       saltus robot run --stage stand
       saltus robot run --stage bound --seconds 3 --pace lockstep
+      saltus robot run --stage joint_tour
     """
 
-    stage: Literal["stand", "bound"] = "stand"
-    """bound: by rules, on ground that is taken to be level; nothing looks ahead."""
+    stage: str = "stand"
+    """stand, or bound: by rules, on ground that is taken to be level; nothing looks ahead. Or an
+    experiment of a robot that hangs (saltus real2sim experiments), for a log."""
     seconds: float = 5.0
-    """How long it stands or bounds, after it has risen and stood for a second [s]."""
+    """How long it stands or bounds, after it has risen and stood for a second [s]; experiments have
+    a length of their own."""
     begin: Flag = False
     """Begin at once. Without it you are asked to press Enter."""
 
@@ -275,11 +281,12 @@ class Run(PaceOptions, LinkOptions):
         check_speed(self.speed)
         kind = self.loaded()
         from saltus.clock import RunClock
-        from saltus.controller.loop import FIRST_STAND_S
         from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
         from saltus.controller.robot.unitree.robot import UnitreeRobot
-        from saltus.policy.level_run import RISE_S
+        from saltus.real2sim.experiments.on_backend import held_experiment
 
+        if self.stage not in LEVEL:
+            held_experiment(self.stage)  # a wrong name is told before anything moves
         lockstep, clock = self.pace == "lockstep", RunClock(speed=self.speed)
         link = UnitreeLink(
             self.domain, self.interface, sends=[COMMANDS], takes=[STATES], reliable=lockstep
@@ -292,9 +299,9 @@ class Run(PaceOptions, LinkOptions):
             if not self.begin:
                 input(f"Enter lets {kind.name} rise; keep away from it. Ctrl-C ends it: ")
             robot.reset()
-            run = self._level_run(robot, kind)
+            run, ends_s = self._begun(robot, kind)
             try:
-                while run.time_s < RISE_S + FIRST_STAND_S + self.seconds and not robot.fault:
+                while run.time_s < ends_s and not robot.fault:
                     wait()
                     run.step()
             finally:  # after Ctrl-C, too: it lands and stands, or is damped
@@ -308,7 +315,7 @@ class Run(PaceOptions, LinkOptions):
             f"{health.lost} of {health.states + health.lost} states lost; "
             f"at most {run.peak_power_w:.0f} W"
         )
-        return 1 if robot.fault or mode == "DAMP" else 0
+        return 1 if robot.fault or (mode == "DAMP" and self.stage in LEVEL) else 0
 
     def _refuse(self, link: "UnitreeLink", kind: "Robot", wait: "Callable[[], float]") -> None:
         """Raises `StackError` for a robot that may not be commanded."""
@@ -321,11 +328,19 @@ class Run(PaceOptions, LinkOptions):
                     f"{check.allowed}); {check.cure}. saltus robot preflight says more"
                 )
 
-    def _level_run(self, robot: "UnitreeRobot", kind: "Robot") -> "LevelRun":
+    def _begun(
+        self, robot: "UnitreeRobot", kind: "Robot"
+    ) -> "tuple[LevelRun | ExperimentRun, float]":
+        """The run, and when it ends [s]."""
+        from saltus.controller.loop import FIRST_STAND_S
         from saltus.grid import DEFAULT_GRID, load_grid
-        from saltus.policy.level_run import LevelRun
+        from saltus.policy.level_run import RISE_S, LevelRun
         from saltus.policy.planner import make_planner
+        from saltus.real2sim.experiments.on_backend import ExperimentRun, held_experiment
 
+        if self.stage not in LEVEL:
+            motion = ExperimentRun(robot, kind, held_experiment(self.stage))
+            return motion, motion.duration_s
         grid = load_grid(DEFAULT_GRID)
         planner = make_planner("scripted", kind, grid) if self.stage == "bound" else None
-        return LevelRun(robot, kind, grid, planner)
+        return LevelRun(robot, kind, grid, planner), RISE_S + FIRST_STAND_S + self.seconds

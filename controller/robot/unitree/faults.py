@@ -10,6 +10,7 @@ import numpy as np
 
 from saltus.constants import PHYSICS_DT
 from saltus.controller.robot.unitree.messages import LOW_STATE, OFF, Message
+from saltus.controller.robot.unitree.states import BUTTONS
 from saltus.errors import ConfigError, nearest_hint
 from saltus.robots.robot import JOINTS
 from saltus.rotations import quaternion_from_roll_pitch_yaw, quaternion_product
@@ -30,6 +31,7 @@ KINDS = {
     "battery": "the battery is at 4 %",
     "imu": "the IMU is pitched by 20 degrees",
     "foreign": "another program commands the robot, too",
+    "button": "a button of the remote is pressed, which is no fault but ends a run",
 }
 """Kinds of faults."""
 AT_A_JOINT = ("sign", "offset", "dead", "hot")
@@ -118,6 +120,8 @@ class Faults:
             motors["q"][joint] += OFFSET_RAD
         motors["mode"][self.active("dead", time_s)] = OFF
         motors["temperature"][self.active("hot", time_s)] = HOT_C
+        if self.active("button", time_s):
+            message["wireless_remote"][BUTTONS.start] = 1
         if self.active("battery", time_s):
             message["bms_state"]["soc"] = EMPTY_PERCENT
         if self.active("imu", time_s):

@@ -16,6 +16,8 @@ LOST_S = 0.05
 comes 3.4 ms late, and 110 ms is what a fault may take altogether."""
 DRIFT = 1e-4
 """Seconds per second by which two clocks may part: ten times what quartzes do."""
+BUTTONS = slice(2, 4)
+"""Bytes of `wireless_remote` with a bit for each button (Unitree's unitree_sdk2, gamepad)."""
 MEASURED = ("imu_state", "motor_state")
 
 
@@ -99,6 +101,8 @@ class StateWatch:
             self._still = self._still + 1 if _equal(message, last) else 0
             if self._still * TICK_MS > 1000.0 * LOST_S:
                 self.lose(f"its clock goes on, but {self._still} states say the same")
+        if message["wireless_remote"][BUTTONS].any():
+            self.lose("a button of the remote was pressed")
         self._behind_s += DRIFT * (now_s - self._arrived_s)
         self.message, self._arrived_s = message, now_s
         self._states += 1

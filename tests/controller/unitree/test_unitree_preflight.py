@@ -19,6 +19,7 @@ FOUND_BY = {
     "frozen": {"rate", "clock"}, "stuck": {"clock"}, "crc": {"checksums"}, "tick": {"clock"},
     "hot": {"temperatures"}, "battery": {"battery"}, "imu": {"level"}, "dead": {"motors"},
     "sign": {"gravity", "follows", "ranges"}, "foreign": {"alone"},
+    "button": {"clock"},
 }  # fmt: skip
 """Checks of a hanging robot of which one at least refuses it, by the fault."""
 

@@ -23,8 +23,9 @@ DAMPED_S = 0.110
 LOSSES = {
     "silent": "no new state has come", "frozen": "no new state has come",
     "crc": "no new state has come", "stuck": "states say the same", "tick": "clock has leapt",
+    "button": "a button of the remote",
 }  # fmt: skip
-"""Faults after which nothing is known of the robot, and the words in which it is said."""
+"""Faults after which a robot is given up, and the words in which it is said."""
 BORNE = ("lost", "slow", "late", "hot", "battery")
 """Faults with which a robot goes on; the preflight tells them."""
 

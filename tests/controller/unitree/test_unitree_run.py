@@ -9,9 +9,15 @@ from unitree_processes import saltus, simulated
 from benchmarks.unitree_link.command import own_domain
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, MOTORS
 from saltus.controller.robot.unitree.robot import UnitreeRobot
+from saltus.errors import ConfigError
 from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.policy.level_run import RISE_S, LevelRun
 from saltus.policy.planner import make_planner
+from saltus.real2sim.experiments import motions
+from saltus.real2sim.experiments.menu import Experiment
+from saltus.real2sim.experiments.motions import repeated
+from saltus.real2sim.experiments.on_backend import ExperimentRun, held_experiment
+from saltus.real2sim.experiments.safety import Limits, UnsafeMotionError
 from saltus.wire.messages import ControllerMode
 
 PATIENCE_S = 100.0
@@ -74,6 +80,53 @@ def test_a_robot_is_led_softly_to_its_stand_pose() -> None:
     assert np.abs(np.diff(motors["q"], axis=0)).max() < 0.01
     assert np.abs(np.diff(motors["kp"], axis=0)).max() < 0.2
     np.testing.assert_allclose(motors["q"][-1], ROBOT.stand_pose, atol=1e-3)
+
+
+def sine(speed_share: float = 1.0) -> Experiment:
+    return Experiment(
+        name="sine", how="", shows=(), base="fixed", limits=Limits(tilt_rad=3.2, speed_share=speed_share),
+        sections=lambda robot: repeated("sine", 1, motions.sine(robot, 1.0, 1.0, 0.2)),
+    )  # fmt: skip
+
+
+def hanging(*faults: str) -> tuple[Wire, UnitreeRobot]:
+    wire = Wire(simulated_here(*faults, held=True))
+    wire.tick()
+    robot = UnitreeRobot(wire, ROBOT, wire)  # type: ignore[arg-type]
+    robot.reset()
+    return wire, robot
+
+
+def to_the_end(run: ExperimentRun, wire: Wire) -> None:
+    while run.time_s < run.duration_s:
+        run.step()
+        wire.tick()
+
+
+def test_a_hanging_robot_makes_an_experiments_motion_and_is_damped() -> None:
+    wire, robot = hanging()
+    run, wanted = ExperimentRun(robot, ROBOT, sine()), sine().sections(ROBOT)[0].commands
+    to_the_end(run, wire)
+    motors = LOW_COMMAND.read(wire.sent)["motor_cmd"][:, :MOTORS]
+    np.testing.assert_allclose(motors["q"][-len(wanted.q_des) :], wanted.q_des, rtol=1e-6)
+    assert np.abs(np.diff(motors["q"][: -len(wanted.q_des)], axis=0)).max() < 0.01
+    run.step(halt=True)
+    run.step()
+    last = LOW_COMMAND.read([wire.sent[-1]])[0]["motor_cmd"][:MOTORS]
+    assert run.mode == ControllerMode.DAMP
+    assert not last["kp"].any()
+    assert last["kd"].all()
+
+
+def test_a_motion_or_a_robot_outside_of_its_limits_is_refused() -> None:
+    wire, robot = hanging("sign:FL_calf@3.5")
+    with pytest.raises(UnsafeMotionError, match="is asked for a speed"):
+        ExperimentRun(robot, ROBOT, sine(speed_share=0.01))
+    run = ExperimentRun(robot, ROBOT, sine())
+    with pytest.raises(UnsafeMotionError, match="FL_calf is at"):
+        to_the_end(run, wire)
+    with pytest.raises(ConfigError, match="heave_and_pitch needs the ground"):
+        held_experiment("heave_and_pitch")
 
 
 def test_the_command_stands_a_robot_in_another_process() -> None:
