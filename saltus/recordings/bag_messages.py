@@ -17,7 +17,7 @@ from saltus.depth import NOTHING
 from saltus.errors import MessageError, RecordingError
 from saltus.files import ARCHIVE_MAX
 from saltus.recordings.images import millimetres, pixels_of
-from saltus.recordings.ros_types import Image, Imu, JointState, Odometry, Quaternion, Vector
+from saltus.wire.ros_types import Image, Imu, JointState, Odometry, Quaternion, Vector
 
 NANO = 10**9
 CAMERAS_MAX = 16  # calibrations of a topic that are looked at; one that changes has a few

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from saltus.arrays import AnyArray
 from saltus.depth import MILLIMETRE, NOTHING
 from saltus.errors import MessageError
-from saltus.recordings.ros_types import CameraInfo, CompressedImage, Image, RawImage
+from saltus.wire.ros_types import CameraInfo, CompressedImage, Image, RawImage
 
 if TYPE_CHECKING:
     from typing_extensions import TypeIs

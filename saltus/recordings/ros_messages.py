@@ -12,11 +12,11 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from saltus.arrays import AnyArray, Floats, Reals
 from saltus.constants import NORMAL_90
 from saltus.errors import MessageError
-from saltus.recordings.ros_types import Header, Message, Quaternion, Stamp, Vector
 from saltus.rotations import quaternion_from_roll_pitch_yaw, quaternion_product, rotation_matrix
 from saltus.wire import cdr, codec
 from saltus.wire.cdr import header
 from saltus.wire.messages import Heightmap, HeightmapStatus, RobotState, points_of
+from saltus.wire.ros_types import Header, Message, Quaternion, Stamp, Vector
 from saltus.wire.schemas import TYPE_NAME
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -19,7 +19,6 @@ from saltus.arrays import Floats
 from saltus.constants import FORCE_M_PER_N, LOADED_N
 from saltus.footholds import Footholds
 from saltus.recordings import ros_messages as ros
-from saltus.recordings import ros_types
 from saltus.recordings.ros_messages import BASE, BASE_YAW, CAMERA, WORLD
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import LINKS, Robot
@@ -27,6 +26,7 @@ from saltus.rotations import rotation_matrix
 from saltus.sim.scene import TRUNK
 from saltus.sim.shapes import looks_of
 from saltus.terrain.terrain import Terrain
+from saltus.wire import ros_types
 from saltus.wire.bus import topic_of
 from saltus.wire.cdr import header, stamp
 from saltus.wire.codec import LOG_INFO

@@ -16,13 +16,13 @@ from saltus.depth import MILLIMETRE
 from saltus.errors import ConfigError, MessageError, nearest_hint
 from saltus.recordings import ros_messages as ros
 from saltus.recordings.images import COMPRESSED, intrinsics, is_rectified, millimetres, pixels_of
-from saltus.recordings.ros_types import Image, JointState, Vector
 from saltus.recordings.units import check_depth_unit
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot
 from saltus.ros2.wall_clock import WallClock
 from saltus.rotations import rotation_matrix
 from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
+from saltus.wire.ros_types import Image, JointState, Vector
 from saltus.wire.topics import TOPICS
 
 HELD_S = TOPICS["controller/state"].invalid_age_s

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.recordings import ros_messages as ros
 from saltus.recordings.ros_messages import BASE, BASE_YAW, ODOM
-from saltus.recordings.ros_types import Message
 from saltus.recordings.viewer import RobotFrames
 from saltus.robots.robot import JOINTS, Robot
 from saltus.ros2.wall_clock import WallClock
@@ -20,6 +19,7 @@ from saltus.rotations import quaternion_inverse, quaternion_product
 from saltus.wire.cdr import header
 from saltus.wire.depth_codec import depth_on_the_wire
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
+from saltus.wire.ros_types import Message
 
 TRANSFORMS = "/tf"
 HEIGHTS = {

@@ -9,14 +9,16 @@ codecs here are their reference.
 """
 
 import struct
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from saltus.arrays import Indices
 from saltus.errors import MessageError
-from saltus.wire import schemas
+from saltus.wire import ros_types, schemas
 from saltus.wire.cdr import (
     FORMER,
     STORE,
@@ -143,9 +145,9 @@ def of_today(kind: type[Message], former: int, data: bytes) -> bytes:
         raise MessageError("malformed", f"{kind.__name__}: {error}") from error
 
 
-def _encode_event(message: Event) -> Any:
+def _encode_event(message: Event) -> ros_types.Stamped:
     text = message.detail[: schemas.TEXT_MAX]
-    wire_type: Any = STORE.types[schemas.EVENT_TYPE]
+    wire_type: Callable[..., ros_types.Stamped] = STORE.types[schemas.EVENT_TYPE]
     return wire_type(stamp(message.time_ns), LOG_INFO, message.process, text, "", message.code, 0)
 
 
@@ -158,9 +160,9 @@ def _decode_event(wire: Any) -> Event:
     return Event(time_ns=time_of(wire.stamp), process=process, code=code, detail=detail)
 
 
-def _encode_status(message: ProcessStatus) -> Any:
+def _encode_status(message: ProcessStatus) -> ros_types.Stamped:
     names, topics = list(message.rejected), list(message.received)
-    wire_type: Any = STORE.types[schemas.STATUS_TYPE]
+    wire_type: Callable[..., ros_types.Stamped] = STORE.types[schemas.STATUS_TYPE]
     return wire_type(
         header(message.time_ns, schemas.FRAME[ProcessStatus]),
         message.process,
@@ -190,27 +192,27 @@ def _decode_status(wire: Any) -> ProcessStatus:
     )
 
 
-def _counts(name: str, keys: Any, counts: Any) -> dict[str, int]:
+def _counts(name: str, keys: Sequence[str], counts: Indices) -> dict[str, int]:
     if len(keys) != counts.size:
         raise MessageError("shape", f"{name}: {len(keys)} names with {counts.size} counts")
     return {checked_text(name, key): int(count) for key, count in zip(keys, counts, strict=True)}
 
 
 _TABLES = {kind: TableCodec(kind) for kind in FIELDS}
-_ENCODERS: dict[Any, Any] = {
+_ENCODERS: dict[type[Message], Callable[[Any], ros_types.Stamped]] = {
     **{kind: table.encode for kind, table in _TABLES.items()},
     DepthFrame: depth_on_the_wire,
     Event: _encode_event,
     ProcessStatus: _encode_status,
 }
-_DECODERS: dict[Any, Any] = {
+_DECODERS: dict[type, Callable[[Any], Message]] = {
     **{kind: table.decode for kind, table in _TABLES.items()},
     DepthFrame: decode_depth,
     Event: _decode_event,
     ProcessStatus: _decode_status,
 }
 _LIMITS = Limits(time_ns=(TIME_MIN_NS, TIME_MAX_NS), norm_squared=NORM_SQUARED)
-_TEMPLATES: dict[Any, Templates] = {
+_TEMPLATES: dict[type, Templates] = {
     kind: Templates(holes, fixed, reference_bytes, partial(reference_message, kind), _LIMITS)
     for kind, holes, fixed in (
         (DepthFrame, DEPTH_HOLES, DEPTH_FIXED),

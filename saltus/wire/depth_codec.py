@@ -1,15 +1,18 @@
 """The codec of depth images: a `sensor_msgs/Image` and the `sensor_msgs/CameraInfo` that goes with it."""
 
+from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import AnyArray, Floats
 from saltus.errors import MessageError
 from saltus.wire import schemas
 from saltus.wire.cdr import STORE, check_bounded, header, time_of
 from saltus.wire.messages import DepthFrame
+from saltus.wire.ros_types import CameraInfo, RawImage, Region, Stamped
 from saltus.wire.templates import Hole
 
 WIDTH_MAX, HEIGHT_MAX = 1280, 720  # D435i datasheet: the largest depth image
@@ -19,12 +22,27 @@ FOCAL_MIN_PX, FOCAL_MAX_PX = 1.0, 3400.0
 across."""
 CENTRE_MAX_PX = 1e5
 ENCODING = "16UC1"
-_IMAGE: Any = STORE.types["sensor_msgs/msg/Image"]
-_CAMERA_INFO: Any = STORE.types["sensor_msgs/msg/CameraInfo"]
-_REGION: Any = STORE.types["sensor_msgs/msg/RegionOfInterest"]
+_IMAGE: Callable[..., RawImage] = STORE.types["sensor_msgs/msg/Image"]
+_CAMERA_INFO: Callable[..., CameraInfo] = STORE.types["sensor_msgs/msg/CameraInfo"]
+_REGION: Callable[..., Region] = STORE.types["sensor_msgs/msg/RegionOfInterest"]
 
 
-def _pixels_of(depth: Any) -> NDArray[np.uint16]:
+class Lens(CameraInfo, Protocol):
+    """The calibration as ROS 2 names it."""
+
+    k: Floats
+
+
+class DepthOnTheWire(Stamped, Protocol):
+    """A depth image as it travels."""
+
+    image: RawImage
+    camera_info: Lens
+    depth_unit_m: float
+    frame_id: int
+
+
+def _pixels_of(depth: AnyArray) -> NDArray[np.uint16]:
     if depth.dtype != np.uint16 or depth.ndim != 2:
         raise MessageError("shape", f"depth is {depth.dtype} of shape {depth.shape}")
     return np.ascontiguousarray(depth)
@@ -39,7 +57,7 @@ DEPTH_FIXED = ("depth_unit_m", "fx", "fy", "cx", "cy")
 """Fields that stay as long as the camera does."""
 
 
-def depth_on_the_wire(message: DepthFrame) -> Any:
+def depth_on_the_wire(message: DepthFrame) -> DepthOnTheWire:
     """A depth image as it travels: with a `sensor_msgs/Image` and the `sensor_msgs/CameraInfo` that goes with it."""
     depth = _pixels_of(message.depth)
     height, width = depth.shape
@@ -50,12 +68,12 @@ def depth_on_the_wire(message: DepthFrame) -> Any:
         *(float(value) for value in (message.fx, message.fy, message.cx, message.cy))
     )
     info = _CAMERA_INFO(head, height, width, "plumb_bob", *lens, 0, 0, _REGION(0, 0, 0, 0, False))
-    wire_type: Any = STORE.types[schemas.DEPTH_TYPE]
+    wire_type: Callable[..., DepthOnTheWire] = STORE.types[schemas.DEPTH_TYPE]
     return wire_type(head, image, info, float(message.depth_unit_m), int(message.frame_id))
 
 
 @lru_cache(maxsize=16)
-def _calibration(fx: float, fy: float, cx: float, cy: float) -> tuple[Any, ...]:
+def _calibration(fx: float, fy: float, cx: float, cy: float) -> tuple[Floats, ...]:
     """Distortion, intrinsics, rotation and projection of a `sensor_msgs/msg/CameraInfo`."""
     u, v = cx - 0.5, cy - 0.5  # ROS counts pixel centres at integers, this project at halves
     intrinsics = np.array([fx, 0, u, 0, fy, v, 0, 0, 1], np.float64)
@@ -63,7 +81,7 @@ def _calibration(fx: float, fy: float, cx: float, cy: float) -> tuple[Any, ...]:
     return np.zeros(5), intrinsics, np.eye(3).reshape(-1), projection
 
 
-def decode_depth(wire: Any) -> DepthFrame:
+def decode_depth(wire: DepthOnTheWire) -> DepthFrame:
     """The depth image of what travels; `MessageError` where it is not plausible."""
     image, info = wire.image, wire.camera_info
     if image.encoding != ENCODING or image.is_bigendian:

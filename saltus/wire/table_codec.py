@@ -8,10 +8,11 @@ from operator import attrgetter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from saltus.arrays import AnyArray
 from saltus.errors import MessageError
-from saltus.wire import schemas
+from saltus.wire import ros_types, schemas
 from saltus.wire.cdr import STORE, check_bounded, checked_text, header, time_of
 from saltus.wire.messages import Message
 from saltus.wire.schemas import FIELDS, TYPE_NAME, Field
@@ -32,8 +33,8 @@ class TableCodec:
     """Codec of a message that travels as the rows of `schemas.FIELDS` say."""
 
     def __init__(self, kind: type[Message]) -> None:
-        self.kind: Any = kind
-        self.wire_type: Any = STORE.types[TYPE_NAME[kind]]
+        self.kind = kind
+        self.wire_type: Callable[..., ros_types.Stamped] = STORE.types[TYPE_NAME[kind]]
         self.frame = schemas.FRAME[kind]
         self.fields = FIELDS[kind]
         self.values_of = attrgetter(*(f.name for f in self.fields))
@@ -76,7 +77,7 @@ class TableCodec:
             if f.wire == "string" or f.enum is not None or (self.has_grid and f.name in ("x", "y"))
         )
 
-    def lacking(self, name: str) -> Any:
+    def lacking(self, name: str) -> object:
         """The value of a field, as it travels, that a message of before does not have."""
         if name == "x":
             return np.array(schemas.FORMER_GRID.x)
@@ -85,7 +86,7 @@ class TableCodec:
             np.ravel(known.default_factory()) if callable(known.default_factory) else known.default
         )
 
-    def encode(self, message: Any) -> Any:
+    def encode(self, message: Message) -> ros_types.Stamped:
         """A message as it travels; `MessageError` where a field has another shape."""
         values = [
             write(value) for write, value in zip(self.writers, self.values_of(message), strict=True)
@@ -94,7 +95,7 @@ class TableCodec:
             self._check_points([values[i] for i in self.array_places])
         return self.wire_type(header(message.time_ns, self.frame), *values)
 
-    def decode(self, wire: Any) -> Any:
+    def decode(self, wire: ros_types.Stamped) -> Message:
         """The message of what travels; `MessageError` where it is not plausible."""
         values: dict[str, Any] = {"time_ns": time_of(wire.header.stamp)}
         for field, value in zip(self.fields, self.values_of(wire), strict=True):
@@ -113,7 +114,7 @@ class TableCodec:
         )
         return (np.repeat(low, sizes), np.repeat(high, sizes)) if sizes else (low, high)
 
-    def _check_points(self, arrays: list[Any]) -> None:
+    def _check_points(self, arrays: list[AnyArray]) -> None:
         """Refuses heights that do not stand on the grid of their message.
 
         Arrays as in `self.arrays`.
@@ -177,8 +178,8 @@ def writer_of(field: Field) -> Callable[[Any], Any]:
     shape, dtype = field.shape, np.bool_ if field.wire == "bool" else np.float64
     rows = -1 in shape
 
-    def write(value: Any) -> Any:
-        array: NDArray[Any] = np.ascontiguousarray(value, dtype)
+    def write(value: ArrayLike) -> AnyArray:
+        array: AnyArray = np.ascontiguousarray(value, dtype)
         if field.may_lack and not array.size:
             return array.reshape(-1)
         if array.shape != shape and not (
@@ -216,13 +217,13 @@ def _from_wire(field: Field, value: Any) -> Any:
     return value
 
 
-def _check_rows(arrays: list[Any]) -> None:
+def _check_rows(arrays: list[AnyArray]) -> None:
     rows = {len(array) for array in arrays}
     if len(rows) != 1 or not 1 <= min(rows) <= schemas.JOINT_ROWS_MAX:
         raise MessageError("shape", f"numbers of rows: {sorted(rows)}")
 
 
-def _check_values(field: Field, array: Any) -> None:
+def _check_values(field: Field, array: AnyArray) -> None:
     if not array.size:
         return
     if not (np.isfinite(array) | (array == field.high)).all():

@@ -8,7 +8,7 @@ fits no template, or is not plausible, it judges.
 """
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from operator import attrgetter, itemgetter
 from typing import Any
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from saltus.errors import MessageError
+from saltus.wire.messages import Message
 
 CDR_HEAD = 4
 """Bytes before the body of a message; numbers are aligned from there on."""
@@ -105,9 +106,9 @@ class Template:
 
     def __init__(
         self,
-        sample: Any,
+        sample: Message,
         holes: tuple[Hole, ...],
-        encode: Callable[[Any], bytes],
+        encode: Callable[[Message], bytes],
         limits: Limits,
     ) -> None:
         self._kind, self._limits, data = type(sample), limits, encode(sample)
@@ -135,7 +136,7 @@ class Template:
         order = [0 if p.is_time else next(same if p.hole is None else holes) for p in parts]
         self._in_order = itemgetter(*order)
 
-    def write(self, message: Any) -> bytes:
+    def write(self, message: Message) -> bytes:
         """The bytes of a message."""
         time_ns, *values = self._values_of(message)
         items = [
@@ -168,7 +169,7 @@ class Template:
         self._low = np.repeat([hole.low for hole, _ in judged], sizes)
         self._high = np.repeat([hole.high for hole, _ in judged], sizes)
 
-    def read(self, data: bytes) -> Any:
+    def read(self, data: bytes) -> Message | None:
         """The message of as many bytes; None where the reference has to judge."""
         row = self._reader.unpack(data)
         if self._same_in(row) != self._same_read:
@@ -246,17 +247,17 @@ class Templates:
         self,
         holes: tuple[Hole, ...],
         fixed: tuple[str, ...],
-        encode: Callable[[Any], bytes],
-        decode: Callable[[bytes], Any],
+        encode: Callable[[Message], bytes],
+        decode: Callable[[bytes], Message],
         limits: Limits,
     ) -> None:
         self._holes, self._encode, self._decode, self._limits = holes, encode, decode, limits
         self._fixed, self._varying = fixed, [hole.name for hole in holes if hole.varies]
-        self._templates: dict[Any, Template | None] = {}
+        self._templates: dict[Hashable, Template | None] = {}
         """By what their messages have in common; None after the first of them."""
         self._by_length: dict[int, list[Template]] = {}
 
-    def encode(self, message: Any) -> bytes:
+    def encode(self, message: Message) -> bytes:
         """As the reference does."""
         template = self._template_of(message)
         return self._encode(message) if template is None else template.write(message)
@@ -276,7 +277,7 @@ class Templates:
                 del alike[OF_ONE_LENGTH_MAX:]
         return message
 
-    def _template_of(self, message: Any) -> Template | None:
+    def _template_of(self, message: Message) -> Template | None:
         """The template of a message; made of the second that has it, as some texts never come again."""
         key = self._key(message)
         template = self._templates.get(key)
@@ -289,14 +290,14 @@ class Templates:
             self._templates[key] = None
         return template
 
-    def _made(self, message: Any) -> Template | None:
+    def _made(self, message: Message) -> Template | None:
         try:
             sample = self._decode(self._encode(message))
         except MessageError:  # who sends it, or who reads it, is told
             return None
         return Template(sample, self._holes, self._encode, self._limits)
 
-    def _key(self, message: Any) -> Any:
+    def _key(self, message: Message) -> Hashable:
         """Texts, statuses, what else is fixed, and lengths: messages of one template have the same."""
         fixed = (getattr(message, name) for name in self._fixed)
         return (
