@@ -64,6 +64,7 @@ def listen(link: UnitreeLink, wait: Callable[[], float], seconds: float = LISTEN
     """Takes states for some seconds; `wait` returns the time 2 ms after its last return [s]."""
     watch, kept, times = StateWatch(), [], []
     begin_s = now_s = wait()
+    link.take(STATES)  # what came before is of another time
     while now_s < begin_s + seconds:
         for arrived in link.take(STATES):
             if watch.take([arrived.payload], now_s) and watch.message is not None:

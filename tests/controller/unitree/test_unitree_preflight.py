@@ -80,6 +80,13 @@ def test_healthy_robots_pass_all_checks(seed: int, stands: bool) -> None:
         assert motors["kd"].all()
 
 
+def test_states_from_before_are_not_counted() -> None:
+    wire = Wire(simulated(held=False))
+    for _ in range(300):
+        wire.tick()
+    assert all(checked(wire, stands=True).values())
+
+
 @pytest.mark.parametrize("kind", ["crc", "battery", "foreign", "imu"])
 def test_a_robot_that_is_refused_at_rest_is_told_nothing(kind: str) -> None:
     wire = Wire(simulated(kind, held=True), ["sport"] if kind == "foreign" else [])
