@@ -18,6 +18,7 @@ import math
 import os
 import struct
 import time
+from collections.abc import Iterator
 from types import SimpleNamespace
 
 import numpy as np
@@ -174,19 +175,33 @@ def standing() -> dict[str, object]:
     }
 
 
-def main() -> None:
-    """Sends at 100 Hz and prints twice a second what is ahead.
-
-    One JSON line a heightmap with --json.
-    """
+def arguments(description: str | None) -> argparse.ArgumentParser:
+    """The arguments of a robot on the bus."""
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("client", help="client.json5 of the run")
     parser.add_argument("--prefix", default="robot/0", help="of the keys")
     parser.add_argument(
         "--seconds", type=float, default=math.inf, help="how long; by default until Ctrl-C"
     )
+    return parser
+
+
+def ticks(seconds: float) -> Iterator[tuple[int, int]]:
+    """Waits for each step of 10 ms in turn; its number and its time [ns]."""
+    start = time.monotonic_ns()
+    for step in itertools.takewhile(lambda step: step * PERIOD_S < seconds, itertools.count()):
+        time.sleep(max(0.0, 1e-9 * (start - time.monotonic_ns()) + PERIOD_S * step))
+        yield step, time.monotonic_ns()
+
+
+def main() -> None:
+    """Sends at 100 Hz and prints twice a second what is ahead.
+
+    One JSON line a heightmap with --json.
+    """
+    parser = arguments(__doc__)
     parser.add_argument(
         "--json", action="store_true", help="print every heightmap as one line of JSON"
     )
@@ -209,13 +224,9 @@ def main() -> None:
             print(f"{STATUS[heights.status]}: {', '.join(ahead)} m", flush=True)
 
     subscriber = session.declare_subscriber(f"{options.prefix}/heightmap/heightmap", receive)
-    depth, start = level_ground(), time.monotonic_ns()
+    depth = level_ground()
     with contextlib.suppress(KeyboardInterrupt):
-        for step in itertools.takewhile(
-            lambda step: step * PERIOD_S < options.seconds, itertools.count()
-        ):
-            time.sleep(max(0.0, 1e-9 * (start - time.monotonic_ns()) + PERIOD_S * step))
-            now_ns = time.monotonic_ns()
+        for step, now_ns in ticks(options.seconds):
             if step % 2 == 0:
                 taken_ns = now_ns - round(1e9 * LATENCY_S)
                 frames.put(taken_ns, frame_id=step // 2, **image_fields(depth, taken_ns))

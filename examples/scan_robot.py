@@ -10,17 +10,13 @@ sees just that: put your own readings in the place of `attitude_and_velocity` an
 Everything else is the format.
 """
 
-import argparse
 import contextlib
-import itertools
-import math
 import time
 
 import numpy as np
 import zenoh
-from own_robot import LATENCY_S, STATUS, Publisher, image_fields, standing, store
+from own_robot import LATENCY_S, STATUS, Publisher, arguments, image_fields, standing, store, ticks
 
-PERIOD_S = 0.01  # of states; images are every third one
 SPEED_MPS, BASE_HEIGHT_M = 0.3, 0.4
 CAMERA_HEIGHT_M, CAMERA_PITCH = BASE_HEIGHT_M + 0.05, 0.61  # as in scan_camera.toml
 WIDTH, HEIGHT, FOCAL = 212, 120, 111.6  # [px]: 87 x 57 degrees
@@ -54,15 +50,7 @@ def depth_image() -> np.ndarray:
 
 def main() -> None:
     """Sends at 100 Hz and prints twice a second what is told."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("client", help="client.json5 of the run")
-    parser.add_argument("--prefix", default="robot/0", help="of the keys")
-    parser.add_argument(
-        "--seconds", type=float, default=math.inf, help="how long; by default until Ctrl-C"
-    )
-    options = parser.parse_args()
+    options = arguments(__doc__).parse_args()
     session = zenoh.open(zenoh.Config.from_file(options.client))
     states = Publisher(session, f"{options.prefix}/controller/state", "saltus_msgs/msg/RobotState")
     frames = Publisher(session, f"{options.prefix}/camera/depth", "saltus_msgs/msg/DepthFrame")
@@ -88,12 +76,8 @@ def main() -> None:
     subscriber = session.declare_subscriber(f"{options.prefix}/heightmap/heightmap", receive)
     depth, start = depth_image(), time.monotonic_ns()
     with contextlib.suppress(KeyboardInterrupt):
-        for step in itertools.takewhile(
-            lambda step: step * PERIOD_S < options.seconds, itertools.count()
-        ):
-            time.sleep(max(0.0, 1e-9 * (start - time.monotonic_ns()) + PERIOD_S * step))
-            now_ns = time.monotonic_ns()
-            if step % 3 == 0:
+        for step, now_ns in ticks(options.seconds):
+            if step % 3 == 0:  # images at a third of the rate of states
                 taken_ns = now_ns - round(1e9 * LATENCY_S)
                 frames.put(taken_ns, frame_id=step // 3, **image_fields(depth, taken_ns, FOCAL))
             states.put(

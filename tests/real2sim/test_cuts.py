@@ -211,19 +211,8 @@ def test_a_recording_without_its_end_is_said_to_be_cut(
     text = (tmp_path / "log" / "meta.json").read_text()
     assert '"cut"' in text
     if share < 0.5:  # what is longer is searched
-        assert (
-            main(
-                [
-                    "real2sim",
-                    "find",
-                    str(tmp_path / "log"),
-                    "--out",
-                    str(tmp_path / "out"),
-                    "--no-report",
-                ]
-            )
-            == 0
-        )
+        log, out = str(tmp_path / "log"), str(tmp_path / "out")
+        assert main(["real2sim", "find", log, "--out", out, "--no-report"]) == 0
         assert "note: the recording is cut: " in capsys.readouterr().out
 
 

@@ -210,19 +210,8 @@ def test_find_says_in_one_line_what_was_not_compared(
     logs: dict[str, RunLog], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_run_log(logs["jump"], tmp_path / "log")
-    assert (
-        main(
-            [
-                "real2sim",
-                "find",
-                str(tmp_path / "log"),
-                "--out",
-                str(tmp_path / "out"),
-                "--no-report",
-            ]
-        )
-        == 0
-    )
+    log, out = str(tmp_path / "log"), str(tmp_path / "out")
+    assert main(["real2sim", "find", log, "--out", out, "--no-report"]) == 0
     said = [
         line for line in capsys.readouterr().out.splitlines() if line.startswith("not compared: ")
     ]
