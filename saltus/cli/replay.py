@@ -29,6 +29,7 @@ from saltus.wire.messages import (
 
 if TYPE_CHECKING:
     from saltus.config import RunConfig
+    from saltus.heightmap.service.scan_fleet import ScanChoice
     from saltus.recordings.answers import Comparison
     from saltus.recordings.recording import Arrival, Recording
     from saltus.robots.robot import Robot
@@ -111,6 +112,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
         from saltus.runtime.replay import body_of, replay
 
         name, config, body = PROGRAM[self.process], self._config(recording), None
+        choice: ScanChoice | None = None
         if self.process == "heightmap":
             grid = self.grid or recording.known_config.grid
             choice = replace(self, grid=grid).scan_choice(self.model)
@@ -118,7 +120,8 @@ class Replay(ScanOptions, RobotOption, JsonOption):
             if not recording.of(RobotState):
                 raise RecordingError(f"{self.recording} has no robot state: add --assume-level")
         comparison, heightmaps = Comparison(recording, name), list[Heightmap]()
-        own_points = self.grid is None  # those of the run
+        # On the points of the run, where anybody answered in it
+        own_points = self.grid is None and bool(comparison.topics)
 
         def said(answer: "Answer") -> None:
             if own_points:
@@ -133,7 +136,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
             "recording": str(self.recording),
             "process": self.process,
             "lost": recording.lost,
-            **(self._figures(recording, heightmaps) if heightmaps else {}),
+            **(self._figures(recording, heightmaps, choice) if heightmaps else {}),
         }
         if not own_points:
             return self._tell(start)
@@ -150,23 +153,23 @@ class Replay(ScanOptions, RobotOption, JsonOption):
             return replace(config, heightmap_model=str(self.model))
         return replace(config, policy_model=str(self.model))
 
-    def _figures(self, recording: "Recording", heightmaps: list[Heightmap]) -> dict[str, object]:
+    def _figures(
+        self, recording: "Recording", heightmaps: list[Heightmap], choice: "ScanChoice | None"
+    ) -> dict[str, object]:
         """Figures of heights beside the simulator's ground."""
         statuses = dict(Counter(map(_status, heightmaps)))
-        if recording.grid.size == heightmaps[0].height.size and self.grid is None:
+        if choice is None:
             truths = {m.step: m.height for m in recording.of(GroundTruth)}
             return {
                 "status": statuses,
                 "mae_recorded_m": _error(recording.of(Heightmap), truths),
                 "mae_replayed_m": _error(heightmaps, truths),
             }
-        from saltus.grid import load_grid
         from saltus.heightmap.evaluation.scan_replay import draw_scan, scan_errors
 
-        grid = load_grid(self.grid or recording.known_config.grid)
         if self.picture is not None:
-            draw_scan(self.picture, recording, grid, heightmaps)
-        return {"status": statuses, **scan_errors(recording, grid, heightmaps)}
+            draw_scan(self.picture, recording, choice.grid, heightmaps)
+        return {"status": statuses, **scan_errors(recording, choice.grid, heightmaps)}
 
     def _tell(self, table: dict[str, object]) -> int:
         if self.json:

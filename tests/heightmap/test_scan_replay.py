@@ -90,6 +90,15 @@ def test_figures_and_the_picture_are_those_of_the_ground_of_the_run(
     )
 
 
+def test_a_run_in_which_nobody_told_heights_has_nothing_to_compare(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(recording), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert sum(found["status"].values()) == STEPS
+    assert "messages" not in found
+
+
 def test_images_of_further_cameras_are_read_with_their_own_mounts(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
