@@ -127,8 +127,9 @@ class _RecordedBus(Bus):
         """See `Bus.publisher`."""
         return _Publisher(self._key(topic, suffix).removeprefix(f"{self.prefix}/"), self._said)
 
-    def latest(self, topic: str, suffix: str = "") -> Latest:
+    def latest(self, topic: str, suffix: str = "", *, rings: bool = True) -> Latest:
         """See `Bus.latest`."""
+        del rings  # all that comes is waited for
         slot = Slot(self.bell)
         key = self._key(topic, suffix).removeprefix(f"{self.prefix}/")
         self._slots.setdefault(key, []).append(slot)
