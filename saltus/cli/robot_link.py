@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from saltus.robots.robot import Robot
 
 CYCLONE = "pip install 'saltus[dds]'"
-LEVEL = ("stand", "bound")
-"""Stages on level ground."""
 LAND_S = 2.5
 """A landing takes 1.1 s at most; the rest it stands."""
 
@@ -281,17 +279,19 @@ class Run(PaceOptions, LinkOptions):
         check_speed(self.speed)
         kind = self.loaded()
         from saltus.clock import RunClock
+        from saltus.controller.robot.unitree.limits import STAGES
         from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
         from saltus.controller.robot.unitree.robot import UnitreeRobot
         from saltus.real2sim.experiments.on_backend import held_experiment
 
-        if self.stage not in LEVEL:
+        if self.stage not in STAGES:
             held_experiment(self.stage)  # a wrong name is told before anything moves
         lockstep, clock = self.pace == "lockstep", RunClock(speed=self.speed)
         link = UnitreeLink(
             self.domain, self.interface, sends=[COMMANDS], takes=[STATES], reliable=lockstep
         )
-        robot = UnitreeRobot(link, kind, clock, lockstep=lockstep)
+        limits = STAGES.get(self.stage)  # an experiment has its own
+        robot = UnitreeRobot(link, kind, clock, limits=limits, lockstep=lockstep)
         wait = (lambda: 0.0) if lockstep else ticking(clock)
         with contextlib.closing(robot):
             if not lockstep:
@@ -315,7 +315,7 @@ class Run(PaceOptions, LinkOptions):
             f"{health.lost} of {health.states + health.lost} states lost; "
             f"at most {run.peak_power_w:.0f} W"
         )
-        return 1 if robot.fault or (mode == "DAMP" and self.stage in LEVEL) else 0
+        return 1 if robot.fault or (mode == "DAMP" and self.stage in STAGES) else 0
 
     def _refuse(self, link: "UnitreeLink", kind: "Robot", wait: "Callable[[], float]") -> None:
         """Raises `StackError` for a robot that may not be commanded."""
@@ -333,12 +333,13 @@ class Run(PaceOptions, LinkOptions):
     ) -> "tuple[LevelRun | ExperimentRun, float]":
         """The run, and when it ends [s]."""
         from saltus.controller.loop import FIRST_STAND_S
+        from saltus.controller.robot.unitree.limits import STAGES
         from saltus.grid import DEFAULT_GRID, load_grid
         from saltus.policy.level_run import RISE_S, LevelRun
         from saltus.policy.planner import make_planner
         from saltus.real2sim.experiments.on_backend import ExperimentRun, held_experiment
 
-        if self.stage not in LEVEL:
+        if self.stage not in STAGES:
             motion = ExperimentRun(robot, kind, held_experiment(self.stage))
             return motion, motion.duration_s
         grid = load_grid(DEFAULT_GRID)

@@ -7,6 +7,7 @@ import numpy as np
 from saltus.clock import RunClock
 from saltus.controller.robot.backend import Reading, RobotBackend
 from saltus.controller.robot.unitree.drives import command_message, reading_of
+from saltus.controller.robot.unitree.limits import StageLimits
 from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, Message
 from saltus.controller.robot.unitree.states import Health, StateWatch
@@ -30,6 +31,7 @@ class UnitreeRobot(RobotBackend):
         link: To the robot; it sends commands and takes states.
         robot: Its kind.
         clock: The run's: ages are judged in it.
+        limits: Limits on what it does; beyond them it is damped, too.
         lockstep: Waits for the answer to each command, of a simulated robot that waits, too.
     """
 
@@ -39,10 +41,11 @@ class UnitreeRobot(RobotBackend):
         robot: Robot,
         clock: RunClock | None = None,
         *,
+        limits: StageLimits | None = None,
         lockstep: bool = False,
     ) -> None:
         self._link, self._robot, self._clock = link, robot, clock or RunClock()
-        self._lockstep = lockstep
+        self._limits, self._lockstep = limits, lockstep
         self._watch = StateWatch()
         self._told = self._awaited = False
 
@@ -94,7 +97,10 @@ class UnitreeRobot(RobotBackend):
             self._await()
         else:
             self._watch.judge(self._clock.elapsed_s())
-        return reading_of(self.message, self._robot)
+        reading = reading_of(self.message, self._robot)
+        if self._limits is not None and (beyond := self._limits.exceeded(reading, self._robot)):
+            self._watch.lose(beyond)
+        return reading
 
     def write(self, command: JointCommand) -> None:
         """Sends the command, or damping after a fault.

@@ -7,6 +7,7 @@ from unitree_memory import simulated as simulated_here
 from unitree_processes import saltus, simulated
 
 from benchmarks.unitree_link.command import own_domain
+from saltus.controller.robot.unitree.limits import STAGES, StageLimits
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, MOTORS
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.errors import ConfigError
@@ -28,10 +29,10 @@ STANDS_S = RISE_S + 1.0
 class Bounding:
     """A robot that bounds, and the wire to it."""
 
-    def __init__(self, *faults: str, seed: int = 0) -> None:
+    def __init__(self, *faults: str, seed: int = 0, limits: StageLimits = STAGES["bound"]) -> None:
         self.wire = Wire(simulated_here(*faults, seed=seed))
         self.wire.tick()
-        self.robot = UnitreeRobot(self.wire, ROBOT, self.wire)  # type: ignore[arg-type]
+        self.robot = UnitreeRobot(self.wire, ROBOT, self.wire, limits=limits)  # type: ignore[arg-type]
         self.robot.reset()
         self.run = LevelRun(self.robot, ROBOT, GRID, make_planner("scripted", ROBOT, GRID))
 
@@ -80,6 +81,23 @@ def test_a_robot_is_led_softly_to_its_stand_pose() -> None:
     assert np.abs(np.diff(motors["q"], axis=0)).max() < 0.01
     assert np.abs(np.diff(motors["kp"], axis=0)).max() < 0.2
     np.testing.assert_allclose(motors["q"][-1], ROBOT.stand_pose, atol=1e-3)
+
+
+def test_a_robot_beyond_the_limits_of_its_stage_is_named_and_damped() -> None:
+    """Each limit by itself, at what the robot does when it bounds."""
+    for limits, told in (
+        (StageLimits(torque_share=0.5, speed_share=9.0, power_w=1e9), "Nm; this stage allows"),
+        (StageLimits(torque_share=9.0, speed_share=0.5, power_w=1e9), "rad/s; this stage allows"),
+        (StageLimits(torque_share=9.0, speed_share=9.0, power_w=300.0), "this stage allows 300 W"),
+        (STAGES["stand"], "this stage allows"),
+    ):
+        bounding = Bounding(limits=limits)
+        bounding.until(STANDS_S - 0.1)
+        assert not bounding.robot.fault
+        bounding.until(STANDS_S + 0.7)
+        assert told in bounding.robot.fault
+        motors = LOW_COMMAND.read([bounding.wire.sent[-1]])[0]["motor_cmd"][:MOTORS]
+        assert not motors["kp"].any()
 
 
 def sine(speed_share: float = 1.0) -> Experiment:
