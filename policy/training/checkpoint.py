@@ -2,14 +2,18 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import torch
+from torch import nn
 
 from saltus.config import from_toml
 from saltus.errors import ConfigError, SaltusError
 from saltus.files import atomic_write, check_archive
 from saltus.policy.env.settings import TrainConfig
+
+if TYPE_CHECKING:
+    from rsl_rl.models import MLPModel
 
 Config = TypeVar("Config")
 
@@ -56,3 +60,19 @@ def config_of(state: Mapping[str, Any], kind: type[Any] = TrainConfig) -> Any:
         raise SaltusError(
             f"the checkpoint's configuration does not fit this program: {error}"
         ) from error
+
+
+def deployed_network(actor: "MLPModel", checkpoint: Mapping[str, Any]) -> nn.Module:
+    """The mean of an actor with the weights of a checkpoint, as it is exported.
+
+    Raises:
+        SaltusError: the checkpoint's network has another size.
+    """
+    try:
+        actor.load_state_dict(checkpoint["actor_state_dict"])
+    except RuntimeError as error:
+        raise SaltusError(
+            "the checkpoint's network does not fit this program: train the policy again"
+        ) from error
+    network: nn.Module = actor.as_onnx(verbose=False).eval()
+    return network

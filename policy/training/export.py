@@ -9,7 +9,7 @@ from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from saltus.errors import ModelError, SaltusError
+from saltus.errors import ModelError
 from saltus.grid import HeightGrid, grid_metadata, load_grid
 from saltus.model_file import ModelFile
 from saltus.onnx_export import write_onnx
@@ -17,7 +17,7 @@ from saltus.policy.actor import FORMAT, PolicyActor
 from saltus.policy.bounds import ACTIONS, ActionBounds
 from saltus.policy.env.settings import TrainConfig
 from saltus.policy.features import layout, size_with
-from saltus.policy.training.checkpoint import config_of, read_checkpoint
+from saltus.policy.training.checkpoint import config_of, deployed_network, read_checkpoint
 from saltus.policy.training.learner import make_actor
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
@@ -37,13 +37,7 @@ class DeployedPolicy(nn.Module):
         """Grid of its heights."""
         self.size = size_with(self.grid, self.past_steps)
         actor = _actor(config)
-        try:
-            actor.load_state_dict(checkpoint["actor_state_dict"])
-        except RuntimeError as error:
-            raise SaltusError(
-                "the checkpoint's network does not fit this program: train the policy again"
-            ) from error
-        self.network = actor.as_onnx(verbose=False).eval()
+        self.network = deployed_network(actor, checkpoint)
         self.bounds: ActionBounds = config.env.bounds
         self.robot: Robot = load_robot(config.robot)
         """For which it was trained."""

@@ -8,11 +8,10 @@ from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from saltus.errors import SaltusError
 from saltus.grid import SCAN, grid_metadata
 from saltus.onnx_export import write_onnx
 from saltus.policy.env.settings import LearningConfig
-from saltus.policy.training.checkpoint import config_of, read_checkpoint
+from saltus.policy.training.checkpoint import config_of, deployed_network, read_checkpoint
 from saltus.policy.training.learner import GROUPS
 from saltus.policy.walking.observation import LAYOUT, POLICY_HZ, SIZE, walking_pose
 from saltus.policy.walking.settings import WalkTrainConfig
@@ -48,13 +47,7 @@ class DeployedWalk(nn.Module):
         super().__init__()
         self.config = config_of(checkpoint, WalkTrainConfig)
         actor = make_actor(self.config.learning)
-        try:
-            actor.load_state_dict(checkpoint["actor_state_dict"])
-        except RuntimeError as error:
-            raise SaltusError(
-                "the checkpoint's network does not fit this program: train the policy again"
-            ) from error
-        self.network = actor.as_onnx(verbose=False).eval()
+        self.network = deployed_network(actor, checkpoint)
 
     def forward(self, observation: Tensor) -> Tensor:
         """Actions, shape (n, 12), for vectors of `Observer`, shape (n, SIZE)."""
