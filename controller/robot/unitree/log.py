@@ -29,11 +29,18 @@ def record(
     """
     since_1970_ns = time.time_ns() - time.monotonic_ns()
     until_s = time.monotonic() + seconds
-    while time.monotonic() < until_s:
-        log.flush()
-        with contextlib.suppress(Empty):
-            name, arrived = arrivals.get(timeout=WAIT_S)
-            arrival_ns = since_1970_ns + arrived.arrival_ns
-            log.write(TOPICS[name], arrived.payload, arrival_ns, arrived.sent_ns)
-            if name == STATES:
-                watch.take([arrived.payload], 1e-9 * arrived.arrival_ns)
+
+    def write(name: str, arrived: Arrived) -> None:
+        arrival_ns = since_1970_ns + arrived.arrival_ns
+        log.write(TOPICS[name], arrived.payload, arrival_ns, arrived.sent_ns)
+        if name == STATES:
+            watch.take([arrived.payload], 1e-9 * arrived.arrival_ns)
+
+    try:
+        while time.monotonic() < until_s:
+            log.flush()
+            with contextlib.suppress(Empty):
+                write(*arrivals.get(timeout=WAIT_S))
+    finally:  # after Ctrl-C, too: what has come already
+        for _ in range(arrivals.qsize()):
+            write(*arrivals.get())
