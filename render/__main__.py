@@ -114,10 +114,12 @@ def run_lockstep(context: ProcessContext, camera: CameraProcess) -> None:
 
 def run_realtime(context: ProcessContext, camera: CameraProcess) -> None:
     """Exposes on the newest truth and publishes by the clock."""
-    truths = context.bus.latest("plant/truth")
+    # Truth is routed to a spare, which waits in `ready`, but does not wake it
+    context.bus.latest("plant/truth", rings=False)
     frames = context.bus.publisher("camera/depth")
     cover = Cover(context.bus)
     context.ready()
+    truths = context.bus.latest("plant/truth")
     while not context.stopped:
         context.beat(ticks=camera.exposures, overruns=camera.overruns)
         sample = truths.wait(context.clock.machine_s(camera.wait_s(context.clock.now_ns(), WAIT_S)))
