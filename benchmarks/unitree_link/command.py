@@ -55,7 +55,10 @@ def compiled(folder: Path, name: str) -> Path:
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """How long a round trip takes, ours and that of a program in C, and whether any is lost."""
+    """How long a round trip takes, ours and that of a program in C, and whether any is lost.
+
+    The peer ends by 0, or by 3 where a command was lost on the way: nobody repeats them.
+    """
 
     seconds: float = 5.0
     """Length of each turn [s]."""
@@ -88,7 +91,8 @@ class Benchmark(Command):
         in_c, here = _figures(np.concatenate(theirs)), _figures(np.concatenate(ours))
         return {
             "in C": in_c, "ours": here, "p99, ours to C": here["p99_ms"] / in_c["p99_ms"],
-            "the peer answered": answered, "the peer refused": wrong, "the peer ended by": other.returncode,
+            "commands": int(wanted), "answered": answered, "refused": wrong,
+            "the peer ended by": other.returncode,
         }  # fmt: skip
 
 
