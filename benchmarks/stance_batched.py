@@ -25,7 +25,7 @@ from saltus.policy.training.learner import FIRST_ACTION
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.sim.training_cpu import BatchEngine
+from saltus.sim.cpu_engine import CpuEngine
 from saltus.terrain.batch import BOXES
 
 SHOWN = (50, 90, 99)
@@ -61,7 +61,7 @@ def problems(robots: int, steps: int) -> StanceQP:
     torch.manual_seed(0)
     robot = load_robot(DEFAULT_ROBOT)
     solver = ProblemRecorder(robot)
-    env = JumpEnv(BatchEngine(robot, robots, BOXES), EnvConfig(), LINE, seed=0, solver=solver)
+    env = JumpEnv(CpuEngine(robot, robots, BOXES), EnvConfig(), LINE, seed=0, solver=solver)
     output = env.config.bounds.normalised(torch.tensor([FIRST_ACTION]))
     for _ in range(steps):
         env.step(output + 0.4 * torch.randn(robots, output.shape[1]))

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from benchmarks.hidden_effects.leg_kernel import CURVE_POINTS
-from benchmarks.hidden_effects.legs import BEND, Hidden, Way
+from benchmarks.hidden_effects.legs import BEND, Hidden, PacketTiming
 from benchmarks.hidden_effects.robot import ARMATURE, JOINTS, STAND, TORQUE_LIMIT, Floats
 from benchmarks.hidden_effects.scene import Family, Setting, draw_sign
 
@@ -127,7 +127,7 @@ def hidden(settings: tuple[Setting, ...], peak: Peak, period_s: float = np.inf) 
     """
     values: dict[str, Floats] = {}
     command_delay = forward_delay = curve = None
-    command_way = forward_way = Way()
+    command_way = forward_way = PacketTiming()
     for setting in settings:
         there = np.isin(JOINTS, setting.where)
         if setting.size == 0.0:
@@ -152,12 +152,12 @@ def hidden(settings: tuple[Setting, ...], peak: Peak, period_s: float = np.inf) 
     )
 
 
-def _packets(setting: Setting, period_s: float) -> Way:
+def _packets(setting: Setting, period_s: float) -> PacketTiming:
     shape = setting.shape
     if not shape:
-        return Way()
+        return PacketTiming()
     is_whole = bool(shape["is_whole"]) and setting.size >= period_s
-    return Way(jitter=shape["jitter"], late=shape["late"], is_whole=is_whole)
+    return PacketTiming(jitter=shape["jitter"], late=shape["late"], is_whole=is_whole)
 
 
 def largest(setting: Setting, peak: Peak) -> float:

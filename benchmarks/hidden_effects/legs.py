@@ -26,8 +26,8 @@ encoder sees."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Way:
-    """How packets travel.
+class PacketTiming:
+    """When packets arrive.
 
     They keep their order, so that one that is late holds up those behind it.
     """
@@ -61,8 +61,8 @@ class Hidden:
     """By name of a column of the kernel's table."""
     command_delay: Floats | None = None
     forward_delay: Floats | None = None
-    command_way: Way = Way()
-    forward_way: Way = Way()
+    command_way: PacketTiming = PacketTiming()
+    forward_way: PacketTiming = PacketTiming()
     curve: Floats | None = None
     """Torque lost at equal steps of the command up to the joint's limit, shape (12, 37)."""
 

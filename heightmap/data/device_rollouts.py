@@ -194,7 +194,7 @@ def checked_device(device: str) -> str:
     if not has_gpu():
         raise SaltusError("no GPU found: use --device cpu, or a machine with one")
     try:
-        import saltus.sim.warp  # noqa: F401
+        import saltus.sim.warp_engine  # noqa: F401
     except ImportError as error:
         raise SaltusError(
             f"physics on a GPU needs {error.name}: pip install 'saltus[gpu]'"

@@ -14,7 +14,7 @@ start."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Way:
+class DistanceTravelled:
     """How far one robot went."""
 
     distance_m: float
@@ -25,7 +25,7 @@ class Way:
     """Edges that its course has."""
 
     @classmethod
-    def of(cls, terrain: Terrain, position: Floats) -> "Way":
+    def of(cls, terrain: Terrain, position: Floats) -> "DistanceTravelled":
         """The way of a trunk that was at these places of a terrain [m], shape (n, 3)."""
         away = np.linalg.norm(position[:, :2] - position[0, :2], axis=1)
         passed = (terrain.edges_x > position[0, 0]) & (terrain.edges_x <= position[:, 0].max())
@@ -39,7 +39,7 @@ class Way:
         return self.edges > 0 if self.of_edges else self.distance_m >= FIRST_EDGE_X
 
 
-def way_figures(ways: Sequence[Way]) -> dict[str, float]:
+def way_figures(ways: Sequence[DistanceTravelled]) -> dict[str, float]:
     """Median distance [m], edges that a robot met and could meet (means), share of ways that tell."""
     return {
         "distance_m": float(np.median([way.distance_m for way in ways])),

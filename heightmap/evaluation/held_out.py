@@ -24,7 +24,7 @@ from saltus.heightmap.data.delivery import TICK_S, TRAINING
 from saltus.heightmap.data.predicted import PredictedHeights, predicted_heights
 from saltus.heightmap.data.scan_heights import ScanHeights
 from saltus.heightmap.evaluation.comparison import BASELINES
-from saltus.heightmap.evaluation.distance_travelled import Way
+from saltus.heightmap.evaluation.distance_travelled import DistanceTravelled
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.evaluation.visibility import visibility
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -193,7 +193,7 @@ class HeldOutRun:
     view: NDArray[np.int8]
     """See `saltus.heightmap.evaluation.visibility`, shape (n, 30)."""
     predictions: dict[str, Prediction]
-    way: Way
+    way: DistanceTravelled
     status: NDArray[np.int8] | None = None
     """Status that the heightmap service gives the network's heights, a `HeightmapStatus` each,
     shape (n,); None where it was not asked."""
@@ -254,7 +254,7 @@ def _measured(
                 for name, maps in replayed
             },
         },
-        way=Way.of(terrain, position),
+        way=DistanceTravelled.of(terrain, position),
         status=status,
     )
 

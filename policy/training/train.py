@@ -47,10 +47,10 @@ def make_engine(
         config.contact_dimensions(load_profile(config.profile, robot)),
     )
     if device == "cpu":
-        from saltus.sim.training_cpu import BatchEngine
+        from saltus.sim.cpu_engine import CpuEngine
 
-        return BatchEngine(robot, count, boxes, dimensions=dimensions, threads=threads)
-    from saltus.sim.warp import WarpEngine
+        return CpuEngine(robot, count, boxes, dimensions=dimensions, threads=threads)
+    from saltus.sim.warp_engine import WarpEngine
 
     return WarpEngine(robot, count, boxes, dimensions=dimensions, device=device)
 

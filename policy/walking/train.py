@@ -25,10 +25,10 @@ def make_engine(robot: Robot, config: WalkTrainConfig, device: str, threads: int
     """The physics of an environment on a device, "cpu" or "cuda:N"."""
     boxes = config.env.ground.boxes
     if device == "cpu":
-        from saltus.sim.training_cpu import BatchEngine
+        from saltus.sim.cpu_engine import CpuEngine
 
-        return BatchEngine(robot, config.robots, boxes, threads=threads)
-    from saltus.sim.warp import WarpEngine
+        return CpuEngine(robot, config.robots, boxes, threads=threads)
+    from saltus.sim.warp_engine import WarpEngine
 
     return WarpEngine(robot, config.robots, boxes, device=device)
 

@@ -1,10 +1,10 @@
 """The physics of many robots for training: live arrays in place of objects, and one step for all.
 
-`BatchEngine` runs on the cores of a CPU and `saltus.sim.warp.WarpEngine` on a GPU, behind the same
-few arrays. Both simulate the robot of `saltus.sim.scene` on boxes that differ from robot to robot,
-with two simplifications that training can afford: the trunk is not solid (who simulates looks
-whether the trunk is below the terrain, and ends the episode there), and what the engine derives
-from masses, the softness of contacts, stays that of a medium payload.
+`CpuEngine` runs on the cores of a CPU and `saltus.sim.warp_engine.WarpEngine` on a GPU, behind the
+same few arrays. Both simulate the robot of `saltus.sim.scene` on boxes that differ from robot to
+robot, with two simplifications that training can afford: the trunk is not solid (who simulates
+looks whether the trunk is below the terrain, and ends the episode there), and what the engine
+derives from masses, the softness of contacts, stays that of a medium payload.
 """
 
 from abc import ABC, abstractmethod

@@ -12,7 +12,7 @@ from benchmarks._scenes import FINISH_X, SCENES, scene
 from benchmarks.heights import Benchmark, desk_rows, table
 from saltus.depth import MODEL_CAMERA, depth_frame
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.evaluation.distance_travelled import Way
+from saltus.heightmap.evaluation.distance_travelled import DistanceTravelled
 from saltus.heightmap.evaluation.held_out import HARD, NETWORK, HeldOutRun, Prediction
 from saltus.heightmap.evaluation.visibility import UNSEEN
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -64,7 +64,7 @@ def run_of(rng: np.random.Generator, terrain: str) -> HeldOutRun:
         view=view,
         predictions={NETWORK: said},
         status=status,
-        way=Way(distance_m=1.0, edges=0, of_edges=2),
+        way=DistanceTravelled(distance_m=1.0, edges=0, of_edges=2),
     )
 
 

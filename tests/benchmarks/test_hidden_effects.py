@@ -25,7 +25,14 @@ from benchmarks.hidden_effects.followup import follow
 from benchmarks.hidden_effects.generate import generate_run
 from benchmarks.hidden_effects.joints import JointScene
 from benchmarks.hidden_effects.leg_kernel import STEP_S
-from benchmarks.hidden_effects.legs import Hidden, Rig, Way, _arrivals, mean_delay, simulate
+from benchmarks.hidden_effects.legs import (
+    Hidden,
+    PacketTiming,
+    Rig,
+    _arrivals,
+    mean_delay,
+    simulate,
+)
 from benchmarks.hidden_effects.noise import coloured
 from benchmarks.hidden_effects.robot import JOINTS, LOWER, STAND, TORQUE_LIMIT, UPPER
 from benchmarks.hidden_effects.scene import Setting
@@ -320,7 +327,7 @@ def test_play_is_logged_on_the_side_of_its_encoder(motor_side):
 @pytest.mark.parametrize("late", [0.0, 0.05])
 @pytest.mark.parametrize("is_whole", [False, True])
 def test_packets_keep_their_order(late, is_whole):
-    way = Way(jitter=0.2, late=late, is_whole=is_whole)
+    way = PacketTiming(jitter=0.2, late=late, is_whole=is_whole)
     hidden = Hidden(command_delay=np.full(12, 5e-3), command_way=way)
     arrival, _ = _arrivals(4000, 16, hidden, seed=1)
     assert np.all(np.diff(arrival, axis=1) >= 0)

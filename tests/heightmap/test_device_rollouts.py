@@ -255,8 +255,10 @@ def test_heights_on_a_device_are_those_of_the_file(model: HeightmapModel, model_
 
 def test_all_that_a_gpu_machine_needs_is_imported_without_what_it_lacks() -> None:
     blocked = f"import sys; sys.modules.update(dict.fromkeys({NOT_ON_GPU_MACHINES!r}))"
-    needed = "saltus.heightmap.device_collection, saltus.heightmap.training.train, saltus.sim.warp, saltus.cli.main"
-    needed += ", benchmarks.hard_courses"
+    needed = (
+        "saltus.heightmap.device_collection, saltus.heightmap.training.train, "
+        "saltus.sim.warp_engine, saltus.cli.main, benchmarks.hard_courses"
+    )
     program = f"{blocked}; import {needed}"
     subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
 

@@ -13,7 +13,11 @@ from saltus.cli.main import main
 from saltus.config import TerrainConfig
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.evaluation.distance_travelled import Way, way_figures, way_warning
+from saltus.heightmap.evaluation.distance_travelled import (
+    DistanceTravelled,
+    way_figures,
+    way_warning,
+)
 from saltus.heightmap.evaluation.held_out import (
     FIRST_SEED,
     HARD,
@@ -42,7 +46,7 @@ def synthetic_run(
     return HeldOutRun(
         terrain="stairs", level=MASTERED, x=HEIGHTMAP_X, true_height=true,
         view=view.astype(np.int8),
-        predictions={NETWORK: prediction}, way=Way(distance_m=1.0, edges=0, of_edges=2),
+        predictions={NETWORK: prediction}, way=DistanceTravelled(distance_m=1.0, edges=0, of_edges=2),
     )  # fmt: skip
 
 
@@ -177,7 +181,7 @@ def test_the_command_prints_what_is_asked_for(
 def test_ways_are_those_of_the_trunk(kind: str, x: float, met: int, moved: float) -> None:
     terrain = make_terrain(TerrainConfig(terrain=kind))
     position = np.stack([np.linspace(0.0, x, 50), np.zeros(50), np.full(50, 0.3)], axis=1)
-    figures = way_figures([Way.of(terrain, position)])
+    figures = way_figures([DistanceTravelled.of(terrain, position)])
     assert (figures["edges_met"], figures["moved"]) == (met, moved)
     assert figures["distance_m"] == pytest.approx(x)
     assert bool(way_warning(figures)) == (moved == 0.0)

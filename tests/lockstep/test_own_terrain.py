@@ -23,7 +23,7 @@ from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.tables import read_table
 from saltus.recordings.recording import read_recording
-from saltus.sim.training_cpu import BatchEngine
+from saltus.sim.cpu_engine import CpuEngine
 from saltus.terrain.batch import BOXES
 from saltus.terrain.curriculum import find_family, make_terrain
 from saltus.terrain.law import KINDS
@@ -216,7 +216,7 @@ def test_robots_stand_on_their_own_courses_and_on_those_of_saltus() -> None:
     )
     assert curriculum.share("beams") == 0.5
     env = JumpEnv(
-        BatchEngine(ROBOT, 8, curriculum.boxes, threads=1),
+        CpuEngine(ROBOT, 8, curriculum.boxes, threads=1),
         EnvConfig(curriculum=curriculum),
         LINE,
         seed=0,

@@ -35,10 +35,10 @@ from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.states import engine_states
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.sim.batch import BatchPlant
+from saltus.sim.cpu_engine import CpuEngine
 from saltus.sim.engine import MEDIUM_PAYLOAD_KG
 from saltus.sim.plant import CLEARANCE, Plant
-from saltus.sim.training_cpu import BatchEngine
-from saltus.sim.warp import WarpEngine
+from saltus.sim.warp_engine import WarpEngine
 from saltus.states import Sensed
 from saltus.terrain import flat
 from saltus.terrain.batch import BOXES
@@ -134,7 +134,7 @@ def env_of(
 ) -> JumpEnv:
     path.write_text(profile.to_toml())
     config = EnvConfig(profile=str(path), randomisation=randomisation)
-    engine = engine or BatchEngine(
+    engine = engine or CpuEngine(
         ROBOT, 2, BOXES, dimensions=config.contact_dimensions(profile), threads=1
     )
     return JumpEnv(engine, config, LINE, seed=0)
@@ -211,7 +211,7 @@ def test_true_heights_are_shifted_alike_in_rollouts_and_in_training(tmp_path: An
     seen = terrain.height_at(position[0] + HEIGHTMAP_X + SHIFT.x, 0.0) - position[2] + SHIFT.z
     np.testing.assert_allclose(step.heights[0], seen, atol=1e-9)
     drawn = env_of(
-        profile, tmp_path / "p.toml", BatchEngine(ROBOT, 64, BOXES, threads=1)
+        profile, tmp_path / "p.toml", CpuEngine(ROBOT, 64, BOXES, threads=1)
     ).memory.height_shift
     spread = (drawn - torch.tensor([SHIFT.x, SHIFT.z])).abs().amax(0)
     np.testing.assert_allclose(spread, RandomisationConfig().height_shift_m, rtol=0.1)
@@ -250,7 +250,7 @@ def test_draws_are_around_what_the_profile_says(tmp_path: Any) -> None:
     env = env_of(
         found,
         tmp_path / "found.toml",
-        BatchEngine(ROBOT, 64, BOXES, dimensions=6, threads=1),
+        CpuEngine(ROBOT, 64, BOXES, dimensions=6, threads=1),
         ranges,
     )
     effects: dict[str, Any] = {effect.name: effect for effect in env._drives.effects}
@@ -317,10 +317,10 @@ def test_bodies_and_imus_are_those_of_the_profile(tmp_path: Any) -> None:
 def test_what_a_training_cannot_hold_is_refused_by_name(tmp_path: Any) -> None:
     soft = Profile(body=(SoftFeet(torsion=0.01),))
     with pytest.raises(ConfigError, match="soft_feet"):
-        env_of(soft, tmp_path / "soft.toml", BatchEngine(ROBOT, 2, BOXES, threads=1))
+        env_of(soft, tmp_path / "soft.toml", CpuEngine(ROBOT, 2, BOXES, threads=1))
     drawn = RandomisationConfig(wide=WideConfig(share=0.5))
     with pytest.raises(ConfigError, match="softness"):
-        env_of(Profile(), tmp_path / "claimed.toml", BatchEngine(ROBOT, 2, BOXES, threads=1), drawn)
+        env_of(Profile(), tmp_path / "claimed.toml", CpuEngine(ROBOT, 2, BOXES, threads=1), drawn)
 
 
 def test_contacts_are_drawn_around_those_of_the_profile(tmp_path: Any) -> None:

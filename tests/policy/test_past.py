@@ -24,7 +24,7 @@ from saltus.policy.training.export import DeployedPolicy, export, read_policy
 from saltus.policy.training.train import Rank, train
 from saltus.resources import resource
 from saltus.robots.legs import LegKinematics
-from saltus.sim.training_cpu import BatchEngine
+from saltus.sim.cpu_engine import CpuEngine
 from saltus.terrain.batch import BOXES
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
@@ -89,7 +89,7 @@ def trained(
     outputs: Callable[[int, Tensor], Tensor], steps: int
 ) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
     """What a training showed its policy, who began, and the plans, as shares of their ranges."""
-    engine = BatchEngine(ROBOT, N, BOXES, threads=1)
+    engine = CpuEngine(ROBOT, N, BOXES, threads=1)
     env = JumpEnv(engine, CONFIG.env, LINE, seed=0)
     shown, fresh, plans = [env.transition().actor], [torch.ones(N, dtype=torch.bool)], []
     for step in range(steps):

@@ -19,7 +19,7 @@ from saltus.policy.env.rewards import TERMS
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import PRIVILEGED
 from saltus.policy.features import features, layout, size_with
-from saltus.sim.training_cpu import BatchEngine
+from saltus.sim.cpu_engine import CpuEngine
 from saltus.states import standing_state
 from saltus.terrain.batch import BOXES
 from saltus.terrain.law import KINDS
@@ -28,7 +28,7 @@ N = 20
 
 
 def make_env(seed=0, config=None):
-    return JumpEnv(BatchEngine(ROBOT, N, BOXES, threads=1), config or EnvConfig(), LINE, seed=seed)
+    return JumpEnv(CpuEngine(ROBOT, N, BOXES, threads=1), config or EnvConfig(), LINE, seed=seed)
 
 
 def bound(env):
@@ -184,7 +184,7 @@ def test_ramps_are_trained_on_up_and_down():
     none = dict.fromkeys(("flat", "stairs", "stepping_stones", "step", "gap"), 0.0)
     curriculum = CurriculumConfig(**none, own={"ramp_up": 1.0, "ramp_down": 1.0})
     env = JumpEnv(
-        BatchEngine(ROBOT, N, curriculum.boxes, threads=1),
+        CpuEngine(ROBOT, N, curriculum.boxes, threads=1),
         EnvConfig(curriculum=curriculum),
         LINE,
         seed=0,

@@ -17,10 +17,10 @@ from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import PRIVILEGED
 from saltus.policy.features import size_with
 from saltus.sim import scene
+from saltus.sim.cpu_engine import CpuEngine
 from saltus.sim.engine import Engine
 from saltus.sim.layout import BASE_DOF
-from saltus.sim.training_cpu import BatchEngine
-from saltus.sim.warp import WarpEngine
+from saltus.sim.warp_engine import WarpEngine
 from saltus.terrain.batch import BOXES
 from saltus.terrain.law import KINDS
 
@@ -34,7 +34,7 @@ def config(wide: WideConfig) -> EnvConfig:
 
 
 def env_of(wide: WideConfig, engine: Engine | None = None, seed: int = 0) -> JumpEnv:
-    engine = engine or BatchEngine(ROBOT, N, BOXES, dimensions=wide.contact_dimensions, threads=1)
+    engine = engine or CpuEngine(ROBOT, N, BOXES, dimensions=wide.contact_dimensions, threads=1)
     return JumpEnv(engine, config(wide), LINE, seed=seed)
 
 
@@ -99,7 +99,7 @@ def test_ranges_grow_with_the_steps_of_the_training() -> None:
         assert 0.8 * grown * wide.joint_damping <= greatest <= grown * wide.joint_damping + 1e-6
 
 
-@pytest.mark.parametrize("kind", [BatchEngine, WarpEngine])
+@pytest.mark.parametrize("kind", [CpuEngine, WarpEngine])
 def test_the_engine_gets_what_was_drawn(kind: type[Engine]) -> None:
     more = {"device": "cpu"} if kind is WarpEngine else {"threads": 1}
     engine: Any = kind(ROBOT, N, BOXES, dimensions=ALL.contact_dimensions, **more)
@@ -143,7 +143,7 @@ def test_where_nothing_is_drawn_robots_move_as_with_the_usual_ranges() -> None:
     """
     env = env_of(WideConfig(share=1.0, growth_msteps=(1.0, 2.0)))
     usual = JumpEnv(
-        BatchEngine(ROBOT, N, BOXES, dimensions=6, threads=1), config(WideConfig()), LINE, seed=0
+        CpuEngine(ROBOT, N, BOXES, dimensions=6, threads=1), config(WideConfig()), LINE, seed=0
     )
     usual.memory.time_s.zero_()
     for each in (env, usual):

@@ -8,8 +8,8 @@ from samples import ROBOT
 
 from saltus.effects.body import claimed_body
 from saltus.effects.effect import map_arrays
-from saltus.sim.training_cpu import BatchEngine
-from saltus.sim.warp import WarpEngine
+from saltus.sim.cpu_engine import CpuEngine
+from saltus.sim.warp_engine import WarpEngine
 from saltus.terrain.boxes import Boxes
 
 COUNT, BOXES = 3, 4
@@ -63,7 +63,7 @@ def run(engine, steps):
 @pytest.fixture(scope="module")
 def results():
     engines = [
-        prepared(BatchEngine(ROBOT, COUNT, BOXES, threads=1)),
+        prepared(CpuEngine(ROBOT, COUNT, BOXES, threads=1)),
         prepared(WarpEngine(ROBOT, COUNT, BOXES, device="cpu")),
     ]
     return [run(engine, 120) for engine in engines]
@@ -77,7 +77,7 @@ def test_both_engines_simulate_the_same_robots(results):
 
 def test_both_engines_have_feet_that_resist_rolling(results):
     feet = {"torsion": 0.02, "rolling": 0.03, "touch_impedance": 0.2, "impedance_depth": 0.01}
-    kinds = (partial(BatchEngine, threads=1), partial(WarpEngine, device="cpu"))
+    kinds = (partial(CpuEngine, threads=1), partial(WarpEngine, device="cpu"))
     (exact, _), (other, _) = (
         run(prepared(kind(ROBOT, COUNT, BOXES, dimensions=6), **feet), 120) for kind in kinds
     )
@@ -87,7 +87,7 @@ def test_both_engines_have_feet_that_resist_rolling(results):
 
 def test_both_engines_know_turned_boxes_and_forget_them():
     engines = [
-        BatchEngine(ROBOT, COUNT, BOXES, threads=1),
+        CpuEngine(ROBOT, COUNT, BOXES, threads=1),
         WarpEngine(ROBOT, COUNT, BOXES, device="cpu"),
     ]
     (level, _), (exact, touch), (other, other_touch), (again, _) = (

@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = ("saltus", "heightmap", "render", "policy", "controller", "real2sim", "paper", "benchmarks")
 ENGINES = {
-    "DrivenRobots", "Plant", "BatchPlant", "Engine", "BatchEngine", "WarpEngine", "FreeRobots",
+    "DrivenRobots", "Plant", "BatchPlant", "Engine", "CpuEngine", "WarpEngine", "FreeRobots",
     "MujocoBatch",
 }  # fmt: skip
 """Classes of saltus/sim whose `step` is one of the physics."""
@@ -123,7 +123,7 @@ def test_nobody_else_steps_an_engine() -> None:
         "def f(plant: Plant):\n    plant.step(0)",
         "def f(robots: 'BatchPlant | None'):\n    for _ in 'ab':\n        robots.step(0)",
         "def f():\n    engine = WarpEngine()\n    engine.step()",
-        "def make() -> BatchEngine: ...\ndef f():\n    x = make()\n    x.step()",
+        "def make() -> CpuEngine: ...\ndef f():\n    x = make()\n    x.step()",
         "class A:\n    def __init__(self, e: Engine):\n        self._e = e\n    def f(self):\n        self._e.step()",
         "def f(plant: Plant):\n    one, two = plant, 0\n    one.step(0)",
         "def f(p: Plant):\n    q = p\n    return [q.step(c) for c in 'ab']",

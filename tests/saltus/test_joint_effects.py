@@ -27,8 +27,8 @@ from saltus.effects.signals import Drive, JointState, Resistance
 from saltus.joint_command import JointCommand
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.batch import BatchPlant
+from saltus.sim.cpu_engine import CpuEngine
 from saltus.sim.plant import Plant
-from saltus.sim.training_cpu import BatchEngine
 from saltus.terrain import flat
 
 ZERO = np.zeros(12)
@@ -186,7 +186,7 @@ def test_a_joint_leans_on_its_stop() -> None:
 def test_training_feels_friction() -> None:
     speed = []
     for friction in (0.0, 0.5):
-        engine = BatchEngine(ROBOT, 1, 1, threads=1)
+        engine = CpuEngine(ROBOT, 1, 1, threads=1)
         engine.qpos[:] = np.concatenate([[0.0, 0.0, 3.0, 1.0, 0.0, 0.0, 0.0], ROBOT.stand_pose])
         engine.qvel[:, 6:] = 5.0
         engine.set_joints(*(np.full((1, 12), value) for value in (friction, 0.1 * friction, 0.0)))

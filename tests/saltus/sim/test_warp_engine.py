@@ -6,9 +6,9 @@ import pytest
 import torch
 from samples import ROBOT
 
+from saltus.sim.cpu_engine import CpuEngine
 from saltus.sim.engine import Engine
-from saltus.sim.training_cpu import BatchEngine
-from saltus.sim.warp import WarpEngine
+from saltus.sim.warp_engine import WarpEngine
 from saltus.terrain.boxes import Boxes
 
 COUNT, BOXES = 3, 1
@@ -20,9 +20,7 @@ FRICTION, DAMPING, ARMATURE = 0.4, 0.3, 0.01
 
 @pytest.fixture(scope="module")
 def engines() -> tuple[Engine, Engine]:
-    return BatchEngine(ROBOT, COUNT, BOXES, threads=1), WarpEngine(
-        ROBOT, COUNT, BOXES, device="cpu"
-    )
+    return CpuEngine(ROBOT, COUNT, BOXES, threads=1), WarpEngine(ROBOT, COUNT, BOXES, device="cpu")
 
 
 def put_in_the_air(engine: Engine) -> None:
@@ -79,7 +77,7 @@ def test_joints_without_more_have_the_inertia_of_their_rotors(
     engines: tuple[Engine, Engine],
 ) -> None:
     exact, _ = engines
-    assert isinstance(exact, BatchEngine)
+    assert isinstance(exact, CpuEngine)
     model = exact.model
     data = mujoco.MjData(model)
     data.qpos[:] = [0.0, 0.0, 5.0, 1.0, 0.0, 0.0, 0.0, *ROBOT.stand_pose]
@@ -106,7 +104,7 @@ def test_a_solver_that_is_stopped_early_prints_nothing(
 
 
 def test_robots_whose_contacts_find_no_room_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("saltus.sim.warp.CONTACTS", 8)
+    monkeypatch.setattr("saltus.sim.warp_engine.CONTACTS", 8)
     engine = WarpEngine(ROBOT, COUNT, BOXES, device="cpu")
     put_in_the_air(engine)
     engine.set_terrain(GROUND)

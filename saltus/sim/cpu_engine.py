@@ -9,7 +9,7 @@ from saltus.sim.engine import TOUCHING, Engine, build_spec
 from saltus.sim.mujoco_batch import MujocoBatch
 
 
-class BatchEngine(MujocoBatch, Engine):
+class CpuEngine(MujocoBatch, Engine):
     """Many robots in MuJoCo itself, each on boxes of its own; numpy arrays of float64."""
 
     def __init__(
