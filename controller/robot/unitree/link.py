@@ -1,5 +1,6 @@
 """Commands and states of a Go2 over DDS: of its own side, of ours, and of whoever only listens."""
 
+import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -37,6 +38,7 @@ LAYOUTS: dict[str, Layout] = {COMMANDS: LOW_COMMAND, STATES: LOW_STATE}
 """Topics of the low level and what they carry."""
 DOMAIN_MAX = 232  # of DDS: ports of higher ones do not exist
 LOOPBACK = "lo"
+INTERFACE = re.compile(r"[\w.:@-]{1,15}")  # names of Linux: IFNAMSIZ is 16 with its end
 DEPTH = 5000
 """States that wait for who is late: 10 s."""
 TAKEN_AT_A_TIME = 100
@@ -95,6 +97,10 @@ class UnitreeLink:
     ) -> None:
         if not 0 <= domain <= DOMAIN_MAX:
             raise StackError(f"DDS domain {domain}: allowed is 0 to {DOMAIN_MAX}")
+        if interface is not None and not INTERFACE.fullmatch(interface):
+            raise StackError(
+                f"network interface '{interface}': `ip link` names those that are there"
+            )
         try:
             self._domain = None if interface is None else _domain(domain, interface)
             self._participant: Any = DomainParticipant(domain)

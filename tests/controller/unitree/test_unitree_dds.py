@@ -125,5 +125,8 @@ def test_a_stranger_is_named_and_nothing_is_sent(link: UnitreeLink) -> None:
 def test_a_wrong_place_is_told() -> None:
     with pytest.raises(StackError, match="domain 233: allowed is 0 to 232"):
         UnitreeLink(233)
+    for wrong in ("", "lo'/><x", "a-name-of-too-many-letters"):
+        with pytest.raises(StackError, match="network interface"):
+            UnitreeLink(own_domain(), wrong)
     with pytest.raises(StackError, match="over nowhere0"):
         UnitreeLink(own_domain(), "nowhere0")
