@@ -2,9 +2,10 @@
 
 import sys
 
-from saltus.loop.planner import Planner
+from saltus.loop.planner import Planner, compiled_observe
 from saltus.policy.planner import make_planner, warm_up
 from saltus.policy.process import PlannerProcess
+from saltus.robots.legs import LegKinematics
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import freshness
 from saltus.wire.bus import Sample
@@ -21,7 +22,10 @@ class PlannerLoop:
         self._context = context
         self._lockstep = context.config.pace == "lockstep"
         self._planner = planner
-        self._process = PlannerProcess(context.setup.robot, context.setup.grid, planner)
+        # In lockstep nobody is late: the reference itself, to the bit
+        legs = LegKinematics(context.setup.robot)
+        self._compiled = None if self._lockstep else compiled_observe(legs)
+        self._process = self._begun()
         self._robot: bytes | None = None
         self._states = context.bus.latest("controller/state")
         self._heightmaps = context.bus.latest("heightmap/heightmap")
@@ -29,6 +33,10 @@ class PlannerLoop:
         self._done = context.bus.publisher("done", context.name)
         self._newest_step = -1  # of the heightmaps that have arrived
         self.ticks = 0
+
+    def _begun(self) -> PlannerProcess:
+        setup = self._context.setup
+        return PlannerProcess(setup.robot, setup.grid, self._planner, self._compiled)
 
     def run(self) -> None:
         """Answers until the process is told to stop."""
@@ -46,9 +54,7 @@ class PlannerLoop:
         state: RobotState = sample.message
         if sample.envelope.boot_id != self._robot:  # another robot, or a restarted one
             self._robot = sample.envelope.boot_id
-            self._process = PlannerProcess(
-                self._context.setup.robot, self._context.setup.grid, self._planner
-            )
+            self._process = self._begun()
             self._newest_step = -1
         if self._lockstep:
             self._context.clock.set(state.time_ns)

@@ -1,11 +1,13 @@
 """When the planner lets the robot go, and when it makes it stop: a pure class, without bus and clock."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from saltus.grid import HeightGrid
-from saltus.loop.planner import Planner, observe
+from saltus.loop.planner import Observation, Planner, observe
 from saltus.plan import REST, plan_message
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -43,12 +45,20 @@ class PlannerProcess:
     STAND until the robot has stood for 0.5 s and a heightmap is OK; then GO, also on heightmaps
     that are degraded. STOP, which is final, when heightmaps end, are invalid, or come from a hidden
     state that was reset; but STAND while the robot has not moved yet, as on a computer that is
-    still busy with starting.
+    still busy with starting. `compiled` observes in place of the law on numpy
+    (`saltus.loop.planner.compiled_observe`).
     """
 
-    def __init__(self, robot: Robot, grid: HeightGrid, planner: Planner) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        grid: HeightGrid,
+        planner: Planner,
+        compiled: Callable[[RobotState], Observation] | None = None,
+    ) -> None:
         self._x, self._y, self._told_of_grid = np.array(grid.x), np.array(grid.y), False
-        self._legs, self._planner = LegKinematics(robot), planner
+        self._observe = compiled or partial(observe, legs=LegKinematics(robot))
+        self._planner = planner
         self._status = PlanStatus.STAND
         self._reason = "the robot has not stood long enough"
         self._first_ns: int | None = None
@@ -129,7 +139,7 @@ class PlannerProcess:
         if self._status == PlanStatus.GO and self._heightmap is not None:
             heights = np.asarray(self._heightmap.height, dtype=np.float64)
             begins = self._plan is None or self._plan.status != PlanStatus.GO
-            plan = self._planner.step(observe(state, self._legs), heights, begins)
+            plan = self._planner.step(self._observe(state), heights, begins)
         return plan_message(
             plan, self._status, time_ns=state.time_ns, step=state.step, reason=self._reason
         )

@@ -1,0 +1,39 @@
+"""The compiled observation is the observation, over drawn states of robots."""
+
+from dataclasses import fields
+
+import numpy as np
+from samples import ROBOT
+
+from saltus.loop.planner import compiled_observe, observe
+from saltus.robots.legs import LegKinematics
+from saltus.states import RobotStates
+
+
+def drawn_states(count: int) -> list[RobotStates]:
+    rng = np.random.default_rng(count)
+    quaternion = rng.normal(size=(count, 4))
+    quaternion /= np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    three, four = rng.normal(size=(3, count, 3)), rng.uniform(size=(3, count, 4))
+    joints = ROBOT.stand_pose + rng.normal(size=(count, 12))
+    return [
+        RobotStates(
+            quaternion_base_in_world=quaternion[i], angular_velocity_base=10.0 * three[0, i],
+            acceleration_base=three[1, i], joint_position=joints[i], joint_velocity=joints[i],
+            velocity_base_in_world=three[2, i], base_height=float(four[0, i, 0]),
+            leg_contact=four[1, i] > 0.5, leg_progress=four[0, i], leg_trusted=four[2, i] > 0.5,
+            cycle=i,
+        )
+        for i in range(count)
+    ]  # fmt: skip
+
+
+def test_compiled_observations_are_the_observations() -> None:
+    legs = LegKinematics(ROBOT)
+    compiled = compiled_observe(legs)
+    for states in drawn_states(10_000):
+        expected, found = observe(states, legs), compiled(states)
+        for field in fields(expected):
+            one, other = getattr(expected, field.name), getattr(found, field.name)
+            assert np.shape(one) == np.shape(other)
+            np.testing.assert_allclose(np.asarray(other), np.asarray(one), rtol=0.0, atol=1e-9)
