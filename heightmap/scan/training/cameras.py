@@ -63,7 +63,7 @@ def draw_cameras(
     """Cameras at these heights above the ground on bodies of these heights [m], each of shape (robots,)."""
     n = len(camera_height)
     down = torch.deg2rad(draws.uniform(*settings.down_deg, n, 2))
-    aim = draws.normal(math.radians(settings.aim_deg), n)
+    aim = math.radians(settings.look_deg) + draws.normal(math.radians(settings.aim_deg), n)
     side = torch.where(draws.chance(settings.turned, n), draws.uniform(-math.pi, math.pi, n), aim)
     two = draws.chance(settings.pairs, n)
     other = side + math.pi + draws.normal(0.3, n)

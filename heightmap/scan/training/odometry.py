@@ -63,6 +63,8 @@ def draw_odometry(motion: Motion, settings: FlightSettings, draws: Draws) -> Odo
     )
     climb = step[..., 2] + scale[:, None] * height
     moves = torch.cat((level_step, climb[..., None]), -1).cumsum(1)
+    if settings.velocity < 1.0:  # with no draw otherwise: flights of before stay what they were
+        moves = torch.where(draws.chance(settings.velocity, n, 1, 1), moves, 0.0)
     first = motion.position[:, :1]
     return Odometry(torch.cat((first, first + moves), 1), motion.angles + off, scale)
 

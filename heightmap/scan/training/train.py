@@ -37,11 +37,14 @@ from saltus.heightmap.scan.training.framewise import of_image
 from saltus.heightmap.scan.training.graph import Graph
 from saltus.heightmap.scan.training.model import ScanModel, loss
 from saltus.heightmap.scan.training.rays import first_hits
+from saltus.heightmap.scan.training.safeguards import Safeguards
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
 GROUPS = 4
 """Flights of so many groups of robots begin one after the other, so that every batch has young and
 old maps."""
+OTHERS, BLOCKS = "others", "blocks"
+"""Groups of weights that learn at `learning_rate`, and at `blocks_rate` of it."""
 WARM_UP = 0.03
 """Share of a training in which its rate grows."""
 NEAR_M = 1.0
@@ -85,19 +88,24 @@ class Trainer:
         torch.manual_seed(settings.seed)
         self.model, self.average = (_new_model(settings, device) for _ in range(2))
         self.average.load_state_dict(self.model.state_dict())
+        self._forgets = torch.zeros((), device=device)
         on_gpu = device.type == "cuda"
-        self._rate, self._forgets = (torch.zeros((), device=device) for _ in range(2))
+        groups = _groups(self.model)
+        self._rates = {name: torch.zeros((), device=device) for name in groups}
         self.optimiser = torch.optim.AdamW(
-            self.model.parameters(), lr=self._rate if on_gpu else 0.0,
-            weight_decay=settings.weight_decay,
-            fused=on_gpu, capturable=on_gpu,
+            [
+                {"name": name, "params": weights, "lr": self._rates[name] if on_gpu else 0.0}
+                for name, weights in groups.items()
+            ],
+            weight_decay=settings.weight_decay, fused=on_gpu, capturable=on_gpu,
         )  # fmt: skip
+        self._guards = Safeguards(self.model, self.average, self.optimiser)
         self.rounds, self.seconds = 0, 0.0
         self._draws = Draws(settings.seed, device)
         with torch.no_grad():
             self._flight = draw_flight(settings.batch, settings.flight, self._draws)
             self._state = new_map(settings.batch, settings.map, self._flight.ground.height)
-        self._totals = torch.zeros(6, device=device)
+        self._totals = torch.zeros(7, device=device)
         self._calls = Calls.of(self.model, compiled=compiled)
         self._graph: Graph | None = Graph(self._draws, self._update) if on_gpu else None
 
@@ -113,10 +121,12 @@ class Trainer:
         self._draws.begin(settings.seed * 1_000_003 + self.rounds)
         self._renew(torch.arange(settings.batch, device=self.device))
         self._totals.zero_()
+        self._guards.begin()
+        slower = self._guards.slower
         rate = 0.0
         for update in range(settings.round):
             share = share_before + (share_after - share_before) * update / settings.round
-            rate = settings.learning_rate * _schedule(share)
+            rate = slower * settings.learning_rate * _schedule(share)
             self._set(rate, self.updates + update)
             self._renew_some(update)
             if self._graph is not None:
@@ -126,20 +136,23 @@ class Trainer:
         found = (self._totals / settings.round).tolist()
         self.rounds += 1
         self.seconds += time.monotonic() - began
+        self._guards.judge(self.rounds, loss=found[0], inside=found[5])
         made = self.updates
         return Progress(
             update=made, images=made * settings.batch, seconds=self.seconds, loss=found[0],
             map_mm=1e3 * found[1],
             seen_mm=1e3 * found[2], unseen_mm=1e3 * found[3], inside_seen=found[4],
-            inside_all=found[5], rate=rate,
+            inside_all=found[5], clipped=found[6], returns=self._guards.returns, rate=rate,
         )  # fmt: skip
 
     def _set(self, rate: float, updates: int) -> None:
         """Learning rate, and how much of the mean of weights is forgotten: in the beginning more."""
-        self._rate.fill_(rate)
-        self._forgets.fill_(1.0 - min(self.settings.average, (1.0 + updates) / (10.0 + updates)))
+        settings = self.settings
+        self._forgets.fill_(1.0 - min(settings.average, (1.0 + updates) / (10.0 + updates)))
         for group in self.optimiser.param_groups:
-            group["lr"] = self._rate if self._graph is not None else rate
+            own = rate * (settings.blocks_rate if group["name"] == BLOCKS else 1.0)
+            # A recorded update reads it where it was
+            group["lr"] = self._rates[group["name"]].fill_(own) if self._graph is not None else own
 
     def _renew_some(self, update: int) -> None:
         """New flights for the robots whose time has come."""
@@ -172,8 +185,10 @@ class Trainer:
             state, inputs, around, truth = example(
                 self._flight, state, settings, self._draws, self._calls
             )
-            known = inputs.measured[:, MEASURED.index("known")] > 0.0
-            weight = _weight(state, known, around, settings.map)
+            known = inputs.measured[:, MEASURED.index("known")]
+            # Within 3 cm of a hit: the points that the evaluation calls seen
+            seen_cells = functional.max_pool2d(known[:, None], 3, 1, 1)[:, 0] > 0.0
+            weight = _weight(state, seen_cells, around, settings.map)
         on_gpu = self.device.type == "cuda"
         with torch.autocast(self.device.type, torch.bfloat16, enabled=on_gpu, cache_enabled=False):
             height, half_width, spread = self._calls.model(*inputs, truth - around.filled)
@@ -181,7 +196,7 @@ class Trainer:
         value = loss(estimate, truth, weight, spread if settings.network.choice else None)
         self.optimiser.zero_grad(set_to_none=True)
         value.backward()
-        torch.nn.utils.clip_grad_norm_(self.model.parameters(), settings.gradient_norm)
+        clipped = self._guards.clip(settings.gradient_norm)
         self.optimiser.step()
         with torch.no_grad():
             for mine, new in zip(self.average.parameters(), self.model.parameters(), strict=True):
@@ -190,7 +205,9 @@ class Trainer:
             for mine, new in zip(self._state, remembered(state, estimate), strict=True):
                 mine.copy_(new)
             self._totals += torch.nan_to_num(
-                _figures(value.detach(), around.filled, estimate, truth, known)
+                torch.cat(
+                    (_figures(value.detach(), around.filled, estimate, truth, seen_cells), clipped)
+                )
             )
 
     def begin_with(self, weights: dict[str, Tensor]) -> None:
@@ -223,6 +240,7 @@ class Trainer:
         """Writes what `resume` reads, whole or not at all."""
         table = {
             "settings": self.settings.to_toml(), "rounds": self.rounds, "seconds": self.seconds,
+            "returns": self._guards.returns, "usual_norm": self._guards.usual_norm,
             "model": self.model.state_dict(), "average": self.average.state_dict(),
             "optimiser": self.optimiser.state_dict(),
         }  # fmt: skip
@@ -247,12 +265,22 @@ class Trainer:
         self.average.load_state_dict(table["average"])
         self.optimiser.load_state_dict(table["optimiser"])
         self.rounds, self.seconds = int(table["rounds"]), float(table["seconds"])
+        self._guards.returns = int(table["returns"])
+        self._guards.usual_norm.copy_(table["usual_norm"])
 
 
 def _new_model(settings: ScanTrainSettings, device: torch.device) -> ScanModel:
     """In the layout that convolutions in half precision want."""
     model = ScanModel(settings.network, settings.map).to(device)
     return model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+
+def _groups(model: ScanModel) -> dict[str, list[Tensor]]:
+    """Weights by how fast they learn."""
+    groups: dict[str, list[Tensor]] = {OTHERS: [], BLOCKS: []}
+    for name, weight in model.named_parameters():
+        groups[BLOCKS if name.startswith("blocks.") else OTHERS].append(weight)
+    return {name: weights for name, weights in groups.items() if weights}
 
 
 def seen(
@@ -342,21 +370,20 @@ def _schedule(share: float) -> float:
 
 
 def _weight(
-    state: ElevationMap, known: Tensor, around: Surroundings, settings: MapSettings
+    state: ElevationMap, seen_cells: Tensor, around: Surroundings, settings: MapSettings
 ) -> Tensor:
     x, y = centres(state.corner, settings, around.base)
     away = (x - around.base[:, :1, None]) ** 2 + (y - around.base[:, 1:2, None]) ** 2
     near = torch.where(away < NEAR_M**2, 1.0, 0.5)
-    beside = functional.max_pool2d(known.float()[:, None], 3, 1, 1)[:, 0] > 0.0
-    return near * torch.where(beside, 1.0, UNSEEN)
+    return near * torch.where(seen_cells, 1.0, UNSEEN)
 
 
 def _figures(
-    value: Tensor, filled: Tensor, estimate: Heights, truth: Tensor, known: Tensor
+    value: Tensor, filled: Tensor, estimate: Heights, truth: Tensor, seen_cells: Tensor
 ) -> Tensor:
     error = (estimate.height - truth).abs()
     inside = (error <= estimate.half_width).float()
-    seen = known.float()
+    seen = seen_cells.float()
     count = seen.sum()
     return torch.stack(
         (

@@ -127,3 +127,19 @@ def test_standing_feet_touch_the_ground(fly, family):
         > -1e-4
     ).all()
     assert (ground - feet[..., 2]).abs()[standing].median() < 0.005
+
+
+def test_who_tells_no_velocity_turns_and_does_not_move_by_its_odometry(fly):
+    flight, _ = fly(6, velocity=0.0, gaits=("walk", "bound"))
+    position, angles = flight.odometry.position, flight.odometry.angles
+    torch.testing.assert_close(position, position[:, :1].expand_as(position))
+    assert (angles.std(1).amax(-1) > 1e-3).all()
+    assert (flight.motion.position.std(1).amax(-1) > 1e-2).all()
+
+
+@pytest.mark.parametrize("look_deg", [0.0, 90.0, -90.0])
+def test_cameras_look_where_they_are_said_to(fly, look_deg):
+    flight, _ = fly(5, look_deg=look_deg, aim_deg=0.0, turned=0.0, pairs=0.0, down_deg=(20.0, 20.0))
+    ahead = flight.cameras.rotation[:, 0, :, 2]
+    yaw = torch.rad2deg(torch.atan2(ahead[:, 1], ahead[:, 0]))
+    torch.testing.assert_close(yaw, torch.full_like(yaw, look_deg), atol=1e-3, rtol=0.0)

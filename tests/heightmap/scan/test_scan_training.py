@@ -24,6 +24,7 @@ from saltus.heightmap.scan.training.export import export, read_weights
 from saltus.heightmap.scan.training.files import read_checkpoint
 from saltus.heightmap.scan.training.flights import draw_flight
 from saltus.heightmap.scan.training.model import ScanModel, loss, parameters
+from saltus.heightmap.scan.training.safeguards import SLOWER, STARTS_IN
 from saltus.heightmap.scan.training.settings import (
     FlightSettings,
     NetworkSettings,
@@ -43,6 +44,51 @@ def test_a_training_that_was_interrupted_is_as_one_that_was_not(small, tmp_path)
     resumed = train(small, tmp_path / "parts", updates=6, device=CPU)
     for one, other in zip(whole.parameters(), resumed.parameters(), strict=True):
         torch.testing.assert_close(one, other, rtol=0.0, atol=0.0)
+
+
+@pytest.mark.parametrize("spoiled", [-40.0, 400.0, float("nan")])
+def test_a_training_that_goes_astray_returns_to_weights_of_before_and_learns_more_slowly(
+    small, spoiled
+):
+    """Half-widths that hold everything, nothing, or are no numbers, are told from sound ones."""
+    trainer = Trainer(small, CPU)
+    shares = 0.2, 0.3
+    for _ in range(STARTS_IN):
+        before = [weight.detach().clone() for weight in trainer.model.parameters()]
+        sound = trainer.round(*shares)
+    with torch.no_grad():
+        trainer.model.head.bias += spoiled
+    astray = trainer.round(*shares)
+    assert (sound.returns, astray.returns) == (0, 1)
+    # The last round may have been astray at its end: those of the one before are taken
+    for mine, kept in zip(trainer.model.parameters(), before, strict=True):
+        torch.testing.assert_close(mine.detach(), kept, rtol=0.0, atol=0.0)
+    assert trainer.round(*shares).rate == pytest.approx(SLOWER * sound.rate)
+
+
+@pytest.mark.parametrize("size", [1e3, float("inf"), float("nan")])
+def test_a_burst_moves_weights_by_no_more_than_usual(small, monkeypatch, size):
+    """One gradient in seven is of another size, or none: nothing grows, and the network stays sound."""
+    counts = {"updates": 0}
+
+    def bursting(*given):
+        counts["updates"] += 1
+        return loss(*given) * (size if counts["updates"] % 7 == 6 else 1.0)
+
+    small = replace(small, round=12)
+    steady, burst = Trainer(small, CPU), Trainer(small, CPU)
+    start = [weight.detach().clone() for weight in steady.model.parameters()]
+    steady.round(0.1, 0.2)
+    monkeypatch.setattr("saltus.heightmap.scan.training.train.loss", bursting)
+    assert burst.round(0.1, 0.2).clipped > 0.1
+
+    def moved(trainer):
+        pairs = zip(trainer.model.parameters(), start, strict=True)
+        return float(
+            torch.stack([(mine.detach() - kept).abs().max() for mine, kept in pairs]).max()
+        )
+
+    assert moved(burst) < 2.0 * moved(steady)
 
 
 def test_a_checkpoint_of_another_training_is_refused(small, tmp_path):

@@ -1,0 +1,115 @@
+"""Safeguards of a training: bursts of the gradient are clipped; a network that went astray returns to one of before.
+
+In a network without norms, what grows in one layer grows in all that follow: one burst moves every
+weight by tens of learning rates, features grow by 10^20 within 50 updates, and no gradient brings
+them back (docs/history.md, "Trainings of the scan from nothing").
+"""
+
+import math
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor
+
+from saltus.heightmap.scan.training.model import ScanModel
+
+BURST = 2.0
+"""No gradient counts for more than so many times the usual norm."""
+NORM_SHARE = 0.02
+"""Share of an update's norm in the usual one."""
+ASTRAY = (0.8, 0.97)
+"""A training has gone astray if fewer or more of all heights are within their half-widths, for
+which the loss asks 0.9. The four whose figures were kept had 0.02, or 0.98 and more."""
+STARTS_IN = 3
+"""Rounds in which half-widths of a new network need not hold yet."""
+KEPT = 5
+"""So many sets of weights a training can return to, the first among them."""
+SLOWER = 0.8
+"""Factor of the learning rate for each return."""
+
+
+def is_astray(loss: float, inside: float) -> bool:
+    """True where the figures of a round are those of a network that has gone astray."""
+    low, high = ASTRAY
+    return not (math.isfinite(loss) and low < inside < high)
+
+
+class Safeguards:
+    """Of one network and its optimiser. All of it works in place, for an update that was recorded."""
+
+    def __init__(
+        self, model: ScanModel, average: ScanModel, optimiser: torch.optim.Optimizer
+    ) -> None:
+        self._model, self._average, self._optimiser = model, average, optimiser
+        self.usual_norm = torch.zeros((), device=next(model.parameters()).device)
+        """Running mean of the gradient's norm; 0 before the first."""
+        self.returns = 0
+        """How often the training went astray and returned."""
+        self._kept: list[list[Tensor]] = []
+
+    @property
+    def slower(self) -> float:
+        """Factor of the learning rate."""
+        return SLOWER**self.returns
+
+    @torch.no_grad()
+    def clip(self, largest: float) -> Tensor:
+        """Limits the gradient's norm to twice the usual one, and to `largest`; drops one that is no number.
+
+        Returns:
+            1 where it was made smaller, else 0, shape (1,).
+        """
+        slopes = [w.grad for w in self._model.parameters() if w.grad is not None]
+        norm = torch.nn.utils.get_total_norm(slopes)
+        is_sound = torch.isfinite(norm)
+        usual = torch.where(self.usual_norm > 0.0, self.usual_norm, norm)
+        limit = (BURST * usual).clamp(max=largest)
+        scale = (limit / (norm + 1e-6)).clamp(max=1.0)
+        for slope in slopes:
+            slope.mul_(scale).masked_fill_(~is_sound, 0.0)
+        counted = torch.where(is_sound, torch.minimum(norm, BURST * usual), usual)
+        self.usual_norm.copy_(usual.lerp(counted, NORM_SHARE).nan_to_num(0.0, 0.0, 0.0))
+        return (scale < 1.0).float()[None]
+
+    def begin(self) -> None:
+        """Remembers the weights to begin with; does nothing where some are remembered."""
+        if not self._kept:
+            self._keep()
+
+    def judge(self, rounds: int, loss: float, inside: float) -> None:
+        """Remembers the weights after so many rounds, or returns to those of before.
+
+        Args:
+            rounds: Made so far.
+            loss: Mean of the last round.
+            inside: Share of all heights within their half-widths in it.
+        """
+        if rounds > STARTS_IN and is_astray(loss, inside):
+            self._return()
+        else:
+            self._keep()
+
+    def _keep(self) -> None:
+        self._kept.append([value.clone() for value in self._learned()])
+        if len(self._kept) > KEPT:
+            del self._kept[1]
+
+    @torch.no_grad()
+    def _return(self) -> None:
+        """To weights of before the last good round, as it may have gone astray at its end."""
+        self.returns += 1
+        if len(self._kept) > 1:
+            del self._kept[-1]
+        values, kept = list(self._learned()), self._kept[-1]
+        for mine, before in zip(values, kept, strict=False):
+            mine.copy_(before)
+        for mine in values[len(kept) :]:  # moments that were not there yet
+            mine.zero_()
+
+    def _learned(self) -> Iterable[Tensor]:
+        """Everything that an update changes."""
+        yield from (weight.detach() for weight in self._model.parameters())
+        yield from (weight.detach() for weight in self._average.parameters())
+        yield self.usual_norm
+        for state in self._optimiser.state.values():
+            yield from (value for value in state.values() if isinstance(value, Tensor))
