@@ -35,7 +35,7 @@ def is_astray(loss: float, inside: float) -> bool:
 
 
 class Safeguards:
-    """Of one network and its optimiser. All of it works in place, for an update that was recorded."""
+    """The safeguards of one network and its optimiser; they work in place, as a recorded update asks."""
 
     def __init__(
         self, model: ScanModel, average: ScanModel, optimiser: torch.optim.Optimizer
