@@ -15,15 +15,16 @@ class GroundConfig:
 
     shares: dict[str, float] = field(
         default_factory=lambda: {
-            "plain": 0.15,
+            "plain": 0.10,
             "rubble": 0.25,
-            "stairs": 0.15,
-            "stairs_down": 0.1,
+            "stairs": 0.1,
+            "stairs_down": 0.05,
             "irregular": 0.05,
             "stones": 0.1,
             "hurdles": 0.1,
             "ramp_up": 0.05,
             "ramp_down": 0.05,
+            "flight": 0.15,
         }
     )
     """Share of the robots on each family of terrain, relative to the others.

@@ -23,8 +23,8 @@ class TerrainCommand(JsonOption):
     action: tyro.conf.Positional[Literal["show"]]
     """The command to run."""
     terrain: tyro.conf.Positional[str]
-    """A family, a course that Saltus ships (house, quarry, yard, plain, rubble, stones), or a
-    TOML file with boxes or segments."""
+    """A family, a course that Saltus ships (house, quarry, yard, plain, rubble, stones,
+    flight), or a TOML file with boxes or segments."""
     difficulty: Annotated[float | None, shown("FLOAT", "its default sizes, or drawn ones")] = None
     """From 0 to 1."""
     layout_seed: int = 0
