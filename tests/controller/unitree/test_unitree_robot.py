@@ -1,5 +1,7 @@
 """Laws of a robot on DDS: what is taken over and told, and what happens when something is wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from unitree_memory import ROBOT, Run, Wire, simulated
@@ -33,7 +35,7 @@ BORNE = ("lost", "slow", "late", "hot", "battery")
 def turned(signs: int) -> Robot:
     """A robot whose joints count as the bits say."""
     sign = np.where(signs >> np.arange(12) & 1, 1.0, -1.0)
-    return Robot(**{**vars(ROBOT), "joint_sign": sign})
+    return replace(ROBOT, joint_sign=sign)
 
 
 @pytest.mark.parametrize("seed", range(20))
