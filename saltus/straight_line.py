@@ -88,7 +88,8 @@ class _Reader:
             shape = np.shape(example)
             stem = path.translate({ord("."): "_", ord("["): "_", ord("]"): None})
             names = [note("input", f"{stem}_{i}") for i in range(math.prod(shape))]
-            self.paths[tuple(names)] = path
+            if not isinstance(example, float):  # which is to come back as numpy's
+                self.paths[tuple(names)] = path
             self._read.append((path, shape, names))
             return Symbols(np.array(names, dtype=object).reshape(shape))
         if isinstance(example, tuple):

@@ -6,6 +6,7 @@ import numpy as np
 from samples import ROBOT
 
 from saltus.loop.planner import compiled_observe, observe
+from saltus.policy.features import features
 from saltus.robots.legs import LegKinematics
 from saltus.states import RobotStates
 
@@ -30,10 +31,12 @@ def drawn_states(count: int) -> list[RobotStates]:
 
 def test_compiled_observations_are_the_observations() -> None:
     legs = LegKinematics(ROBOT)
-    compiled = compiled_observe(legs)
+    compiled, heights = compiled_observe(legs), np.zeros(30)
     for states in drawn_states(10_000):
         expected, found = observe(states, legs), compiled(states)
         for field in fields(expected):
             one, other = getattr(expected, field.name), getattr(found, field.name)
             assert np.shape(one) == np.shape(other)
             np.testing.assert_allclose(np.asarray(other), np.asarray(one), rtol=0.0, atol=1e-9)
+        vectors = [features(observation, heights) for observation in (expected, found)]
+        np.testing.assert_allclose(*vectors, rtol=0.0, atol=1e-9)

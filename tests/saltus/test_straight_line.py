@@ -56,6 +56,11 @@ def test_what_comes_back_as_it_came_is_the_same_array():
     assert straight_line(lambda pair: pair, PAIR)(pair).left is pair.left
 
 
+def test_a_float_comes_back_as_a_number_of_numpy():
+    (same,) = straight_line(lambda number: (number,), 0.0)(2.5)
+    assert same[..., None].tolist() == [2.5]
+
+
 @pytest.mark.parametrize(("law", "value", "error"), [
     (lambda a: 1.0 / a, 0.0, ZeroDivisionError),
     (lambda a: namespace(a).sin(a), np.inf, ValueError),
