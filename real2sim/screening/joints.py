@@ -20,7 +20,15 @@ from saltus.real2sim.screening.angles import (
 )
 from saltus.real2sim.screening.gains import angle_scale_faults, gain_faults
 from saltus.real2sim.screening.gravity import feedforward_faults, gravity_faults
-from saltus.real2sim.screening.scales import Fault, by_cause, gears_of, is_off, means, unit_fault
+from saltus.real2sim.screening.scales import (
+    UNKNOWN_UNIT,
+    Fault,
+    by_cause,
+    gears_of,
+    is_off,
+    means,
+    unit_fault,
+)
 from saltus.recordings.run_log import JointTable, RunLog
 from saltus.robots.robot import JOINTS, Robot
 
@@ -130,7 +138,14 @@ def unit_faults(log: RunLog) -> Iterator[Fault]:
     if log.joints.q_des is not None:
         slow = _SlowMotion(log)
         found += angle_faults(log, slow.q, slow.q_des)
-    yield from found or list(posture_faults(log)) or _time_unit(log.joints)
+    postures = list(posture_faults(log))
+    # In a jump legs do not follow their angles: a scale that is no unit, of a few joints, is less
+    # than angles that no joint of the robot reaches.
+    if any(" of all joints " in fault.text for fault in postures) and all(
+        UNKNOWN_UNIT in fault.text for fault in found
+    ):
+        found = postures
+    yield from found or postures or _time_unit(log.joints)
 
 
 def _time_unit(joints: JointTable) -> Iterator[Fault]:

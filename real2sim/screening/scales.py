@@ -15,6 +15,9 @@ from saltus.recordings.run_log import RunLog
 from saltus.recordings.units import SIGNALS
 from saltus.robots.robot import Robot
 
+UNKNOWN_UNIT = "another unit?"
+"""In the text of a fault whose factor is that of no known unit."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
@@ -98,7 +101,7 @@ def likely(signal: str, factor: float, gears: Sequence[float] = GEARS, near: flo
         return f"on the motor's side of the gear ({turn:.4g})? Log the joint's side"
     if unit := unit_of(signal, 1.0 / factor, (), near):
         return f"turned from {unit} into SI units twice ({SIGNALS[signal].units[unit]:.4g})?"
-    return f"another unit? Then say signals.{signal} = {1.0 / factor:.4g} in [units] (meta.json: units)"
+    return f"{UNKNOWN_UNIT} Then say signals.{signal} = {1.0 / factor:.4g} in [units] (meta.json: units)"
 
 
 def _apart(factor: float, known: float) -> float:
