@@ -77,12 +77,15 @@ class Benchmark(Command):
             # Each of our turns ends with one that damps; the peer need not wait for the last of them
             wanted = str(self.rounds * (2 * count + 1) - 1)
             with subprocess.Popen(
-                [str(peer), domain, wanted], env=environment, stdout=subprocess.PIPE, text=True
+                [str(peer), domain, wanted],
+                env=environment,
+                stdout=subprocess.PIPE,
+                encoding="utf-8",
             ) as other:
                 for _ in progress(range(self.rounds)):
                     told = subprocess.run(
                         [str(rival), domain, str(count)], env=environment, check=True,
-                        stdout=subprocess.PIPE, text=True,
+                        stdout=subprocess.PIPE, encoding="utf-8",
                     ).stdout  # fmt: skip
                     theirs.append(1e-3 * np.array(told.split(), dtype=np.float64))
                     ours.append(_our_turn(count))

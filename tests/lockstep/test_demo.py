@@ -155,7 +155,7 @@ def test_recording_and_report_are_there_and_whole(first: tuple[Path, dict[str, A
 def test_replay_of_a_lockstep_run_gives_the_same_messages(
     first: tuple[Path, dict[str, Any]], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Those of tests/lockstep/test_replay.py were recorded within one process; this is the stack's."""
+    """Those of tests/lockstep/test_process_replay.py were recorded within one process; this is the stack's."""
     folder, _ = first
     for process in ("camera", "planner", "controller"):
         assert main(["replay", str(folder / "recording.mcap"), "--process", process]) == 0

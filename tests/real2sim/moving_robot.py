@@ -36,7 +36,9 @@ from saltus.wire.messages import Message
 STEP_NS = TICK_NS * POLICY_STEPS
 
 
-def jumping_log(folder: Path, seconds: float = 4.5, profile: Profile = IDEAL) -> RunLog:
+def jumping_log(
+    folder: Path, seconds: float = 4.5, profile: Profile = IDEAL, seed: int = 1
+) -> RunLog:
     """The log of a run onto a step; the robot sets out after a second.
 
     Effects of `profile` are not claimed.
@@ -44,7 +46,7 @@ def jumping_log(folder: Path, seconds: float = 4.5, profile: Profile = IDEAL) ->
     config = RunConfig(
         robot="go1",
         grid="line",
-        seed=1,
+        seed=seed,
         profile="ideal",
         terrain=TerrainConfig(terrain="step", height_m=0.15),
     )

@@ -14,7 +14,7 @@ ENGINES = {
 }  # fmt: skip
 """Classes of saltus/sim whose `step` is one of the physics."""
 OTHERS = {
-    # a robot behind the interface of real ones; lockstep/test_replay.py holds its loop to Body
+    # a robot behind the interface of real ones; lockstep/test_process_replay.py holds its loop to Body
     "controller/robot/mujoco.py: MujocoRobot.write",
     # the robot's own side, for a controller over DDS
     "controller/robot/unitree/simulated.py: SimulatedUnitree.step",

@@ -187,6 +187,8 @@ READ_BY = {
     "saltus/wire/keys.py": "how long certificates hold",
     "saltus/ros2/bridge.py": "what ROS wants to know of a sender",
     "saltus/ros2/wall_clock.py": "stamps of ROS, which are of that clock",
+    "saltus/wire/zenoh_bus.py": "Zenoh's dates, held between two drains by the monotonic clock",
+    "controller/robot/unitree/log.py": "the date of a log, read once",
 }
 
 
