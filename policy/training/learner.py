@@ -121,7 +121,7 @@ class Learner:
         write_checkpoint(path, state)
 
     def load(self, path: Path) -> dict[str, Any]:
-        """Goes on from a file that `save` wrote, with any number of robots.
+        """Continues from a file that `save` wrote, with any number of robots.
 
         Returns what it holds.
 

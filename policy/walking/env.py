@@ -39,8 +39,8 @@ from saltus.policy.walking.observation import (
     walking_pose,
 )
 from saltus.policy.walking.rewards import AIR_TIME_S, RewardInputs, reward_terms, total
+from saltus.policy.walking.scan_errors import ScanErrors
 from saltus.policy.walking.settings import WalkConfig
-from saltus.policy.walking.sight import Sight
 from saltus.robots.legs import LegKinematics
 from saltus.rotations import quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
@@ -92,8 +92,8 @@ class WalkEnv:
         self.memory = blank_memory(kind, wide[kind], config.ground.boxes)
         self.ground = Ground(config.ground, self.memory.time_s)
         self._is_kind = torch.stack([kind == k for k in range(len(config.ground.shares))]).float()
-        self._sight, self._observer = (
-            Sight(config.scan),
+        self._scan_errors, self._observer = (
+            ScanErrors(config.scan),
             Observer(pose, dialect_of(config.dialect)),
         )
         profile = load_profile(config.profile, self.robot)
@@ -386,12 +386,12 @@ class WalkEnv:
             self.config.command, memory.drawn, memory.wide, memory.standing, position[:, 1], yaw
         )
         pose = torch.cat([position, yaw[:, None]], -1)
-        phase, arrived = self._sight.arrives(memory.phase)
+        phase, arrived = self._scan_errors.arrives(memory.phase)
         late = torch.where(fresh[:, None], pose, memory.pose)
-        store(memory, fresh | arrived, sight=late)
-        error = self._sight.changed(memory.error, fresh, drawn.error)
+        store(memory, fresh | arrived, image_pose=late)
+        error = self._scan_errors.changed(memory.error, fresh, drawn.error)
         store(memory, command=command, phase=phase, pose=pose, error=error)
-        told = self._sight.told(self._heights(memory.sight), error, memory.shift)
+        told = self._scan_errors.observed(self._heights(memory.image_pose), error, memory.shift)
         if self.config.blind:
             told = torch.full_like(told, -self._height)
         exact = self._observed(rotation, qpos, qvel, self._heights(pose), None)

@@ -39,10 +39,10 @@ class WalkMemory:
     course: Tensor  # int64, place in the table
     way_m: Tensor  # as commanded, along the command
     asked_m: Tensor
-    # sight
+    # what the scan shows
     phase: Tensor  # of the camera
     pose: Tensor  # (4,): x, y, z, yaw of the base at the last step
-    sight: Tensor  # (4,): the same at the last image
+    image_pose: Tensor  # (4,): the same at the last image
     error: Tensor  # (187,)
     shift: Tensor
     # the ground: boxes, the nearest
@@ -68,7 +68,7 @@ _ROWS: dict[str, tuple[int, ...]] = {
     "drawn": (3,),
     "command": (3,),
     "pose": (4,),
-    "sight": (4,),
+    "image_pose": (4,),
     "error": (SCAN.size,),
     "com_shift": (3,),
 }

@@ -26,6 +26,7 @@ from saltus.policy.walking.observation import (
     walking_pose,
 )
 from saltus.policy.walking.rewards import TERMS, RewardInputs, reward_terms
+from saltus.policy.walking.scan_errors import ScanErrors
 from saltus.policy.walking.settings import (
     CommandConfig,
     GroundConfig,
@@ -34,7 +35,6 @@ from saltus.policy.walking.settings import (
     WalkConfig,
     WalkTrainConfig,
 )
-from saltus.policy.walking.sight import Sight
 from saltus.policy.walking.train import make_engine, train
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
@@ -321,7 +321,7 @@ def test_a_way_as_commanded_leads_to_harder_ground_and_a_fall_to_easier():
     assert set(level[0::2]) <= {0.0, 1.0}  # beyond the last level any is drawn
 
 
-# ground and sight
+# ground and scan
 
 
 def test_the_nearest_boxes_are_the_ground_below_a_robot_and_nearly_all_that_the_scan_sees():
@@ -343,29 +343,29 @@ def test_the_nearest_boxes_are_the_ground_below_a_robot_and_nearly_all_that_the_
 
 def test_errors_of_heights_have_the_stated_spread_last_and_vanish_on_flat_ground():
     config = ScanConfig(shift_m=0.0)
-    sight, rng, n = Sight(config), np.random.default_rng(6), 400
-    error = sight.changed(np.zeros((n, 187)), np.ones(n, dtype=bool), rng.uniform(size=(n, 187)))
+    scan, rng, n = ScanErrors(config), np.random.default_rng(6), 400
+    error = scan.changed(np.zeros((n, 187)), np.ones(n, dtype=bool), rng.uniform(size=(n, 187)))
     uneven = rng.normal(0.0, 0.1, (n, 187))
     seen = (SCAN.points[:, 0] >= config.seen_x_m) & (abs(SCAN.points[:, 1]) <= config.seen_y_m)
     zero = np.zeros(n)
-    wrong = both(sight.told, uneven, error, zero) - uneven
+    wrong = both(scan.observed, uneven, error, zero) - uneven
     assert wrong[:, seen].std() == pytest.approx(config.seen_m, rel=0.05)
     spread = config.unseen * np.abs(uneven).mean()
     assert wrong[:, ~seen].std() == pytest.approx(spread, rel=0.1)
-    flat = sight.told(0.0 * uneven, error, zero)
+    flat = scan.observed(0.0 * uneven, error, zero)
     assert np.abs(flat).max() <= np.sqrt(3.0) * config.seen_m
     later, steps = error, 5
     for _ in range(steps):
-        later = both(sight.changed, later, np.zeros(n, dtype=bool), rng.uniform(size=(n, 187)))
+        later = both(scan.changed, later, np.zeros(n, dtype=bool), rng.uniform(size=(n, 187)))
     kept = (later == error).mean()
     assert kept == pytest.approx((1.0 - 1.0 / (50.0 * config.change_s)) ** steps, abs=0.01)
 
 
 @pytest.mark.parametrize("rate", [10.0, 30.0, 50.0])
 def test_images_arrive_at_their_rate(rate):
-    sight, phase, count = Sight(ScanConfig(image_hz=rate)), np.array([0.3]), 0
+    scan, phase, count = ScanErrors(ScanConfig(image_hz=rate)), np.array([0.3]), 0
     for _ in range(500):
-        phase, arrives = sight.arrives(phase)
+        phase, arrives = scan.arrives(phase)
         count += int(arrives[0])
     assert abs(count - 10.0 * rate) <= 1
 

@@ -21,7 +21,7 @@ FLIPS = st.lists(st.tuples(st.integers(0, 10**6), st.integers(1, 255)), min_size
 
 
 def outcome(read: Any, data: bytes) -> Any:
-    """What comes of bytes: fields, or why they are refused."""
+    """Outcome of decoding bytes: the fields, or the reason of the refusal."""
     try:
         message = read(data)
     except MessageError as error:

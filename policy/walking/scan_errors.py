@@ -14,7 +14,7 @@ from saltus.policy.walking.settings import ScanConfig
 _WIDTH = math.sqrt(3.0)  # half width of a uniform law by its standard deviation
 
 
-class Sight:
+class ScanErrors:
     """The law of the errors, for numpy and torch."""
 
     def __init__(self, config: ScanConfig) -> None:
@@ -40,7 +40,7 @@ class Sight:
         all_new, some_new = 2.0 * draws - 1.0, 2.0 * draws / share - 1.0
         return xp.where(fresh[:, None], all_new, xp.where(draws < share, some_new, error))
 
-    def told(self, heights: Points, error: Points, shift: Scalars) -> Points:
+    def observed(self, heights: Points, error: Points, shift: Scalars) -> Points:
         """Heights with errors [m], shape (n, 187).
 
         Args:
