@@ -12,10 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.moving_logs import jumped
+from saltus.effects.body import ComOffset
+from saltus.effects.camera_view import CameraPitch
 from saltus.effects.delay_line import CommandDelay
 from saltus.effects.image_delivery import CameraLatency
-from saltus.effects.motor_limits import ActuatorLag
-from saltus.effects.offsets_and_factors import CameraPitch, ComOffset, CoulombFriction
+from saltus.effects.joint_loads import CoulombFriction
+from saltus.effects.motors import ActuatorLag
 from saltus.effects.profile import IDEAL, Profile
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run

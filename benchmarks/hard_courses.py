@@ -21,14 +21,10 @@ from tqdm import tqdm
 from benchmarks._command import Command
 from saltus.config import TerrainConfig
 from saltus.depth_camera import load_camera
+from saltus.effects.body import ContactCompliance, SoftFeet
 from saltus.effects.delay_line import CommandDelay
 from saltus.effects.effect import Effect
-from saltus.effects.offsets_and_factors import (
-    ContactCompliance,
-    CoulombFriction,
-    SoftFeet,
-    ViscousFriction,
-)
+from saltus.effects.joint_loads import CoulombFriction, ViscousFriction
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import ConfigError, nearest_hint
 from saltus.flags import shown

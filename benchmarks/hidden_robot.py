@@ -15,20 +15,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks._command import Command
+from saltus.effects.body import ComOffset, ContactCompliance, PayloadMass
+from saltus.effects.camera_view import CameraHeight, CameraPitch
 from saltus.effects.delay_line import CommandDelay
 from saltus.effects.effect import Effect
 from saltus.effects.image_delivery import CameraLatency
-from saltus.effects.motor_limits import ActuatorLag
-from saltus.effects.offsets_and_factors import (
-    CameraHeight,
-    CameraPitch,
-    ComOffset,
-    ContactCompliance,
-    CoulombFriction,
-    PayloadMass,
-    TorqueGain,
-    ViscousFriction,
-)
+from saltus.effects.joint_loads import CoulombFriction, ViscousFriction
+from saltus.effects.motors import ActuatorLag, TorqueGain
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.errors import SaltusError
 from saltus.heightmap.data.delivery import TRAINING

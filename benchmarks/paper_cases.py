@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks._command import Command, progress, tell
 from saltus.effects.image_delivery import CameraLatency
-from saltus.effects.motor_limits import TorqueSaturation
+from saltus.effects.motors import TorqueSaturation
 from saltus.effects.profile import IDEAL, SHIPPED, Profile, load_profile
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run

@@ -21,7 +21,7 @@ from scipy import stats
 
 from benchmarks._command import Command, tell
 from saltus.arrays import Floats
-from saltus.effects.offsets_and_factors import Armature, CoulombFriction, ViscousFriction
+from saltus.effects.joint_loads import Armature, CoulombFriction, ViscousFriction
 from saltus.effects.profile import Profile
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import SensorNoise, run

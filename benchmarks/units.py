@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks._command import Command, progress, tell
-from saltus.effects.offsets_and_factors import TorqueGain
+from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.run import run

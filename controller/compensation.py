@@ -11,7 +11,8 @@ import numpy as np
 
 from saltus.arrays import Constant, Floats, Joints, namespace
 from saltus.effects.effect import Effect
-from saltus.effects.offsets_and_factors import TorqueGain, ViscousFriction
+from saltus.effects.joint_loads import ViscousFriction
+from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
 from saltus.joint_command import JointCommand

@@ -5,19 +5,13 @@ Its seed was named before any policy had met it. It is the same for all systems.
 
 import numpy as np
 
+from saltus.effects.body import SoftFeet
+from saltus.effects.camera_view import CameraHeight, CameraPitch
 from saltus.effects.effect import Effect
 from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.imu import ImuBias
-from saltus.effects.motor_limits import ActuatorLag
-from saltus.effects.offsets_and_factors import (
-    Armature,
-    CameraHeight,
-    CameraPitch,
-    CoulombFriction,
-    SoftFeet,
-    TorqueGain,
-    ViscousFriction,
-)
+from saltus.effects.joint_loads import Armature, CoulombFriction, ViscousFriction
+from saltus.effects.motors import ActuatorLag, TorqueGain
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT

@@ -15,7 +15,7 @@ from paper.run_figures import Made
 from paper.runs import Effort
 from saltus.arrays import Floats
 from saltus.effects.image_delivery import CameraLatency
-from saltus.effects.motor_limits import TorqueSaturation
+from saltus.effects.motors import TorqueSaturation
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.errors import SaltusError
 from saltus.real2sim.experiments.menu import experiment_named

@@ -12,16 +12,9 @@ import numpy as np
 
 from saltus.effects.delay_line import CommandDelay
 from saltus.effects.effect import Effect
-from saltus.effects.encoders import VelocityFilter
-from saltus.effects.joint_loads import Stiction
-from saltus.effects.motor_limits import ActuatorLag, BatterySag, TorqueSaturation
-from saltus.effects.offsets_and_factors import (
-    Armature,
-    CoulombFriction,
-    EncoderBias,
-    TorqueGain,
-    ViscousFriction,
-)
+from saltus.effects.encoders import EncoderBias, VelocityFilter
+from saltus.effects.joint_loads import Armature, CoulombFriction, Stiction, ViscousFriction
+from saltus.effects.motors import ActuatorLag, BatterySag, TorqueGain, TorqueSaturation
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import SaltusError
 from saltus.real2sim.cycle.finding import search_until_told

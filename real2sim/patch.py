@@ -32,7 +32,7 @@ from saltus.arrays import Floats
 from saltus.config import read_file, read_toml
 from saltus.effects.effect import Effect
 from saltus.effects.image_pixels import to_robot
-from saltus.effects.motor_limits import BatterySag, TorqueSaturation
+from saltus.effects.motors import BatterySag, TorqueSaturation
 from saltus.effects.profile import EFFECTS, IDEAL, Profile
 from saltus.errors import ConfigError, nearest_hint
 from saltus.real2sim.problem.joints.torque_curve import as_knee, with_curve

@@ -140,7 +140,7 @@ def _problems(
     What goes wrong, and what is too short to be tested, is noted in `found`.
     """
     posing = [i for i, each in enumerate(found) if not sensor.lacks(each.log)]
-    if brief := sensor.is_brief([found[i].log for i in posing]):
+    if brief := sensor.too_short([found[i].log for i in posing]):
         for i in posing:
             found[i] = _without(found[i], sensor, brief)
         return []
@@ -158,7 +158,7 @@ def _problems(
         return [(own, StackedProblem(problems, shifts_s([found[i].log for i in own])))]
     posed = []
     for i, problem in zip(own, problems, strict=True):
-        if brief := sensor.is_brief([found[i].log]):
+        if brief := sensor.too_short([found[i].log]):
             found[i] = _without(found[i], sensor, brief)
         else:
             posed.append(([i], problem))

@@ -75,8 +75,11 @@ class Sensor:
     finished: Callable[[Problem, Findings], Findings] = lambda _, findings: findings
     """Findings with what the log tells of them beyond the unknowns of their problem."""
 
-    def is_brief(self, logs: Sequence[RunLog]) -> str:
-        """Says that logs together are too short for anything to be named and tested; else empty."""
+    def too_short(self, logs: Sequence[RunLog]) -> str:
+        """The data that logs together have too little of for anything to be named and tested, and how much it takes.
+
+        Empty where they have enough.
+        """
         seconds = sum(self.lasts_s(log) for log in logs)
         if round(seconds, 1) >= self.least_s:
             return ""
@@ -178,30 +181,30 @@ def _covered_s(table: str) -> Callable[[RunLog], float]:
     return covered
 
 
-LEAST_S = 4.0
+NAMED_FROM_S = 4.0
 """Two motions of two seconds (`saltus.real2sim.search.split.PIECE_S`): one for the fit, one for the
 test."""
 SENSORS = (
     Sensor(
         name="joints", sites=DRIVES, lacks=_no_held_base, problem=JointProblem, lasts_s=moving_s,
-        least_s=LEAST_S,
+        least_s=NAMED_FROM_S,
         needs="motion", experiment="joint_tour", prepare_s=1.0, search_s=30.0,
         finished=with_curves,
     ),
     Sensor(
         name="camera", sites=("depth", "view"), lacks=_no_images, problem=CameraProblem,
         lasts_s=_covered_s("depth"),
-        least_s=LEAST_S,
+        least_s=NAMED_FROM_S,
         needs="images", experiment="heave_and_pitch", prepare_s=1.0, search_s=4.0,
     ),
     Sensor(
         name="body", sites=("model",), lacks=_no_free_base, problem=_body,
-        lasts_s=_covered_s("base"), least_s=LEAST_S,
+        lasts_s=_covered_s("base"), least_s=NAMED_FROM_S,
         needs="measured poses", experiment="squat", prepare_s=15.0, search_s=10.0,
     ),
     Sensor(
         name="imu", sites=("imu",), lacks=_no_imu, problem=ImuProblem, lasts_s=_covered_s("imu"),
-        least_s=LEAST_S,
+        least_s=NAMED_FROM_S,
         needs="readings", experiment="heave_and_pitch", prepare_s=0.1, search_s=0.5,
     ),
 )  # fmt: skip

@@ -18,7 +18,7 @@ from saltus.config import Value
 from saltus.effects.camera import drawn_around
 from saltus.effects.effect import Effect
 from saltus.effects.heightmap_shift import refuse_shift, shift_of
-from saltus.effects.offsets_and_factors import TorqueGain
+from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import Profile
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.terrain import Terrain

@@ -8,7 +8,7 @@ import numpy as np
 
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth_camera import load_camera
-from saltus.effects.motor_limits import TorqueSaturation
+from saltus.effects.motors import TorqueSaturation
 from saltus.effects.profile import IDEAL, Profile, load_profile
 from saltus.grid import LINE
 from saltus.named_setup import named_setup

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saltus.heightmap.service.images import DEPTH, worse
+from saltus.heightmap.service.image_watch import DEPTH, worse
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
 from saltus.heightmap.service.sight import Tick, TickInputs

@@ -18,7 +18,7 @@ from saltus.heightmap.scan.cameras import ScanCamera
 from saltus.heightmap.scan.elevation import Measurement
 from saltus.heightmap.scan.predictor import Ground, ScanNetwork, ScanPredictor
 from saltus.heightmap.scan.trail import Trail, Waypoint
-from saltus.heightmap.service.images import DEPTH, NO_FRAME, ImageWatch, worse
+from saltus.heightmap.service.image_watch import DEPTH, NO_FRAME, ImageWatch, worse
 from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
 from saltus.heightmap.service.sight import BAD_OUTPUTS_TO_FORGET, BLIND_INVALID_PIXELS
 from saltus.robots.legs import LegKinematics

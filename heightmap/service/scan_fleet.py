@@ -14,7 +14,7 @@ from saltus.heightmap.scan.body import BodyBox, NoBody, OwnBody, RobotBody
 from saltus.heightmap.scan.cameras import ScanCamera
 from saltus.heightmap.scan.predictor import ScanNetwork
 from saltus.heightmap.service.fleet import RobotRequest
-from saltus.heightmap.service.images import DEPTH
+from saltus.heightmap.service.image_watch import DEPTH
 from saltus.heightmap.service.scan import FIRST, AtOnce, ScanRig, ScanService, Worker
 from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot

@@ -10,7 +10,8 @@ from saltus.arrays import Array
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.effect import Drawn, Effect
-from saltus.effects.offsets_and_factors import CoulombFriction, TorqueGain, ViscousFriction
+from saltus.effects.joint_loads import CoulombFriction, ViscousFriction
+from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import Profile
 from saltus.policy.env.randomisation import RandomisationConfig
 from saltus.robots.robot import Robot

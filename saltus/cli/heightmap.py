@@ -167,7 +167,7 @@ class Serve(ScanOptions):
         self, endpoint: str, network: "HeightmapNetwork", frames: Iterator[DepthFrame]
     ) -> None:
         from saltus.heightmap.service.replay import replay_level
-        from saltus.heightmap.service.stamps import SteadyStamps
+        from saltus.heightmap.service.steady_stamps import SteadyStamps
         from saltus.wire.zenoh_bus import ZenohBus
 
         stamps = SteadyStamps()

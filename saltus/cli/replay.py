@@ -234,7 +234,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
         """
         from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.heightmap.service.replay import replay_standing
-        from saltus.heightmap.service.stamps import SteadyStamps
+        from saltus.heightmap.service.steady_stamps import SteadyStamps
         from saltus.used_networks import model_path
 
         network = HeightmapNetwork(robot, model_path("heightmap", self.model))

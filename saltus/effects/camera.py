@@ -7,6 +7,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from saltus.arrays import Array
+from saltus.effects.camera_view import CameraFov, CameraHeight, CameraPitch
 from saltus.effects.depth_errors import (
     DepthBias,
     DepthNoise,
@@ -17,7 +18,6 @@ from saltus.effects.depth_errors import (
 )
 from saltus.effects.effect import Effect, PerRobot, Signal
 from saltus.effects.image_delivery import CameraLatency, FrameDrop, SampleAndHold, TemporalSmear
-from saltus.effects.offsets_and_factors import CameraFov, CameraHeight, CameraPitch
 from saltus.effects.order import Order, SignalChain
 from saltus.effects.signals import DepthImage, chosen, nothing_yet
 from saltus.wire.topics import CAMERA_LATENCY_S

@@ -6,27 +6,34 @@ from typing import Any, ClassVar, TypeAlias
 
 from saltus.arrays import Array, Floats, Joints, namespace
 from saltus.effects.backlash import Backlash
-from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
-from saltus.effects.effect import Signal
-from saltus.effects.encoders import EncoderQuantisation, VelocityFilter
-from saltus.effects.imu import ImuBias, ImuLatency, ImuReading
-from saltus.effects.joint_loads import EndStop, JointSpring, Stiction
-from saltus.effects.motor_limits import ActuatorLag, BatterySag, TorqueSaturation, TorqueSpeedLimit
-from saltus.effects.offsets_and_factors import (
-    Armature,
+from saltus.effects.body import (
     BaseInertia,
     BaseRoll,
     ComOffset,
     ContactCompliance,
-    CoulombFriction,
-    EncoderBias,
     FootFriction,
     PayloadMass,
     SoftFeet,
-    TorqueGain,
-    VelocityScale,
+)
+from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
+from saltus.effects.effect import Signal
+from saltus.effects.encoders import EncoderBias, EncoderQuantisation, VelocityFilter, VelocityScale
+from saltus.effects.imu import ImuBias, ImuLatency, ImuReading
+from saltus.effects.joint_loads import (
+    Armature,
+    CoulombFriction,
+    EndStop,
+    JointSpring,
+    Stiction,
     ViscousFriction,
-)  # fmt: skip
+)
+from saltus.effects.motors import (
+    ActuatorLag,
+    BatterySag,
+    TorqueGain,
+    TorqueSaturation,
+    TorqueSpeedLimit,
+)
 from saltus.effects.order import Chain, Order, SignalChain, applied, chosen_of
 from saltus.effects.signals import Drive, JointState, Resistance
 from saltus.joint_command import JointCommand

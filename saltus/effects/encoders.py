@@ -1,4 +1,4 @@
-"""Effects between the motion of a joint and what its drive knows of it."""
+"""Effects between the motion of a joint and what its drive knows of it: bias, scale, quantisation, filter."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -9,6 +9,38 @@ from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Effect, Values, parameter, period
 from saltus.effects.signals import JointState
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderBias(Effect[JointState], name="encoder_bias", site="joint_state"):
+    """The drive reads `bias` more than the joint's true angle.
+
+    Log and PD law both see the reading.
+    """
+
+    # +-0.1 rad is what published identification methods allow
+    bias: Values = parameter(
+        unit="rad",
+        null=0.0,
+        low=-0.5,
+        high=0.5,
+        sought=(-0.3, 0.3),
+        per_joint=True,
+        adds_to="position",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class VelocityScale(Effect[JointState], name="velocity_scale", site="joint_state"):
+    """The drive reads `scale` times the joint's true velocity.
+
+    Log and PD law both see the reading.
+    """
+
+    # 1.11 to 1.16 on a Go2
+    scale: Values = parameter(
+        unit="", null=1.0, low=0.2, high=5.0, sought=(0.3, 4.0), per_joint=True, scales="velocity"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

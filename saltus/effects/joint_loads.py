@@ -1,4 +1,4 @@
-"""Effects at a joint beside its drive: springs and cables, stops, stiction."""
+"""Effects at a joint beside its drive: friction, inertia, springs and cables, stops, stiction."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -7,9 +7,64 @@ import numpy as np
 
 from saltus.arrays import Array, namespace
 from saltus.constants import PHYSICS_DT
-from saltus.effects.effect import Effect, Values, parameter, period
+from saltus.effects.effect import Drawable, Effect, Values, parameter, period
 from saltus.effects.signals import Drive, Resistance
 from saltus.errors import ConfigError
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViscousFriction(Effect[Resistance], name="viscous_friction", site="joint"):
+    """Oil and bearings: a torque of `coefficient` times the joint's velocity against the motion."""
+
+    # 0.1 to 0.4 Nm s/rad on drives of this class
+    coefficient: Drawable = parameter(
+        unit="Nm s/rad",
+        null=0.0,
+        low=0.0,
+        high=10.0,
+        sought=(0.0, 5.0),
+        per_joint=True,
+        adds_to="damping",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoulombFriction(Effect[Resistance], name="coulomb_friction", site="joint"):
+    """Dry friction: at most `torque` against the motion.
+
+    At standstill, whatever holds the joint still.
+    """
+
+    # 0.05 to 0.8 Nm at the joints of robots of this class
+    torque: Drawable = parameter(
+        unit="Nm",
+        null=0.0,
+        low=0.0,
+        high=20.0,
+        sought=(0.0, 5.0),
+        per_joint=True,
+        adds_to="friction",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Armature(Effect[Resistance], name="armature", site="joint"):
+    """The rotor, seen through its gear, has `added` more inertia than claimed.
+
+    It turns with the joint alone.
+    """
+
+    # the rotors of a robot of 12 kg make 0.0020 at hip and thigh and 0.0045 at the calf
+    # (manufacturers' models)
+    added: Drawable = parameter(
+        unit="kg m2",
+        null=0.0,
+        low=-0.0015,
+        high=0.5,
+        sought=(-1e-3, 0.1),
+        per_joint=True,
+        adds_to="armature",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

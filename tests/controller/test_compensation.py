@@ -9,7 +9,8 @@ from samples import setups_of
 
 from saltus.arrays import Array
 from saltus.controller.compensation import KNOWN, LEAST_GAIN, MOST_OF_KD, compensation_of
-from saltus.effects.offsets_and_factors import CoulombFriction, TorqueGain, ViscousFriction
+from saltus.effects.joint_loads import CoulombFriction, ViscousFriction
+from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import IDEAL, SHIPPED, Profile, load_profile
 from saltus.errors import ConfigError
 from saltus.grid import LINE

@@ -11,8 +11,8 @@ from samples import EVERYTHING, PROFILE, setups_of
 
 from saltus.cli.main import main
 from saltus.depth_camera import load_camera
+from saltus.effects.camera_view import CameraPitch
 from saltus.effects.image_delivery import CameraLatency
-from saltus.effects.offsets_and_factors import CameraPitch
 from saltus.heightmap import collection as heightmap_collection
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.device_rollouts import DeviceRollouts

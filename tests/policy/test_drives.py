@@ -18,11 +18,11 @@ from samples import EVERYTHING, PROFILE, ROBOT, setups_of
 from saltus.cli.main import main
 from saltus.config import TerrainConfig
 from saltus.constants import PHYSICS_DT, POLICY_DT
-from saltus.effects.body import NOMINAL_FRICTION
+from saltus.effects.body import NOMINAL_FRICTION, ContactCompliance, PayloadMass, SoftFeet
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.heightmap_shift import HeightmapShift
-from saltus.effects.offsets_and_factors import ContactCompliance, PayloadMass, SoftFeet, TorqueGain
+from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import EFFECTS, Profile
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X, LINE

@@ -7,7 +7,8 @@ from samples import KINEMATICS, ROBOT
 
 from saltus.controller.compensation import compensation_of
 from saltus.controller.estimator import Estimator
-from saltus.effects.offsets_and_factors import TorqueGain, ViscousFriction
+from saltus.effects.joint_loads import ViscousFriction
+from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import IDEAL
 from saltus.grid import LINE
 from saltus.loop.planner import observe

@@ -22,7 +22,7 @@ from benchmarks._kills import ON_FLAT_GROUND, kill_during_run
 from saltus.constants import POLICY_DT
 from saltus.controller.watchdog import WatchdogConfig
 from saltus.errors import StackError
-from saltus.heightmap.service.images import LOSS_MARGIN_S
+from saltus.heightmap.service.image_watch import LOSS_MARGIN_S
 from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.programs import WITH_STANDBYS
 from saltus.wire.codec import Envelope

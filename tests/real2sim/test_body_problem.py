@@ -8,10 +8,10 @@ from samples import ROBOT
 from standing_robot import Motion, run_log
 from stated_values import check_stated_values
 
+from saltus.effects.body import ComOffset, FootFriction, PayloadMass, SoftFeet
 from saltus.effects.effect import Effect
 from saltus.effects.joint_loads import EndStop, JointSpring
-from saltus.effects.motor_limits import TorqueSaturation, TorqueSpeedLimit
-from saltus.effects.offsets_and_factors import ComOffset, FootFriction, PayloadMass, SoftFeet
+from saltus.effects.motors import TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.problem import BodyProblem

@@ -23,8 +23,7 @@ from saltus.real2sim.results import Judgement
 from saltus.real2sim.screening.screen import LEAST_S, screen, until
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval, SignalGap
 from saltus.real2sim.search.search import search
-from saltus.real2sim.sensors import LEAST_S as NAMED_FROM_S
-from saltus.real2sim.sensors import SENSORS, moving_s
+from saltus.real2sim.sensors import NAMED_FROM_S, SENSORS, moving_s
 from saltus.real2sim.verdict import Gap, Missing, Verdict
 from saltus.recordings.recording import read_recording
 from saltus.recordings.run_log import RunLog, write_run_log

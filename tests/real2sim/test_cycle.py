@@ -19,7 +19,8 @@ from samples import ROBOT
 from saltus import gpu
 from saltus.cli.main import command_of, main
 from saltus.config import load
-from saltus.effects.offsets_and_factors import CoulombFriction, TorqueGain
+from saltus.effects.joint_loads import CoulombFriction
+from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import EFFECTS, PARTS, load_profile
 from saltus.heightmap import collection, device_collection
 from saltus.heightmap.settings import ClosedLoop, DeviceCollection, ProcessorCollection

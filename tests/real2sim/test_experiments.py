@@ -9,7 +9,7 @@ from samples import ROBOT
 
 from saltus.constants import PHYSICS_DT
 from saltus.effects.image_delivery import CameraLatency
-from saltus.effects.offsets_and_factors import CoulombFriction
+from saltus.effects.joint_loads import CoulombFriction
 from saltus.effects.profile import EFFECTS, IDEAL, Profile
 from saltus.errors import ConfigError
 from saltus.real2sim.experiments import motions

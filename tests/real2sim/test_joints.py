@@ -13,11 +13,12 @@ from stated_values import check_stated_values
 
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
+from saltus.effects.body import BaseRoll
 from saltus.effects.chain import ActuatorChain, BodyChain
 from saltus.effects.effect import Effect
+from saltus.effects.encoders import EncoderBias, VelocityScale
 from saltus.effects.joint_loads import EndStop, JointSpring
-from saltus.effects.motor_limits import TorqueSaturation
-from saltus.effects.offsets_and_factors import BaseRoll, EncoderBias, VelocityScale
+from saltus.effects.motors import TorqueSaturation
 from saltus.effects.profile import EFFECTS
 from saltus.errors import RecordingError
 from saltus.joint_command import JointCommand

@@ -6,18 +6,10 @@ import numpy as np
 import pytest
 from moving_robot import jumping_log
 
+from saltus.effects.body import BaseInertia, ComOffset, PayloadMass
 from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
-from saltus.effects.joint_loads import JointSpring
-from saltus.effects.motor_limits import ActuatorLag, TorqueSaturation, TorqueSpeedLimit
-from saltus.effects.offsets_and_factors import (
-    Armature,
-    BaseInertia,
-    ComOffset,
-    CoulombFriction,
-    PayloadMass,
-    TorqueGain,
-    ViscousFriction,
-)
+from saltus.effects.joint_loads import Armature, CoulombFriction, JointSpring, ViscousFriction
+from saltus.effects.motors import ActuatorLag, TorqueGain, TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.jumps.problem import NOT_SHOWN, JumpProblem

@@ -7,7 +7,7 @@ import pytest
 from one_joint import WHERES, OneJoint
 
 from saltus.arrays import Floats
-from saltus.effects.motor_limits import ActuatorLag, TorqueSpeedLimit
+from saltus.effects.motors import ActuatorLag, TorqueSpeedLimit
 from saltus.effects.profile import Profile
 from saltus.real2sim.problem.problem import Problem, WrappedProblem
 from saltus.real2sim.rebased_problem import RebasedProblem

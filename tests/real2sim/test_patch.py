@@ -11,8 +11,8 @@ from saltus.depth import D435I
 from saltus.effects.delay_line import CommandDelay
 from saltus.effects.depth_errors import DepthNoise, EdgeHoles
 from saltus.effects.image_pixels import to_images
-from saltus.effects.motor_limits import TorqueSaturation
-from saltus.effects.offsets_and_factors import CoulombFriction
+from saltus.effects.joint_loads import CoulombFriction
+from saltus.effects.motors import TorqueSaturation
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import ConfigError
 from saltus.real2sim.experiments.menu import EXPERIMENTS

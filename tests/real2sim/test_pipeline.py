@@ -12,8 +12,8 @@ import pytest
 from samples import ROBOT
 
 from saltus.effects.image_delivery import CameraLatency
-from saltus.effects.motor_limits import TorqueSpeedLimit
-from saltus.effects.offsets_and_factors import ViscousFriction
+from saltus.effects.joint_loads import ViscousFriction
+from saltus.effects.motors import TorqueSpeedLimit
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.experiments import motions

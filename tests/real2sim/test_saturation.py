@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from samples import CURVE, PROFILE, ROBOT
 
-from saltus.effects.motor_limits import TorqueSaturation, TorqueSpeedLimit
+from saltus.effects.motors import TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.profile import Profile
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.menu import EXPERIMENTS

@@ -16,7 +16,7 @@ from ros_bag import write_bag
 from samples import ROBOT
 
 from saltus.cli.main import main
-from saltus.effects.offsets_and_factors import TorqueGain
+from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import IDEAL
 from saltus.errors import RecordingError
 from saltus.real2sim.experiments.menu import experiment_named

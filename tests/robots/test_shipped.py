@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from saltus.constants import GRAVITY
-from saltus.effects.motor_limits import TorqueSpeedLimit
+from saltus.effects.motors import TorqueSpeedLimit
 from saltus.effects.profile import load_profile
 from saltus.effects.signals import Drive
 from saltus.joint_command import JointCommand

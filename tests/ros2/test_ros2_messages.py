@@ -157,7 +157,7 @@ def test_readings_that_are_old_are_not_used_and_said_to_be_missing() -> None:
 
 
 @pytest.mark.parametrize("off_s", [-1.0, 1e3, -1e9])
-def test_stamps_of_another_clock_are_refused_and_counted_unless_arrival_is_taken(
+def test_steady_stamps_of_another_clock_are_refused_and_counted_unless_arrival_is_taken(
     off_s: float,
 ) -> None:
     sent: Any = replace(dict(run_messages(0))["controller/state"], time_ns=2 * 10**18)  # type: ignore[arg-type]

@@ -7,7 +7,7 @@ from samples import PROFILE, ROBOT
 
 from saltus.config import TerrainConfig
 from saltus.effects.chain import ActuatorChain
-from saltus.effects.motor_limits import ActuatorLag
+from saltus.effects.motors import ActuatorLag
 from saltus.joint_command import JointCommand
 from saltus.sim.batch import BatchPlant
 from saltus.sim.plant import Plant

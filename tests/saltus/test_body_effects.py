@@ -7,10 +7,7 @@ import pytest
 from samples import ROBOT
 
 from saltus.constants import GRAVITY, PHYSICS_DT
-from saltus.effects.chain import BodyChain, ImuChain
-from saltus.effects.effect import Effect
-from saltus.effects.imu import ImuBias, ImuLatency
-from saltus.effects.offsets_and_factors import (
+from saltus.effects.body import (
     BaseInertia,
     ComOffset,
     ContactCompliance,
@@ -18,6 +15,9 @@ from saltus.effects.offsets_and_factors import (
     PayloadMass,
     SoftFeet,
 )
+from saltus.effects.chain import BodyChain, ImuChain
+from saltus.effects.effect import Effect
+from saltus.effects.imu import ImuBias, ImuLatency
 from saltus.joint_command import JointCommand
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.batch import BatchPlant

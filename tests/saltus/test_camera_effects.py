@@ -12,6 +12,7 @@ from samples import ROBOT, level_truth, put_run
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import BASELINE_M, MODEL_CAMERA, intrinsics_of, model_image
 from saltus.effects.camera import CameraChain, ViewChain
+from saltus.effects.camera_view import CameraFov, CameraHeight, CameraPitch
 from saltus.effects.depth_errors import (
     DepthBias,
     DepthNoise,
@@ -22,7 +23,6 @@ from saltus.effects.depth_errors import (
 )
 from saltus.effects.effect import Effect
 from saltus.effects.image_delivery import CameraLatency, TemporalSmear
-from saltus.effects.offsets_and_factors import CameraFov, CameraHeight, CameraPitch
 from saltus.effects.profile import Profile, load_profile
 from saltus.effects.signals import DepthImage
 from saltus.render.__main__ import build

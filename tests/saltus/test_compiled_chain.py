@@ -11,16 +11,21 @@ from saltus.effects.chain import ActuatorChain, Torques
 from saltus.effects.compiled_chain import CompiledChain
 from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.effect import Effect
-from saltus.effects.encoders import EncoderQuantisation, VelocityFilter
-from saltus.effects.joint_loads import EndStop, JointSpring, Stiction
-from saltus.effects.motor_limits import ActuatorLag, BatterySag, TorqueSaturation, TorqueSpeedLimit
-from saltus.effects.offsets_and_factors import (
+from saltus.effects.encoders import EncoderBias, EncoderQuantisation, VelocityFilter, VelocityScale
+from saltus.effects.joint_loads import (
     Armature,
     CoulombFriction,
-    EncoderBias,
-    TorqueGain,
-    VelocityScale,
+    EndStop,
+    JointSpring,
+    Stiction,
     ViscousFriction,
+)
+from saltus.effects.motors import (
+    ActuatorLag,
+    BatterySag,
+    TorqueGain,
+    TorqueSaturation,
+    TorqueSpeedLimit,
 )
 from saltus.effects.profile import load_profile
 from saltus.joint_command import JointCommand

@@ -15,8 +15,7 @@ from saltus.effects.draws import draw_keys, uniform
 from saltus.effects.effect import Effect
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.image_delivery import CameraLatency, FrameDrop, SampleAndHold
-from saltus.effects.motor_limits import ActuatorLag, TorqueSaturation, TorqueSpeedLimit
-from saltus.effects.offsets_and_factors import TorqueGain
+from saltus.effects.motors import ActuatorLag, TorqueGain, TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.profile import IDEAL, Profile, load_profile
 from saltus.effects.signals import DepthImage, Drive, HeightQuery
 from saltus.errors import ConfigError

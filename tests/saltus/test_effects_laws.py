@@ -9,7 +9,17 @@ import torch
 from samples import CURVE, ROBOT
 
 from saltus.effects.backlash import Backlash
-from saltus.effects.body import BodyModel
+from saltus.effects.body import (
+    BaseInertia,
+    BaseRoll,
+    BodyModel,
+    ComOffset,
+    ContactCompliance,
+    FootFriction,
+    PayloadMass,
+    SoftFeet,
+)
+from saltus.effects.camera_view import CameraFov, CameraHeight, CameraPitch
 from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.depth_errors import (
     DepthBias,
@@ -20,29 +30,24 @@ from saltus.effects.depth_errors import (
     RangeClip,
 )
 from saltus.effects.effect import Effect, map_arrays
-from saltus.effects.encoders import EncoderQuantisation, VelocityFilter
+from saltus.effects.encoders import EncoderBias, EncoderQuantisation, VelocityFilter, VelocityScale
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.image_delivery import CameraLatency, FrameDrop, SampleAndHold, TemporalSmear
 from saltus.effects.imu import ImuBias, ImuLatency, ImuReading
-from saltus.effects.joint_loads import EndStop, JointSpring, Stiction
-from saltus.effects.motor_limits import ActuatorLag, BatterySag, TorqueSaturation, TorqueSpeedLimit
-from saltus.effects.offsets_and_factors import (
+from saltus.effects.joint_loads import (
     Armature,
-    BaseInertia,
-    BaseRoll,
-    CameraFov,
-    CameraHeight,
-    CameraPitch,
-    ComOffset,
-    ContactCompliance,
     CoulombFriction,
-    EncoderBias,
-    FootFriction,
-    PayloadMass,
-    SoftFeet,
-    TorqueGain,
-    VelocityScale,
+    EndStop,
+    JointSpring,
+    Stiction,
     ViscousFriction,
+)
+from saltus.effects.motors import (
+    ActuatorLag,
+    BatterySag,
+    TorqueGain,
+    TorqueSaturation,
+    TorqueSpeedLimit,
 )
 from saltus.effects.profile import EFFECTS, IDEAL, PARTS, Profile
 from saltus.effects.signals import (

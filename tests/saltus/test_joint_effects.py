@@ -10,19 +10,19 @@ from samples import ROBOT
 
 from saltus.constants import PHYSICS_DT
 from saltus.effects.backlash import Backlash
+from saltus.effects.body import BaseRoll
 from saltus.effects.chain import ActuatorChain, BodyChain
 from saltus.effects.effect import Effect
-from saltus.effects.encoders import EncoderQuantisation, VelocityFilter
-from saltus.effects.joint_loads import EndStop, JointSpring, Stiction
-from saltus.effects.motor_limits import BatterySag
-from saltus.effects.offsets_and_factors import (
+from saltus.effects.encoders import EncoderBias, EncoderQuantisation, VelocityFilter, VelocityScale
+from saltus.effects.joint_loads import (
     Armature,
-    BaseRoll,
     CoulombFriction,
-    EncoderBias,
-    VelocityScale,
+    EndStop,
+    JointSpring,
+    Stiction,
     ViscousFriction,
 )
+from saltus.effects.motors import BatterySag
 from saltus.effects.signals import Drive, JointState, Resistance
 from saltus.joint_command import JointCommand
 from saltus.rotations import roll_pitch_yaw, rotation_matrix

@@ -7,7 +7,7 @@ import pytest
 from samples import PROFILE, ROBOT
 
 from saltus.cli.main import main
-from saltus.effects.offsets_and_factors import CoulombFriction
+from saltus.effects.joint_loads import CoulombFriction
 from saltus.effects.profile import load_profile
 from saltus.errors import ConfigError
 from saltus.real2sim.patch import Applicability, Patch

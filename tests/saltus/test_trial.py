@@ -9,7 +9,7 @@ from saltus.config import TerrainConfig
 from saltus.effects.delay_line import FeedforwardDelay
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.image_delivery import CameraLatency
-from saltus.effects.offsets_and_factors import TorqueGain
+from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import ConfigError
 from saltus.rotations import quaternion_from_roll_pitch_yaw

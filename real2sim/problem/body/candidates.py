@@ -12,10 +12,11 @@ from saltus.effects.body import (
     LEAST_TURNING_M,
     NOMINAL_CONTACT_TIME_CONSTANT_S,
     NOMINAL_FRICTION,
+    ContactCompliance,
+    FootFriction,
     claimed_body,
 )
-from saltus.effects.motor_limits import LOSS_AT_KNEE, TorqueSaturation
-from saltus.effects.offsets_and_factors import ContactCompliance, FootFriction
+from saltus.effects.motors import LOSS_AT_KNEE, TorqueSaturation
 from saltus.real2sim.problem.body.replay import Rig
 from saltus.real2sim.problem.joints.candidates import beside
 from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate, sought

@@ -12,7 +12,7 @@ from saltus.effects.body import LEAST_TURNING_M, BodyModel
 from saltus.effects.delay_line import held_late
 from saltus.effects.effect import map_arrays
 from saltus.effects.joint_loads import EndStop, JointSpring
-from saltus.effects.motor_limits import TorqueSaturation, TorqueSpeedLimit
+from saltus.effects.motors import TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.signals import Drive
 from saltus.real2sim.problem.body.windows import (
     BLOCK_STEPS,

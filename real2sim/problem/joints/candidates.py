@@ -8,7 +8,7 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.effects.joint_loads import JointSpring
-from saltus.effects.motor_limits import LOSS_AT_KNEE
+from saltus.effects.motors import LOSS_AT_KNEE
 from saltus.real2sim.problem.joints.drives import Drives
 from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, sought, unknowns_of
 

@@ -13,7 +13,7 @@ import numpy as np
 from saltus.arrays import Floats, Indices
 from saltus.effects.delay_line import held_late
 from saltus.effects.encoders import low_pass_weights
-from saltus.effects.motor_limits import lag_weights
+from saltus.effects.motors import lag_weights
 
 LEAST_LEVEL = 1e-6  # Nm of dry friction: none at all
 Kinks = tuple[tuple[Floats, Floats], ...]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
-from saltus.effects.motor_limits import TorqueSaturation, TorqueSpeedLimit
+from saltus.effects.motors import TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.joints.candidates import JointCandidates, beside

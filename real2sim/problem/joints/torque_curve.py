@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.effects.motor_limits import LOSS_AT_KNEE, TorqueSaturation
+from saltus.effects.motors import LOSS_AT_KNEE, TorqueSaturation
 from saltus.errors import ConfigError
 from saltus.real2sim.problem.log import quadruped_of
 from saltus.robots.robot import JOINTS, Robot

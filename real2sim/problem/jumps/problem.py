@@ -15,7 +15,7 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import claimed_body
-from saltus.effects.motor_limits import TorqueSaturation
+from saltus.effects.motors import TorqueSaturation
 from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.candidates import Claims, trunk_candidates

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from saltus.arrays import AnyArray, Floats
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.effects.body import BodyModel
-from saltus.effects.motor_limits import lag_weights
+from saltus.effects.motors import lag_weights
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.windows import (
     JOINTS,

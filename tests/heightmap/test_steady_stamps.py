@@ -11,7 +11,7 @@ import pytest
 from realsense_bag import write_bag
 
 from saltus.cli.main import main
-from saltus.heightmap.service.stamps import SteadyStamps
+from saltus.heightmap.service.steady_stamps import SteadyStamps
 from saltus.recordings import realsense
 from saltus.wire.messages import DepthFrame
 

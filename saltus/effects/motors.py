@@ -1,4 +1,4 @@
-"""Effects between the torque that a drive is asked for and the one that its motor gives."""
+"""Effects between the torque that a drive is asked for and the one that its motor gives: lag, limits, gain, sag."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -8,10 +8,20 @@ import numpy as np
 
 from saltus.arrays import Array, Constant, Floats, namespace
 from saltus.constants import PHYSICS_DT
-from saltus.effects.effect import Effect, Values, from_robot, parameter, period
+from saltus.effects.effect import Drawable, Effect, Values, from_robot, parameter, period
 from saltus.effects.signals import Drive
 from saltus.errors import ConfigError
 from saltus.robots.robot import JOINTS
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueGain(Effect[Drive], name="torque_gain", site="torque"):
+    """A motor is stronger or weaker than its data sheet says: torque constant, gear efficiency."""
+
+    # +-10 % is the usual range of domain randomisation
+    gain: Drawable = parameter(
+        unit="", null=1.0, low=0.0, high=2.0, sought=(0.3, 2.0), per_joint=True, scales="torque"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
