@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.compensation import compensation_for
-from saltus.controller.course import Course, CourseState
+from saltus.controller.course import AT_REST, Course, CourseState
 from saltus.controller.lockstep import Lockstep
 from saltus.controller.loop import ControlLoop
 from saltus.controller.plans import Plans
@@ -29,7 +29,6 @@ of the gait, the slowest was at rest 0.98 s after its legs had caught it."""
 MAX_STEPS_TO_STAND = 250
 """2.5 s: a landing takes 1.1 s at most, and the supervisor kills what has not ended 3 s after it
 was told to."""
-AT_REST = (ControllerMode.STAND, ControllerMode.STOPPED, ControllerMode.DAMP)
 
 
 def body(context: ProcessContext) -> None:

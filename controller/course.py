@@ -11,6 +11,13 @@ STOP_AFTER_FINISH_M = 0.2
 """The robot runs on so far, so that it passes the finish in full motion."""
 STAND_S = 0.5
 """It then stands, or lies, this long before the run ends."""
+AT_REST = (
+    ControllerMode.STAND,
+    ControllerMode.LIE,
+    ControllerMode.STOPPED,
+    ControllerMode.DAMP,
+)
+"""Modes in which a robot does not move on."""
 AFTERMATH_LIMIT_S = 3.0
 """The run ends this long after its outcome at the latest: a landing and a stand take 1.5 s."""
 
@@ -54,7 +61,7 @@ class Course:
         if self._decided_s is None:
             self._decided_s = time_s
         self._halt = self._halt or not outcome.success or float(position[0]) >= self._halt_x
-        resting = mode in (ControllerMode.STAND, ControllerMode.STOPPED, ControllerMode.DAMP)
+        resting = mode in AT_REST
         if not (self._halt and resting):
             self._resting_s = None
         elif self._resting_s is None:

@@ -15,6 +15,7 @@ from saltus.arrays import (
     Array,
     Constant,
     Flags,
+    Floats,
     Joints,
     LegFlags,
     Legs,
@@ -36,8 +37,11 @@ from saltus.robots.robot import Robot
 from saltus.states import Proprioception
 from saltus.wire.messages import ControllerMode
 
-_STANDING = (ControllerMode.STAND, ControllerMode.STOPPED)
+_STANDING = (ControllerMode.STAND, ControllerMode.STOPPED, ControllerMode.LIE)
 _MOVING = (ControllerMode.RUN, ControllerMode.COAST)
+LYING_CLEARANCE_M = 0.03
+"""Ground clearance of a trunk that lies: a trunk that touches the ground ends a trial. The folded
+legs of a Go1 reach no less."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,6 +127,7 @@ class LegController:
         self._robot, self._gains, self._legs = robot, robot.gains, LegKinematics(robot)
         self._stand_pose = Constant(robot.stand_pose)
         self._stand_feet = Constant(self._legs.position(robot.stand_pose))
+        self._lying_pose = Constant(lying_pose(robot))
         self._joint_lower, self._joint_upper = (
             Constant(robot.joint_lower),
             Constant(robot.joint_upper),
@@ -230,7 +235,7 @@ class LegController:
             landed=state.landed | (state.mode in _STANDING),
             mode=mode,
             blend_from=sensed.joint_position,
-            rest=self._rest_pose(body) if mode in _STANDING else state.rest,
+            rest=self._resting_pose(body, mode) if mode in _STANDING else state.rest,
             mode_time_s=0.0,
         )
 
@@ -341,7 +346,15 @@ class LegController:
             wanted, body.angular_velocity - angular_step, body.angular_velocity + angular_step
         )
 
-    def _rest_pose(self, body: YawFrameBody) -> Joints:
+    def _resting_pose(self, body: YawFrameBody, mode: ControllerMode) -> Joints:
+        """Joint angles of a mode in which the robot rests, shape (..., 12)."""
+        if mode != ControllerMode.LIE:
+            return self._standing_pose(body)
+        xp = namespace(body.roll)
+        lying = self._lying_pose.like(body.roll)
+        return lying + xp.zeros_like(body.roll)[..., None]
+
+    def _standing_pose(self, body: YawFrameBody) -> Joints:
         """Joint angles to stand on the slope that the feet give, shape (..., 12).
 
         The base is over the middle of the feet and pitched by half the slope: a trunk that is
@@ -420,3 +433,16 @@ class LegController:
         return replace(
             state, liftoff=body.foot_yaw, mode_time_s=state.mode_time_s + PHYSICS_DT
         ), diagnostics
+
+
+def lying_pose(robot: Robot) -> Floats:
+    """Joint angles with the feet below the thighs' axes and the trunk just above the ground [rad].
+
+    Shape (12,), within the range of the joints.
+    """
+    foot = robot.hip_anchor.copy()
+    foot[:, 1] += robot.abduction_offset
+    foot[:, 2] = robot.foot_radius - LYING_CLEARANCE_M
+    foot[:, 2] += robot.trunk_center[2] - 0.5 * robot.trunk_size[2]
+    angles = LegKinematics(robot).inverse(foot)
+    return np.asarray(np.clip(angles, robot.joint_lower, robot.joint_upper))

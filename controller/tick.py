@@ -27,7 +27,11 @@ from saltus.straight_line import straight_line
 from saltus.symbols import Symbols, called
 from saltus.wire.messages import ControllerMode
 
-ALIKE = {ControllerMode.COAST: ControllerMode.RUN, ControllerMode.STOPPED: ControllerMode.STAND}
+ALIKE = {
+    ControllerMode.COAST: ControllerMode.RUN,
+    ControllerMode.STOPPED: ControllerMode.STAND,
+    ControllerMode.LIE: ControllerMode.STAND,
+}
 """Modes that the law treats as others."""
 
 

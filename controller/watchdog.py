@@ -6,6 +6,8 @@ from math import isfinite, radians
 from saltus.wire.messages import ControllerMode, PlanStatus
 from saltus.wire.topics import TOPICS
 
+_AT_REST = (ControllerMode.STAND, ControllerMode.LIE)
+
 
 @dataclass(frozen=True, kw_only=True)
 class WatchdogConfig:
@@ -57,10 +59,11 @@ def watch(
 ) -> WatchdogState:
     """One tick: the next state. STOPPED and DAMP are latched; DAMP wins over everything.
 
-    STAND -> RUN on a fresh GO. RUN <-> COAST by the age of the plan. RUN, COAST -> LANDING when the
-    plan is lost or says STOP (a fault) or STAND (no fault). LANDING -> STOPPED after a fault, else
-    STAND. A plan that is lost or says STOP while the robot stands changes nothing: it already does
-    the safe thing.
+    STAND -> RUN on a fresh GO, -> LIE on a fresh LIE. LIE -> STAND on a fresh STAND or GO.
+    RUN <-> COAST by the age of the plan. RUN, COAST -> LANDING when the plan is lost or says STOP
+    (a fault), STAND or LIE (no fault). LANDING -> STOPPED after a fault, else STAND. A plan that is
+    lost or says STOP while the robot stands or lies changes nothing: it already does the safe
+    thing.
     """
     config = config or WatchdogConfig()
     mode, fault = _decide(state, now, config)
@@ -78,9 +81,9 @@ def _decide(
         return ControllerMode.STOPPED, True
     # Written so that an age that is not a number counts as lost.
     lost = not now.plan_age_s <= config.lost_age_s or now.plan_status == PlanStatus.STOP
-    if state.mode == ControllerMode.STAND:
-        fresh = now.plan_age_s <= config.coast_age_s and now.plan_status == PlanStatus.GO
-        return (ControllerMode.RUN if fresh and now.may_start else ControllerMode.STAND), False
+    if state.mode in _AT_REST:
+        fresh = now.plan_age_s <= config.coast_age_s and now.may_start
+        return (_from_rest(state.mode, now.plan_status) if fresh else state.mode), False
     if state.mode == ControllerMode.LANDING:
         fault = state.fault or lost
         if now.settled or state.mode_time_s >= config.landing_limit_s:
@@ -88,11 +91,18 @@ def _decide(
         return ControllerMode.LANDING, fault
     if lost:
         return ControllerMode.LANDING, True
-    if now.plan_status == PlanStatus.STAND:
+    if now.plan_status in (PlanStatus.STAND, PlanStatus.LIE):
         return ControllerMode.LANDING, False
     return (
         ControllerMode.RUN if now.plan_age_s <= config.coast_age_s else ControllerMode.COAST
     ), False
+
+
+def _from_rest(mode: ControllerMode, status: PlanStatus) -> ControllerMode:
+    """The next mode of a robot that stands or lies, on a fresh plan."""
+    if mode == ControllerMode.LIE:
+        return ControllerMode.STAND if status in (PlanStatus.STAND, PlanStatus.GO) else mode
+    return {PlanStatus.GO: ControllerMode.RUN, PlanStatus.LIE: ControllerMode.LIE}.get(status, mode)
 
 
 def _upright(now: WatchdogInput, config: WatchdogConfig) -> bool:

@@ -29,6 +29,7 @@ class PlannerLoop:
         self._robot: bytes | None = None
         self._states = context.bus.latest("controller/state")
         self._heightmaps = context.bus.latest("heightmap/heightmap")
+        self._commands = context.bus.latest("operator/command", rings=False)
         self._plans = context.bus.publisher("policy/plan")
         self._done = context.bus.publisher("done", context.name)
         self._newest_step = -1  # of the heightmaps that have arrived
@@ -66,7 +67,9 @@ class PlannerLoop:
             heightmap = self._newest_heightmap(self._context.clock.machine_s(wait_s))
         else:
             return None
-        self._plans.put(self._process.step(state, heightmap, self._context.clock.now_ns()))
+        asked = self._commands.take()
+        command = None if asked is None else asked.message
+        self._plans.put(self._process.step(state, heightmap, self._context.clock.now_ns(), command))
         if self._lockstep:
             self._done.put(Done(time_ns=state.time_ns, step=state.step, process=self._context.name))
         for notice in self._process.notices:

@@ -11,8 +11,11 @@ from saltus.loop.planner import Observation, Planner, observe
 from saltus.plan import REST, plan_message
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
+from saltus.runtime.ticker import freshness
 from saltus.wire.messages import (
+    CommandMode,
     ControllerMode,
+    DriveCommand,
     Heightmap,
     HeightmapStatus,
     MotionPlan,
@@ -28,6 +31,7 @@ LOST_NS = round(1e9 * TOPICS["heightmap/heightmap"].invalid_age_s) - 10_000_000
 the planner looks every 10 ms, and must report it within 110 ms of the last arrival."""
 ROUNDING_M = 1e-6
 """Rounding of points that went through text."""
+_COMMANDS = TOPICS["operator/command"]
 _TRUSTED = (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
 
 
@@ -43,10 +47,11 @@ class PlannerProcess:
     """Turns states and heightmaps into plans; decides between STAND, GO and STOP.
 
     STAND until the robot has stood for 0.5 s and a heightmap is OK; then GO, also on heightmaps
-    that are degraded. STOP, which is final, when heightmaps end, are invalid, or come from a hidden
-    state that was reset; but STAND while the robot has not moved yet, as on a computer that is
-    still busy with starting. `compiled` observes in place of the law on numpy
-    (`saltus.loop.planner.compiled_observe`).
+    that are degraded. After the first command of an operator it goes only while the newest one says
+    JUMP and is not older than 0.5 s; else it stands, or lies down. STOP, which is final, when
+    heightmaps end, are invalid, or come from a hidden state that was reset; but STAND while the
+    robot has not moved yet, as on a computer that is still busy with starting. `compiled` observes
+    in place of the law on numpy (`saltus.loop.planner.compiled_observe`).
     """
 
     def __init__(
@@ -65,25 +70,34 @@ class PlannerProcess:
         self._heightmap: Heightmap | None = None
         self._arrival_ns = 0
         self._plan: MotionPlan | None = None
+        self._command: DriveCommand | None = None
         self.notices: list[Notice] = []
         """Notices of what has happened since the caller last emptied the list."""
 
-    def step(self, state: RobotState, heightmap: Heightmap | None, now_ns: int) -> MotionPlan:
+    def step(
+        self,
+        state: RobotState,
+        heightmap: Heightmap | None,
+        now_ns: int,
+        command: DriveCommand | None = None,
+    ) -> MotionPlan:
         """Answers one robot state; the same step again gets the same plan again.
 
-        A heightmap is given once, when it has arrived since the last call; `now_ns` is in the run's
-        clock.
+        A heightmap or a command is given once, when it has arrived since the last call; `now_ns` is
+        in the run's clock.
         """
+        self._command = command or self._command
         if heightmap is not None and self._fits(heightmap):
             self._heightmap, self._arrival_ns = heightmap, now_ns
         if self._plan is not None and self._plan.step == state.step:
             return self._plan
         if self._first_ns is None:
             self._first_ns = state.time_ns
-        if self._status == PlanStatus.STAND:
-            self._consider_going(state)
-        elif self._status == PlanStatus.GO:
+        if self._status == PlanStatus.GO:
             self._consider_stopping(state, now_ns)
+        elif self._status != PlanStatus.STOP:
+            self._consider_going(state)
+        self._obey(now_ns)
         self._plan = self._planned(state)
         return self._plan
 
@@ -99,7 +113,20 @@ class PlannerProcess:
             self.notices.append(Notice(code="heightmap_grid", detail="it is not that of the run"))
         return fits
 
+    def _obey(self, now_ns: int) -> None:
+        """Stands or lies down where a command asks for it, or where commands have ended."""
+        if self._command is None or self._status == PlanStatus.STOP:
+            return
+        mode = self._command.mode
+        if not freshness(_COMMANDS, self._command.time_ns, now_ns).usable:
+            self._status, self._reason = PlanStatus.STAND, "commands have ended"
+        elif mode != CommandMode.JUMP:
+            is_to_lie = mode == CommandMode.LIE_DOWN
+            self._status = PlanStatus.LIE if is_to_lie else PlanStatus.STAND
+            self._reason = f"the command is {mode.name}"
+
     def _consider_going(self, state: RobotState) -> None:
+        self._status = PlanStatus.STAND
         stood_ns = state.time_ns - (self._first_ns or 0)
         if self._heightmap is None:
             self._reason = "no heightmap yet"

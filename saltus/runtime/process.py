@@ -132,7 +132,7 @@ class ProcessContext:
             return
         self._next_status_s = now_s + STATUS_PERIOD_S * self.clock.speed
         intakes = [
-            latest.take_intake() for latest in self.bus.latests if latest.topic.publisher != "*"
+            latest.take_intake() for latest in self.bus.latests if latest.topic.rate_hz > 0.0
         ]
         status = ProcessStatus(
             time_ns=self.clock.now_ns(),

@@ -85,7 +85,7 @@ class _Feed(Bell):
         """Messages of all that the process has asked for until it first waits."""
         recording, known = self._recording, set(self._recording.senders)
         for key in self.slots:
-            if key not in known and not key.startswith("event/"):
+            if key not in known and not key.startswith(("event/", "operator/")):
                 lost = f" (lost: {recording.lost[0]})" if recording.lost else ""
                 raise RecordingError(
                     f"{recording.path} has no {key}, which is heard{lost}{_cure(key)}"

@@ -49,6 +49,21 @@ class PlanStatus(IntEnum):
     """Follow the plan."""
     STOP = 2
     """Land, then stand: the planner cannot see."""
+    LIE = 3
+    """Lie down; a robot that moves lands and stands before."""
+
+
+class CommandMode(IntEnum):
+    """Way in which a robot is asked to move."""
+
+    STAND = 0
+    """Come to a stand and stay on all four feet."""
+    WALK = 1
+    """Follow the velocities by walking; a planner that only jumps stands."""
+    JUMP = 2
+    """Go ahead by jumps, at the planner's own speed; a planner that only walks stands."""
+    LIE_DOWN = 3
+    """Come to a stand, then fold the legs until the trunk is just above the ground."""
 
 
 class ControllerMode(IntEnum):
@@ -66,6 +81,8 @@ class ControllerMode(IntEnum):
     """Stands after a fault; needs a new run to jump again."""
     DAMP = 5
     """Joint damping only: not upright, or a state that is not finite."""
+    LIE = 6
+    """Legs folded, the trunk just above the ground; it stands up when it is to stand or to go."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -210,6 +227,25 @@ class MotionPlan:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class DriveCommand:
+    """An operator's wish: how the robot is to move from now on, until the next command.
+
+    A command that is older than 0.5 s asks to stand.
+    """
+
+    time_ns: int
+    step: int
+    """The robot state that it answers; -1 where it answers none."""
+    mode: CommandMode
+    velocity_x: float
+    """Ahead, in the yaw frame [m/s]; read in WALK alone, as what follows."""
+    velocity_y: float
+    """To the left [m/s]."""
+    yaw_rate: float
+    """Turning to the left [rad/s]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class JointLog:
     """The 500 Hz rows between two policy steps: state measured at a time and the command that takes force then."""
 
@@ -296,6 +332,7 @@ Message = (
     | RobotState
     | Heightmap
     | MotionPlan
+    | DriveCommand
     | JointLog
     | GroundTruth
     | Done

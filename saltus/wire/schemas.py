@@ -142,6 +142,13 @@ FIELDS: dict[type[Message], tuple[Field, ...]] = {
         _vector("foot_residual_rear", 3, FOOT_RESIDUAL),
         Field("reason", "string"),
     ),
+    messages.DriveCommand: (
+        _index("step", low=-1),
+        Field("mode", "uint8", enum=messages.CommandMode),
+        _scalar("velocity_x", -PLAN_VELOCITY, PLAN_VELOCITY),
+        _scalar("velocity_y", -PLAN_VELOCITY, PLAN_VELOCITY),
+        _scalar("yaw_rate", -PLAN_VELOCITY, PLAN_VELOCITY),
+    ),
     messages.JointLog: (
         _index("step"),
         _scalar("dt_s", 1e-5, 1.0),
@@ -176,6 +183,7 @@ FRAME: dict[type[Message], str] = {
     messages.RobotState: "base",
     messages.Heightmap: "base_yaw",
     messages.MotionPlan: "base_yaw",
+    messages.DriveCommand: "base_yaw",
     messages.JointLog: "base",
     messages.GroundTruth: "world",
     messages.Done: "",

@@ -15,6 +15,7 @@ CAMERA_PERIOD_S = 0.020  # 50 Hz
 # A policy that tolerates 8 cm of horizontal shift at 1.4 m/s tolerates 57 ms beyond the delay it
 # was trained with: 50 ms more is degraded, 100 ms more (ten periods of the consumer) is lost.
 MAX_EXTRA_AGE_S = 0.100
+COMMAND_AGE_S = 0.5  # a command holds so long; the time-out of ros2_control's diff_drive_controller
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,14 @@ _ROWS = (
     Topic("controller/state", messages.RobotState, "controller", ("heightmap", "policy")),
     Topic("heightmap/heightmap", messages.Heightmap, "heightmap", ("policy",)),
     Topic("policy/plan", messages.MotionPlan, "policy", ("controller",)),
+    Topic(
+        "operator/command",
+        messages.DriveCommand,
+        "operator",
+        ("policy",),
+        0.0,
+        max_extra_age_s=COMMAND_AGE_S,
+    ),
     Topic("controller/joints", messages.JointLog, "controller", nominal_age_s=0.010),
     Topic("plant/truth", messages.GroundTruth, "controller", ("render",)),
     Topic("done", messages.Done, "*", ("controller",), 0.0, max_extra_age_s=1.0),

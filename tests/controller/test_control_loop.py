@@ -99,6 +99,26 @@ def test_lands_and_stands_when_plans_stop(phase):
     assert (state.foot_force > 1.0).all()
 
 
+def test_lies_down_and_gets_up_again():
+    """The trunk never touches the ground, the estimate holds, and it can bound afterwards."""
+    robot, loop = make_robot(seed=2), ControlLoop(ROBOT)
+    statuses = ((1.5, PlanStatus.GO), (2.5, PlanStatus.LIE), (2.0, PlanStatus.STAND))
+    heights, modes = [], []
+    for seconds, status in (*statuses, (0.5, PlanStatus.GO)):
+        for t in ticks(seconds):
+            loop.sense(robot.read())
+            robot.write(loop.act(bounding(t, loop, status), 0.0))
+            modes += [loop.mode] if modes[-1:] != [loop.mode] else []
+        heights.append(float(robot.state.position_base_in_world[2]))
+    lying = robot.state.quaternion_base_in_world
+    names = ["STAND", "RUN", "LANDING", "STAND", "LIE", "STAND", "RUN"]
+    assert [mode.name for mode in modes] == names
+    assert not robot.take_trunk_contact()
+    assert heights[1] < 0.12 < 0.24 < heights[2]
+    assert abs(loop.state(0, 0).base_height - robot.state.position_base_in_world[2]) < 0.05
+    assert abs(lying[0]) > 0.95
+
+
 def test_bounds_forward_with_a_useful_estimate():
     robot, loop = make_robot(seed=1), ControlLoop(ROBOT)
     errors, airborne = [], 0

@@ -44,7 +44,11 @@ def expected(state, now):
     upright = (
         now.finite and abs(now.roll) <= math.radians(60) and abs(now.pitch) <= math.radians(60)
     )
-    fresh_go = now.plan_status == PlanStatus.GO and now.plan_age_s <= 0.030
+    fresh_go, fresh_lie, fresh_stand = (
+        now.plan_status == status and now.plan_age_s <= 0.030
+        for status in (PlanStatus.GO, PlanStatus.LIE, PlanStatus.STAND)
+    )
+    rests = now.plan_status in (PlanStatus.STAND, PlanStatus.LIE)
     over = now.settled or state.mode_time_s >= 1.1
     mode = ControllerMode
     moving = state.mode in (mode.RUN, mode.COAST)
@@ -52,11 +56,14 @@ def expected(state, now):
         (state.mode == mode.DAMP or not upright, mode.DAMP),
         (state.mode == mode.STOPPED, mode.STOPPED),
         (state.mode == mode.STAND and fresh_go and now.may_start, mode.RUN),
+        (state.mode == mode.STAND and fresh_lie and now.may_start, mode.LIE),
         (state.mode == mode.STAND, mode.STAND),
+        (state.mode == mode.LIE and (fresh_go or fresh_stand) and now.may_start, mode.STAND),
+        (state.mode == mode.LIE, mode.LIE),
         (state.mode == mode.LANDING and not over, mode.LANDING),
         (state.mode == mode.LANDING and (state.fault or lost(now)), mode.STOPPED),
         (state.mode == mode.LANDING, mode.STAND),
-        (moving and (lost(now) or now.plan_status == PlanStatus.STAND), mode.LANDING),
+        (moving and (lost(now) or rests), mode.LANDING),
         (moving and now.plan_age_s <= 0.030, mode.RUN),
         (moving, mode.COAST),
     ]

@@ -15,7 +15,9 @@ from saltus.policy.process import LOST_NS, STAND_NS, PlannerProcess
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.states import standing_state
 from saltus.wire.messages import (
+    CommandMode,
     ControllerMode,
+    DriveCommand,
     Heightmap,
     HeightmapStatus,
     MotionPlan,
@@ -189,3 +191,54 @@ def test_the_planner_forgets_whenever_the_robot_begins_to_go() -> None:
     )
     run([HeightmapStatus.OK] * 3, process, first=steps + 4)
     assert planner.begun == [True, True, *5 * [False]]
+
+
+def command(mode: CommandMode, step: int) -> DriveCommand:
+    return DriveCommand(
+        time_ns=step * STEP_NS, step=step, mode=mode, velocity_x=0.0, velocity_y=0.0, yaw_rate=0.0
+    )
+
+
+def test_every_history_of_three_commands() -> None:
+    """Without a command it goes; then it does what the newest says, and stands 0.5 s after the last."""
+    answer = {
+        None: PlanStatus.GO,
+        CommandMode.JUMP: PlanStatus.GO,
+        CommandMode.LIE_DOWN: PlanStatus.LIE,
+        CommandMode.STAND: PlanStatus.STAND,
+        CommandMode.WALK: PlanStatus.STAND,
+    }
+    for history in product((None, *CommandMode), repeat=3):
+        process, first = going()
+        last, given = None, None
+        for step, mode in enumerate(history, first):
+            if mode is not None:
+                last, given = mode, step
+            said = None if mode is None else command(mode, step)
+            plan = process.step(state(step), heightmap(step), step * STEP_NS, said)
+            assert plan.status == answer[last], history
+            assert bool(plan.reason) == (plan.status != PlanStatus.GO)
+        if given is None:
+            continue
+        for step in range(first + 3, given + 60):
+            plan = process.step(state(step), heightmap(step), step * STEP_NS)
+            is_old = step - given > 50
+            assert plan.status == (PlanStatus.STAND if is_old else answer[last]), (history, step)
+        assert not process.notices
+
+
+@pytest.mark.parametrize("mode", CommandMode)
+def test_no_command_starts_a_robot_that_was_stopped(mode: CommandMode) -> None:
+    process, first = going()
+    run([HeightmapStatus.INVALID], process, first)
+    plan = process.step(
+        state(first + 1), heightmap(first + 1), (first + 1) * STEP_NS, command(mode, first + 1)
+    )
+    assert plan.status == PlanStatus.STOP
+
+
+def test_a_command_from_the_future_moves_nobody() -> None:
+    process, first = going()
+    said = command(CommandMode.JUMP, first + 1000)
+    plan = process.step(state(first), heightmap(first), first * STEP_NS, said)
+    assert plan.status == PlanStatus.STAND
