@@ -1,5 +1,7 @@
 """The effects of the drives of one robot as straight-line Python: half of the time of a physics step."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from saltus.arrays import Array, Joints
@@ -8,42 +10,34 @@ from saltus.joint_command import JointCommand
 from saltus.robots.robot import JOINTS
 from saltus.straight_line import straight_line
 
+DriveStep = Callable[
+    [JointCommand, Joints, Joints, Array, ActuatorState, Array | None],
+    tuple[Torques, ActuatorState],
+]
+"""`ActuatorChain.step` of a chain, on numpy or compiled."""
 
-class CompiledChain:
-    """The `step` of a chain, asked for one robot again and again.
+
+def compiled_step(chain: ActuatorChain) -> DriveStep:
+    """The step of a chain that is asked for one robot again and again.
 
     The chain itself, on numpy, is the reference: it makes the first step, which memories have their
     shapes from, and those of robots that are put back to the start.
     """
+    zero = np.zeros(len(JOINTS))
+    still = JointCommand(position=zero, velocity=zero, kp=zero, kd=zero, torque=zero)
+    _, memories = chain.step(still, zero, zero, 0.0, chain.blank)
+    law = straight_line(chain.step, still, zero, zero, 0.0, memories)
+    # One effect with a memory tells of all whether they have begun
+    told = next((i for i, memory in enumerate(memories) if memory is not None), None)
 
-    def __init__(self, chain: ActuatorChain) -> None:
-        self._chain = chain
-        zero = np.zeros(len(JOINTS))
-        still = JointCommand(position=zero, velocity=zero, kp=zero, kd=zero, torque=zero)
-        _, memories = chain.step(still, zero, zero, 0.0, chain.blank)
-        self._remembers = _remembers(memories)
-        self._law = straight_line(chain.step, still, zero, zero, 0.0, memories)
-
-    def step(
-        self,
-        command: JointCommand,
-        position: Joints,
-        velocity: Joints,
-        time_s: Array,
-        state: ActuatorState,
-        fresh: Array | None = None,
-    ) -> tuple[Torques, ActuatorState]:
-        """See `ActuatorChain.step`."""
-        given = (command, position, velocity, time_s, state)
-        if fresh is None and _remembers(state) == self._remembers:
+    def step(*given: Array) -> tuple[Torques, ActuatorState]:
+        *now, state, fresh = given
+        if fresh is None and (told is None or state[told] is not None):
             try:
-                torques, after = self._law(*given)
+                torques, after = law(*now, state)
             except (ArithmeticError, ValueError):  # numbers that floats cannot work with
-                return self._chain.step(*given)
+                return chain.step(*given)
             return torques, after
-        return self._chain.step(*given, fresh)
+        return chain.step(*given)
 
-
-def _remembers(state: ActuatorState) -> tuple[bool, ...]:
-    """Which effects have a memory."""
-    return tuple(memory is not None for memory in state)
+    return step

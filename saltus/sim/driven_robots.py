@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.constants import GRAVITY
 from saltus.effects.chain import ActuatorChain, ActuatorState, ImuChain, Torques
-from saltus.effects.compiled_chain import CompiledChain
+from saltus.effects.compiled_chain import DriveStep
 from saltus.effects.imu import ImuReading
 from saltus.effects.order import chosen_of
 from saltus.joint_command import JointCommand
@@ -42,7 +42,7 @@ class DrivenRobots(ABC):
         self._chain, self._imu_chain = (chain or ActuatorChain()).fitted(robot), imu or ImuChain()
         self._actuators: ActuatorState = self._chain.blank
         self._imu_state: tuple[object, ...] = self._imu_chain.blank
-        self._drives: ActuatorChain | CompiledChain = self._chain
+        self._drive: DriveStep = self._chain.step
         self._fresh: NDArray[np.bool_] | None = None  # reset since the last step, where some were
         self._state: PlantState
         self._reading: ImuReading
@@ -72,7 +72,7 @@ class DrivenRobots(ABC):
                 batch whose simulation diverges has a state that is not finite until it is reset;
                 the others go on.
         """
-        torque, self._actuators = self._drives.step(
+        torque, self._actuators = self._drive(
             command, *self._joints, self._now, self._actuators, self._fresh
         )
         self._fresh = None

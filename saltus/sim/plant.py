@@ -8,7 +8,7 @@ import numpy as np
 from saltus.arrays import Array, Floats
 from saltus.effects.body import claimed_body
 from saltus.effects.chain import ActuatorChain, BodyChain, ImuChain, Torques
-from saltus.effects.compiled_chain import CompiledChain
+from saltus.effects.compiled_chain import compiled_step
 from saltus.errors import SaltusError
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import LEGS, Robot
@@ -81,7 +81,7 @@ class Plant(DrivenRobots):
         imu: What the IMU makes of the motion of the base.
         held: Whether the base is held in the air: the legs move, gravity acts. Without contacts the
             joints are then integrated to a higher order, so that the time step shows in no log.
-        compiled: Whether the drives are computed by `CompiledChain`: equal but for rounding.
+        compiled: Whether the drives are computed by `compiled_step`: equal but for rounding.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class Plant(DrivenRobots):
     ) -> None:
         super().__init__(robot, (), chain, imu)
         if compiled:
-            self._drives = CompiledChain(self._chain)
+            self._drive = compiled_step(self._chain)
         self.terrain = terrain
         body = body or BodyChain()
         self.model = scene.build_spec(

@@ -8,7 +8,7 @@ from samples import ROBOT
 
 from saltus.effects.backlash import Backlash
 from saltus.effects.chain import ActuatorChain, Torques
-from saltus.effects.compiled_chain import CompiledChain
+from saltus.effects.compiled_chain import compiled_step
 from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.effect import Effect
 from saltus.effects.encoders import EncoderBias, EncoderQuantisation, VelocityFilter, VelocityScale
@@ -77,30 +77,30 @@ def assert_alike(one: Torques, other: Torques) -> None:
 @pytest.mark.parametrize("effects", CHAINS, ids=NAMES)
 def test_compiled_drives_are_the_drives(effects: tuple[Effect[Any], ...]) -> None:
     chain = ActuatorChain(effects).fitted(ROBOT)
-    compiled = CompiledChain(chain)
+    compiled = compiled_step(chain)
     state = other = chain.blank
     for given in drawn_steps(600):
         torques, state = chain.step(*given, state)
-        again, other = compiled.step(*given, other)
+        again, other = compiled(*given, other, None)
         assert_alike(torques, again)
 
 
 def test_robots_that_start_anew_forget() -> None:
     chain = ActuatorChain(EFFECTS).fitted(ROBOT)
-    compiled, state, other = CompiledChain(chain), chain.blank, chain.blank
+    compiled, state, other = compiled_step(chain), chain.blank, chain.blank
     for k, given in enumerate(drawn_steps(60)):
         if k % 20 == 0:
             state = other = chain.blank
         torques, state = chain.step(*given, state)
-        again, other = compiled.step(*given, other)
+        again, other = compiled(*given, other, None)
         assert_alike(torques, again)
 
 
 def test_commands_that_are_not_finite_stay_so() -> None:
     chain = ActuatorChain(SHIPPED).fitted(ROBOT)
-    compiled, state = CompiledChain(chain), chain.blank
+    compiled, state = compiled_step(chain), chain.blank
     for command, *given in drawn_steps(5):
-        _, state = compiled.step(command, *given, state)
+        _, state = compiled(command, *given, state, None)
     bad = JointCommand(**{**vars(command), "position": np.full(12, np.nan)})
-    torques, _ = compiled.step(bad, *given, state)
+    torques, _ = compiled(bad, *given, state, None)
     assert not np.isfinite(torques.believed + torques.applied).any()
