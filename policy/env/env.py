@@ -1,8 +1,7 @@
 """The training environment: thousands of robots, each on its course, in lockstep at 100 Hz.
 
 A step is: clip the action; five times control, physics, sense; then judge, reset who is done,
-observe. All state lives in the tensors of `Memory`, which every stage changes in place, so that on
-a GPU each stage is replayed as a CUDA graph and nothing waits for the processor.
+observe.
 """
 
 import math
@@ -11,7 +10,7 @@ from dataclasses import fields, replace
 import torch
 from torch import Tensor
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Constant, namespace
 from saltus.constants import PHYSICS_DT, POLICY_DT, POLICY_STEPS
 from saltus.controller.compensation import compensation_of
 from saltus.controller.estimator import Estimator, EstimatorState
@@ -28,17 +27,15 @@ from saltus.errors import ConfigError
 from saltus.grid import HeightGrid
 from saltus.joint_command import JointCommand
 from saltus.policy.bounds import ACTIONS, plan_from_values
-from saltus.policy.env.compiled import Stage
 from saltus.policy.env.curriculum import kinds_of_robots
 from saltus.policy.env.drives import training_drives
 from saltus.policy.env.episode import Episodes
-from saltus.policy.env.memory import blank_memory, keep, store
+from saltus.policy.env.memory import Memory, blank_memory, keep, store
 from saltus.policy.env.rewards import RewardInputs, reward_terms
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.states import engine_states
-from saltus.policy.env.transition import Transition
+from saltus.policy.env.training_env import TrainingEnv, Transition
 from saltus.policy.env.views import Views
-from saltus.robots.legs import LegKinematics
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
 from saltus.states import RobotStates
@@ -46,11 +43,14 @@ from saltus.terrain.batch import Courses
 from saltus.wire.messages import ControllerMode
 
 
-class JumpEnv:
+class JumpEnv(TrainingEnv):
     """Robots that jump, given heights on a grid.
 
     Tensors are on the engine's device, stance forces by default of the batched solver.
     """
+
+    substeps = POLICY_STEPS
+    memory: Memory
 
     def __init__(
         self,
@@ -62,13 +62,8 @@ class JumpEnv:
         device: str = "cpu",
         solver: StanceSolver | None = None,
     ) -> None:
-        self.config, self.robot = config, engine.robot
-        self.count = engine.count
-        self.device = torch.device(device)
-        self._engine = engine
-        self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
-        self._ctrl = torch.as_tensor(engine.ctrl)
-        self._legs = LegKinematics(self.robot)
+        super().__init__(engine, device, seed, len(ACTIONS))
+        self.config = config
         self._stand_pose = Constant(self.robot.stand_pose)
         profile = load_profile(config.profile, self.robot)
         self._law = LegController(
@@ -82,23 +77,22 @@ class JumpEnv:
         self.memory = blank_memory(kinds, plans, max(config.past_steps, default=0), self.device)
         self._plans_ago = torch.arange(plans, device=self.device)
         self._blank_law = self._law.init((self.count,), self.memory.phase)
-        self._generator = torch.Generator(self.device).manual_seed(seed)
-        self._output = torch.zeros(self.count, len(ACTIONS), device=self.device)
         self.standing = torch.zeros(self.count, dtype=torch.bool, device=self.device)
         """Robots that stand, whatever their plan; they begin to step when they do so no more. May be written in place,
         shape (n,)."""
         self.views = Views(
             self.robot, grid, self.memory, config, self.states, self._qpos, self._qvel
         )
-        self._equip(profile)
+        self._equip_with(profile)
         self.episodes = Episodes(self.memory, config, engine, self._estimator, self.views, profile)
-        self.stages = [
-            Stage(f, self.device) for f in (self._plan, self._control, self._sense, self._finish)
-        ]
-        """Plan, control, sense and finish: what a step does around the physics."""
-        self._begin(prepare=True)
+        ends, self._draws, self._sums = self.episodes, self.episodes.draws, (self.episodes.tally,)
+        self._shown = Transition(
+            actor=self.views.actor, critic=self.views.critic,
+            reward=ends.reward, done=ends.done, timed_out=ends.timed_out,
+        )  # fmt: skip
+        self._start(self._plan, self._control, self._sense, self._finish)
 
-    def _equip(self, profile: Profile) -> None:
+    def _equip_with(self, profile: Profile) -> None:
         """Gives the robots drives and IMUs, and these blank memories.
 
         Raises:
@@ -110,70 +104,17 @@ class JumpEnv:
                 "dimensions, or leave "
                 "torsion and rolling out of the profile, and softness out of the draws"
             )
-        self._drives = training_drives(self.robot, profile, self.config.randomisation, self.memory)
+        randomisation = self.config.randomisation
+        self._equip(training_drives(self.robot, profile, randomisation, self.memory))
         self._imu = profile.imu_chain
-        zero: Array = torch.zeros(self.count, 12, device=self.device)
-        still = JointCommand(position=zero, velocity=zero, kp=zero, kd=zero, torque=zero)
-        _, state = self._drives.step(still, zero, zero, self._time_s(), self._drives.blank)
-        self.memory.actuators = map_arrays(torch.zeros_like, state)
         if self._imu.effects:
             reading = _reading(engine_states(self._engine, self.memory))
             now = self._imu.step(reading, self._time_s(), self._imu.blank)
             self.memory.imu = map_arrays(torch.zeros_like, now)
 
-    def step(self, output: Tensor) -> Transition:
-        """Ten milliseconds with the network's output, shape (n, 10), of which [-1, 1] is within bounds."""
-        plan, control, sense, finish = self.stages
-        self._output.copy_(output)
-        plan()
-        for _ in range(POLICY_STEPS):
-            control()
-            self._engine.step()
-            sense()
-        self.episodes.draws.uniform_(generator=self._generator)
-        finish()
-        return self.transition()
-
-    def transition(self) -> Transition:
-        """The last one; before the first step, with the first observation."""
-        return Transition(
-            actor=self.views.actor.clone(),
-            critic=self.views.critic.clone(),
-            reward=self.episodes.reward.clone(),
-            done=self.episodes.done.clone(),
-            timed_out=self.episodes.timed_out.clone(),
-        )
-
-    def crowded_share(self) -> float:
-        """Share of the robots for which the physics left out contacts since the last call, as there was no room."""
-        return float(torch.as_tensor(self._engine.crowded()).float().mean())
-
     def grow(self, steps: float) -> None:
         """Ranges are drawn from as after so many environment steps of all processes."""
         self.episodes.grow(steps)
-
-    def set_levels(self, level: Tensor) -> None:
-        """Starts every robot again on a course of the given level, shape (n,)."""
-        store(self.memory, level=level)
-        self._begin(prepare=False)
-
-    @torch.no_grad()
-    def _begin(self, prepare: bool) -> None:
-        """Starts an episode of every robot, at a random age so that not all end at once."""
-        self.episodes.draws.uniform_(generator=self._generator)
-        everyone = torch.ones(self.count, dtype=torch.bool, device=self.device)
-        self._reset(everyone)
-        self.views.observe(self.episodes.height_noise, everyone)
-        if prepare and self.device.type == "cuda":
-            for stage in self.stages:
-                stage.prepare()  # which runs it
-            self.memory.level.zero_()
-            self._begin(prepare=False)
-            return
-        age = torch.rand(self.count, generator=self._generator, device=self.device)
-        store(self.memory, time_s=age * self.config.episode.time_limit_s)
-        store(self.memory, first_time_s=self.memory.time_s)
-        self.episodes.tally.zero_()
 
     @torch.no_grad()
     def _plan(self) -> None:
@@ -199,14 +140,7 @@ class JumpEnv:
             reference, states, self._law_state(), ControllerMode.RUN
         )
         command = self._or_stand(command)
-        joints = true.joint_position, true.joint_velocity
-        torque, actuators = self._drives.step(
-            command, *joints, self._time_s(), memory.actuators, self._fresh()
-        )
-        self._ctrl.copy_(torque.applied)
-        if (resistance := torque.resistance) is not None:
-            self._engine.set_joints(resistance.friction, resistance.damping, resistance.armature)
-        keep(memory.actuators, actuators)
+        self._drive(command, true.joint_position, true.joint_velocity)
         stands = self.standing[:, None]
         store(
             memory,
@@ -300,10 +234,12 @@ class JumpEnv:
         self.episodes.judge()
         self._reset(self.episodes.done)
         self.episodes.disturb()
-        self.views.observe(self.episodes.height_noise, self.episodes.done | self.standing)
+        self._look(self.episodes.done | self.standing)
+
+    def _look(self, fresh: Tensor) -> None:
+        self.views.observe(self.episodes.height_noise, fresh)
 
     def _reset(self, robots: Tensor) -> None:
-        """Starts the next episode of `robots`, bool, shape (n,)."""
         self.episodes.reset(robots)
         if imu := self.memory.imu:
             now = self._imu.step(
@@ -329,13 +265,9 @@ class JumpEnv:
         )
         return replace(true, joint_position=joints.position, joint_velocity=joints.velocity)
 
-    def _time_s(self) -> Tensor:
-        """In the run of each robot, shape (n,)."""
-        return self.memory.time_s + PHYSICS_DT * self.memory.tick
-
-    def _fresh(self) -> Tensor:
-        """Robots whose episode begins with the coming physics step, bool, shape (n,)."""
-        return (self.memory.time_s == self.memory.first_time_s) & (self.memory.tick == 0.0)
+    @property
+    def _time_limit_s(self) -> float:
+        return self.config.episode.time_limit_s
 
     def courses(self) -> Courses:
         """The terrain of every robot."""

@@ -13,7 +13,7 @@ from saltus.errors import SaltusError
 from saltus.policy.bounds import ACTIONS, ActionBounds
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import LearningConfig
-from saltus.policy.env.transition import LearningEnv, Transition
+from saltus.policy.env.training_env import TrainingEnv, Transition
 from saltus.policy.training.checkpoint import config_of, read_checkpoint, write_checkpoint
 
 FIRST_ACTION = (2.0, 1.0, 0.3, 0.0, 0.0, 0.0, 0.12, 0.0, 0.0, 0.12)
@@ -29,7 +29,7 @@ class Learner:
 
     def __init__(
         self,
-        env: LearningEnv,
+        env: TrainingEnv,
         config: LearningConfig,
         actor: MLPModel,
         distributed: tuple[int, int] = (0, 1),

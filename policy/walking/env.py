@@ -3,8 +3,7 @@
 Each has the boxes of its ground that are nearest to it.
 
 A step is: take the action; ten times drives and physics; then judge, reset who is done, command,
-look. As in `saltus.policy.env` all state lives in tensors that are changed in place, so that on a
-GPU each stage is replayed as a CUDA graph.
+look.
 """
 
 from typing import Any
@@ -16,20 +15,18 @@ from saltus.arrays import ColumnNames
 from saltus.constants import PHYSICS_DT
 from saltus.dialects import dialect_of
 from saltus.effects.body import BodyModel
-from saltus.effects.effect import map_arrays
 from saltus.effects.profile import load_profile
 from saltus.grid import SCAN
 from saltus.joint_command import JointCommand
-from saltus.policy.env.compiled import Stage
 from saltus.policy.env.curriculum import moved_level
 from saltus.policy.env.drives import training_drives
-from saltus.policy.env.memory import keep, store
+from saltus.policy.env.memory import store
 from saltus.policy.env.randomisation import BODY_DRAWS, SOFT_RUBBER, draw_bodies
-from saltus.policy.env.transition import Transition
+from saltus.policy.env.training_env import TrainingEnv, Transition
 from saltus.policy.walking import commands
 from saltus.policy.walking.commands import draw_command, followed, in_command_frame
 from saltus.policy.walking.ground import Ground
-from saltus.policy.walking.memory import blank_memory
+from saltus.policy.walking.memory import WalkMemory, blank_memory
 from saltus.policy.walking.observation import (
     POLICY_HZ,
     SIZE,
@@ -41,7 +38,7 @@ from saltus.policy.walking.observation import (
 from saltus.policy.walking.rewards import AIR_TIME_S, RewardInputs, reward_terms, total
 from saltus.policy.walking.scan_errors import ScanErrors
 from saltus.policy.walking.settings import WalkConfig
-from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import JOINTS
 from saltus.rotations import quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
 from saltus.sim.plant import CLEARANCE
@@ -69,19 +66,18 @@ PRIVILEGED = 3 + 1 + 1 + 1 + 3 + 4 + 4 + 1
 """Length of what the critic sees besides the policy's vector without errors."""
 
 
-class WalkEnv:
+class WalkEnv(TrainingEnv):
     """Robots that walk on the boxes of their ground, given heights on the scan."""
+
+    substeps = SUBSTEPS
+    memory: WalkMemory
 
     def __init__(
         self, engine: Engine, config: WalkConfig, *, seed: int, device: str = "cpu"
     ) -> None:
-        self.config, self.robot, self.count = config, engine.robot, engine.count
-        self.device = torch.device(device)
-        self._engine = engine
-        self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
-        self._ctrl = torch.as_tensor(engine.ctrl)
+        super().__init__(engine, device, seed, len(JOINTS))
+        self.config = config
         self._warmstart = torch.as_tensor(engine.warmstart)
-        self._legs = LegKinematics(self.robot)
         pose = walking_pose(self.robot, config.drives.height)
         self._pose = torch.tensor(pose, dtype=torch.float32, device=self.device)
         self._height = self.robot.foot_radius - float(self._legs.position(pose)[:, 2].min())
@@ -98,14 +94,8 @@ class WalkEnv:
         )
         profile = load_profile(config.profile, self.robot)
         self._body = profile.body_chain
-        self._drives = training_drives(self.robot, profile, config.randomisation, self.memory)
-        zero = torch.zeros(self.count, 12, device=self.device)
-        still = JointCommand(position=zero, velocity=zero, kp=zero, kd=zero, torque=zero)
-        _, state = self._drives.step(still, zero, zero, self._time_s(), self._drives.blank)
-        self.memory.actuators = map_arrays(torch.zeros_like, state)
-        self._generator = torch.Generator(self.device).manual_seed(seed)
+        self._equip(training_drives(self.robot, profile, config.randomisation, self.memory))
         self._draws = torch.zeros(self.count, _DRAWS.count, device=self.device)
-        self._action = zero.clone()
         self.reward = torch.zeros(self.count, device=self.device)
         self.done = torch.zeros(self.count, dtype=torch.bool, device=self.device)
         self.timed_out = torch.zeros_like(self.done)
@@ -116,31 +106,12 @@ class WalkEnv:
         self.term_sums = torch.zeros_like(self.memory.terms[0])
         """Sum over steps of the mean of each reward term."""
         self._trunk = self._trunk_points()
-        self.stages = [Stage(f, self.device) for f in (self._take, self._control, self._finish)]
-        """Take, control and finish: what a step does around the physics."""
-        self._begin(prepare=True)
-
-    def step(self, output: Tensor) -> Transition:
-        """Twenty milliseconds with the network's output, shape (n, 12)."""
-        take, control, finish = self.stages
-        self._action.copy_(output)
-        take()
-        for _ in range(SUBSTEPS):
-            control()
-            self._engine.step()
-        self._draws.uniform_(generator=self._generator)
-        finish()
-        return self.transition()
-
-    def transition(self) -> Transition:
-        """The last one; before the first step, with the first observation."""
-        return Transition(
-            actor=self.actor.clone(),
-            critic=self.critic.clone(),
-            reward=self.reward.clone(),
-            done=self.done.clone(),
-            timed_out=self.timed_out.clone(),
-        )
+        self._sums = self.tally, self.term_sums
+        self._shown = Transition(
+            actor=self.actor, critic=self.critic,
+            reward=self.reward, done=self.done, timed_out=self.timed_out,
+        )  # fmt: skip
+        self._start(self._take, self._control, self._finish)
 
     def motion(self) -> Tensor:
         """Velocities of the bases as commands have them, shape (n, 3)."""
@@ -148,42 +119,14 @@ class WalkEnv:
         ahead = in_command_frame(qvel[:, :3], rotation_matrix(qpos[:, 3:7]))[:, :2]
         return torch.cat([ahead, qvel[:, 5:6]], -1)
 
-    def crowded_share(self) -> float:
-        """Share of the robots for whose contacts there was no room since the last call."""
-        return float(torch.as_tensor(self._engine.crowded()).float().mean())
-
     def grow(self, steps: float) -> None:
         """Nothing: no range grows with the steps."""
-
-    def set_levels(self, level: Tensor) -> None:
-        """Starts every robot again on a ground of the given level, shape (n,)."""
-        store(self.memory, level=level)
-        self._begin(prepare=False)
-
-    @torch.no_grad()
-    def _begin(self, prepare: bool) -> None:
-        """Starts an episode of every robot, at a random age so that not all end at once."""
-        self._draws.uniform_(generator=self._generator)
-        everyone = torch.ones_like(self.done)
-        self._reset(everyone)
-        self._look(everyone)
-        if prepare and self.device.type == "cuda":
-            for stage in self.stages:
-                stage.prepare()  # which runs it
-            self.memory.level.zero_()
-            self._begin(prepare=False)
-            return
-        age = torch.rand(self.count, generator=self._generator, device=self.device)
-        store(self.memory, time_s=age * self.config.time_limit_s)
-        store(self.memory, first_time_s=self.memory.time_s)
-        self.tally.zero_()
-        self.term_sums.zero_()
 
     @torch.no_grad()
     def _take(self) -> None:
         memory, most = self.memory, self.config.drives.most
         store(memory, last_action=memory.action, tick=torch.zeros_like(memory.tick))
-        store(memory, action=torch.nan_to_num(self._action).clamp(-most, most))
+        store(memory, action=torch.nan_to_num(self._output).clamp(-most, most))
 
     @torch.no_grad()
     def _control(self) -> None:
@@ -198,15 +141,7 @@ class WalkEnv:
             kd=zero + drives.kd,
             torque=zero,
         )
-        joints = self._qpos[:, 7:].float(), self._qvel[:, 6:].float()
-        fresh = (memory.time_s == memory.first_time_s) & (memory.tick == 0.0)
-        torque, actuators = self._drives.step(
-            command, *joints, self._time_s(), memory.actuators, fresh
-        )
-        self._ctrl.copy_(torque.applied)
-        if (resistance := torque.resistance) is not None:
-            self._engine.set_joints(resistance.friction, resistance.damping, resistance.armature)
-        keep(memory.actuators, actuators)
+        torque = self._drive(command, self._qpos[:, 7:].float(), self._qvel[:, 6:].float())
         store(memory, tick=memory.tick + 1.0, torque=torque.believed)
 
     @torch.no_grad()
@@ -445,9 +380,9 @@ class WalkEnv:
         memory = self.memory
         return Boxes(center=memory.center, half_size=memory.half_size, turn=memory.turn)
 
-    def _time_s(self) -> Tensor:
-        """In the run of each robot, shape (n,)."""
-        return self.memory.time_s + PHYSICS_DT * self.memory.tick
+    @property
+    def _time_limit_s(self) -> float:
+        return self.config.time_limit_s
 
     def _trunk_points(self) -> Tensor:
         """Corners and middles of the trunk's lower face, base frame [m], shape (6, 3)."""

@@ -35,7 +35,7 @@ from saltus.policy.bounds import ACTIONS
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.randomisation import WideConfig
 from saltus.policy.env.settings import TrainConfig
-from saltus.policy.env.transition import Transition
+from saltus.policy.env.training_env import Transition
 from saltus.policy.features import size_with
 from saltus.policy.training.checkpoint import read_checkpoint
 

@@ -18,10 +18,8 @@ OTHERS = {
     "controller/robot/mujoco.py: MujocoRobot.write",
     # the robot's own side, for a controller over DDS
     "controller/robot/unitree/simulated.py: SimulatedUnitree.step",
-    # stages that change tensors in place, for CUDA graphs
-    "policy/env/env.py: JumpEnv.step",
-    # joints that a network leads: no leg law, no plan
-    "policy/walking/env.py: WalkEnv.step",
+    # both trainings: stages that change tensors in place, for CUDA graphs
+    "policy/env/training_env.py: TrainingEnv.step",
     # commands or torques are played open-loop: no law, no estimator, no plan
     "real2sim/experiments/run.py: _move",
     "real2sim/problem/body/replay.py: BodyReplay._run",
