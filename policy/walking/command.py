@@ -1,23 +1,21 @@
 """`saltus policy walk`: trains, exports and evaluates walking policies."""
 
-import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
-from saltus.config import check_between, load_changes
+from saltus.config import check_between
 from saltus.errors import SaltusError
 from saltus.flags import shown
-from saltus.folders import another_training, ask_for_room, new_folder
-from saltus.policy.training.command import TRAINING
 from saltus.policy.training.files import CHECKPOINT
+from saltus.policy.training.training_command import TRAINING, TrainingCommand
 from saltus.policy.walking.settings import WalkTrainConfig
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train:
+class Train(TrainingCommand):
     """Trains a policy that follows velocity commands with joint targets, on 187 heights.
 
     Ctrl-C saves. A flag wins over --config, --config over the resumed training or the defaults,
@@ -28,33 +26,15 @@ class Train:
       saltus policy walk train --resume runs/DATE-policy-walk/checkpoint.pt
     """
 
-    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-policy-walk")] = None
-    """Folder for checkpoint.pt, walk.onnx, config.toml, log.txt and progress.csv.
+    folder = "policy-walk"
 
-    One with another training is refused.
-    """
     minutes: float = 40.0
     """Time limit, with compilation."""
-    iterations: Annotated[int | None, shown("INT", "none, the time ends it")] = None
-    """Stop at this iteration, counted from the very first."""
-    resume: Annotated[Path | None, shown("PATH", "none, from nothing")] = None
-    """Checkpoint to go on from."""
-    config: Annotated[Path | None, shown("PATH", "none")] = None
-    """TOML file with what is to differ from the resumed training, or from the defaults."""
-    device: Literal["auto", "cpu"] = "auto"
-    """auto: a GPU where there is one."""
-    commit: Annotated[str | None, shown("STR", "as git says")] = None
-    """Commit of the code that trains, where this machine has no repository."""
     training: Annotated[WalkTrainConfig, tyro.conf.arg(name="")]
 
-    def defaults(self) -> "Train":
-        """The same command with the settings that its flags change.
-
-        Raises:
-            SaltusError: a file cannot be used, or training is not installed.
-        """
-        start = self._start()
-        return replace(self, training=load_changes(start, self.config) if self.config else start)
+    def usual(self) -> WalkTrainConfig:
+        """Settings of a GPU where nothing is given and no training goes on."""
+        return WalkTrainConfig(robot=self.training.robot)
 
     def run(self) -> int:
         """Trains to the end of the time; saves where it is interrupted.
@@ -63,19 +43,9 @@ class Train:
             KeyboardInterrupt: it was interrupted; what was learned is saved.
             SaltusError: something of it cannot be; the message says what.
         """
-        if not 0.0 < self.minutes < math.inf:
-            raise SaltusError(
-                f"minutes = {self.minutes:g}: it must be more than 0, and have an end"
-            )
-        if self.iterations is not None:
-            check_between(self, iterations=(1, 10**9))
-        start, folder = self._start(), self.out or new_folder("policy-walk")
-        if self.resume and self.training.learning.hidden != start.learning.hidden:
-            raise SaltusError(
-                f"learning.hidden = {self.training.learning.hidden}: the networks of {self.resume} "
-                f"have {start.learning.hidden}"
-            )
-        self._check_folder(folder)
+        self.check()
+        folder = self.new_folder()
+        self.check_folder(folder)
         from saltus.policy.training.train import device_of_this_process
         from saltus.policy.walking.train import train
 
@@ -90,26 +60,6 @@ class Train:
         )
         print(folder / CHECKPOINT)  # noqa: T201
         return 0
-
-    def _start(self) -> WalkTrainConfig:
-        """The settings without flags and file."""
-        try:
-            from saltus.policy.training.checkpoint import config_of, read_checkpoint
-        except ImportError as error:
-            raise SaltusError(f"training needs {error.name}: {TRAINING}") from error
-        if self.resume is not None:
-            return config_of(read_checkpoint(self.resume), WalkTrainConfig)
-        return WalkTrainConfig(robot=self.training.robot)
-
-    def _check_folder(self, folder: Path) -> None:
-        """Refuses a folder that holds another training, or that cannot be written into."""
-        from saltus.policy.training.checkpoint import config_of, read_checkpoint
-
-        ask_for_room(folder)
-        there = folder / CHECKPOINT
-        if there.exists() and not (self.resume is not None and self.resume.samefile(there)):
-            before = config_of(read_checkpoint(there), WalkTrainConfig)
-            raise another_training(there, asdict(before), asdict(self.training))
 
 
 @dataclass(frozen=True, kw_only=True)

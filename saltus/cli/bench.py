@@ -12,7 +12,7 @@ from saltus.cli.output import print_figures, print_json
 from saltus.cli.parsing import parse
 from saltus.errors import SaltusError, nearest_hint
 from saltus.flags import shown
-from saltus.policy.training.command import TRAINING
+from saltus.policy.training.training_command import TRAINING
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,7 +24,7 @@ from saltus.errors import ConfigError, SaltusError
 from saltus.flags import CommandGroup, Subcommands, shown
 from saltus.folders import new_folder
 from saltus.grid import DEFAULT_GRID, load_grid
-from saltus.policy.training.command import TRAINING
+from saltus.policy.training.training_command import TRAINING
 from saltus.policy.walking import command
 from saltus.policy.walking.settings import WalkTrainConfig
 from saltus.robots.loading import load_robot

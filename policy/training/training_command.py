@@ -1,0 +1,118 @@
+"""A training of a policy as it is asked for: from where it starts, where it writes, how long it takes."""
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+import tyro
+
+from saltus.config import check_between, load_changes
+from saltus.errors import SaltusError
+from saltus.flags import shown
+from saltus.folders import another_training, ask_for_room, new_folder
+from saltus.policy.training.files import CHECKPOINT
+
+TRAINING = "pip install 'saltus[train]'"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingCommand(ABC):
+    """A training for a time or a number of iterations, from nothing or from a checkpoint.
+
+    A flag wins over --config, --config over the resumed training or the defaults.
+    """
+
+    folder: ClassVar[str]
+    """Name of the new folders under runs/, after the date."""
+
+    out: Annotated[Path | None, shown("PATH", "a new one under runs/")] = None
+    """Folder for checkpoint.pt, config.toml, log.txt and tables.
+
+    One with another training is refused.
+    """
+    minutes: float = 15.0
+    """Time limit, with compilation."""
+    iterations: Annotated[int | None, shown("INT", "none, the time ends it")] = None
+    """Stop at this iteration, counted from the very first."""
+    resume: Annotated[Path | None, shown("PATH", "none, from nothing")] = None
+    """Checkpoint to go on from, in its own folder or in another, which then gets its log and tables
+    as well."""
+    config: Annotated[Path | None, shown("PATH", "none")] = None
+    """TOML file with what is to differ from the resumed training, or from the defaults."""
+    device: Literal["auto", "cpu"] = "auto"
+    """auto: a GPU where there is one."""
+    commit: Annotated[str | None, shown("STR", "as git says")] = None
+    """Commit of the code that trains, where this machine has no repository."""
+    training: Annotated[Any, tyro.conf.arg(name="")]
+
+    @abstractmethod
+    def usual(self) -> Any:
+        """Settings where nothing is given and no training goes on."""
+
+    def start(self) -> Any:
+        """Settings without flags and file: those of the resumed training, else the usual ones.
+
+        Raises:
+            SaltusError: the checkpoint cannot be used, or training is not installed.
+        """
+        try:
+            from saltus.policy.training.checkpoint import config_of, read_checkpoint
+        except ImportError as error:
+            raise SaltusError(f"training needs {error.name}: {TRAINING}") from error
+        if self.resume is not None:
+            return config_of(read_checkpoint(self.resume), type(self.training))
+        return self.usual()
+
+    def defaults(self) -> Self:
+        """The same command with what its flags go on from: `start`, and --config.
+
+        Raises:
+            SaltusError: a file cannot be used, or training is not installed.
+        """
+        start = self.start()
+        return replace(self, training=load_changes(start, self.config) if self.config else start)
+
+    def check(self) -> Any:
+        """Refuses limits out of their range and networks of another size; returns `start`.
+
+        Raises:
+            SaltusError: it is one of these.
+        """
+        if not 0.0 < self.minutes < math.inf:
+            raise SaltusError(
+                f"minutes = {self.minutes:g}: it must be more than 0, and have an end"
+            )
+        if self.iterations is not None:
+            check_between(self, iterations=(1, 10**9))
+        start, hidden = self.start(), self.training.learning.hidden
+        if self.resume is not None and hidden != start.learning.hidden:
+            raise SaltusError(
+                f"learning.hidden = {hidden}: the networks of {self.resume} have "
+                f"{start.learning.hidden}"
+            )
+        return start
+
+    def new_folder(self) -> Path:
+        """Folder of the results; a new one, not made here, unless --out names it."""
+        return self.out or new_folder(self.folder)
+
+    def check_folder(self, folder: Path) -> None:
+        """Refuses a folder that holds another training, or that cannot be written into.
+
+        Raises:
+            SaltusError: it is one of these.
+        """
+        from saltus.policy.training.checkpoint import config_of, read_checkpoint
+
+        ask_for_room(folder)
+        there = folder / CHECKPOINT
+        if not there.exists() or (self.resume is not None and _is_same_file(self.resume, there)):
+            return
+        before = config_of(read_checkpoint(there), type(self.training))
+        raise another_training(there, asdict(before), asdict(self.training))
+
+
+def _is_same_file(one: Path, other: Path) -> bool:
+    return one.samefile(other) or one.read_bytes() == other.read_bytes()
