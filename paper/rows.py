@@ -256,7 +256,7 @@ ROWS: tuple[Row, ...] = (
     ),
     Row(
         name="learning-curves", where="Sec. VIII-A", needs=ABLATION,
-        make="ablations.learning_curves",
+        make="learning_curves.learning_curves",
         shows="The policy takes 8,000 iterations, 7 hours on one RTX 4090; the predictor one hour.",
         differs="Ours are of the full system's policies, 250 million steps each, and of the networks that see.",
     ),

@@ -1,31 +1,26 @@
 """Reads a recorded run, whole or damaged, and measures it.
 
-A file that was cut off reads up to the cut, one with flipped bits without what they hit:
-    `Recording.complete` is false
-and `Recording.lost` says what; `saltus.recordings.repair` makes a whole file of it. Writing is
-`saltus.recordings.recorder`, run logs of plain tables are `saltus.recordings.run_log`.
+`saltus.recordings.recorded_file` says what of a damaged file is sound, `saltus.recordings.repair`
+makes a whole file of it. Writing is `saltus.recordings.recorder`; run logs of plain tables are
+`saltus.recordings.run_log`.
 """
 
 import json
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
-from mcap.exceptions import EndOfFile
-from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Metadata, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk
 
-from saltus import config
 from saltus.config import RunConfig, Value, from_table
 from saltus.depth_camera import DepthCamera, load_camera
 from saltus.effects.profile import Profile, load_profile
-from saltus.errors import ConfigError, MessageError, RecordingError
+from saltus.errors import MessageError, RecordingError
 from saltus.grid import HeightGrid, load_grid
-from saltus.recordings.chunks import RECORD_MAX, ChunkRow, rows, sound_records, torn_chunk
-from saltus.recordings.recorder import LIBRARY, LOST, METADATA, METADATA_END
+from saltus.recordings.chunks import ChunkRow, rows
+from saltus.recordings.recorded_file import RecordedFile
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.setup import Setup
@@ -58,22 +53,9 @@ class Arrival(NamedTuple):
 
 
 @dataclass(eq=False)
-class Recording:
+class Recording(RecordedFile):
     """A recorded run. `messages` reads lazily, so long runs fit in memory."""
 
-    path: Path
-    config: RunConfig | None = field(default=None, repr=False)
-    """None where the head of the file is lost."""
-    metadata: dict[str, str] = field(default_factory=dict, repr=False)
-    summary: dict[str, str] = field(default_factory=dict, repr=False)
-    """The summary that the writer gave at the end: restarts, errors."""
-    complete: bool = False
-    """True where the file has its end and every part of it is sound."""
-    lost: list[str] = field(default_factory=list)
-    """Losses, one line each."""
-    _schemas: dict[int, Schema] = field(default_factory=dict, repr=False)
-    _channels: dict[int, Channel] = field(default_factory=dict, repr=False)
-    _chunks: list[Chunk] = field(default_factory=list, repr=False)
     _unpacked: dict[int, list[Arrival]] = field(default_factory=dict, repr=False)
     _former: dict[int, int | None] = field(default_factory=dict, repr=False)
 
@@ -156,7 +138,7 @@ class Recording:
     @property
     def senders(self) -> list[str]:
         """Keys below the robot's prefix that have messages, e.g. "status/render"."""
-        found = (channel.topic[1:] for channel in self._channels.values())
+        found = (channel.topic[1:] for channel in self.channels.values())
         return [key for key in dict.fromkeys(found) if topic_of(key) is not None]
 
     def topics(self) -> list[str]:
@@ -211,7 +193,7 @@ class Recording:
 
         Zeros where there is none.
         """
-        chunks = [chunk for chunk in self._chunks if chunk.message_end_time]
+        chunks = [chunk for chunk in self.chunks if chunk.message_end_time]
         if not chunks:
             return 0, 0
         return min(c.message_start_time for c in chunks), max(c.message_end_time for c in chunks)
@@ -221,7 +203,7 @@ class Recording:
 
         Only what the interval needs is unpacked, so that any moment of a long run is at hand.
         """
-        for number, chunk in enumerate(self._chunks):
+        for number, chunk in enumerate(self.chunks):
             if chunk.message_end_time > after_ns and chunk.message_start_time <= until_ns:
                 for row in self._rows(number, chunk):
                     if after_ns < row.arrival_ns <= until_ns:
@@ -231,7 +213,7 @@ class Recording:
         if number not in self._unpacked:
             if len(self._unpacked) >= UNPACKED_CHUNKS:
                 del self._unpacked[next(iter(self._unpacked))]
-            known = {channel: _sender(self._channels[channel]) for channel in self._channels}
+            known = {channel: _sender(self.channels[channel]) for channel in self.channels}
             wanted = {
                 channel: sender
                 for channel, sender in known.items()
@@ -245,7 +227,7 @@ class Recording:
     def _check_fields(self, topic: str) -> None:
         """Refuses fields of another version: the bytes of one that was renamed would be read under its new meaning."""
         for channel in self._channels_of(topic).values():
-            schema = self._schemas.get(channel.schema_id)
+            schema = self.schemas.get(channel.schema_id)
             if schema is None or schema.name not in schemas.DEFINITIONS:
                 continue
             written, known = (
@@ -262,7 +244,7 @@ class Recording:
 
     def _former_of(self, channel: Channel) -> int | None:
         """Place of its messages in `codec.former_definitions_of`; None where they are those of today."""
-        schema, row = self._schemas.get(channel.schema_id), topic_of(channel.topic[1:])
+        schema, row = self.schemas.get(channel.schema_id), topic_of(channel.topic[1:])
         if schema is None or row is None:
             return None
         written = _fields(schema.data.decode(errors="replace"))
@@ -272,7 +254,7 @@ class Recording:
     def _payload(self, number: int, key: str, payload: bytes) -> bytes:
         """The payload of a message of a channel as messages are today."""
         if number not in self._former:
-            self._former[number] = self._former_of(self._channels[number])
+            self._former[number] = self._former_of(self.channels[number])
         row, former = topic_of(key), self._former[number]
         return (
             payload
@@ -282,7 +264,7 @@ class Recording:
 
     def _channels_of(self, topic: str) -> dict[int, Channel]:
         found = {}
-        for number, channel in self._channels.items():
+        for number, channel in self.channels.items():
             key = channel.topic[1:]
             row = topic_of(key)
             of_every_process = row is not None and row.publisher == "*" and topic == row.name
@@ -296,7 +278,7 @@ class Recording:
             for topic in topics
             for number, channel in self._channels_of(topic).items()
         }
-        for chunk in self._chunks:
+        for chunk in self.chunks:
             for row in rows(chunk, wanted):
                 yield self._arrival(row, *wanted[row.channel])
 
@@ -305,106 +287,11 @@ class Recording:
         return Arrival(row.log_time, key, envelope, self._payload(row.channel, key, row.payload))
 
 
-def is_recording(path: Path) -> bool:
-    """True where a file begins as a recording of a run; other programs write MCAP too."""
-    with suppress(Exception), path.open("rb") as file:  # damaged bytes fail in many ways
-        first = next(StreamReader(file).records)
-        return isinstance(first, Header) and first.library == LIBRARY
-    return False
-
-
 def read_recording(path: str | Path) -> Recording:
     """Opens a recording, checks every part of it, and keeps what is sound; `RecordingError` where nothing is."""
-    path = Path(path)
-    recording = Recording(path)
-    try:
-        with path.open("rb") as file:
-            _Reader(recording).read(file)
-    except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
+    recording = Recording(Path(path))
+    recording.fill()
     return recording
-
-
-class _Reader:
-    """Fills a recording from a file that may be damaged anywhere."""
-
-    def __init__(self, recording: Recording) -> None:
-        self.recording = recording
-        self.ended = False
-        self.begun = False
-
-    def read(self, file: BinaryIO) -> None:
-        reader = StreamReader(file, emit_chunks=True, record_size_limit=RECORD_MAX)
-        lost = self.recording.lost
-        start = 0
-        try:
-            for record in reader.records:
-                self._take(record)
-                start = file.tell()
-        except Exception as error:  # damaged bytes fail in many ways; all mean the same
-            if not self.begun:
-                raise RecordingError(
-                    f"{self.recording.path} is not a recording (MCAP): {_reason(error)}"
-                ) from error
-            lost.append(f"everything after part {len(self.recording._chunks)}: {_reason(error)}")
-            self._take_torn(file, start)
-        if not self.ended and not lost:
-            lost.append("the end of the file")
-        self.recording.complete = self.ended and not lost
-
-    def _take_torn(self, file: BinaryIO, start: int) -> None:
-        """The first messages of the chunk that begins at `start`, where the file ends inside of it."""
-        file.seek(start)
-        with suppress(Exception):  # as above: then nothing of it is whole
-            chunk = torn_chunk(file.read(RECORD_MAX))
-            self._keep(chunk, sound_records(chunk))
-
-    def _take(self, record: McapRecord) -> None:
-        recording = self.recording
-        if isinstance(record, Header):
-            self.begun = True
-        elif isinstance(record, Chunk):
-            self._take_chunk(record)
-        elif isinstance(record, Metadata):
-            self._take_metadata(record)
-        elif isinstance(
-            record, Channel
-        ):  # the summary repeats them: those of a damaged part come back
-            recording._channels.setdefault(record.id, record)
-        elif isinstance(record, Schema):
-            recording._schemas.setdefault(record.id, record)
-        elif isinstance(record, Footer):
-            self.ended = True
-
-    def _take_chunk(self, chunk: Chunk) -> None:
-        try:
-            self._keep(chunk, sound_records(chunk))
-        except Exception as error:  # as above
-            start, end = 1e-9 * chunk.message_start_time, 1e-9 * chunk.message_end_time
-            self.recording.lost.append(
-                f"messages between {start:.2f} s and {end:.2f} s: {_reason(error)}"
-            )
-
-    def _keep(self, chunk: Chunk, records: list[McapRecord]) -> None:
-        self.recording._chunks.append(chunk)
-        for record in records:
-            if isinstance(record, Channel):
-                self.recording._channels[record.id] = record
-            elif isinstance(record, Schema):
-                self.recording._schemas[record.id] = record
-
-    def _take_metadata(self, record: Metadata) -> None:
-        if record.name == METADATA_END:
-            self.recording.summary = record.metadata
-            self.recording.lost += map(str, json.loads(record.metadata.get(LOST, "[]")))
-        elif record.name == METADATA:
-            self.recording.metadata = record.metadata
-            try:
-                self.recording.config = config.from_toml(
-                    RunConfig, record.metadata.get("config", "")
-                )
-            except ConfigError as error:
-                self.recording.lost.append(f"the configuration: {error}")
 
 
 def _sender(channel: Channel) -> tuple[str, bytes]:
@@ -415,7 +302,3 @@ def _sender(channel: Channel) -> tuple[str, bytes]:
 def _fields(definition: str) -> list[str]:
     """Lines of a message definition, without those of the types that it contains."""
     return definition.split("=" * 80)[0].split("\n")
-
-
-def _reason(error: Exception) -> str:
-    return "the file ends" if isinstance(error, EndOfFile) else str(error) or type(error).__name__

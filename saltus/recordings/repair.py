@@ -9,8 +9,9 @@ from mcap.writer import CompressionType, Writer
 
 from saltus.errors import RecordingError
 from saltus.files import atomic_write
+from saltus.recordings.recorded_file import is_recording
 from saltus.recordings.recorder import CHUNK_BYTES, LIBRARY, LOST, METADATA, METADATA_END, PROFILE
-from saltus.recordings.recording import Recording, is_recording, read_recording
+from saltus.recordings.recording import Recording, read_recording
 
 
 def repair(path: Path, out: Path) -> Recording:
@@ -47,7 +48,7 @@ def _write(recording: Recording, path: Path) -> None:
             writer.add_metadata(METADATA, recording.metadata)
         schemas = {
             schema.id: writer.register_schema(schema.name, schema.encoding, schema.data)
-            for schema in recording._schemas.values()
+            for schema in recording.schemas.values()
         }
         channels = {
             channel.id: writer.register_channel(
@@ -56,10 +57,10 @@ def _write(recording: Recording, path: Path) -> None:
                 schemas[channel.schema_id],
                 channel.metadata,
             )
-            for channel in recording._channels.values()
+            for channel in recording.channels.values()
             if channel.schema_id in schemas
         }
-        for chunk in recording._chunks:
+        for chunk in recording.chunks:
             for record in breakup_chunk(chunk):
                 if isinstance(record, Message) and record.channel_id in channels:
                     writer.add_message(

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.errors import RecordingError
+from saltus.recordings.recorded_file import is_recording
 from saltus.recordings.recorder import RECORDING_FILE
-from saltus.recordings.recording import Recording, is_recording, read_recording
+from saltus.recordings.recording import Recording, read_recording
 from saltus.recordings.rig_claims import CameraClaim, RigClaims, SegmentClaim
 from saltus.recordings.run_claims import SCHEMA, claim_of
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, write_run_log
