@@ -109,22 +109,25 @@ def train(
         )  # fmt: skip
         if note:
             record.say(note)
-        record.say(
-            f"ready after {time.monotonic() - start:.0f} s: {env.count} robots on {rank.device}"
-        )
-    learn(learner, record, paced(learner, start, minutes, iterations, rank))
+    ready = f"ready after {time.monotonic() - start:.0f} s: {env.count} robots on {rank.device}"
+    learn(learner, record, paced(learner, start, minutes, iterations, rank), ready)
 
 
-def learn(learner: Learner, record: TrainingRecord | None, turns: Iterator[None]) -> None:
+def learn(
+    learner: Learner, record: TrainingRecord | None, turns: Iterator[None], ready: str
+) -> None:
     """An iteration for each of `turns`; saves at the end, also where it is interrupted.
 
-    `record` is None in processes that help the first one.
+    `record` is None in processes that help the first one. `ready` is a line for people: whoever
+    interrupts after it finds a checkpoint.
 
     Raises:
         KeyboardInterrupt: it was interrupted; what was learned is saved.
         SaltusError: the checkpoint cannot be written.
     """
     try:
+        if record is not None:
+            record.say(ready)
         for _ in turns:
             learner.collect()
             losses = learner.learn()

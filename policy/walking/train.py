@@ -71,5 +71,5 @@ def train(
         start_s=start - before_s, say=say, resumed=resume, save_s=SAVE_S,
         saved=lambda checkpoint: export(checkpoint, folder / MODEL),
     )  # fmt: skip
-    record.say(f"ready after {time.monotonic() - start:.0f} s: {env.count} robots, {rank.device}")
-    learn(learner, record, paced(learner, start, minutes, iterations, rank))
+    ready = f"ready after {time.monotonic() - start:.0f} s: {env.count} robots on {rank.device}"
+    learn(learner, record, paced(learner, start, minutes, iterations, rank), ready)
