@@ -374,6 +374,6 @@ class Demo(RobotOption, JsonOption):
 
 @dataclass(frozen=True, kw_only=True)
 class Real2sim(CommandGroup):
-    """The effects that a simulator lacks: find them in logs, apply it, run experiments that show it, train with it."""
+    """The effects that a simulator lacks: find and apply them, run experiments, train with them."""
 
     command: Subcommands[Find | Import | Apply | Experiments | Demo | Cycle]
