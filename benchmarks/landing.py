@@ -23,6 +23,7 @@ from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.loop.planner import Planner
+from saltus.policy.mover import Jumper
 from saltus.policy.planner import make_planner
 from saltus.policy.process import PlannerProcess
 from saltus.robots.loading import load_robot
@@ -33,7 +34,7 @@ from saltus.setup import Setup
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
-from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan
+from saltus.wire.messages import AnyPlan, ControllerMode, Heightmap, HeightmapStatus
 
 TICK_NS = round(1e9 * PHYSICS_DT)
 CYCLE_S = 0.3  # of the gait, about: 3 to 3.5 bounds a second
@@ -123,8 +124,8 @@ def land(
         )
     )
     robot.reset()
-    loop, process = ControlLoop(kind), PlannerProcess(kind, LINE, planner)
-    plan: MotionPlan | None = None
+    loop, process = ControlLoop(kind), PlannerProcess(LINE, Jumper(kind, planner))
+    plan: AnyPlan | None = None
     stopped_s, start_x = float("inf"), 0.0
     fault_tick = round(fault_s / PHYSICS_DT)
     for tick in range(fault_tick + round(AFTER_S / PHYSICS_DT)):

@@ -3,7 +3,7 @@
 It knows no bus and no clock.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 
 import numpy as np
@@ -13,6 +13,7 @@ from saltus.controller.gait import GaitSignal, standing
 from saltus.controller.robot.backend import Reading
 from saltus.controller.signals import Reference, reference_of
 from saltus.controller.tick import Acting, Tick
+from saltus.controller.tracking import Tracking
 from saltus.controller.watchdog import WatchdogConfig, WatchdogInput, WatchdogState, watch
 from saltus.errors import SaltusError
 from saltus.joint_command import JointCommand
@@ -20,7 +21,15 @@ from saltus.plan import REST, plan_message, plan_of
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.states import RobotStates, state_message, states_of
-from saltus.wire.messages import ControllerMode, JointLog, MotionPlan, PlanStatus, RobotState
+from saltus.wire.messages import (
+    AnyPlan,
+    ControllerMode,
+    JointLog,
+    JointPlan,
+    MotionPlan,
+    PlanStatus,
+    RobotState,
+)
 
 FIRST_STAND_S = 1.0
 """Time for estimator, camera and heightmap to settle before the first GO is obeyed."""
@@ -49,6 +58,7 @@ class ControlLoop:
         self._gait: GaitSignal = standing((), robot.stand_pose)
         self._settled = self._finite = False
         self._ground = self._tick.braking.init(LegKinematics(robot).position(robot.stand_pose))
+        self._tracking = Tracking(robot, self._tick.compensation)
         self._last: Acting | None = None
         self._caught = False
         self._ticks = 0
@@ -76,7 +86,7 @@ class ControlLoop:
         self._attitude = (float(sensing.roll), float(sensing.pitch))
         self._estimate, self._finite = sensing.estimate, isfinite(sensing.total)
 
-    def act(self, plan: MotionPlan | None, plan_age_s: float) -> JointCommand:
+    def act(self, plan: AnyPlan | None, plan_age_s: float) -> JointCommand:
         """Decides the mode and computes the command.
 
         Before the first plan there is none, and its age is infinite.
@@ -87,6 +97,7 @@ class ControlLoop:
             WatchdogInput(
                 plan_age_s=plan_age_s,
                 plan_status=PlanStatus.STAND if plan is None else plan.status,
+                walks=isinstance(plan, JointPlan),
                 roll=self._attitude[0],
                 pitch=self._attitude[1],
                 finite=self._finite,
@@ -96,7 +107,7 @@ class ControlLoop:
             PHYSICS_DT,
             self._watchdog,
         )
-        command = self._step_law(self._reference(plan))
+        command = self._step_law(plan)
         self._rows.append(_Row(reading=reading, command=command))
         self._ticks += 1
         return command
@@ -136,8 +147,8 @@ class ControlLoop:
             raise SaltusError("the control loop must sense before it acts")
         return self._reading
 
-    def _reference(self, message: MotionPlan | None) -> Reference:
-        message = message or _NO_PLAN
+    def _reference(self, plan: AnyPlan | None) -> Reference:
+        message = plan if isinstance(plan, MotionPlan) else _NO_PLAN
         if self._plan is None or self._plan[0] is not message:
             self._plan = (message, reference_of(plan_of(message), np.asarray(self._heading)))
         return self._plan[1]
@@ -145,12 +156,17 @@ class ControlLoop:
     def _states(self) -> RobotStates:
         return states_of(self._sensed_reading().measurement, self._estimate, self._gait)
 
-    def _step_law(self, reference: Reference) -> JointCommand:
-        mode, reference = self._own_reference(reference)
+    def _step_law(self, plan: AnyPlan | None) -> JointCommand:
+        mode, reference = self._own_reference(self._reference(plan))
         acting = self._tick.act(reference, self._states(), self._law_state, self._ground, mode)
         self._law_state, self._ground, self._last = acting.law, acting.ground, acting
         self._gait, self._settled = acting.gait, bool(acting.settled)
-        return acting.command
+        if mode != ControllerMode.WALK or not isinstance(plan, JointPlan):
+            return acting.command
+        reading = self._sensed_reading()
+        down = self._tracking.contact(reading.measurement, reading.joint_torque)
+        self._gait = replace(acting.gait, contact=down, trusted=down)
+        return self._tracking.command(plan)
 
     def _own_reference(self, reference: Reference) -> tuple[ControllerMode, Reference]:
         """Returns what the law is to do: while plans are late and until the robot is slow it bounds on and brakes."""
@@ -158,8 +174,11 @@ class ControlLoop:
         if last is None or self.mode not in (ControllerMode.COAST, ControllerMode.LANDING):
             self._caught = False
             return self.mode, reference
+        # A robot that walks has feet below it: it is caught at once, also at 1.2 m/s
         self._caught = self.mode == ControllerMode.LANDING and (
-            self._caught or bool(self._tick.braking.is_slow(last))
+            self._caught
+            or self._law_state.mode == ControllerMode.WALK
+            or bool(self._tick.braking.is_slow(last))
         )
         if self._caught:
             return ControllerMode.LANDING, self._tick.braking.catching(reference, self._ground)

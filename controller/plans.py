@@ -4,31 +4,31 @@ from dataclasses import replace
 
 from saltus.controller.watchdog import WatchdogConfig
 from saltus.runtime.process import ProcessContext
-from saltus.wire.messages import MotionPlan, PlanStatus
+from saltus.wire.messages import AnyPlan, PlanStatus
 
 
 class Plans:
-    """The planner's newest plan."""
+    """The planner's newest plan: of joint targets where the run's planner walks."""
 
     def __init__(self, context: ProcessContext, watchdog: WatchdogConfig | None = None) -> None:
         self._context = context
         self._lost_age_s = (watchdog or WatchdogConfig()).lost_age_s
-        self._slot = context.bus.latest("policy/plan")
-        self._plan: MotionPlan | None = None
-        self._standing: MotionPlan | None = None
+        self._slot = context.bus.latest(context.config.plan_topic)
+        self._plan: AnyPlan | None = None
+        self._standing: AnyPlan | None = None
         self._lost = False
 
-    def take(self) -> MotionPlan | None:
+    def take(self) -> AnyPlan | None:
         """The newest plan, if one has arrived since the last call."""
         sample = self._slot.take()
         return None if sample is None else self._keep(sample.message)
 
-    def wait(self, timeout_s: float) -> MotionPlan | None:
+    def wait(self, timeout_s: float) -> AnyPlan | None:
         """The next plan, at most `timeout_s` from now."""
         sample = self._slot.wait(timeout_s)
         return None if sample is None else self._keep(sample.message)
 
-    def newest(self, now_ns: int, *, halt: bool) -> tuple[MotionPlan | None, float]:
+    def newest(self, now_ns: int, *, halt: bool) -> tuple[AnyPlan | None, float]:
         """The newest plan and its age [s]; infinite before the first.
 
         `halt` is for a run that is over for the robot: its plan says STAND and is never late.
@@ -53,7 +53,7 @@ class Plans:
         detail = f": {self._plan.reason}" if self._plan.reason else ""
         return f"plan {self._plan.status.name}, {1e3 * self._age_s(now_ns):.0f} ms old{detail}"
 
-    def _keep(self, plan: MotionPlan) -> MotionPlan:
+    def _keep(self, plan: AnyPlan) -> AnyPlan:
         self._plan = plan
         return plan
 

@@ -31,6 +31,7 @@ ALIKE = {
     ControllerMode.COAST: ControllerMode.RUN,
     ControllerMode.STOPPED: ControllerMode.STAND,
     ControllerMode.LIE: ControllerMode.STAND,
+    ControllerMode.WALK: ControllerMode.STAND,
 }
 """Modes that the law treats as others."""
 
@@ -82,6 +83,7 @@ class Tick:
         compensation: Compensation | None = None,
         solver: StanceSolver | None = None,
     ) -> None:
+        self.compensation = compensation
         self.estimator = Estimator(robot)
         self.law = LegController(robot, compensation=compensation, solver=solver)
         self.braking = Braking(robot)

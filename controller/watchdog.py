@@ -42,6 +42,8 @@ class WatchdogInput:
     """A landing has come to rest."""
     may_start: bool
     """The robot has stood long enough to obey its first GO."""
+    walks: bool = False
+    """The newest plan is one of joint targets."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,11 +61,11 @@ def watch(
 ) -> WatchdogState:
     """One tick: the next state. STOPPED and DAMP are latched; DAMP wins over everything.
 
-    STAND -> RUN on a fresh GO, -> LIE on a fresh LIE. LIE -> STAND on a fresh STAND or GO.
-    RUN <-> COAST by the age of the plan. RUN, COAST -> LANDING when the plan is lost or says STOP
-    (a fault), STAND or LIE (no fault). LANDING -> STOPPED after a fault, else STAND. A plan that is
-    lost or says STOP while the robot stands or lies changes nothing: it already does the safe
-    thing.
+    STAND -> RUN on a fresh GO, -> WALK where its plan is of joint targets, -> LIE on a fresh LIE.
+    LIE -> STAND on a fresh STAND or GO. RUN <-> COAST by the age of the plan. RUN, COAST, WALK ->
+    LANDING when the plan is lost or says STOP (a fault), STAND or LIE (no fault). LANDING ->
+    STOPPED after a fault, else STAND. A plan that is lost or says STOP while the robot stands or
+    lies changes nothing: it already does the safe thing.
     """
     config = config or WatchdogConfig()
     mode, fault = _decide(state, now, config)
@@ -83,7 +85,7 @@ def _decide(
     lost = not now.plan_age_s <= config.lost_age_s or now.plan_status == PlanStatus.STOP
     if state.mode in _AT_REST:
         fresh = now.plan_age_s <= config.coast_age_s and now.may_start
-        return (_from_rest(state.mode, now.plan_status) if fresh else state.mode), False
+        return (_from_rest(state.mode, now) if fresh else state.mode), False
     if state.mode == ControllerMode.LANDING:
         fault = state.fault or lost
         if now.settled or state.mode_time_s >= config.landing_limit_s:
@@ -93,16 +95,20 @@ def _decide(
         return ControllerMode.LANDING, True
     if now.plan_status in (PlanStatus.STAND, PlanStatus.LIE):
         return ControllerMode.LANDING, False
+    if now.walks:
+        return ControllerMode.WALK, False
     return (
         ControllerMode.RUN if now.plan_age_s <= config.coast_age_s else ControllerMode.COAST
     ), False
 
 
-def _from_rest(mode: ControllerMode, status: PlanStatus) -> ControllerMode:
+def _from_rest(mode: ControllerMode, now: WatchdogInput) -> ControllerMode:
     """The next mode of a robot that stands or lies, on a fresh plan."""
+    status = now.plan_status
     if mode == ControllerMode.LIE:
         return ControllerMode.STAND if status in (PlanStatus.STAND, PlanStatus.GO) else mode
-    return {PlanStatus.GO: ControllerMode.RUN, PlanStatus.LIE: ControllerMode.LIE}.get(status, mode)
+    go = ControllerMode.WALK if now.walks else ControllerMode.RUN
+    return {PlanStatus.GO: go, PlanStatus.LIE: ControllerMode.LIE}.get(status, mode)
 
 
 def _upright(now: WatchdogInput, config: WatchdogConfig) -> bool:

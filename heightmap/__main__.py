@@ -23,8 +23,12 @@ def body(
     peer: bool = False,
     scan: ScanChoice | None = None,
 ) -> None:
-    """Serves `robots`, each on a bus of its own (`peer`: see `ZenohBus`); run.toml's robot where there are none."""
+    """Serves `robots`, each on a bus of its own (`peer`: see `ZenohBus`); run.toml's robot where there are none.
+
+    The grid is run.toml's where there is no `scan`.
+    """
     own = context.config.prefix
+    scan = scan or _scan_of_run(context)
     with contextlib.ExitStack() as buses:
         contexts = []
         for robot in dict.fromkeys(robots or [own]):
@@ -40,6 +44,13 @@ def body(
         for each in contexts:
             each.ready()
         process.run(lambda: context.stopped)
+
+
+def _scan_of_run(context: ProcessContext) -> ScanChoice | None:
+    """Heights of a run that is of another grid than the line; None of the line."""
+    model = context.config.heightmap_model
+    path = None if model is None else Path(model)
+    return ScanChoice.of_flags(context.config.grid, None, (), ROBOT_BODY, path)
 
 
 def _run(context: ProcessContext, own: argparse.Namespace) -> None:

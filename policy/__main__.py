@@ -1,8 +1,12 @@
-"""The planner process: answers every robot state with a motion plan."""
+"""The planner process: answers every robot state with a motion plan or with joint targets."""
 
 import sys
+from collections.abc import Callable
+from pathlib import Path
 
-from saltus.loop.planner import Planner, compiled_observe
+from saltus.errors import ConfigError
+from saltus.loop.planner import compiled_observe
+from saltus.policy.mover import Jumper, Mover
 from saltus.policy.planner import make_planner, warm_up
 from saltus.policy.process import PlannerProcess
 from saltus.robots.legs import LegKinematics
@@ -16,28 +20,24 @@ HEIGHTMAP_WAIT_S = 0.005  # real time: half a policy step for the heightmap of t
 
 
 class PlannerLoop:
-    """Wires a planner to bus and clock."""
+    """Wires a planner to bus and clock; `mover` makes what moves a robot that is met anew."""
 
-    def __init__(self, context: ProcessContext, planner: Planner) -> None:
+    def __init__(self, context: ProcessContext, mover: Callable[[], Mover]) -> None:
         self._context = context
         self._lockstep = context.config.pace == "lockstep"
-        self._planner = planner
-        # In lockstep nobody is late: the reference itself, to the bit
-        legs = LegKinematics(context.setup.robot)
-        self._compiled = None if self._lockstep else compiled_observe(legs)
+        self._mover = mover
         self._process = self._begun()
         self._robot: bytes | None = None
         self._states = context.bus.latest("controller/state")
         self._heightmaps = context.bus.latest("heightmap/heightmap")
         self._commands = context.bus.latest("operator/command", rings=False)
-        self._plans = context.bus.publisher("policy/plan")
+        self._plans = context.bus.publisher(context.config.plan_topic)
         self._done = context.bus.publisher("done", context.name)
         self._newest_step = -1  # of the heightmaps that have arrived
         self.ticks = 0
 
     def _begun(self) -> PlannerProcess:
-        setup = self._context.setup
-        return PlannerProcess(setup.robot, setup.grid, self._planner, self._compiled)
+        return PlannerProcess(self._context.setup.grid, self._mover())
 
     def run(self) -> None:
         """Answers until the process is told to stop."""
@@ -106,12 +106,27 @@ class PlannerLoop:
 
 def body(context: ProcessContext) -> None:
     """Runs the process; see `saltus.runtime.process`."""
-    robot, grid = context.setup.robot, context.setup.grid
-    planner = make_planner(context.config.planner, robot, grid, context.config.policy_model)
-    warm_up(planner, robot, grid)
-    loop = PlannerLoop(context, planner)
+    loop = PlannerLoop(context, mover_of(context))
     context.ready()
     loop.run()
+
+
+def mover_of(context: ProcessContext) -> Callable[[], Mover]:
+    """Makes movers of a run's planner, all loaded and warm; the errors of its models."""
+    config, robot, grid = context.config, context.setup.robot, context.setup.grid
+    if config.planner == "walking":
+        from saltus.policy.joints.policy import JointPolicy
+        from saltus.policy.joints.walker import Walker
+
+        if config.policy_model is None:
+            raise ConfigError("policy_model is missing: no walking policy is shipped, name one")
+        policy = JointPolicy(Path(config.policy_model))
+        return lambda: Walker(robot, policy)
+    planner = make_planner(config.planner, robot, grid, config.policy_model)
+    warm_up(planner, robot, grid)
+    # In lockstep nobody is late: the reference itself, to the bit
+    compiled = None if config.pace == "lockstep" else compiled_observe(LegKinematics(robot))
+    return lambda: Jumper(robot, planner, compiled)
 
 
 if __name__ == "__main__":

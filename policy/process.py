@@ -1,24 +1,19 @@
 """When the planner lets the robot go, and when it makes it stop: a pure class, without bus and clock."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from saltus.grid import HeightGrid
-from saltus.loop.planner import Observation, Planner, observe
-from saltus.plan import REST, plan_message
-from saltus.robots.legs import LegKinematics
-from saltus.robots.robot import Robot
+from saltus.policy.mover import AT_REST, Mover
 from saltus.runtime.ticker import freshness
 from saltus.wire.messages import (
+    AnyPlan,
     CommandMode,
     ControllerMode,
     DriveCommand,
     Heightmap,
     HeightmapStatus,
-    MotionPlan,
     PlanStatus,
     RobotState,
 )
@@ -48,28 +43,21 @@ class PlannerProcess:
 
     STAND until the robot has stood for 0.5 s and a heightmap is OK; then GO, also on heightmaps
     that are degraded. After the first command of an operator it goes only while the newest one says
-    JUMP and is not older than 0.5 s; else it stands, or lies down. STOP, which is final, when
-    heightmaps end, are invalid, or come from a hidden state that was reset; but STAND while the
-    robot has not moved yet, as on a computer that is still busy with starting. `compiled` observes
-    in place of the law on numpy (`saltus.loop.planner.compiled_observe`).
+    what the mover does (JUMP or WALK) and is not older than 0.5 s; else it stands, or lies down. A
+    mover that walks waits for a command. STOP, which is final, when heightmaps end, are invalid, or
+    come from a hidden state that was reset; but STAND while the robot has not moved yet, as on a
+    computer that is still busy with starting.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        grid: HeightGrid,
-        planner: Planner,
-        compiled: Callable[[RobotState], Observation] | None = None,
-    ) -> None:
+    def __init__(self, grid: HeightGrid, mover: Mover) -> None:
         self._x, self._y, self._told_of_grid = np.array(grid.x), np.array(grid.y), False
-        self._observe = compiled or partial(observe, legs=LegKinematics(robot))
-        self._planner = planner
+        self._mover, self._velocity = mover, AT_REST
         self._status = PlanStatus.STAND
         self._reason = "the robot has not stood long enough"
         self._first_ns: int | None = None
         self._heightmap: Heightmap | None = None
         self._arrival_ns = 0
-        self._plan: MotionPlan | None = None
+        self._plan: AnyPlan | None = None
         self._command: DriveCommand | None = None
         self.notices: list[Notice] = []
         """Notices of what has happened since the caller last emptied the list."""
@@ -80,7 +68,7 @@ class PlannerProcess:
         heightmap: Heightmap | None,
         now_ns: int,
         command: DriveCommand | None = None,
-    ) -> MotionPlan:
+    ) -> AnyPlan:
         """Answers one robot state; the same step again gets the same plan again.
 
         A heightmap or a command is given once, when it has arrived since the last call; `now_ns` is
@@ -97,7 +85,7 @@ class PlannerProcess:
             self._consider_stopping(state, now_ns)
         elif self._status != PlanStatus.STOP:
             self._consider_going(state)
-        self._obey(now_ns)
+        self._obey(state, now_ns)
         self._plan = self._planned(state)
         return self._plan
 
@@ -113,17 +101,26 @@ class PlannerProcess:
             self.notices.append(Notice(code="heightmap_grid", detail="it is not that of the run"))
         return fits
 
-    def _obey(self, now_ns: int) -> None:
+    def _obey(self, state: RobotState, now_ns: int) -> None:
         """Stands or lies down where a command asks for it, or where commands have ended."""
-        if self._command is None or self._status == PlanStatus.STOP:
+        command, self._velocity = self._command, AT_REST
+        if self._status == PlanStatus.STOP:
             return
-        mode = self._command.mode
-        if not freshness(_COMMANDS, self._command.time_ns, now_ns).usable:
-            self._status, self._reason = PlanStatus.STAND, "commands have ended"
-        elif mode != CommandMode.JUMP:
-            is_to_lie = mode == CommandMode.LIE_DOWN
-            self._status = PlanStatus.LIE if is_to_lie else PlanStatus.STAND
-            self._reason = f"the command is {mode.name}"
+        if command is None:
+            if self._mover.waits:
+                self._rest(state, PlanStatus.STAND, "no command yet")
+        elif not freshness(_COMMANDS, command.time_ns, now_ns).usable:
+            self._rest(state, PlanStatus.STAND, "commands have ended")
+        elif command.mode == self._mover.follows:
+            self._velocity = (command.velocity_x, command.velocity_y, command.yaw_rate)
+        else:
+            lies = command.mode == CommandMode.LIE_DOWN
+            status = PlanStatus.LIE if lies else PlanStatus.STAND
+            self._rest(state, status, f"the command is {command.mode.name}")
+
+    def _rest(self, state: RobotState, status: PlanStatus, reason: str) -> None:
+        if self._status != PlanStatus.GO or not self._mover.slows(state):
+            self._status, self._reason = status, reason
 
     def _consider_going(self, state: RobotState) -> None:
         self._status = PlanStatus.STAND
@@ -161,12 +158,8 @@ class PlannerProcess:
         self._status = PlanStatus.STOP
         self.notices.append(Notice(code=code, detail=detail))
 
-    def _planned(self, state: RobotState) -> MotionPlan:
-        plan = REST
+    def _planned(self, state: RobotState) -> AnyPlan:
+        heights = None
         if self._status == PlanStatus.GO and self._heightmap is not None:
             heights = np.asarray(self._heightmap.height, dtype=np.float64)
-            begins = self._plan is None or self._plan.status != PlanStatus.GO
-            plan = self._planner.step(self._observe(state), heights, begins)
-        return plan_message(
-            plan, self._status, time_ns=state.time_ns, step=state.step, reason=self._reason
-        )
+        return self._mover.plan(state, heights, self._velocity, self._status, self._reason)

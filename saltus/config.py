@@ -20,6 +20,9 @@ from saltus.errors import ConfigError, nearest_hint
 Pace = Literal["lockstep", "realtime"]
 Renderer = Literal["auto", "embree", "pyrender", "warp"]
 PlannerName = Literal["scripted", "learned"]
+PLAN_TOPICS = ("policy/plan", "policy/joints")
+"""Topics of plans for jumps, and of joint targets."""
+RunPlanner = Literal["scripted", "learned", "walking"]
 
 Config = TypeVar("Config")
 
@@ -98,8 +101,9 @@ class RunConfig:
     known: str | None = None
     """Profile of what is known of the drives, by name or path: the leg controller takes it out of
     its commands."""
-    planner: PlannerName = "learned"
-    """scripted: rules that read the heightmap. learned: a network."""
+    planner: RunPlanner = "learned"
+    """scripted: rules that read the heightmap. learned: a network. walking: a network that commands
+    joints, from `policy_model`."""
     policy_model: str | None = None
     """Path of the learned planner's ONNX file; by default the shipped policy."""
     heightmap_model: str | None = None
@@ -112,6 +116,12 @@ class RunConfig:
 
     The zero of the run's clock in real time.
     """
+
+    @property
+    def plan_topic(self) -> str:
+        """The one of `PLAN_TOPICS` on which the planner of this run answers."""
+        jumps, joints = PLAN_TOPICS
+        return joints if self.planner == "walking" else jumps
 
     @property
     def link_speed(self) -> float:

@@ -1,6 +1,7 @@
 """A lockstep run within one process: the bodies of all four in threads on one bus, and a recording of it."""
 
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 from memory_bus import MemoryBus, MemoryHub
@@ -13,20 +14,36 @@ from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.process import ProcessContext
 from saltus.runtime.programs import PROGRAMS
 from saltus.runtime.replay import body_of
-from saltus.wire.messages import OPERATOR, Event
+from saltus.wire import codec
+from saltus.wire.bus import Publisher
+from saltus.wire.messages import OPERATOR, DriveCommand, Event, RobotState
 
 PATIENCE_S = 60.0
 
 
-class OperatedHub(MemoryHub):
-    """At the end of the first step an operator asks for something, by code and detail."""
+Driver = Callable[[RobotState], DriveCommand | None]
 
-    def __init__(self, asked: tuple[str, str] | None) -> None:
+
+class OperatedHub(MemoryHub):
+    """At the end of the first step an operator asks for something, by code and detail.
+
+    `driver` says what is commanded at each state; it is there before the state.
+    """
+
+    def __init__(self, asked: tuple[str, str] | None, driver: Driver | None = None) -> None:
         super().__init__()
-        self._asked = asked
+        self._asked, self._driver = asked, driver
+        self._commands: Publisher | None = None
 
     def inject(self, key: str, payload: bytes, attachment: bytes) -> None:
         """See `MemoryHub.inject`."""
+        if self._driver is not None and key.endswith("/controller/state"):
+            command = self._driver(codec.decode(RobotState, payload))
+            if self._commands is None:
+                bus = MemoryBus(key.removesuffix("/controller/state"), self)
+                self._commands = bus.publisher("operator/command")
+            if command is not None:
+                self._commands.put(command)
         super().inject(key, payload, attachment)
         if self._asked is not None and key.endswith("/controller/joints"):
             (code, detail), self._asked = self._asked, None
@@ -36,10 +53,13 @@ class OperatedHub(MemoryHub):
 
 
 def recorded_run(
-    folder: Path, config: RunConfig, asked: tuple[str, str] | None = None
+    folder: Path,
+    config: RunConfig,
+    asked: tuple[str, str] | None = None,
+    driver: Driver | None = None,
 ) -> Recording:
     """Makes a run to its end, in a folder of its own."""
-    hub, contexts, threads = OperatedHub(asked), [], []
+    hub, contexts, threads = OperatedHub(asked, driver), [], []
     put_run(folder, config)
     others = MemoryBus(config.prefix, hub)
     stream = others.stream()

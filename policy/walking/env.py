@@ -13,7 +13,6 @@ from torch import Tensor
 
 from saltus.arrays import ColumnNames
 from saltus.constants import PHYSICS_DT
-from saltus.dialects import dialect_of
 from saltus.effects.body import BodyModel
 from saltus.effects.profile import load_profile
 from saltus.grid import SCAN
@@ -23,18 +22,19 @@ from saltus.policy.env.drives import training_drives
 from saltus.policy.env.memory import store
 from saltus.policy.env.randomisation import BODY_DRAWS, SOFT_RUBBER, draw_bodies
 from saltus.policy.env.training_env import TrainingEnv, Transition
-from saltus.policy.walking import commands
-from saltus.policy.walking.commands import draw_command, followed, in_command_frame
-from saltus.policy.walking.ground import Ground
-from saltus.policy.walking.memory import WalkMemory, blank_memory
-from saltus.policy.walking.observation import (
-    POLICY_HZ,
-    SIZE,
+from saltus.policy.joints.observation import (
+    LIMIT,
     Observer,
     Sensed,
     gravity_in_base,
-    walking_pose,
+    joint_targets,
+    standing_height,
 )
+from saltus.policy.walking import commands
+from saltus.policy.walking.commands import draw_command, followed, in_command_frame
+from saltus.policy.walking.description import POLICY_HZ, SIZE, description_of
+from saltus.policy.walking.ground import Ground
+from saltus.policy.walking.memory import WalkMemory, blank_memory
 from saltus.policy.walking.rewards import AIR_TIME_S, RewardInputs, reward_terms, total
 from saltus.policy.walking.scan_errors import ScanErrors
 from saltus.policy.walking.settings import WalkConfig
@@ -78,9 +78,10 @@ class WalkEnv(TrainingEnv):
         super().__init__(engine, device, seed, len(JOINTS))
         self.config = config
         self._warmstart = torch.as_tensor(engine.warmstart)
-        pose = walking_pose(self.robot, config.drives.height)
+        description = description_of(config, self.robot)
+        pose = description.pose
         self._pose = torch.tensor(pose, dtype=torch.float32, device=self.device)
-        self._height = self.robot.foot_radius - float(self._legs.position(pose)[:, 2].min())
+        self._height = standing_height(self.robot, pose)
         kind = torch.tensor(kinds_of(config, self.count), device=self.device)
         wide = torch.tensor(
             [name in config.ground.wide for name in config.ground.shares], device=self.device
@@ -90,7 +91,7 @@ class WalkEnv(TrainingEnv):
         self._is_kind = torch.stack([kind == k for k in range(len(config.ground.shares))]).float()
         self._scan_errors, self._observer = (
             ScanErrors(config.scan),
-            Observer(pose, dialect_of(config.dialect)),
+            Observer(description),
         )
         profile = load_profile(config.profile, self.robot)
         self._body = profile.body_chain
@@ -135,7 +136,7 @@ class WalkEnv(TrainingEnv):
         obeyed = torch.where(is_late[:, None], memory.last_action, memory.action)
         zero = torch.zeros_like(obeyed)
         command = JointCommand(
-            position=self._pose + drives.scale * obeyed,
+            position=joint_targets(self._pose, drives.scale, obeyed),
             velocity=zero,
             kp=zero + drives.kp,
             kd=zero + drives.kd,
@@ -331,7 +332,7 @@ class WalkEnv(TrainingEnv):
             told = torch.full_like(told, -self._height)
         exact = self._observed(rotation, qpos, qvel, self._heights(pose), None)
         actor = self._observed(rotation, qpos, qvel, told, _SENSORS.of(drawn.sensors))
-        self.actor.copy_(torch.nan_to_num(actor).clamp(-100.0, 100.0))
+        self.actor.copy_(torch.nan_to_num(actor))
         known = torch.cat(
             [
                 in_command_frame(qvel[:, :3], rotation),
@@ -346,7 +347,7 @@ class WalkEnv(TrainingEnv):
             -1,
         )
         critic = torch.cat([exact, known], -1)
-        self.critic.copy_(torch.nan_to_num(critic).clamp(-100.0, 100.0))
+        self.critic.copy_(torch.nan_to_num(critic).clamp(-LIMIT, LIMIT))
 
     def _observed(
         self, rotation: Tensor, qpos: Tensor, qvel: Tensor, heights: Tensor, noise: Any

@@ -14,11 +14,9 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.config import from_toml
-from saltus.errors import ModelError
-from saltus.model_file import ModelFile
+from saltus.policy.joints.policy import JointPolicy
+from saltus.policy.walking.description import POLICY_HZ
 from saltus.policy.walking.env import TALLY, WalkEnv
-from saltus.policy.walking.export import FORMAT
-from saltus.policy.walking.observation import LAYOUT, POLICY_HZ
 from saltus.policy.walking.settings import WalkConfig, WalkTrainConfig
 from saltus.policy.walking.train import make_engine
 from saltus.robots.loading import load_robot
@@ -58,27 +56,6 @@ class WalkScore:
         )
 
 
-class WalkActor:
-    """The network of a model file.
-
-    Raises:
-        ModelError: the file is no walking policy, or reads another observation.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.file = ModelFile(path)
-        for name, value in {"format": FORMAT, "observation": LAYOUT}.items():
-            if (found := self.file.field(name)) != value:
-                raise ModelError(f"{path}: '{name}' is {found!r}, this program needs {value!r}")
-        self.config: WalkTrainConfig = from_toml(WalkTrainConfig, self.file.field("config"))
-        self._session = self.file.session
-
-    def __call__(self, observation: Floats) -> Floats:
-        """Actions, shape (n, 12), for observations, shape (n, SIZE)."""
-        given = np.ascontiguousarray(observation, dtype=np.float32)
-        return np.asarray(self._session.run(["action"], {"observation": given})[0])
-
-
 def evaluate(
     model: Path,
     ground: str,
@@ -100,10 +77,9 @@ def evaluate(
         seed: Of all draws.
         exact: Whether heights are true.
     """
-    actor = WalkActor(model)
-    config = replace(
-        actor.config, robots=robots, env=_on(actor.config.env, ground, exact), seed=seed
-    )
+    actor = JointPolicy(model)
+    trained = trained_with(actor)
+    config = replace(trained, robots=robots, env=_on(trained.env, ground, exact), seed=seed)
     env = WalkEnv(make_engine(load_robot(config.robot), config, "cpu"), config.env, seed=seed)
     everyone = torch.full((robots,), float(level))
     env.set_levels(everyone)
@@ -123,6 +99,11 @@ def evaluate(
         walked_s=robots * seconds, ahead_mps=ahead, aside_mps=aside, turn_rps=turn,
         way=way["way_m"] / max(way["asked_m"], 1e-9),
     )  # fmt: skip
+
+
+def trained_with(policy: JointPolicy) -> WalkTrainConfig:
+    """Configuration of the training that a policy came from; `ModelError` of somebody else's."""
+    return from_toml(WalkTrainConfig, policy.file.field("config"))
 
 
 def tracking_errors(error: Floats, fresh: NDArray[np.bool_]) -> list[float]:

@@ -8,18 +8,16 @@ from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from saltus.grid import SCAN, grid_metadata
 from saltus.onnx_export import write_onnx
 from saltus.policy.env.settings import LearningConfig
+from saltus.policy.joints.policy import FIELD
 from saltus.policy.training.checkpoint import config_of, deployed_network, read_checkpoint
 from saltus.policy.training.learner import GROUPS
-from saltus.policy.walking.observation import LAYOUT, POLICY_HZ, SIZE, walking_pose
+from saltus.policy.walking.description import SIZE, description_of
 from saltus.policy.walking.settings import WalkTrainConfig
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS
 
-FORMAT = "saltus walking policy 1"
-"""First line of the card."""
 MODEL = "walk.onnx"
 """Name of the file in a training's folder."""
 
@@ -74,20 +72,9 @@ def export(checkpoint: Path, path: Path) -> None:
 
 
 def metadata(config: WalkTrainConfig, state: dict[str, Any]) -> dict[str, Any]:
-    """The card: everything that somebody needs to run the file."""
-    robot, drives = load_robot(config.robot), config.env.drives
+    """The card: everything that somebody needs to run the file, and how it came about."""
+    description = description_of(config.env, load_robot(config.robot))
     return {
-        "format": FORMAT,
-        "robot": robot.name,
-        **grid_metadata(SCAN),
-        "dialect": config.env.dialect,
-        "blind": config.env.blind,
-        "observation": LAYOUT,
-        "joints": list(JOINTS),
-        "pose_rad": walking_pose(robot, drives.height).tolist(),
-        "action_scale_rad": drives.scale,
-        "kp": drives.kp,
-        "kd": drives.kd,
-        "rate_hz": POLICY_HZ,
+        FIELD: description.to_toml(),
         **{key: state[key] for key in ("steps", "iteration", "seconds", "commit", "config")},
     }

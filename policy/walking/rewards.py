@@ -3,7 +3,7 @@
 from dataclasses import dataclass, fields
 
 from saltus.arrays import Array, Joints, Places, Scalars, namespace
-from saltus.policy.walking.observation import POLICY_HZ
+from saltus.policy.walking.description import POLICY_HZ
 from saltus.policy.walking.settings import RewardConfig
 
 TERMS = tuple(f.name for f in fields(RewardConfig))

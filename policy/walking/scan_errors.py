@@ -8,7 +8,7 @@ import math
 
 from saltus.arrays import Array, Constant, Points, Scalars, namespace
 from saltus.grid import SCAN
-from saltus.policy.walking.observation import POLICY_HZ
+from saltus.policy.walking.description import POLICY_HZ
 from saltus.policy.walking.settings import ScanConfig
 
 _WIDTH = math.sqrt(3.0)  # half width of a uniform law by its standard deviation

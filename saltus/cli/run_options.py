@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from saltus.config import Pace, PlannerName, Renderer, RunConfig, TerrainConfig
+from saltus.config import Pace, Renderer, RunConfig, RunPlanner, TerrainConfig
+from saltus.errors import ConfigError
 from saltus.flags import shown
 from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.robots.loading import load_robot
@@ -63,7 +64,7 @@ class ModelOptions:
     """Flags of a command that runs both networks."""
 
     policy_model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None
-    """ONNX file of the learned planner."""
+    """ONNX file of the learned planner, or of a policy that walks, or a TOML file about that."""
     heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
     """ONNX file of the heightmap service."""
 
@@ -104,8 +105,9 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
 
     Auto: embree, or the fastest for a camera without errors.
     """
-    planner: PlannerName = "learned"
-    """scripted: rules that read the heightmap. learned: a network."""
+    planner: RunPlanner = "learned"
+    """scripted: rules that read the heightmap. learned: a network. walking: a network that follows
+    commands (saltus drive), from --policy-model, on the 187 heights of the scan."""
     out: Annotated[Path | None, shown("PATH", "a new one under runs/")] = None
     """Folder for everything, in place of what an earlier run left there."""
 
@@ -118,10 +120,7 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
         from saltus.controller.compensation import compensation_for
         from saltus.effects.heightmap_shift import refuse_shift
         from saltus.effects.profile import load_profile
-        from saltus.heightmap.service.network import HeightmapNetwork
-        from saltus.policy.planner import make_planner
         from saltus.terrain.curriculum import make_terrain
-        from saltus.used_networks import model_path
 
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
         make_terrain(self.course)
@@ -131,17 +130,14 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
             None if path is None else str(path)
             for path in (self.policy_model, self.heightmap_model)
         )
-        is_other = self.robot != DEFAULT_ROBOT  # for which the shipped models were not made
-        if (
-            heightmap is not None
-            or is_other
-            or any(value is not None for value in camera.mount.values())
-        ):
-            HeightmapNetwork(robot, model_path("heightmap", heightmap))
-        if policy is not None or is_other:
-            make_planner(self.planner, robot, load_grid(DEFAULT_GRID), policy)
+        walks = self.planner == "walking"
+        if walks:
+            self._check_walking(robot)
+        else:
+            self._check_jumping(camera, robot)
         config = RunConfig(
-            robot=self.robot, grid=DEFAULT_GRID, terrain=self.course, seed=self.seed,
+            robot=self.robot, grid="scan" if walks else DEFAULT_GRID, terrain=self.course,
+            seed=self.seed,
             pace=self.pace,
             camera=self.camera, renderer=self.renderer, profile=self.profile, known=self.known,
             planner=self.planner,
@@ -150,6 +146,33 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
         )  # fmt: skip
         config.check()
         return config
+
+    def _check_walking(self, robot: "Robot") -> None:
+        """Refuses networks that cannot walk this robot or see for it."""
+        from saltus.heightmap.scan.predictor import ScanNetwork
+        from saltus.policy.joints.policy import JointPolicy
+        from saltus.used_networks import model_path
+
+        if self.policy_model is None:
+            raise ConfigError(
+                "--planner walking needs --policy-model FILE: no walking policy is shipped; "
+                "saltus policy walk train makes one"
+            )
+        JointPolicy(self.policy_model).refuse_other(robot)
+        ScanNetwork(model_path("scan", self.heightmap_model))
+
+    def _check_jumping(self, camera: "DepthCamera", robot: "Robot") -> None:
+        """Refuses networks that cannot make this robot jump or see for it."""
+        from saltus.heightmap.service.network import HeightmapNetwork
+        from saltus.policy.planner import make_planner
+        from saltus.used_networks import model_path
+
+        is_other = self.robot != DEFAULT_ROBOT  # for which the shipped models were not made
+        is_elsewhere = any(value is not None for value in camera.mount.values())
+        if self.heightmap_model is not None or is_other or is_elsewhere:
+            HeightmapNetwork(robot, model_path("heightmap", self.heightmap_model))
+        if self.planner != "walking" and (self.policy_model is not None or is_other):
+            make_planner(self.planner, robot, load_grid(DEFAULT_GRID), self.policy_model)
 
 
 @dataclass(frozen=True, kw_only=True)

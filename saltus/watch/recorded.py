@@ -10,13 +10,23 @@ from saltus.wire.messages import (
     Event,
     GroundTruth,
     Heightmap,
+    JointPlan,
     MotionPlan,
     ProcessStatus,
     RobotState,
 )
 from saltus.wire.topics import TOPICS
 
-DRAWN = (DepthFrame, Event, GroundTruth, Heightmap, MotionPlan, ProcessStatus, RobotState)
+DRAWN = (
+    DepthFrame,
+    Event,
+    GroundTruth,
+    Heightmap,
+    JointPlan,
+    MotionPlan,
+    ProcessStatus,
+    RobotState,
+)
 
 
 class RecordedRun:

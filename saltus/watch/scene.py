@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Reals
-from saltus.config import RunConfig
+from saltus.config import PLAN_TOPICS, RunConfig
 from saltus.depth_camera import DepthCamera
 from saltus.errors import MessageError
 from saltus.footholds import Footholds
@@ -27,6 +27,7 @@ from saltus.wire.messages import (
     GroundTruth,
     Heightmap,
     HeightmapStatus,
+    JointPlan,
     Message,
     MotionPlan,
     PlanStatus,
@@ -127,6 +128,8 @@ class SceneMaker:
             **TOPICS,
             "camera/depth": depth_topic(world.camera.latency_s or CAMERA_LATENCY_S),
         }
+        for unused in set(PLAN_TOPICS) - {world.config.plan_topic}:
+            del self._topics[unused]
 
     def make(self, arrivals: Iterable[Arrival], now_ns: int, events: tuple[Event, ...]) -> Scene:
         """The scene at `now_ns`, from what came in within `LOOK_BACK_NS`, in order, and from all events."""
@@ -147,6 +150,7 @@ class SceneMaker:
         state = _newest(RobotState, newest, "controller/state")
         truth = _newest(GroundTruth, newest, "plant/truth")
         plan = _newest(MotionPlan, newest, "policy/plan")
+        told = plan or _newest(JointPlan, newest, "policy/joints")
         heightmap = _newest(Heightmap, newest, "heightmap/heightmap")
         pose, joints = _pose(truth, state)
         velocity = truth or state
@@ -161,7 +165,7 @@ class SceneMaker:
             foot_force=np.zeros(4) if truth is None else np.asarray(truth.foot_force),
             planned_feet=self._planned_feet(state, plan, heightmap, pose),
             mode=None if state is None else ControllerMode(state.mode),
-            plan=None if plan is None else PlanStatus(plan.status),
+            plan=None if told is None else PlanStatus(told.status),
             heights=None if heightmap is None else _heights(heightmap, truths, pose),
             depth=_newest(DepthFrame, newest, "camera/depth"),
             topics=tuple(self._rows(newest, rates, now_ns)),

@@ -81,6 +81,9 @@ class ControllerMode(IntEnum):
     """Stands after a fault; needs a new run to jump again."""
     DAMP = 5
     """Joint damping only: not upright, or a state that is not finite."""
+    WALK = 7
+    """Joints follow the targets of a policy. Targets that are late are held for 100 ms; then it
+    lands."""
     LIE = 6
     """Legs folded, the trunk just above the ground; it stands up when it is to stand or to go."""
 
@@ -227,6 +230,23 @@ class MotionPlan:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class JointPlan:
+    """A plan of joint targets, in place of a `MotionPlan`: what a walking policy asks of the drives."""
+
+    time_ns: int
+    step: int
+    status: PlanStatus
+    joint_position: Floats
+    """Targets [rad], shape (12,); followed where the status is GO."""
+    kp: Floats
+    """Stiffness with which the drives hold them [Nm/rad], shape (12,)."""
+    kd: Floats
+    """Damping [Nm s/rad], shape (12,)."""
+    reason: str
+    """Why the status is not GO; empty otherwise."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class DriveCommand:
     """An operator's wish: how the robot is to move from now on, until the next command.
 
@@ -332,6 +352,7 @@ Message = (
     | RobotState
     | Heightmap
     | MotionPlan
+    | JointPlan
     | DriveCommand
     | JointLog
     | GroundTruth
@@ -339,3 +360,6 @@ Message = (
     | Event
     | ProcessStatus
 )
+
+AnyPlan = MotionPlan | JointPlan
+"""An answer of the planner, of either kind."""

@@ -142,6 +142,14 @@ FIELDS: dict[type[Message], tuple[Field, ...]] = {
         _vector("foot_residual_rear", 3, FOOT_RESIDUAL),
         Field("reason", "string"),
     ),
+    messages.JointPlan: (
+        _index("step"),
+        Field("status", "uint8", enum=messages.PlanStatus),
+        _vector("joint_position", JOINTS, ANGLE),
+        _vector("kp", JOINTS, GAIN, low=0.0),
+        _vector("kd", JOINTS, GAIN, low=0.0),
+        Field("reason", "string"),
+    ),
     messages.DriveCommand: (
         _index("step", low=-1),
         Field("mode", "uint8", enum=messages.CommandMode),
@@ -183,6 +191,7 @@ FRAME: dict[type[Message], str] = {
     messages.RobotState: "base",
     messages.Heightmap: "base_yaw",
     messages.MotionPlan: "base_yaw",
+    messages.JointPlan: "base",
     messages.DriveCommand: "base_yaw",
     messages.JointLog: "base",
     messages.GroundTruth: "world",

@@ -69,6 +69,7 @@ _ROWS = (
     Topic("controller/state", messages.RobotState, "controller", ("heightmap", "policy")),
     Topic("heightmap/heightmap", messages.Heightmap, "heightmap", ("policy",)),
     Topic("policy/plan", messages.MotionPlan, "policy", ("controller",)),
+    Topic("policy/joints", messages.JointPlan, "policy", ("controller",)),
     Topic(
         "operator/command",
         messages.DriveCommand,

@@ -15,7 +15,7 @@ from saltus.errors import SaltusError
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
-from saltus.wire.messages import ControllerMode, MotionPlan, PlanStatus
+from saltus.wire.messages import ControllerMode, JointPlan, MotionPlan, PlanStatus
 
 FREQUENCY_HZ = 2.75
 LIFT = np.array([0.0, 0.0, 0.09])
@@ -117,6 +117,32 @@ def test_lies_down_and_gets_up_again():
     assert heights[1] < 0.12 < 0.24 < heights[2]
     assert abs(loop.state(0, 0).base_height - robot.state.position_base_in_world[2]) < 0.05
     assert abs(lying[0]) > 0.95
+
+
+def joint_plan(status=PlanStatus.GO, targets=ROBOT.stand_pose):
+    gains = np.full(12, 40.0), np.full(12, 1.0)
+    return JointPlan(
+        time_ns=0, step=0, status=status, joint_position=targets, kp=gains[0], kd=gains[1],
+        reason="",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("silent_s", [FIRST_STAND_S + 0.5, np.inf])
+def test_joint_targets_are_held_and_their_end_is_a_stand(silent_s):
+    """Without them the robot lands and stays stopped; told to stand it stands; it never falls."""
+    robot, loop = make_robot(seed=3), ControlLoop(ROBOT)
+
+    def planner(seconds, _):
+        lower = ROBOT.stand_pose + np.tile([0.0, 0.1, -0.2], 4)
+        return joint_plan(PlanStatus.GO if seconds < 1.0 else PlanStatus.STAND, lower)
+
+    modes = drive(robot, loop, FIRST_STAND_S + 2.5, planner, silent_s)
+    stopped = ControllerMode.STOPPED if np.isfinite(silent_s) else ControllerMode.STAND
+    assert modes[:3] == [ControllerMode.STAND, ControllerMode.WALK, ControllerMode.LANDING]
+    assert modes[3:] == [stopped]
+    assert not robot.take_trunk_contact()
+    assert np.linalg.norm(robot.state.velocity_base_in_world) < 0.1
+    assert loop.state(0, 0).leg_trusted.all()
 
 
 def test_bounds_forward_with_a_useful_estimate():

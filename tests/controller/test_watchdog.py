@@ -12,8 +12,8 @@ TILTS = ((0.0, 0.0), (1.0, -1.0), (1.06, 0.0), (0.0, -1.06), (math.nan, 0.0))
 
 
 def inputs():
-    for age, status, (roll, pitch), finite, settled, may_start in itertools.product(
-        AGES, PlanStatus, TILTS, (True, False), (True, False), (True, False)
+    for age, status, (roll, pitch), finite, settled, may_start, walks in itertools.product(
+        AGES, PlanStatus, TILTS, *[(True, False)] * 4
     ):
         yield WatchdogInput(
             plan_age_s=age,
@@ -23,6 +23,7 @@ def inputs():
             finite=finite,
             settled=settled,
             may_start=may_start,
+            walks=walks,
         )
 
 
@@ -51,10 +52,11 @@ def expected(state, now):
     rests = now.plan_status in (PlanStatus.STAND, PlanStatus.LIE)
     over = now.settled or state.mode_time_s >= 1.1
     mode = ControllerMode
-    moving = state.mode in (mode.RUN, mode.COAST)
+    moving = state.mode in (mode.RUN, mode.COAST, mode.WALK)
     rules = [
         (state.mode == mode.DAMP or not upright, mode.DAMP),
         (state.mode == mode.STOPPED, mode.STOPPED),
+        (state.mode == mode.STAND and fresh_go and now.may_start and now.walks, mode.WALK),
         (state.mode == mode.STAND and fresh_go and now.may_start, mode.RUN),
         (state.mode == mode.STAND and fresh_lie and now.may_start, mode.LIE),
         (state.mode == mode.STAND, mode.STAND),
@@ -64,6 +66,7 @@ def expected(state, now):
         (state.mode == mode.LANDING and (state.fault or lost(now)), mode.STOPPED),
         (state.mode == mode.LANDING, mode.STAND),
         (moving and (lost(now) or rests), mode.LANDING),
+        (moving and now.walks, mode.WALK),
         (moving and now.plan_age_s <= 0.030, mode.RUN),
         (moving, mode.COAST),
     ]

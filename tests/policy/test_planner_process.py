@@ -11,6 +11,7 @@ from saltus.arrays import Array
 from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.loop.planner import Observation
 from saltus.plan import Plan
+from saltus.policy.mover import Jumper
 from saltus.policy.process import LOST_NS, STAND_NS, PlannerProcess
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.states import standing_state
@@ -64,7 +65,7 @@ def run(
 def going() -> tuple[PlannerProcess, int]:
     """A planner that has just said GO, and its next step."""
     process, steps = (
-        PlannerProcess(ROBOT, LINE, ScriptedPlanner(ROBOT, LINE)),
+        PlannerProcess(LINE, Jumper(ROBOT, ScriptedPlanner(ROBOT, LINE))),
         STAND_NS // STEP_NS + 1,
     )
     assert run([HeightmapStatus.OK] * steps, process)[-1].status == PlanStatus.GO
@@ -75,7 +76,7 @@ def test_stands_until_it_has_stood_and_sees() -> None:
     stand_steps = STAND_NS // STEP_NS
     plans = run(
         [HeightmapStatus.OK] * (stand_steps + 5),
-        PlannerProcess(ROBOT, LINE, ScriptedPlanner(ROBOT, LINE)),
+        PlannerProcess(LINE, Jumper(ROBOT, ScriptedPlanner(ROBOT, LINE))),
     )
     assert [plan.status for plan in plans] == [PlanStatus.STAND] * stand_steps + [PlanStatus.GO] * 5
     assert all(plan.reason for plan in plans[:stand_steps])
@@ -84,7 +85,7 @@ def test_stands_until_it_has_stood_and_sees() -> None:
 
 @pytest.mark.parametrize("status", [None, *(s for s in HeightmapStatus if s != HeightmapStatus.OK)])
 def test_does_not_go_without_a_good_heightmap(status: HeightmapStatus | None) -> None:
-    process = PlannerProcess(ROBOT, LINE, ScriptedPlanner(ROBOT, LINE))
+    process = PlannerProcess(LINE, Jumper(ROBOT, ScriptedPlanner(ROBOT, LINE)))
     plans = run([status] * 200, process)
     assert {plan.status for plan in plans} == {PlanStatus.STAND}
     assert all(plan.reason for plan in plans)
@@ -181,7 +182,7 @@ class Recalling(ScriptedPlanner):
 
 def test_the_planner_forgets_whenever_the_robot_begins_to_go() -> None:
     planner, steps = Recalling(), STAND_NS // STEP_NS + 1
-    process = PlannerProcess(ROBOT, LINE, planner)
+    process = PlannerProcess(LINE, Jumper(ROBOT, planner))
     run([HeightmapStatus.OK] * steps, process, mode=ControllerMode.STAND)
     run(
         [HeightmapStatus.INVALID] + 3 * [HeightmapStatus.OK],

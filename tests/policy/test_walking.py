@@ -10,21 +10,17 @@ from samples import ROBOT
 from saltus.dialects import dialect_of
 from saltus.grid import SCAN
 from saltus.policy.env.settings import LearningConfig
+from saltus.policy.joints.description import PolicyDescription
+from saltus.policy.joints.observation import Observer, Sensed, gravity_in_base
+from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.training.train import Rank
 from saltus.policy.walking import commands
 from saltus.policy.walking.commands import draw_command, followed, in_command_frame
+from saltus.policy.walking.description import LAYOUT, SIZE, description_of, walking_pose
 from saltus.policy.walking.env import PRIVILEGED, WalkEnv
-from saltus.policy.walking.evaluation import SETTLING, STRIDE, WalkActor, evaluate, tracking_errors
+from saltus.policy.walking.evaluation import SETTLING, STRIDE, evaluate, tracking_errors
 from saltus.policy.walking.export import DeployedWalk
 from saltus.policy.walking.ground import Ground
-from saltus.policy.walking.observation import (
-    LAYOUT,
-    SIZE,
-    Observer,
-    Sensed,
-    gravity_in_base,
-    walking_pose,
-)
 from saltus.policy.walking.rewards import TERMS, RewardInputs, reward_terms
 from saltus.policy.walking.scan_errors import ScanErrors
 from saltus.policy.walking.settings import (
@@ -186,9 +182,10 @@ def test_each_term_has_its_weight_and_none_rewards_a_worse_velocity():
 
 @pytest.mark.parametrize("dialect", ["isaaclab", "legged_gym", "mjlab"])
 def test_the_vector_holds_its_parts_in_the_stated_order(dialect):
+    described = description_of(WalkConfig(dialect=dialect), ROBOT)
     pose, rng = walking_pose(ROBOT, 0.7), np.random.default_rng(3)
     parts = {name: rng.normal(size=(5, size)) for name, size in LAYOUT.items()}
-    vector = both(lambda *given: Observer(pose, dialect_of(dialect)).vector(
+    vector = both(lambda *given: Observer(described).vector(
         Sensed(**dict(zip(parts, given, strict=True)))), *parts.values())  # fmt: skip
     assert vector.shape == (5, SIZE)
     ends = np.cumsum(list(LAYOUT.values()))
@@ -213,16 +210,12 @@ def test_the_pose_of_any_robot_puts_its_feet_below_its_hips(name, height):
 
 
 def test_the_card_says_how_the_vector_is_made_and_the_file_is_the_network(model):
-    actor = WalkActor(model)
-    assert actor.file.field("observation") == LAYOUT
-    assert actor.file.grid.equals(SCAN)
-    assert actor.file.field("robot") == "go1"
-    drives = CONFIG.env.drives
-    card = {name: actor.file.field(name) for name in ("dialect", "kp", "kd", "action_scale_rad")}
-    assert card == {
-        "dialect": "isaaclab", "kp": drives.kp, "kd": drives.kd, "action_scale_rad": drives.scale,
-    }  # fmt: skip
-    np.testing.assert_allclose(actor.file.field("pose_rad"), walking_pose(ROBOT, drives.height))
+    actor = JointPolicy(model)
+    assert actor.description == description_of(CONFIG.env, ROBOT)
+    assert PolicyDescription.from_toml(actor.description.to_toml()) == actor.description
+    np.testing.assert_allclose(
+        actor.description.pose, walking_pose(ROBOT, CONFIG.env.drives.height)
+    )
     state = torch.load(model.with_name("checkpoint.pt"), weights_only=True)
     given = np.random.default_rng(4).normal(size=(50, SIZE)).astype(np.float32)
     with torch.no_grad():
@@ -250,7 +243,7 @@ def test_observations_are_what_the_engine_and_the_ground_say():
     rotation = rotation_matrix(qpos[:, 3:7])
     x, y = SCAN.points_in_world(before[:, :2], before[:, 3])  # heights are an image late
     ground = env.ground.table.solid.of_robot(env.memory.course).height_at(x, y)
-    expected = Observer(walking_pose(ROBOT, 0.7), dialect_of("isaaclab")).vector(
+    expected = Observer(description_of(exact, ROBOT)).vector(
         Sensed(
             angular_velocity=qvel[:, 3:6].float(),
             gravity=gravity_in_base(rotation),
@@ -387,7 +380,7 @@ def test_a_training_goes_on_from_its_checkpoint(model, tmp_path):
 
 def test_the_first_command_of_an_untrained_policy_is_its_pose(model):
     given = np.random.default_rng(7).normal(size=(20, SIZE)).astype(np.float32)
-    assert np.abs(WalkActor(model)(given)).max() < 1.0
+    assert np.abs(JointPolicy(model)(given)).max() < 1.0
 
 
 def test_an_evaluation_counts_what_it_saw(model):

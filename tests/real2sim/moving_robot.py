@@ -17,6 +17,7 @@ from saltus.depth_camera import load_camera
 from saltus.effects.profile import IDEAL, Profile
 from saltus.grid import LINE
 from saltus.named_setup import named_setup
+from saltus.policy.mover import Jumper
 from saltus.policy.planner import make_planner
 from saltus.policy.process import PlannerProcess
 from saltus.recordings.recorder import Recorder
@@ -64,7 +65,7 @@ def _run(setup: Setup, steps: int) -> Iterator[tuple[str, Message]]:
     robot.reset()
     loop, planner = (
         ControlLoop(ROBOT),
-        PlannerProcess(ROBOT, LINE, make_planner("scripted", ROBOT, LINE)),
+        PlannerProcess(LINE, Jumper(ROBOT, make_planner("scripted", ROBOT, LINE))),
     )
     renderer = make_renderer("embree", setup.terrain, RobotCamera.on(ROBOT))
     camera = CameraProcess(

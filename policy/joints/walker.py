@@ -1,0 +1,136 @@
+"""Walking by a policy that commands joints: it gets up, is asked at the policy's rate, and comes to a stand."""
+
+import math
+
+import numpy as np
+
+from saltus.arrays import Floats, smooth_step
+from saltus.policy.joints.observation import (
+    Observer,
+    Sensed,
+    gravity_in_base,
+    joint_targets,
+    standing_height,
+)
+from saltus.policy.joints.policy import JointPolicy
+from saltus.policy.mover import Velocity
+from saltus.robots.robot import JOINTS, Robot
+from saltus.rotations import rotation_matrix
+from saltus.states import standing_state
+from saltus.wire.messages import CommandMode, ControllerMode, JointPlan, PlanStatus, RobotState
+
+RISE_NS = 600_000_000
+"""Time from the standing pose of the controller to that of the policy, which for a Go1 is 4 cm
+higher: trainings start there."""
+SLOW_MPS = 0.15
+"""Estimated speed below which a robot is left to the controller's stand."""
+STOP_NS = (600_000_000, 1_200_000_000)
+"""Time for which the policy is asked to stand before that, at least and at most: two steps bring
+the feet below the hips, and feet that stand askew turn the trunk when the controller aligns
+them."""
+ON_TIME = 0.75
+"""Share of the policy's period after which it is asked again: states may be dated a little early."""
+
+
+class Walker:
+    """Turns states of one robot into joint targets; the errors of `JointPolicy.refuse_other`."""
+
+    follows, waits = CommandMode.WALK, True
+
+    def __init__(self, robot: Robot, policy: JointPolicy) -> None:
+        policy.refuse_other(robot)
+        described = policy.description
+        self._policy, self._described = policy, described
+        self._observer, self._grid = Observer(described), described.height_grid()
+        self._pose, self._scale = described.pose, described.action_scale
+        self._kp, self._kd = described.gains
+        self._blind = np.full(self._grid.size, -standing_height(robot, described.pose))
+        self._period_ns = round(ON_TIME * 1e9 / described.rate_hz)
+        self._begin(standing_state(robot))
+        self._act(standing_state(robot), self._blind, (0.0, 0.0, 0.0))  # the first call takes long
+        self._stopping_ns: int | None = None
+
+    def plan(
+        self,
+        state: RobotState,
+        heights: Floats | None,
+        velocity: Velocity,
+        status: PlanStatus,
+        reason: str,
+    ) -> JointPlan:
+        """See `saltus.policy.mover.Mover.plan`."""
+        if any(velocity):
+            self._stopping_ns = None
+        if heights is None or state.mode != ControllerMode.WALK:
+            self._begin(state)
+        else:
+            self._move(state, heights, velocity)
+        return JointPlan(
+            time_ns=state.time_ns,
+            step=state.step,
+            status=status,
+            joint_position=self._targets,
+            kp=self._kp,
+            kd=self._kd,
+            reason=reason,
+        )
+
+    def slows(self, state: RobotState) -> bool:
+        """True until it is slow, within the times of `STOP_NS`; see `saltus.policy.mover.Mover.slows`."""
+        if state.mode != ControllerMode.WALK:
+            return False
+        if self._stopping_ns is None:
+            self._stopping_ns = state.time_ns
+        speed = math.hypot(*state.velocity_base_in_world[:2])
+        since_ns, (least_ns, most_ns) = state.time_ns - self._stopping_ns, STOP_NS
+        return since_ns < least_ns or (speed > SLOW_MPS and since_ns < most_ns)
+
+    def _begin(self, state: RobotState) -> None:
+        """Holds the joints where they are; all that the policy remembers is forgotten."""
+        self._from = self._targets = np.array(state.joint_position)
+        self._action = np.zeros(len(JOINTS))
+        self._past: Floats | None = None
+        self._begun_ns, self._acted_ns = state.time_ns, -1
+        self._stopping_ns = None
+
+    def _move(self, state: RobotState, heights: Floats, velocity: Velocity) -> None:
+        share = (state.time_ns - self._begun_ns) / RISE_NS
+        if share < 1.0:
+            risen = float(smooth_step(np.asarray(share)))
+            self._targets = self._from + risen * (self._pose - self._from)
+        elif self._acted_ns < 0 or state.time_ns - self._acted_ns >= self._period_ns:
+            self._act(state, self._blind if self._described.blind else heights, velocity)
+            self._acted_ns = state.time_ns
+
+    def _act(self, state: RobotState, heights: Floats, velocity: Velocity) -> None:
+        vector = self._observer.vector(self._sensed(state, heights, velocity))
+        self._action = self._policy(self._with_history(vector)[None])[0].astype(np.float64)
+        ours = np.zeros(len(JOINTS))
+        ours[self._described.order] = self._action
+        self._targets = joint_targets(self._pose, self._scale, ours)
+
+    def _sensed(self, state: RobotState, heights: Floats, velocity: Velocity) -> Sensed:
+        rotation = rotation_matrix(state.quaternion_base_in_world)
+        return Sensed(
+            linear_velocity=state.velocity_base_in_world @ rotation,
+            angular_velocity=state.angular_velocity_base,
+            gravity=gravity_in_base(rotation),
+            command=self._described.obeyed(velocity),
+            joint_position=state.joint_position,
+            joint_velocity=state.joint_velocity,
+            action=self._action,
+            heights=heights,
+        )
+
+    def _with_history(self, vector: Floats) -> Floats:
+        """The last vectors in the description's order; before there were so many, the first one again."""
+        count = self._described.history
+        if count == 1:
+            return vector
+        if self._past is None:
+            self._past = np.tile(vector, (count, 1))
+        self._past = np.concatenate([self._past[1:], vector[None]])
+        if self._described.history_of == "vector":
+            return self._past.reshape(-1)
+        ends = np.cumsum(self._described.sizes)[:-1]
+        return np.concatenate([part.reshape(-1) for part in np.split(self._past, ends, axis=1)])

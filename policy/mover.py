@@ -1,0 +1,85 @@
+"""Movers make the planner's answer of what it has decided: a plan for jumps, or joint targets."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Protocol
+
+from saltus.arrays import Floats
+from saltus.loop.planner import Observation, Planner, observe
+from saltus.plan import REST, plan_message
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
+from saltus.wire.messages import AnyPlan, CommandMode, MotionPlan, PlanStatus, RobotState
+
+Velocity = tuple[float, float, float]
+"""Ahead, to the left [m/s], turning to the left [rad/s]."""
+AT_REST: Velocity = (0.0, 0.0, 0.0)
+
+
+class Mover(Protocol):
+    """One way to move."""
+
+    follows: CommandMode
+    """The command that it obeys."""
+    waits: bool
+    """It does not move before the first command."""
+
+    def plan(
+        self,
+        state: RobotState,
+        heights: Floats | None,
+        velocity: Velocity,
+        status: PlanStatus,
+        reason: str,
+    ) -> AnyPlan:
+        """Answers a state.
+
+        Args:
+            state: Of the robot.
+            heights: On the grid of the run, relative to the base [m], where the status is GO.
+            velocity: As commanded.
+            status: Already decided.
+            reason: Why the status is not GO.
+        """
+        ...
+
+    def slows(self, state: RobotState) -> bool:
+        """True while a robot that is to rest is better led to a stand by GO at no velocity."""
+        ...
+
+
+class Jumper:
+    """Jumps ahead by a planner; `compiled` observes in place of the law on numpy."""
+
+    follows, waits = CommandMode.JUMP, False
+
+    def __init__(
+        self,
+        robot: Robot,
+        planner: Planner,
+        compiled: Callable[[RobotState], Observation] | None = None,
+    ) -> None:
+        self._observe = compiled or partial(observe, legs=LegKinematics(robot))
+        self._planner = planner
+        self._goes = False
+
+    def plan(
+        self,
+        state: RobotState,
+        heights: Floats | None,
+        velocity: Velocity,
+        status: PlanStatus,
+        reason: str,
+    ) -> MotionPlan:
+        """See `Mover.plan`; it goes at a speed of its own."""
+        del velocity
+        begins, plan = not self._goes, REST
+        self._goes = status == PlanStatus.GO
+        if heights is not None:
+            plan = self._planner.step(self._observe(state), heights, begins)
+        return plan_message(plan, status, time_ns=state.time_ns, step=state.step, reason=reason)
+
+    def slows(self, state: RobotState) -> bool:
+        """Never: the controller lands it."""
+        del state
+        return False

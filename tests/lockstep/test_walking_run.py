@@ -1,0 +1,96 @@
+"""A policy that commands joints in the four processes: it obeys an operator, and the run repeats to the bit."""
+
+import numpy as np
+import pytest
+from lockstep_run import recorded_run
+from samples import ROBOT
+from walking_policies import put_policy
+
+from saltus.config import RunConfig, TerrainConfig
+from saltus.recordings.answers import Comparison
+from saltus.recordings.recording import Recording
+from saltus.runtime.programs import PROGRAMS
+from saltus.runtime.replay import replay
+from saltus.wire.messages import (
+    CommandMode,
+    ControllerMode,
+    DriveCommand,
+    Event,
+    GroundTruth,
+    Heightmap,
+    JointPlan,
+    RobotState,
+)
+
+ENDS_S = 1.6
+LENGTH_S = 3.2
+
+
+def walks_until_it_ends(state: RobotState) -> DriveCommand | None:
+    """An operator who says nothing any more after a while."""
+    if state.time_ns > ENDS_S * 1e9:
+        return None
+    return DriveCommand(
+        time_ns=state.time_ns,
+        step=state.step,
+        mode=CommandMode.WALK,
+        velocity_x=0.0,
+        velocity_y=0.0,
+        yaw_rate=0.0,
+    )
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    folder = tmp_path_factory.mktemp("run")
+    config = RunConfig(
+        robot="go1",
+        grid="scan",
+        terrain=TerrainConfig(terrain="flat"),
+        planner="walking",
+        policy_model=str(put_policy(folder / "walk.onnx")),
+        time_limit_s=LENGTH_S,
+    )
+    return recorded_run(folder, config, driver=walks_until_it_ends)
+
+
+def test_it_gets_up_walks_while_it_is_told_to_and_stands_when_commands_end(
+    recording: Recording,
+) -> None:
+    states = list(recording.of(RobotState))
+    modes = [state.mode for state in states]
+    order = [mode for mode, before in zip(modes, [None, *modes], strict=False) if mode != before]
+    assert order == [ControllerMode.STAND, ControllerMode.WALK, ControllerMode.STAND]
+    walked = [state for state in states if state.mode == ControllerMode.WALK]
+    assert walked[0].time_ns == pytest.approx(1.01e9)
+    # The last command, the time it holds, and the policy's own stand
+    assert 1e-9 * walked[-1].time_ns == pytest.approx(ENDS_S + 0.5 + 0.6, abs=0.03)
+    height = {truth.step: truth.position_base_in_world[2] for truth in recording.of(GroundTruth)}
+    assert height[walked[-1].step] - height[walked[0].step] > 0.01
+    assert not any(event.code == "plan_lost" for event in recording.of(Event))
+
+
+def test_plans_are_joint_targets_and_heights_are_the_scan(recording: Recording) -> None:
+    plans = list(recording.of(JointPlan))
+    assert len(plans) >= LENGTH_S * 100
+    assert "policy/plan" not in recording.senders
+    assert {bool(plan.reason) == (plan.status != 1) for plan in plans} == {True}
+    assert next(iter(recording.of(Heightmap))).height.shape == (187,)
+
+
+@pytest.mark.parametrize("name", [program.name for program in PROGRAMS])
+def test_every_process_repeats_to_the_bit(recording: Recording, name: str) -> None:
+    comparison = Comparison(recording, name)
+    replay(name, recording, lambda answer: comparison.take(*answer))
+    comparison.finish()
+    assert comparison.first is None, str(comparison.first)
+    assert comparison.compared > LENGTH_S * 50
+
+
+def test_the_estimate_holds_while_no_schedule_says_which_feet_stand(recording: Recording) -> None:
+    truths = {truth.step: truth for truth in recording.of(GroundTruth)}
+    walked = [s for s in recording.of(RobotState) if s.mode == ControllerMode.WALK]
+    errors = [s.velocity_base_in_world - truths[s.step].velocity_base_in_world for s in walked]
+    assert np.sqrt(np.mean(np.square(errors), axis=0)).max() < 0.05
+    bear = np.array([truths[state.step].foot_force > 0.25 * 9.81 * ROBOT.mass for state in walked])
+    assert np.mean(np.array([state.leg_trusted for state in walked])[bear]) > 0.95

@@ -1,0 +1,160 @@
+"""A walking policy on the robot: the vector is that of its training, and it is asked in time."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from samples import ROBOT
+from walking_policies import OURS, put_policy
+
+from saltus.errors import ModelError
+from saltus.policy.joints.policy import JointPolicy
+from saltus.policy.joints.walker import RISE_NS, STOP_NS, Walker
+from saltus.policy.walking.description import SIZE
+from saltus.policy.walking.env import WalkEnv
+from saltus.policy.walking.settings import GroundConfig, WalkConfig, WalkTrainConfig
+from saltus.policy.walking.train import make_engine
+from saltus.robots.loading import load_robot
+from saltus.states import standing_state
+from saltus.wire.messages import ControllerMode, PlanStatus, RobotState
+
+STEP_NS = 10_000_000
+LEVEL = np.full(187, -0.3)
+AHEAD = (0.5, 0.1, -0.2)
+
+
+class Noted(JointPolicy):
+    """A policy that notes what it is given."""
+
+    def __init__(self, path: Path) -> None:
+        self.given: list[Any] = []
+        super().__init__(path)
+
+    def __call__(self, vectors: Any) -> Any:
+        """See `JointPolicy`."""
+        self.given.append(np.array(vectors[0]))
+        return super().__call__(vectors)
+
+
+@pytest.fixture
+def policy(tmp_path: Path) -> Noted:
+    return Noted(put_policy(tmp_path / "walk.onnx"))
+
+
+def state(step: int, mode: ControllerMode = ControllerMode.WALK, **changes: Any) -> RobotState:
+    standing = replace(standing_state(ROBOT), base_height=0.27, mode=mode)
+    return replace(standing, step=step, time_ns=step * STEP_NS, **changes)
+
+
+def risen(walker: Walker, velocity=AHEAD) -> int:
+    """Brings it to where the policy acts; returns the next step."""
+    steps = RISE_NS // STEP_NS + 1
+    for step in range(steps):
+        mode = ControllerMode.WALK if step else ControllerMode.STAND
+        walker.plan(state(step, mode), LEVEL, velocity, PlanStatus.GO, "")
+    return steps
+
+
+def test_robot_and_training_make_the_same_vector_of_the_same_robot(policy: Noted) -> None:
+    config = WalkTrainConfig(
+        robot="go1", robots=6, env=WalkConfig(ground=GroundConfig(shares={"plain": 1.0}))
+    )
+    env = WalkEnv(make_engine(load_robot("go1"), config, "cpu", threads=1), config.env, seed=5)
+    exact = env.critic.numpy()[:, :SIZE]  # without errors of sensors and scan
+    qpos, qvel = np.array(env._engine.qpos), np.array(env._engine.qvel)
+    for robot, expected in enumerate(exact):
+        walker, told = Walker(ROBOT, policy), env.memory.command[robot].tolist()
+        step = risen(walker, tuple(told))
+        known = state(
+            step + 2,
+            quaternion_base_in_world=qpos[robot, 3:7],
+            angular_velocity_base=qvel[robot, 3:6],
+            joint_position=qpos[robot, 7:],
+            joint_velocity=qvel[robot, 6:],
+        )
+        walker.plan(known, LEVEL, tuple(told), PlanStatus.GO, "")
+        np.testing.assert_allclose(policy.given[-1][:45], expected[:45], atol=1e-5)
+        np.testing.assert_allclose(policy.given[-1][45:], 0.3 - 0.5, atol=1e-6)
+
+
+def test_it_gets_up_to_its_pose_and_holds_still_until_the_controller_follows(
+    policy: Noted,
+) -> None:
+    walker, away = Walker(ROBOT, policy), ROBOT.stand_pose + 0.1
+    policy.given.clear()
+    for step in range(5):  # not followed yet
+        held = walker.plan(
+            state(step, ControllerMode.STAND, joint_position=away), LEVEL, AHEAD, PlanStatus.GO, ""
+        )
+        np.testing.assert_array_equal(held.joint_position, away)
+    distances = []
+    for step in range(5, 4 + RISE_NS // STEP_NS):
+        plan = walker.plan(state(step, joint_position=away), LEVEL, AHEAD, PlanStatus.GO, "")
+        distances.append(np.abs(plan.joint_position - OURS.pose).max())
+    assert (np.diff(distances) <= 0.0).all()
+    assert np.abs(np.diff(distances)).max() < 0.05
+    assert distances[-1] < 0.01
+    assert not policy.given
+    np.testing.assert_array_equal(plan.kp, OURS.kp)
+    np.testing.assert_array_equal(plan.kd, OURS.kd)
+
+
+@pytest.mark.parametrize(("every", "asked"), [(1, 50), (2, 50), (3, 34)])
+def test_the_policy_is_asked_at_its_rate_however_often_states_come(
+    policy: Noted, every: int, asked: int
+) -> None:
+    walker = Walker(ROBOT, policy)
+    first = risen(walker)
+    policy.given.clear()
+    for step in range(first, first + 100, every):
+        walker.plan(state(step), LEVEL, AHEAD, PlanStatus.GO, "")
+    assert abs(len(policy.given) - asked) <= 1
+
+
+def test_targets_are_the_pose_and_the_scaled_action_and_the_next_vector_has_it(
+    tmp_path: Path,
+) -> None:
+    action = np.linspace(-1.0, 1.0, 12)
+    policy = Noted(put_policy(tmp_path / "walk.onnx", action=action.tolist()))
+    walker = Walker(ROBOT, policy)
+    first = risen(walker)
+    for step in range(first, first + 6):
+        plan = walker.plan(state(step), LEVEL, AHEAD, PlanStatus.GO, "")
+    np.testing.assert_allclose(plan.joint_position, OURS.pose + 0.25 * action, atol=1e-6)
+    np.testing.assert_allclose(policy.given[-1][33:45], action, atol=1e-6)
+    np.testing.assert_allclose(policy.given[-1][6:9], AHEAD, atol=1e-6)
+
+
+def test_commands_beyond_what_was_trained_are_cut_off(policy: Noted) -> None:
+    for velocity in ((9.0, 9.0, 9.0), (-9.0, -9.0, -9.0)):
+        walker = Walker(ROBOT, policy)
+        step = risen(walker, velocity)
+        walker.plan(state(step + 2), LEVEL, velocity, PlanStatus.GO, "")
+        end = OURS.command_high if velocity[0] > 0.0 else OURS.command_low
+        np.testing.assert_allclose(policy.given[-1][6:9], end, atol=1e-6)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.1, 0.3, 2.0])
+def test_it_comes_to_a_stand_before_it_rests_and_not_later_than_said(
+    policy: Noted, speed: float
+) -> None:
+    walker, moving = Walker(ROBOT, policy), np.array([0.0, speed, 0.0])
+    first = risen(walker)
+    steps = next(
+        step
+        for step in range(first, first + 1000)
+        if not walker.slows(state(step, velocity_base_in_world=moving))
+    )
+    least, most = (ns // STEP_NS for ns in STOP_NS)
+    assert steps - first == (least if speed < 0.15 else most)
+    assert not walker.slows(state(first, ControllerMode.LANDING))
+
+
+def test_a_policy_of_another_robot_or_none_is_refused(tmp_path: Path) -> None:
+    other = JointPolicy(put_policy(tmp_path / "go2.onnx", replace(OURS, robot="go2")))
+    with pytest.raises(ModelError, match="walks a 'go2', not a 'go1'"):
+        Walker(ROBOT, other)
+    with pytest.raises(ModelError, match="description"):
+        JointPolicy(put_policy(tmp_path / "bare.onnx", describes_itself=False))
