@@ -99,8 +99,8 @@ class Candidate:
     """True where it is fitted with every model, also the empty one, and never reported, e.g. the
     rate of the drive's loop."""
     model_error: float = 0.02
-    """Standard error from differences between two correct models of the effect, e.g. a smooth and a
-    sharp friction law; a share of the parameter or of its distance from the null value."""
+    """RMS of the difference between two correct models of the effect, e.g. a smooth and a sharp
+    friction law, as a share of what the effect changes in the residuals."""
     resolution: float = 0.0
     """The same for the first parameter, in its unit and however small the effect is: by how much
     two correct simulations without effects differ."""

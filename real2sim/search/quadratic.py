@@ -209,18 +209,27 @@ def covariance(quadratic: Quadratic, block: int, free: Mask) -> Floats:
     noise.
     """
     seen = quadratic.split.fold != TEST
-    hessian = quadratic.information(block)
-    active = _known(hessian, free)
-    part = hessian[np.ix_(active, active)]
+    active = _known(quadratic.information(block), free)
     scores = quadratic.gradient[block][seen][:, active]
     scores = scores - scores.mean(axis=0)
-    inverse = np.linalg.pinv(part, hermitian=True)
+    full = white_covariance(quadratic, block, free)
+    own = np.ix_(active, active)
+    inverse = full[own]
     sandwich = (
         inverse @ (scores.T @ scores) @ inverse * len(scores) / max(1, len(scores) - len(active))
     )
     missing = np.maximum(0.0, np.diag(inverse) - np.diag(sandwich))
+    full[own] = sandwich + np.diag(missing)
+    return full
+
+
+def white_covariance(quadratic: Quadratic, block: int, free: Mask) -> Floats:
+    """Covariance of the fitted unknowns for white residuals of one sigma, shape (k, k); 0 where not free."""
+    hessian = quadratic.information(block)
+    active = _known(hessian, free)
+    own = np.ix_(active, active)
     full = np.zeros_like(hessian)
-    full[np.ix_(active, active)] = sandwich + np.diag(missing)
+    full[own] = np.linalg.pinv(hessian[own], hermitian=True)
     return full
 
 

@@ -184,13 +184,17 @@ class Cells:
         another level does only the first, noise with another colour only the second: the smaller of
         the two counts.
         """
+        return np.maximum(0.0, self.beyond_noise(residuals))
+
+    def beyond_noise(self, residuals: Floats) -> Floats:
+        """As `structure`, but for noise about 0 and not at least: for sums over many cells."""
         ordered = residuals[..., self.rows]
         products = ordered[..., 1:] * ordered[..., :-1]
         products = np.concatenate([products, np.zeros_like(products[..., :1])], axis=-1)
         products[..., self.starts[1:] - 1] = 0.0  # neighbours of different cells
         alike = np.add.reduceat(products, self.starts, axis=-1) / np.maximum(1, self.counts - 1)
         alike = np.where(self.counts < FEW, np.inf, alike)
-        return np.asarray(np.maximum(0.0, np.minimum(self.power(residuals) - 1.0, alike)))
+        return np.asarray(np.minimum(self.power(residuals) - 1.0, alike))
 
     def shows(self, structure: Floats, least_rms: float) -> Mask:
         """Cells whose structure has at least this RMS and is not chance, shape of `structure`."""

@@ -1,10 +1,12 @@
-"""One value for all places, or one for each kind of place, as the data have it."""
+"""One value for all places, or one for each kind of place, as the data have it, and its interval."""
 
 import itertools
 
+import numpy as np
 import pytest
 from linear_problem import WHERES, LinearProblem
 
+from saltus.real2sim.search.findings import Interval
 from saltus.real2sim.search.search import search
 
 BLOCKS = ("FR", "FL", "RR", "RL")
@@ -26,3 +28,35 @@ def test_kinds_of_joints_that_agree_are_stated_as_all() -> None:
     hidden = {("e2", where, block): 4.0 for where, block in itertools.product(WHERES, BLOCKS)}
     (effect,) = search(LinearProblem(hidden, blocks=BLOCKS)).effects
     assert effect.where == "all"
+
+
+SIZE = 4.0
+
+
+def interval_of_another_shape(misfit: float, seed: int) -> Interval:
+    """Interval of an effect that differs from its model by this share of its RMS, in a random direction."""
+    everywhere = {("e0", where, block): SIZE for where, block in itertools.product(WHERES, BLOCKS)}
+    problem, noise = (
+        LinearProblem(hidden, seed=seed, blocks=BLOCKS, effects=1) for hidden in (everywhere, {})
+    )
+    rng = np.random.default_rng(seed)
+    own = problem.measured - noise.measured
+    time_s = problem.time_s % 2.0  # every segment has the same motion
+    wave = np.sin(2.0 * np.pi * rng.uniform(0.5, 4.0) * time_s + rng.uniform(0.0, 6.3))
+    wave -= own[0] * (wave @ own[0]) / (own[0] @ own[0])
+    along = 0.6 * rng.uniform(-1.0, 1.0)  # a third (RMS) of what lies beside it
+    other = wave / np.sqrt(np.mean(wave**2)) * np.sqrt(np.mean(own**2)) + along * own[0]
+    problem.measured = problem.measured + misfit * other
+    (found,) = search(problem).effects
+    assert found.where == "all"
+    return found.params["size"]
+
+
+@pytest.mark.parametrize("misfit", [0.0, 0.1, 0.3])
+def test_intervals_hold_the_size_of_an_effect_of_another_shape(misfit: float) -> None:
+    found = [interval_of_another_shape(misfit, seed) for seed in range(12)]
+    held = [each.ci90[0] <= SIZE <= each.ci90[1] for each in found]
+    widths = [(each.ci90[1] - each.ci90[0]) / SIZE for each in found]
+    assert np.mean(held) >= 0.75  # of 90 %, in 12 draws
+    # no wider than asked for by noise and correct models, and by a third of what is left
+    assert np.median(widths) <= 2.0 * 1.645 * 1.3 * np.hypot(0.03, misfit / 3.0)
