@@ -19,6 +19,9 @@ class WatchdogConfig:
     """The planner is gone."""
     tilt_limit_rad: float = radians(60.0)
     """Beyond this a robot is not upright: the definition of a failed trial."""
+    rise_s: float = 1.0
+    """A robot that lay goes after this at the soonest: the time in which it gets up
+    (`LegControllerConfig.stand_blend_s`)."""
     landing_limit_s: float = 1.1
     """A landing is over after this at the latest, and so 1.2 s after the planner has gone. From 1.8 m/s the robot
     brakes with one or two contacts of each pair of legs before sprung legs catch it: it does not
@@ -54,6 +57,8 @@ class WatchdogState:
     mode_time_s: float = 0.0
     fault: bool = False
     """The landing under way was forced: it ends in STOPPED, not in STAND."""
+    lay: bool = False
+    """It lies, or gets up."""
 
 
 def watch(
@@ -62,16 +67,18 @@ def watch(
     """One tick: the next state. STOPPED and DAMP are latched; DAMP wins over everything.
 
     STAND -> RUN on a fresh GO, -> WALK where its plan is of joint targets, -> LIE on a fresh LIE.
-    LIE -> STAND on a fresh STAND or GO. RUN <-> COAST by the age of the plan. RUN, COAST, WALK ->
-    LANDING when the plan is lost or says STOP (a fault), STAND or LIE (no fault). LANDING ->
-    STOPPED after a fault, else STAND. A plan that is lost or says STOP while the robot stands or
-    lies changes nothing: it already does the safe thing.
+    LIE -> STAND on a fresh STAND or GO, and then it gets up for 1 s. RUN <-> COAST by the age of
+    the plan. RUN, COAST, WALK -> LANDING when the plan is lost or says STOP (a fault), STAND or LIE
+    (no fault). LANDING -> STOPPED after a fault, else STAND. A plan that is lost or says STOP while
+    the robot stands or lies changes nothing: it already does the safe thing.
     """
     config = config or WatchdogConfig()
     mode, fault = _decide(state, now, config)
-    if mode == state.mode:
-        return WatchdogState(mode=mode, mode_time_s=state.mode_time_s + dt_s, fault=fault)
-    return WatchdogState(mode=mode, mode_time_s=0.0, fault=fault)
+    time_s = state.mode_time_s + dt_s if mode == state.mode else 0.0
+    lay = mode == ControllerMode.LIE or (
+        state.lay and mode == ControllerMode.STAND and time_s < config.rise_s
+    )
+    return WatchdogState(mode=mode, mode_time_s=time_s, fault=fault, lay=lay)
 
 
 def _decide(
@@ -85,7 +92,8 @@ def _decide(
     lost = not now.plan_age_s <= config.lost_age_s or now.plan_status == PlanStatus.STOP
     if state.mode in _AT_REST:
         fresh = now.plan_age_s <= config.coast_age_s and now.may_start
-        return (_from_rest(state.mode, now) if fresh else state.mode), False
+        rises = state.lay and state.mode == ControllerMode.STAND
+        return (_from_rest(state.mode, now) if fresh and not rises else state.mode), False
     if state.mode == ControllerMode.LANDING:
         fault = state.fault or lost
         if now.settled or state.mode_time_s >= config.landing_limit_s:

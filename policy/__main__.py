@@ -13,7 +13,7 @@ from saltus.robots.legs import LegKinematics
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import freshness
 from saltus.wire.bus import Sample
-from saltus.wire.messages import Done, Heightmap, RobotState
+from saltus.wire.messages import Done, DriveCommand, Heightmap, RobotState
 
 WAIT_S = 0.1
 HEIGHTMAP_WAIT_S = 0.005  # real time: half a policy step for the heightmap of this state
@@ -30,10 +30,10 @@ class PlannerLoop:
         self._robot: bytes | None = None
         self._states = context.bus.latest("controller/state")
         self._heightmaps = context.bus.latest("heightmap/heightmap")
-        self._commands = context.bus.latest("operator/command", rings=False)
+        self._commands = context.bus.latest("operator/command", rings=self._lockstep)
         self._plans = context.bus.publisher(context.config.plan_topic)
         self._done = context.bus.publisher("done", context.name)
-        self._newest_step = -1  # of the heightmaps that have arrived
+        self._newest_step = self._commanded = -1  # of heightmaps and commands that have arrived
         self.ticks = 0
 
     def _begun(self) -> PlannerProcess:
@@ -56,7 +56,7 @@ class PlannerLoop:
         if sample.envelope.boot_id != self._robot:  # another robot, or a restarted one
             self._robot = sample.envelope.boot_id
             self._process = self._begun()
-            self._newest_step = -1
+            self._newest_step = self._commanded = -1
         if self._lockstep:
             self._context.clock.set(state.time_ns)
             heightmap, newer = self._heightmap_of(state)
@@ -67,8 +67,9 @@ class PlannerLoop:
             heightmap = self._newest_heightmap(self._context.clock.machine_s(wait_s))
         else:
             return None
-        asked = self._commands.take()
-        command = None if asked is None else asked.message
+        command = self._command_of(state)
+        if self._context.stopped:
+            return None
         self._plans.put(self._process.step(state, heightmap, self._context.clock.now_ns(), command))
         if self._lockstep:
             self._done.put(Done(time_ns=state.time_ns, step=state.step, process=self._context.name))
@@ -77,6 +78,18 @@ class PlannerLoop:
         self._process.notices.clear()
         self.ticks += 1
         return None
+
+    def _command_of(self, state: RobotState) -> DriveCommand | None:
+        """The newest command; in lockstep that of this state, waited for, where the run has a script."""
+        newest: DriveCommand | None = None
+        waits = self._lockstep and self._context.config.commands is not None
+        while True:
+            sample = self._commands.wait(WAIT_S) if waits else self._commands.take()
+            newest = newest if sample is None else sample.message
+            self._commanded = self._commanded if newest is None else newest.step
+            if not waits or self._commanded >= state.step or self._context.stopped:
+                return newest
+            self._context.beat(ticks=self.ticks)
 
     def _newest_heightmap(self, timeout_s: float) -> Heightmap | None:
         sample = self._heightmaps.wait(timeout_s) if timeout_s > 0.0 else self._heightmaps.take()

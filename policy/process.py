@@ -110,13 +110,11 @@ class PlannerProcess:
             if self._mover.waits:
                 self._rest(state, PlanStatus.STAND, "no command yet")
         elif not freshness(_COMMANDS, command.time_ns, now_ns).usable:
-            self._rest(state, PlanStatus.STAND, "commands have ended")
+            self._rest(state, _resting(command.mode), "commands have ended")
         elif command.mode == self._mover.follows:
             self._velocity = (command.velocity_x, command.velocity_y, command.yaw_rate)
         else:
-            lies = command.mode == CommandMode.LIE_DOWN
-            status = PlanStatus.LIE if lies else PlanStatus.STAND
-            self._rest(state, status, f"the command is {command.mode.name}")
+            self._rest(state, _resting(command.mode), f"the command is {command.mode.name}")
 
     def _rest(self, state: RobotState, status: PlanStatus, reason: str) -> None:
         if self._status != PlanStatus.GO or not self._mover.slows(state):
@@ -163,3 +161,8 @@ class PlannerProcess:
         if self._status == PlanStatus.GO and self._heightmap is not None:
             heights = np.asarray(self._heightmap.height, dtype=np.float64)
         return self._mover.plan(state, heights, self._velocity, self._status, self._reason)
+
+
+def _resting(mode: CommandMode) -> PlanStatus:
+    """The rest in which a command leaves a robot: one that lies does not get up by itself."""
+    return PlanStatus.LIE if mode == CommandMode.LIE_DOWN else PlanStatus.STAND

@@ -108,6 +108,9 @@ class RunConfig:
     """Path of the learned planner's ONNX file; by default the shipped policy."""
     heightmap_model: str | None = None
     """Path of the heightmap service's ONNX file; by default the shipped one."""
+    commands: str | None = None
+    """Path of a script of commands (`saltus.drive.script`), which an operator's process gives: in
+    lockstep the planner waits for the command of each step."""
     time_limit_s: float = 20.0
     speed: float = 1.0
     """Real time: seconds of the run for each second of the machine, more than 0 and at most 1."""

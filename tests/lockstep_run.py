@@ -12,6 +12,7 @@ from saltus.named_setup import named_setup
 from saltus.recordings.recorder import RECORDING_FILE, Recorder
 from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.process import ProcessContext
+from saltus.runtime.programs import OPERATOR as OPERATED
 from saltus.runtime.programs import PROGRAMS
 from saltus.runtime.replay import body_of
 from saltus.wire import codec
@@ -63,7 +64,8 @@ def recorded_run(
     put_run(folder, config)
     others = MemoryBus(config.prefix, hub)
     stream = others.stream()
-    for name in (program.name for program in PROGRAMS):  # the controller comes last
+    programs = PROGRAMS if config.commands is None else (OPERATED, *PROGRAMS)
+    for name in (program.name for program in programs):  # the controller comes last
         contexts.append(ProcessContext(name, config, folder, MemoryBus(config.prefix, hub)))
         ready = others.latest("status", name)
         threads.append(threading.Thread(target=body_of(name), args=contexts[-1:], daemon=True))

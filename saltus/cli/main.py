@@ -24,6 +24,7 @@ from saltus.flags import Runnable
 COMMANDS = {
     "demo": "Demo",
     "up": "Up",
+    "drive": "Drive",
     "watch": "Watch",
     "router": "Router",
     "keys": "KeysCommand",

@@ -108,6 +108,8 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
     planner: RunPlanner = "learned"
     """scripted: rules that read the heightmap. learned: a network. walking: a network that follows
     commands (saltus drive), from --policy-model, on the 187 heights of the scan."""
+    commands: Annotated[Path | None, shown("PATH", "none")] = None
+    """Script of commands, as of saltus drive --script, by the time of the run."""
     out: Annotated[Path | None, shown("PATH", "a new one under runs/")] = None
     """Folder for everything, in place of what an earlier run left there."""
 
@@ -118,6 +120,7 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
             ConfigError, ModelError: what is wrong.
         """
         from saltus.controller.compensation import compensation_for
+        from saltus.drive.script import Script
         from saltus.effects.heightmap_shift import refuse_shift
         from saltus.effects.profile import load_profile
         from saltus.terrain.curriculum import make_terrain
@@ -130,6 +133,8 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
             None if path is None else str(path)
             for path in (self.policy_model, self.heightmap_model)
         )
+        if self.commands is not None:
+            Script(self.commands)
         walks = self.planner == "walking"
         if walks:
             self._check_walking(robot)
@@ -142,6 +147,7 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
             camera=self.camera, renderer=self.renderer, profile=self.profile, known=self.known,
             planner=self.planner,
             policy_model=policy, heightmap_model=heightmap, speed=self.speed,
+            commands=None if self.commands is None else str(self.commands),
             time_limit_s=time_limit_s,
         )  # fmt: skip
         config.check()

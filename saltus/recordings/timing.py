@@ -9,7 +9,7 @@ from saltus.errors import RecordingError
 from saltus.recordings.recording import Recording
 from saltus.wire.topics import TOPICS
 
-DIGEST_TOPICS = ("heightmap/heightmap", "policy/plan", "controller/state")
+DIGEST_TOPICS = ("heightmap/heightmap", "policy/plan", "policy/joints", "controller/state")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,6 +32,9 @@ PROGRAMS = (
     Program(name="controller", module="saltus.controller", restart=False),
 )
 
+OPERATOR = Program(name="operator", module="saltus.drive", restart=True)
+"""Gives the commands of a run that has a script of them."""
+
 WITH_STANDBYS = tuple(
     replace(program, spare=program.restart, hot=program.restart) for program in PROGRAMS
 )

@@ -16,7 +16,7 @@ from saltus.config import RunConfig
 from saltus.errors import RecordingError
 from saltus.recordings.recording import Arrival, Recording
 from saltus.runtime.process import ProcessContext
-from saltus.runtime.programs import PROGRAMS
+from saltus.runtime.programs import OPERATOR, PROGRAMS
 from saltus.setup import Setup
 from saltus.wire import codec
 from saltus.wire.bus import Bell, Bus, Latest, RawSample, Slot, Stream
@@ -34,7 +34,7 @@ class Answer(NamedTuple):
 
 def body_of(name: str) -> Callable[..., None]:
     """The body of a process of the table; it takes a `ProcessContext`."""
-    (program,) = (program for program in PROGRAMS if program.name == name)
+    (program,) = (program for program in (*PROGRAMS, OPERATOR) if program.name == name)
     body: Callable[..., None] = import_module(f"{program.module}.__main__").body
     return body
 

@@ -26,6 +26,7 @@ from saltus.named_setup import named_setup
 from saltus.recordings.recorder import RECORDING_FILE, Recorder
 from saltus.runtime.child import Child, name_exit
 from saltus.runtime.process import PEER_FLAG
+from saltus.runtime.programs import OPERATOR as OPERATOR_PROGRAM
 from saltus.runtime.programs import PROGRAMS, Program
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
@@ -83,6 +84,8 @@ class Stack:
         *,
         network: NetworkAccess | None = None,
     ) -> None:
+        if run_config.commands is not None:
+            programs = (OPERATOR_PROGRAM, *programs)
         self.config = replace(run_config, epoch_ns=run_config.epoch_ns or time.monotonic_ns())
         self.setup = named_setup(run_config)
         self.run_dir = run_dir

@@ -28,8 +28,9 @@ def inputs():
 
 
 STATES = [
-    WatchdogState(mode=mode, mode_time_s=time_s, fault=fault)
+    WatchdogState(mode=mode, mode_time_s=time_s, fault=fault, lay=lay)
     for mode in ControllerMode
+    for lay in (False, True)
     for time_s in (0.0, 0.5, 5.0)
     for fault in (False, True)
 ]
@@ -56,6 +57,7 @@ def expected(state, now):
     rules = [
         (state.mode == mode.DAMP or not upright, mode.DAMP),
         (state.mode == mode.STOPPED, mode.STOPPED),
+        (state.mode == mode.STAND and state.lay, mode.STAND),
         (state.mode == mode.STAND and fresh_go and now.may_start and now.walks, mode.WALK),
         (state.mode == mode.STAND and fresh_go and now.may_start, mode.RUN),
         (state.mode == mode.STAND and fresh_lie and now.may_start, mode.LIE),
@@ -81,6 +83,19 @@ def test_every_transition():
             assert after.mode_time_s == state.mode_time_s + DT
         else:
             assert after.mode_time_s == 0.0
+
+
+def test_a_robot_that_lay_goes_when_it_has_got_up():
+    go = WatchdogInput(
+        plan_age_s=0.0, plan_status=PlanStatus.GO, roll=0.0, pitch=0.0, finite=True, settled=False,
+        may_start=True,
+    )  # fmt: skip
+    state, modes = WatchdogState(mode=ControllerMode.LIE, mode_time_s=3.0, lay=True), []
+    for _ in range(round(1.5 / DT)):
+        state = watch(state, go, DT)
+        modes.append(state.mode)
+    assert modes.count(ControllerMode.STAND) == pytest.approx(1.0 / DT, abs=2)
+    assert modes[-1] == ControllerMode.RUN
 
 
 def test_robots_only_jump_on_fresh_plans():

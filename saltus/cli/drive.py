@@ -1,0 +1,60 @@
+"""`saltus drive`: commands a robot of a run, by a script or to goals."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from saltus.cli.serve import serve
+from saltus.errors import ConfigError
+from saltus.flags import EndpointOption, shown
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive(EndpointOption):
+    """Commands the robot of a running stack: stand, walk, jump, lie down. It stands when this ends.
+
+    A script is a CSV file with the columns time_s, mode, ahead_mps, left_mps, turn_rps; each row
+    holds until the next one.
+
+    For example:
+      saltus drive --run-dir runs/one --script round.csv
+      saltus drive --run-dir runs/one --goals 3,0 3,2 0,2 --speed-mps 0.8
+    """
+
+    run_dir: Path
+    """Folder of the run: of `saltus up` or `saltus router`."""
+    script: Annotated[Path | None, shown("PATH", "none")] = None
+    """Commands by the time since this began."""
+    goals: Annotated[tuple[str, ...], shown("X,Y", "none")] = ()
+    """Places to walk to, ahead of the robot and to its left as it stands now [m], by its own
+    odometry. One behind it needs a space before its sign: " -1,0"."""
+    speed_mps: float = 0.6
+    """Speed between goals."""
+    turn_rps: float = 0.8
+    """Fastest turning on the way to goals."""
+
+    def run(self) -> int:
+        """Runs until the script or the run is over, or all goals are reached."""
+        if (self.script is None) == (not self.goals):
+            raise ConfigError("give either --script FILE.csv or --goals X,Y ...")
+        if self.script is not None:
+            from saltus.drive.script import Script
+
+            Script(self.script)
+            more = ["--script", str(self.script)]
+        else:
+            for goal in self.goals:
+                _check_goal(goal)
+            speeds = ["--speed-mps", str(self.speed_mps), "--turn-rps", str(self.turn_rps)]
+            # With a space before it a goal that begins with a minus is not taken for a flag
+            more = [*speeds, "--goals", *(f" {goal}" for goal in self.goals)]
+        return serve("saltus.drive", self.run_dir, self.endpoint, *more, peer=False)
+
+
+def _check_goal(text: str) -> None:
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError:
+        x = y = float("nan")
+    if not (abs(x) < 1e3 and abs(y) < 1e3):
+        raise ConfigError(f"--goals {text}: a goal is X,Y [m], e.g. 3,0.5")

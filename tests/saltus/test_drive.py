@@ -1,0 +1,166 @@
+"""Scripts, goals and the operator's process: what is wished at every moment."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from samples import ROBOT
+from stage import Stage
+
+from saltus.cli.main import main
+from saltus.config import RunConfig
+from saltus.drive.__main__ import AFTER_S, body, by_goals, by_script
+from saltus.drive.goals import REACHED_M, Goals
+from saltus.drive.script import Script
+from saltus.drive.wish import STAND
+from saltus.errors import ConfigError
+from saltus.rotations import quaternion_from_roll_pitch_yaw
+from saltus.states import standing_state
+from saltus.wire.messages import CommandMode, RobotState
+
+HEAD = "time_s,mode,ahead_mps,left_mps,turn_rps\n"
+STEP_NS = 10_000_000
+
+
+def script(folder: Path, rows: str, head: str = HEAD) -> Path:
+    path = folder / "script.csv"
+    path.write_text(head + rows, encoding="utf-8")
+    return path
+
+
+def state(step: int, place=(0.0, 0.0), yaw: float = 0.0, velocity=(0.0, 0.0)) -> RobotState:
+    """Odometry tells the place, or there is none and velocities are told."""
+    zero = np.zeros(())
+    return replace(
+        standing_state(ROBOT),
+        step=step,
+        time_ns=step * STEP_NS,
+        quaternion_base_in_world=quaternion_from_roll_pitch_yaw(zero, zero, np.asarray(yaw)),
+        velocity_base_in_world=np.array([*velocity, 0.0]),
+        position_base_in_odometry=np.zeros(0) if place is None else np.array([*place, 0.3]),
+    )
+
+
+def test_each_row_of_a_script_holds_until_the_next(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        times = np.cumsum(rng.uniform(0.1, 2.0, 5)).tolist()
+        speeds = rng.uniform(-1.0, 1.0, (4, 3))
+        rows = [
+            f"{time!r},walk,{','.join(map(repr, row.tolist()))}\n"
+            for time, row in zip(times, speeds, strict=False)
+        ]
+        wishes = Script(script(tmp_path, "".join([*rows, f"{times[4]!r},lie_down\n"])))
+        assert wishes.at(times[0] - 1e-9) == STAND
+        for k, row in enumerate(speeds):
+            for time in (times[k], 0.5 * (times[k] + times[k + 1])):
+                wish = wishes.at(time)
+                assert wish.mode == CommandMode.WALK
+                assert [wish.ahead_mps, wish.left_mps, wish.turn_rps] == row.tolist()
+        assert wishes.at(1e6).mode == CommandMode.LIE_DOWN
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ("1,run\n", "line 2: no mode 'run'"),
+        ("1,walk,fast\n2,stand\n", "line 2: ahead_mps = fast"),
+        ("1,walk,11\n2,stand\n", "line 2: ahead_mps = 11: .* at most 10"),
+        ("1,walk,nan\n2,stand\n", "ahead_mps = nan"),
+        ("2,walk\n2,stand\n", "line 3: time_s = 2: times must ascend"),
+        ("1,stand\n2,walk,1\n", "the last row must ask to stand"),
+        ("", "the last row must ask to stand"),
+    ],
+)
+def test_a_script_that_is_wrong_is_refused_with_its_line(
+    tmp_path: Path, rows: str, said: str
+) -> None:
+    path = script(tmp_path, rows)
+    with pytest.raises(ConfigError, match=f"script.csv: .*{said}"):
+        Script(path)
+
+
+def test_columns_that_are_unknown_or_missing_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no column 'speed'"):
+        Script(script(tmp_path, "", "time_s,mode,speed\n"))
+    with pytest.raises(ConfigError, match="must name the columns"):
+        Script(script(tmp_path, "1,walk\n", "time_s,ahead_mps\n"))
+
+
+def test_a_script_begins_with_the_first_state_and_ends_after_its_last_row(tmp_path: Path) -> None:
+    drive = by_script(script(tmp_path, "0.1,walk,0.5\n0.2,stand\n"))
+    first, ends = 400, 400 + round(100 * (0.2 + AFTER_S))
+    modes = {step: drive(state(step)) for step in range(first, ends + 2)}
+    wished = {step: wish.mode for step, wish in modes.items() if wish is not None}
+    assert [wished[first + k] for k in (0, 9, 10, 19, 20)] == [
+        CommandMode.STAND, CommandMode.STAND, CommandMode.WALK, CommandMode.WALK, CommandMode.STAND,
+    ]  # fmt: skip
+    assert abs(max(wished) - ends) <= 1
+
+
+@pytest.mark.parametrize("has_odometry", [True, False])
+@pytest.mark.parametrize("start", range(4))
+def test_a_robot_that_obeys_reaches_all_goals_from_any_place_and_heading(
+    start: int, has_odometry: bool
+) -> None:
+    """A point that turns and moves as it is told, 100 times a second."""
+    rng = np.random.default_rng(start)
+    goals = [tuple(goal) for goal in rng.uniform(-3.0, 3.0, (4, 2)).tolist()]
+    place, yaw = rng.uniform(-10.0, 10.0, 2), float(rng.uniform(-3.0, 3.0))
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    wanted = [place + turn @ np.array(goal) for goal in goals]
+    drive, visited, velocity = by_goals(Goals(goals, 0.6, 0.8)), [], np.zeros(2)
+    for step in range(20_000):
+        told = state(step, tuple(place) if has_odometry else None, yaw, tuple(velocity))
+        wish = drive(told)
+        if wish is None:
+            break
+        visited.append(np.array(place))
+        assert abs(wish.turn_rps) <= 0.8
+        assert 0.0 <= wish.ahead_mps <= 0.6
+        ahead = np.array([math.cos(yaw), math.sin(yaw)])
+        velocity = wish.ahead_mps * ahead
+        place, yaw = place + 0.01 * velocity, yaw + 0.01 * wish.turn_rps
+    assert wish is None
+    left = np.array(visited)
+    for goal in wanted:  # in their order
+        reached = np.linalg.norm(left - goal, axis=1) < REACHED_M + 0.02
+        assert reached.any()
+        left = left[int(np.argmax(reached)) :]
+
+
+def test_the_process_answers_each_state_with_the_script_of_the_run(tmp_path: Path) -> None:
+    path = script(tmp_path, "0.05,jump\n0.1,lie_down\n")
+    config = RunConfig(robot="go1", grid="line", commands=str(path))
+    with Stage("operator", body, config, tmp_path) as stage:
+        states = stage.others.publisher("controller/state")
+        commands = stage.others.latest("operator/command")
+        said = []
+        for step in range(20):
+            states.put(state(step))
+            sample = commands.wait(5.0)
+            assert sample is not None
+            assert (sample.message.step, sample.message.time_ns) == (step, step * STEP_NS)
+            said.append(sample.message.mode)
+    modes = [CommandMode.STAND, CommandMode.JUMP, CommandMode.LIE_DOWN]
+    assert said == [modes[0]] * 5 + [modes[1]] * 5 + [modes[2]] * 10
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "give either --script FILE.csv or --goals X,Y"),
+        (["--goals", "1,2", "--script", "a.csv"], "give either"),
+        (["--goals", "1;2"], "--goals 1;2: a goal is X,Y"),
+        (["--goals", "1,nan"], "--goals 1,nan"),
+        (["--script", "no.csv"], "cannot read no.csv"),
+        (["--goals", "1,2"], "is no folder of a run"),
+    ],
+)
+def test_the_command_refuses_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    assert main(["drive", "--run-dir", str(tmp_path / "none"), *arguments]) == 2
+    assert said in capsys.readouterr().err
