@@ -6,10 +6,12 @@ down as Python.
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, Union
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
 Entry = Union["Symbol", float, bool]
@@ -163,15 +165,18 @@ _NEGATIVE, _NOT, _WHERE = (
 )
 
 
-class Symbols:
+class Symbols(NDArrayOperatorsMixin):
     """An array of symbols and constants: as much of the array API as laws use, whose names its methods have."""
 
     # ruff: noqa: D102 - see the standard
-    __array_ufunc__ = None  # numpy leaves operations with it to it
     dtype, device = "symbols", "cpu"
 
     def __init__(self, entries: object) -> None:
         self.entries: NDArray[np.object_] = np.asarray(entries, dtype=object)
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *arguments: object) -> Any:
+        operation = _OPERATORS.get(ufunc) if method == "__call__" else None
+        return NotImplemented if operation is None else operation(*arguments)
 
     def __array_namespace__(self, api_version: str | None = None) -> object:
         return _NAMESPACE
@@ -193,66 +198,6 @@ class Symbols:
 
     def __getitem__(self, place: Any) -> "Symbols":
         return Symbols(self.entries[place])
-
-    def __matmul__(self, other: object) -> "Symbols":
-        return _product(self, other)
-
-    def __rmatmul__(self, other: object) -> "Symbols":
-        return _product(other, self)
-
-    def __add__(self, other: object) -> "Symbols":
-        return _apply(_ADD, self, other)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: object) -> "Symbols":
-        return _apply(_SUBTRACT, self, other)
-
-    def __rsub__(self, other: object) -> "Symbols":
-        return _apply(_SUBTRACT, other, self)
-
-    def __mul__(self, other: object) -> "Symbols":
-        return _apply(_MULTIPLY, self, other)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: object) -> "Symbols":
-        return _apply(_DIVIDE, self, other)
-
-    def __rtruediv__(self, other: object) -> "Symbols":
-        return _apply(_DIVIDE, other, self)
-
-    def __neg__(self) -> "Symbols":
-        return _apply(_NEGATIVE, self)
-
-    def __abs__(self) -> "Symbols":
-        return _apply(_MAXIMUM, self, -self)
-
-    def __pow__(self, power: int) -> "Symbols":
-        if power != 2:
-            raise TypeError(f"symbols can be squared, not raised to {power}")
-        return self * self
-
-    def __lt__(self, other: object) -> "Symbols":
-        return _apply(_LESS, self, other)
-
-    def __le__(self, other: object) -> "Symbols":
-        return _apply(_LESS_EQUAL, self, other)
-
-    def __gt__(self, other: object) -> "Symbols":
-        return _apply(_LESS, other, self)
-
-    def __ge__(self, other: object) -> "Symbols":
-        return _apply(_LESS_EQUAL, other, self)
-
-    def __and__(self, other: object) -> "Symbols":
-        return _apply(_AND, self, other)
-
-    def __or__(self, other: object) -> "Symbols":
-        return _apply(_OR, self, other)
-
-    def __invert__(self) -> "Symbols":
-        return _apply(_NOT, self)
 
 
 def _entries(value: object) -> NDArray[np.object_]:
@@ -279,6 +224,30 @@ def _clip(array: Symbols, low: object = None, high: object = None) -> Symbols:
     return array if high is None else _apply(_MINIMUM, array, high)
 
 
+def _power(array: Symbols, power: object) -> Symbols:
+    if power != 2:
+        raise TypeError(f"symbols can be squared, not raised to {power}")
+    return array * array
+
+
+_OPERATORS: dict[np.ufunc, Callable[..., Symbols]] = {
+    np.add: partial(_apply, _ADD),
+    np.subtract: partial(_apply, _SUBTRACT),
+    np.multiply: partial(_apply, _MULTIPLY),
+    np.true_divide: partial(_apply, _DIVIDE),
+    np.negative: partial(_apply, _NEGATIVE),
+    np.absolute: lambda array: _apply(_MAXIMUM, array, -array),
+    np.power: _power,
+    np.matmul: _product,
+    np.less: partial(_apply, _LESS),
+    np.less_equal: partial(_apply, _LESS_EQUAL),
+    np.greater: lambda one, other: _apply(_LESS, other, one),
+    np.greater_equal: lambda one, other: _apply(_LESS_EQUAL, other, one),
+    np.bitwise_and: partial(_apply, _AND),
+    np.bitwise_or: partial(_apply, _OR),
+    np.invert: partial(_apply, _NOT),
+}
+"""What numpy's operators do with symbols."""
 _NAMESPACE = SimpleNamespace(
     __name__="symbols",
     **{name: _function(name) for name in FUNCTIONS},
