@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from saltus.cli.heightmap_train import training_packages
 from saltus.cli.output import print_figures, print_json
 from saltus.config import check_between
 from saltus.errors import SaltusError
+from saltus.extras import packages_of
 from saltus.flags import Flag, shown
 from saltus.workers import check_processes
 
@@ -95,7 +95,7 @@ class Paper:
         return 0
 
     def _train(self) -> int:
-        with training_packages():
+        with packages_of("train"):
             from paper.training import NETWORKS, TRAINED, train
 
             seed, trained = 0 if self.seed is None else self.seed, self.trained or TRAINED

@@ -1,6 +1,5 @@
 """Figures of rows as PNG; needs matplotlib. One drawing serves the file and the page."""
 
-import importlib.util
 import io
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from saltus.errors import SaltusError
+from saltus.extras import check_package
 from saltus.terrain.terrain import Terrain
 
 DPI = 110
@@ -23,10 +22,7 @@ FRONT, REAR, OURS, OTHER = "tab:blue", "tab:orange", "tab:blue", "tab:red"
 
 def check_drawing() -> None:
     """Before the work: `SaltusError` where figures cannot be drawn."""
-    if importlib.util.find_spec("matplotlib") is None:
-        raise SaltusError(
-            "figures need matplotlib, which is not installed: pip install 'saltus[paper]'"
-        )
+    check_package("matplotlib", "paper", "figures need")
 
 
 def subplots(

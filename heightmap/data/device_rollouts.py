@@ -17,6 +17,7 @@ from saltus.effects.effect import map_arrays
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import load_profile
 from saltus.errors import SaltusError
+from saltus.extras import packages_of
 from saltus.gpu import has_gpu
 from saltus.grid import load_grid
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
@@ -193,10 +194,6 @@ def checked_device(device: str) -> str:
         return device
     if not has_gpu():
         raise SaltusError("no GPU found: use --device cpu, or a machine with one")
-    try:
+    with packages_of("gpu", "physics on a GPU"):
         import saltus.sim.warp_engine  # noqa: F401
-    except ImportError as error:
-        raise SaltusError(
-            f"physics on a GPU needs {error.name}: pip install 'saltus[gpu]'"
-        ) from error
     return "cuda:0"

@@ -10,11 +10,10 @@ import tyro
 
 from saltus.config import check_between, load_changes
 from saltus.errors import SaltusError
+from saltus.extras import packages_of
 from saltus.flags import shown
 from saltus.folders import another_training, ask_for_room, new_folder
 from saltus.policy.training.files import CHECKPOINT
-
-TRAINING = "pip install 'saltus[train]'"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,10 +56,8 @@ class TrainingCommand(ABC):
         Raises:
             SaltusError: the checkpoint cannot be used, or training is not installed.
         """
-        try:
+        with packages_of("train", "training"):
             from saltus.policy.training.checkpoint import config_of, read_checkpoint
-        except ImportError as error:
-            raise SaltusError(f"training needs {error.name}: {TRAINING}") from error
         if self.resume is not None:
             return config_of(read_checkpoint(self.resume), type(self.training))
         return self.usual()

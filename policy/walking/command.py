@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 import tyro
 
 from saltus.config import check_between
-from saltus.errors import SaltusError
+from saltus.extras import packages_of
 from saltus.flags import shown
 from saltus.policy.training.files import CHECKPOINT
-from saltus.policy.training.training_command import TRAINING, TrainingCommand
+from saltus.policy.training.training_command import TrainingCommand
 from saltus.policy.walking.settings import WalkTrainConfig
 
 
@@ -76,10 +76,8 @@ class Export:
 
     def run(self) -> int:
         """Writes it."""
-        try:
+        with packages_of("train", "exporting"):
             from saltus.policy.walking.export import MODEL, export
-        except ImportError as error:
-            raise SaltusError(f"exporting needs {error.name}: {TRAINING}") from error
         path = self.out or self.checkpoint.with_name(MODEL)
         export(self.checkpoint, path)
         print(path)  # noqa: T201
@@ -108,10 +106,8 @@ class Eval:
 
     def run(self) -> int:
         """Prints a line for each ground."""
-        try:
+        with packages_of("train", "evaluating"):
             from saltus.policy.walking.evaluation import evaluate
-        except ImportError as error:
-            raise SaltusError(f"evaluating needs {error.name}: {TRAINING}") from error
         check_between(self, level=(0, 254), robots=(1, 10_000), seconds=(2.0, 1e4))
         for ground in self.grounds:
             score = evaluate(

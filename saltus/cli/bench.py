@@ -11,8 +11,8 @@ from saltus.cli.checkout import checkout
 from saltus.cli.output import print_figures, print_json
 from saltus.cli.parsing import parse
 from saltus.errors import SaltusError, nearest_hint
+from saltus.extras import install
 from saltus.flags import shown
-from saltus.policy.training.training_command import TRAINING
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ class Bench:
         except ModuleNotFoundError as error:
             needed = f"the package '{error.name}', which is not installed"
             raise SaltusError(
-                f"benchmark '{self.name}' needs {needed}: {TRAINING}, or what {file} says"
+                f"benchmark '{self.name}' needs {needed}: {install('train')}, or what {file} says"
             ) from error
 
     def _measure(self, module: str) -> int:

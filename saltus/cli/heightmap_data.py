@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Self
 import tyro
 from tyro.conf import subcommand
 
-from saltus.cli.heightmap_train import QUIET_S, SettingsCommand, training_packages
+from saltus.cli.heightmap_train import QUIET_S, SettingsCommand
 from saltus.cli.output import Bar, JsonOption, print_json
 from saltus.cli.run_options import mounted_camera
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import SHIPPED, load_profile
+from saltus.extras import packages_of
 from saltus.flags import AT_LEAST_ONE, CommandGroup, Subcommands, shown
 from saltus.grid import DEFAULT_GRID
 from saltus.heightmap.settings import (
@@ -69,7 +70,7 @@ class OnProcessors(WorkersOption, SettingsCommand):
 
     def run(self) -> int:
         """Writes the shard; of one that is interrupted the batches that are whole."""
-        with training_packages():
+        with packages_of("train"):
             from saltus.heightmap.collection import collect
 
         profile = load_profile(self.settings.profile, load_robot(self.settings.loop.robot))
@@ -122,7 +123,7 @@ class OnDevice(JsonOption, SettingsCommand):
 
     def run(self) -> int:
         """Writes the shards; of those that are interrupted the batches that are whole."""
-        with training_packages():
+        with packages_of("train"):
             from saltus.heightmap.device_collection import collect
 
         loop, speeds, robot = (
@@ -229,7 +230,7 @@ class Dagger(WorkersOption, SettingsCommand):
 
     def run(self) -> int:
         """Runs to the end, with a progress bar for each half of a round."""
-        with training_packages():
+        with packages_of("train"):
             from saltus.heightmap.training.dagger import Observer, dagger
 
         check_processes(self.processes)
@@ -262,7 +263,7 @@ class Dagger(WorkersOption, SettingsCommand):
         """Those of the run that goes on."""
         if not (self.out / "dagger.json").exists():
             return None
-        with training_packages():
+        with packages_of("train"):
             from saltus.heightmap.training.dagger import begun_settings
 
         return begun_settings(self.out)

@@ -1,8 +1,6 @@
 """`saltus heightmap train` and `saltus heightmap export`: from a dataset to a model file."""
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache, partial
 from pathlib import Path
@@ -12,6 +10,7 @@ import tyro
 
 from saltus.config import load_changes
 from saltus.errors import SaltusError
+from saltus.extras import packages_of
 from saltus.flags import shown
 from saltus.folders import differences
 from saltus.heightmap.settings import FIRST_RATE, FURTHER_RATE, PredictorTraining
@@ -23,20 +22,6 @@ FOLDER = Path("runs/heightmap")
 CHECKPOINT, MODEL = "heightmap.pt", "heightmap.onnx"
 QUIET_S = 0.2
 """Before a progress bar is shown: what is wrong with an input is said by then, in one line."""
-PACKAGES = "pip install 'saltus[train]'"
-
-
-@contextmanager
-def training_packages() -> Iterator[None]:
-    """Says in one line which package is missing.
-
-    Raises:
-        SaltusError: one is.
-    """
-    try:
-        yield
-    except ImportError as error:
-        raise SaltusError(f"this needs {error.name}: {PACKAGES}") from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +87,7 @@ class Train(SettingsCommand):
         """Those of the training that goes on."""
         if not (self.out / CHECKPOINT).exists():
             return None
-        with training_packages():
+        with packages_of("train"):
             from saltus.heightmap.training.train import settings_of
 
         return settings_of(self.out / CHECKPOINT)
@@ -115,7 +100,7 @@ class Train(SettingsCommand):
         """Trains, with a progress bar."""
         from tqdm import tqdm
 
-        with training_packages():
+        with packages_of("train"):
             from saltus.heightmap.training.train import train
 
         checkpoint, announce = self.out / CHECKPOINT, cache(self.print_differences)
@@ -175,7 +160,7 @@ class Export:
 
     def run(self) -> int:
         """Writes the files and prints what was measured."""
-        with training_packages():
+        with packages_of("train"):
             from saltus.heightmap.training.release import card_path, release
 
         if self.out.suffix:

@@ -21,10 +21,10 @@ from saltus.cli.run_options import (
 from saltus.cli.serve import ServeProcess
 from saltus.config import PlannerName
 from saltus.errors import ConfigError, SaltusError
+from saltus.extras import packages_of
 from saltus.flags import CommandGroup, Subcommands, shown
 from saltus.folders import new_folder
 from saltus.grid import DEFAULT_GRID, load_grid
-from saltus.policy.training.training_command import TRAINING
 from saltus.policy.walking import command
 from saltus.policy.walking.settings import WalkTrainConfig
 from saltus.robots.loading import load_robot
@@ -156,10 +156,8 @@ class Export:
 
     def run(self) -> int:
         """Writes the file; 0 where it equals the checkpoint's network, else 1."""
-        try:
+        with packages_of("train", "exporting"):
             from saltus.policy.training.export import export
-        except ImportError as error:
-            raise SaltusError(f"exporting needs {error.name}: {TRAINING}") from error
         folder = self.out or new_folder("policy-export")
         if folder.suffix == ".onnx":
             raise SaltusError(f"--out {folder}: name a folder; policy.onnx is written into it")

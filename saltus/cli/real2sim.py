@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from saltus.cli.heightmap_train import SettingsCommand, training_packages
+from saltus.cli.heightmap_train import SettingsCommand
 from saltus.cli.output import Bar, JsonOption, print_json, run_directory
 from saltus.cli.run_options import RobotOption, mounted_camera
 from saltus.config import load
 from saltus.errors import ConfigError, RecordingError
+from saltus.extras import packages_of
 from saltus.flags import AT_LEAST_ONE, CommandGroup, Subcommands, shown
 from saltus.folders import ask_for_room, new_folder
 from saltus.grid import DEFAULT_GRID
@@ -57,7 +58,7 @@ class Cycle(JsonOption, SettingsCommand):
 
     def run(self) -> int:
         """Runs what is still missing, and writes the report."""
-        with training_packages():
+        with packages_of("train"):
             from saltus.real2sim.cycle.cycle import CycleRun as Stages
             from saltus.real2sim.cycle.elsewhere import refuse
             from saltus.real2sim.cycle.folder import open_folder

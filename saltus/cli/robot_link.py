@@ -1,7 +1,6 @@
 """Commands of `saltus robot` that speak a robot's own protocol, from either side."""
 
 import contextlib
-import importlib.util
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +11,7 @@ from saltus.cli.output import JsonOption
 from saltus.cli.run_options import CourseOptions, SizedCourse
 from saltus.config import Pace
 from saltus.errors import ConfigError, StackError
+from saltus.extras import check_package
 from saltus.flags import Flag, shown
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from saltus.real2sim.experiments.on_backend import ExperimentRun
     from saltus.robots.robot import Robot
 
-CYCLONE = "pip install 'saltus[dds]'"
 LAND_S = 2.5
 """A landing takes 1.1 s at most; the rest it stands."""
 
@@ -45,12 +44,11 @@ class LinkOptions:
         """The robot's values.
 
         Raises:
-            ConfigError: there is no such robot, or Cyclone DDS is not installed.
+            SaltusError: there is no such robot, or Cyclone DDS is not installed.
         """
         from saltus.robots.loading import load_robot
 
-        if importlib.util.find_spec("cyclonedds") is None:
-            raise ConfigError(f"the package 'cyclonedds' is not installed: {CYCLONE}")
+        check_package("cyclonedds", "dds", "a robot's DDS needs")
         return load_robot(self.robot)
 
 

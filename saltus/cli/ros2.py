@@ -1,12 +1,12 @@
 """`saltus ros2`: heights, depth and state of a run for ROS 2, and heights for robots that speak ROS 2."""
 
-import importlib.util
 import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from saltus.errors import SaltusError
+from saltus.extras import check_package
 from saltus.flags import EndpointOption, Flag, shown
 
 if TYPE_CHECKING:
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from saltus.wire.ros2_node import Ros2Node
 
 NO_JOINTS = "none"
-DDS = "pip install 'saltus[dds]'"
 NAMESPACE = r"/?[A-Za-z]\w*(/[A-Za-z]\w*)*"
 DOMAIN_MAX = 232  # of DDS
 
@@ -187,10 +186,7 @@ class Ros2(EndpointOption):
 
     def _node(self) -> "Ros2Node | DdsNode":
         if self.dds:
-            if importlib.util.find_spec("cyclonedds") is None:
-                raise SaltusError(
-                    "--dds needs the package 'cyclonedds', which is not installed: " + DDS
-                )
+            check_package("cyclonedds", "dds", "--dds needs")
             from saltus.ros2.dds import DdsNode
 
             return DdsNode(self.domain)

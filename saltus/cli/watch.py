@@ -1,7 +1,6 @@
 """`saltus watch`: a page in the browser that shows runs and recordings."""
 
 import contextlib
-import importlib.util
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -13,11 +12,11 @@ from typing import Annotated
 import tyro
 
 from saltus.errors import SaltusError
+from saltus.extras import check_package
 from saltus.flags import shown
 from saltus.tuning import stand_back
 
 PORT = 8080
-VISER = "pip install 'saltus[watch]'"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,10 +95,7 @@ def tell_of_no_run(paths: Sequence[Path]) -> None:
 
 def ask_for_viser() -> None:
     """Raises `SaltusError` where the package is not installed that makes the page."""
-    if importlib.util.find_spec("viser") is None:
-        raise SaltusError(
-            "a page to watch needs the package 'viser', which is not installed: " + VISER
-        )
+    check_package("viser", "watch", "a page to watch needs")
 
 
 @contextlib.contextmanager
