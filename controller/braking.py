@@ -62,8 +62,9 @@ class BrakingConfig:
     lower_from: float = 0.65
     """Progress of the swing at which a foot begins to come down."""
     slow_mps: float = 0.5
-    """Speed below which sprung legs catch the body: the capture point is 8 cm ahead. The pitch rate counts as the speed
-    that it gives the hips: legs of which one pair hangs in the air do not stop it."""
+    """Speed below which sprung legs catch the body: the capture point is 8 cm ahead. The pitch rate
+    counts as the speed that it gives the hips: legs of which one pair hangs in the air do not stop
+    it."""
 
     def of_size(self, size: Similarity) -> "BrakingConfig":
         """The numbers of a robot of another size."""
@@ -79,8 +80,8 @@ class BrakingState:
     """State of the braking, with what is known of the ground."""
 
     foothold: Legs
-    """Where each foot last stood for certain, by dead reckoning: relative to the base now, yaw frame [m], (..., 4, 3).
-    """
+    """Where each foot last stood for certain, by dead reckoning: relative to the base now, yaw
+    frame [m], (..., 4, 3). """
 
 
 class Motion(Protocol):

@@ -42,9 +42,10 @@ class EstimatorConfig:
         0.68 * 0.03,
     )
     rest_speed_mps: float = 0.3
-    """A trusted foot that moves in the world by the prediction is believed less: half at this speed (Cauchy weight).
-    Not in the original. Feet slip and land late; measured over bounding at 1 m/s, in most of three
-    runs the error of forward velocity fell from 0.10-0.21 to 0.05-0.10 m/s (RMS)."""
+    """A trusted foot that moves in the world by the prediction is believed less: half at this speed
+    (Cauchy weight). Not in the original. Feet slip and land late; measured over bounding at 1 m/s,
+    in most of three runs the error of forward velocity fell from 0.10-0.21 to 0.05-0.10 m/s
+    (RMS)."""
     initial_variance: float = 0.1
 
 

@@ -19,8 +19,8 @@ class FeedbackConfig:
     """The feedback; its gain is `Gains.stance_kd`, with which 0 leaves feed-forward only."""
 
     damping_m: float = 0.005
-    """Damping of the inverse Jacobian: its gain is at most 1 / (2 damping). In the standing pose, where the smallest
-    singular value is 0.1 m, it changes the result by 0.2 %."""
+    """Damping of the inverse Jacobian: its gain is at most 1 / (2 damping). In the standing pose,
+    where the smallest singular value is 0.1 m, it changes the result by 0.2 %."""
 
 
 class VelocityFeedback:

@@ -23,9 +23,9 @@ class WatchdogConfig:
     """A robot that lay goes after this at the soonest: the time in which it gets up
     (`LegControllerConfig.stand_blend_s`)."""
     landing_limit_s: float = 1.1
-    """A landing is over after this at the latest, and so 1.2 s after the planner has gone. From 1.8 m/s the robot
-    brakes with one or two contacts of each pair of legs before sprung legs catch it: it does not
-    jump on, but no single contact could stop it."""
+    """A landing is over after this at the latest, and so 1.2 s after the planner has gone. From 1.8
+    m/s the robot brakes with one or two contacts of each pair of legs before sprung legs catch it:
+    it does not jump on, but no single contact could stop it."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -61,8 +61,8 @@ class HeightmapModel(nn.Module):
     height_mean: Tensor
     height_std: Tensor
     correction: Tensor
-    """Shape (WIDTHS,): what is added to the logarithm of an interval of each of these widths, and in between linearly;
-    see `saltus.heightmap.training.calibration`."""
+    """Shape (WIDTHS,): what is added to the logarithm of an interval of each of these widths, and
+    in between linearly; see `saltus.heightmap.training.calibration`."""
 
     def __init__(self, config: ModelConfig, normalisation: Normalisation) -> None:
         super().__init__()

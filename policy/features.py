@@ -29,8 +29,8 @@ LAYOUT: dict[str, int] = {
 PROPRIOCEPTION_SIZE = sum(LAYOUT.values())
 """Length of the vector without its heights, which come last: what the robot knows of itself."""
 RECALLED = PROPRIOCEPTION_SIZE + len(ACTIONS)
-"""Length of what is recalled of one instant: the vector without its heights, and the plan as `ActionBounds` normalises
-it."""
+"""Length of what is recalled of one instant: the vector without its heights, and the plan as
+`ActionBounds` normalises it."""
 
 
 def layout(grid: HeightGrid) -> dict[str, int]:

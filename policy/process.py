@@ -22,8 +22,9 @@ from saltus.wire.topics import TOPICS
 STAND_NS = 500_000_000
 """Time that the robot stands before the first jump: ten images, and the estimator settles."""
 LOST_NS = round(1e9 * TOPICS["heightmap/heightmap"].invalid_age_s) - 10_000_000
-"""Without a heightmap for this long the planner is blind. One policy step less than the greatest age of a heightmap:
-the planner looks every 10 ms, and must report it within 110 ms of the last arrival."""
+"""Without a heightmap for this long the planner is blind. One policy step less than the greatest
+age of a heightmap: the planner looks every 10 ms, and must report it within 110 ms of the last
+arrival."""
 ROUNDING_M = 1e-6
 """Rounding of points that went through text."""
 _COMMANDS = TOPICS["operator/command"]

@@ -15,8 +15,8 @@ from saltus.terrain.terrain import Terrain
 
 NAMES: tuple[RendererName, ...] = ("auto", "embree", "pyrender", "warp")
 RASTER_PIXELS = 6_000
-"""From this many pixels on, one image is made faster by pyrender than by Embree: 0.4 ms and 0.01 us a pixel against
-0.08 us a ray, with some legs in view (`saltus bench render`)."""
+"""From this many pixels on, one image is made faster by pyrender than by Embree: 0.4 ms and 0.01 us
+a pixel against 0.08 us a ray, with some legs in view (`saltus bench render`)."""
 STEREO_PREFERENCE = ("embree", "pyrender")
 
 

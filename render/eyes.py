@@ -22,7 +22,8 @@ SAMPLED = supersampled_model_camera(ROWS, COLUMNS)
 
 Truth = TypeVar("Truth")
 Seen = TypeVar("Seen", contravariant=True)
-"""Where robots are, as a renderer wants it: a message, a batch of states, a place in a recording."""
+"""Where robots are, as a renderer wants it: a message, a batch of states, a place in a
+recording."""
 
 
 class BatchRenderer(Protocol[Seen]):

@@ -12,8 +12,8 @@ from saltus.arrays import Floats
 from saltus.render.stereo.camera import StereoConfig
 
 STRENGTH = (0.4, 2.0)
-"""Factor on noise, holes and flying pixels: sub-pixel noise is 0.03 px at best, 0.08 px in practice, and worse on poor
-texture (Intel on the D4xx)."""
+"""Factor on noise, holes and flying pixels: sub-pixel noise is 0.03 px at best, 0.08 px in
+practice, and worse on poor texture (Intel on the D4xx)."""
 # Draws a camera, before its strength: with them a seed gives the cameras that earlier versions drew
 SKIPPED = 13
 

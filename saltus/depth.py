@@ -150,8 +150,8 @@ class _Pooling:
     Through a long lens these are few, and each is the mean of many.
     """
     place: NDArray[np.int64] | None
-    """For each of these the source pixels that may cover it, counted within `needed`, shape (some, reached); None where
-    the model pixels are those of the source."""
+    """For each of these the source pixels that may cover it, counted within `needed`, shape (some,
+    reached); None where the model pixels are those of the source."""
     weight: NDArray[np.float32]
     """Weight of each source pixel, shape (some, reached, 1), or without dimensions where all are
     the same; they add up to the covered share of a model pixel: 1 inside the source image."""

@@ -73,8 +73,8 @@ class DepthCamera(Value):
     range_m: tuple[float, float] | None = None
     """Nearest and farthest valid depth [m]; None if all is valid."""
     depth_unit_m: float | None = None
-    """Metres that one step of the images of a real one is, for `saltus ros2`: 0.0001 of a D405, 0.00025 of an L515; as
-    ROS has it, if None. Simulated images are in millimetres."""
+    """Metres that one step of the images of a real one is, for `saltus ros2`: 0.0001 of a D405,
+    0.00025 of an L515; as ROS has it, if None. Simulated images are in millimetres."""
     ideal: bool = False
     """True depth: no errors of stereo matching."""
     baseline_m: float = BASELINE_M

@@ -100,8 +100,8 @@ LINE = HeightGrid(x=tuple(np.linspace(-0.4, 0.8, 30).tolist()))
 GRIDS = {"line": LINE, "scan": SCAN}
 """Grids by name."""
 DEFAULT_GRID = "line"
-"""The grid that a command takes where none is named, of the network of one robot; nothing below entry points reads
-it."""
+"""The grid that a command takes where none is named, of the network of one robot; nothing below
+entry points reads it."""
 
 HEIGHTMAP_X = np.array(LINE.x)
 """Distance of each height of `LINE` ahead of the base [m]."""

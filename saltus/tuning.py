@@ -1,18 +1,18 @@
 """Changes that processes of a run make to Python, the C library's heap and the scheduler.
 
-What each is worth.
+Each is worth this, without it and with it:
 
-| what | without it | with it | measured by |
-|---|---|---|---|
-| `kept_small` | 0.1 to 2 MB more with each process that dies | 1 MB an hour | `saltus bench soak` |
-| `prefer_process`, `prefer_loop`, `preferred`: share of its time that the loop gets beside a busy
-  program on one core | 50 % | 96 % | `tests/saltus/test_priority.py` |
-| `switch_soon`: median age of a message that is dated beside a thread that computes | 5.2 ms |
-  0.9 ms | `saltus bench tuning` |
-| `keep_thread`: work for each message that comes | 44 us | 34 us | `saltus bench tuning` |
-| `stand_back`: by how much p99 of the ages of heights rises when a page shows the run | not measured |
-  4 and 5 % | `saltus bench watch` |
-| `freeze`: pause of a full collection in the controller | 33 ms | 0 | `saltus bench tuning` |
+| change | measured | without | with | by |
+|---|---|---|---|---|
+| `kept_small` | memory that stays, a process that dies, an hour | 0.1 to 2 MB | 1 MB | bench soak |
+| `preferred` (1) | loop's share of its time beside a busy program | 50 % | 96 % | test_priority.py |
+| `switch_soon` | median age of a dated message (2) | 5.2 ms | 0.9 ms | bench tuning |
+| `keep_thread` | work for each message that comes | 44 us | 34 us | bench tuning |
+| `stand_back` | p99 of the ages of heights, by a page (3) | not measured | +4, +5 % | bench watch |
+| `freeze` | pause of a full collection, controller | 33 ms | 0 | bench tuning |
+
+(1) with `prefer_process` and `prefer_loop`, on one core. (2) beside a thread that computes. (3) that
+shows the run.
 """
 
 import contextlib
@@ -53,8 +53,8 @@ _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
 """Number of the system call, which neither Python nor the C library has (Linux's syscall_64.tbl and
 unistd.h)."""
 _ATTRIBUTES = struct.Struct("<IIQiIQQQ")
-"""sched_setattr(2): size, policy, flags, nice, priority, runtime, deadline, period. Of ordinary programs, whose policy
-is 0, the runtime is the slice."""
+"""sched_setattr(2): size, policy, flags, nice, priority, runtime, deadline, period. Of ordinary
+programs, whose policy is 0, the runtime is the slice."""
 
 
 def prefer_process(process: str) -> None:

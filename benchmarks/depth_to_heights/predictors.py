@@ -53,8 +53,8 @@ BASELINES: dict[str, Callable[[Robot], Predictor]] = {
         for name, gain in GEOMETRIC.items()
     },
 }
-"""Without training: flat ground at the feet; the newest image deprojected; those of 2 s, in the robot's own odometry;
-the same, moved to the standing feet."""
+"""Without training: flat ground at the feet; the newest image deprojected; those of 2 s, in the
+robot's own odometry; the same, moved to the standing feet."""
 NETWORK = "network"
 
 

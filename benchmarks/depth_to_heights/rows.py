@@ -14,8 +14,8 @@ from saltus.heightmap.evaluation.scores import FIGURES, mean_of, totals
 from saltus.loop.loop import STAND_STEPS
 
 LEAST_HALF_WIDTH_M = 1e-3
-"""Narrower intervals count as this wide: to a millimetre the truth is told apart, and without a bound the likelihood of
-flat ground would have none."""
+"""Narrower intervals count as this wide: to a millimetre the truth is told apart, and without a
+bound the likelihood of flat ground would have none."""
 RESAMPLES = (
     1000  # of the runs: of a normal law the ends of an interval are then right to 2 % of its width
 )

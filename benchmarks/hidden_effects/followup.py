@@ -14,8 +14,8 @@ from benchmarks.hidden_effects.tables import write
 SEED = 11
 """Added to a run's own: another start, other noise."""
 STANDING = ("body", "imu")
-"""Robots that can be hung up: their drives are as claimed, and what is hidden in body, ground or IMU does not move a
-joint then."""
+"""Robots that can be hung up: their drives are as claimed, and what is hidden in body, ground or
+IMU does not move a joint then."""
 
 
 def followup(cases: list[Case], logs: Path) -> int:

@@ -20,8 +20,9 @@ held."""
 ASKED = 1.1
 """Largest torque that may be asked for in an experiment, in parts of a joint's limit."""
 SHOWN = 2
-"""Signals that count in a response: position and velocity. Believed torque follows from them and the command; a packet
-that is late by nothing at all would move its sample at a jump by the whole jump."""
+"""Signals that count in a response: position and velocity. Believed torque follows from them and
+the command; a packet that is late by nothing at all would move its sample at a jump by the whole
+jump."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,8 +15,8 @@ PUSH = np.tile([3.0, 4.0, 4.0], 4)
 """Largest feed-forward torque [Nm]: kept where the position loop holds the joint near its place."""
 
 Motion = Callable[[Floats, float, np.random.Generator], tuple[Floats, Floats]]
-"""From times in a segment (n,) and its length to offsets of joints and of feed-forward torque in parts of their
-largest, each (n, 12)."""
+"""From times in a segment (n,) and its length to offsets of joints and of feed-forward torque in
+parts of their largest, each (n, 12)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,9 +8,10 @@ from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
 
 POSITION_ERROR_M, PITCH_ERROR = 0.02, np.deg2rad(2.5)
-"""Along each axis, and in pitch [rad], at most: a bracket that was bent in a fall, twice what a printed mount and its
-screws are off. Less is more frequent: the density falls from the nominal place to nothing. A model
-is only given to cameras nearer than this (`saltus.heightmap.service.network.MOUNT_PITCH_ERROR`)."""
+"""Along each axis, and in pitch [rad], at most: a bracket that was bent in a fall, twice what a
+printed mount and its screws are off. Less is more frequent: the density falls from the nominal
+place to nothing. A model is only given to cameras nearer than this
+(`saltus.heightmap.service.network.MOUNT_PITCH_ERROR`)."""
 
 
 def random_mount(robot: Robot, rng: np.random.Generator, count: int | None = None) -> Mount:

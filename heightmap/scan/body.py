@@ -10,8 +10,8 @@ from saltus.robots.leg_shapes import LegShapes
 from saltus.robots.robot import Robot
 
 MARGIN_M = 0.03
-"""Beyond the shapes of the model: shells are wider than their collision shapes (a Go1's calf by 0.015 m), and depth at
-0.4 m is off by a few millimetres."""
+"""Beyond the shapes of the model: shells are wider than their collision shapes (a Go1's calf by
+0.015 m), and depth at 0.4 m is off by a few millimetres."""
 
 
 class OwnBody(Protocol):

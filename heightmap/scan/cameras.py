@@ -10,8 +10,8 @@ from saltus.robots.mount import Mount
 from saltus.wire.messages import DepthFrame
 
 PIXELS = 48 * 64
-"""Number of pixels that are read of an image, about: as many as those of training have (`FlightSettings.rows`,
-`columns`)."""
+"""Number of pixels that are read of an image, about: as many as those of training have
+(`FlightSettings.rows`, `columns`)."""
 REACH_M = 3.0
 """Nearer ground should be seen: stereo cameras measure it (D435i datasheet: 0.3 to 3 m)."""
 FEWEST = 20

@@ -17,8 +17,9 @@ GAP_NS = 500_000_000
 REACH_NS = 60_000_000
 """So far beyond the states that are known a pose is believed, by velocity and rate of turn."""
 JUMP_M, JUMP_S = 0.1, 0.1
-"""A position that moves by more than this in a step, and than the velocity brings in `JUMP_S`, has jumped: the odometry
-was set anew, not the robot. At 3 m/s positions of 10 Hz, each told ten times, move by 0.3 m."""
+"""A position that moves by more than this in a step, and than the velocity brings in `JUMP_S`, has
+jumped: the odometry was set anew, not the robot. At 3 m/s positions of 10 Hz, each told ten times,
+move by 0.3 m."""
 JUMP_RAD = 0.35
 """An attitude that turns by more in a step than the gyroscope says has jumped: 20 degrees."""
 

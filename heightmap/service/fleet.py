@@ -14,8 +14,8 @@ from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 from saltus.wire.topics import Topic
 
 TAKEOVER_NS = 3_000_000_000
-"""A model that is to take over must have become as good as the running one in this time: far more than its warm-up
-(below half a second), and longer than a short outage of the camera."""
+"""A model that is to take over must have become as good as the running one in this time: far more
+than its warm-up (below half a second), and longer than a short outage of the camera."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,8 +15,8 @@ MAX_FUTURE_S = (
 )
 DEGRADED_LOST_SHARE = 0.2  # of the images of the last second; the model is trained with 8 % at most
 LOSS_MARGIN_S = 0.020
-"""Two ticks of 100 Hz: an image may have arrived a tick before it is taken, and what would be too late at the next tick
-is said at this one."""
+"""Two ticks of 100 Hz: an image may have arrived a tick before it is taken, and what would be too
+late at the next tick is said at this one."""
 _TRUST = (
     HeightmapStatus.OK,
     HeightmapStatus.DEGRADED,

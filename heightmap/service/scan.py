@@ -27,8 +27,8 @@ from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotSt
 from saltus.wire.topics import Topic
 
 WARM_IMAGES = 10
-"""Images until heights are as good as models/scan.md says: its figures are of what came after a second, in which the
-slowest cameras of training take ten."""
+"""Images until heights are as good as models/scan.md says: its figures are of what came after a
+second, in which the slowest cameras of training take ten."""
 FIRST = ""
 """Name of the camera whose images come under `camera/depth` itself."""
 

@@ -38,8 +38,9 @@ class ScanChoice:
     None: the run's own.
     """
     body: str = ROBOT_BODY
-    """"robot": legs and trunk are those of the run's robot. "none", or length, width and height of a box around the
-    base [m], as 0.6x0.4x0.5: the robot has no model, and states tell its standing feet."""
+    """"robot": legs and trunk are those of the run's robot. "none", or length, width and height of
+    a box around the base [m], as 0.6x0.4x0.5: the robot has no model, and states tell its standing
+    feet."""
     model: Path | None = None
     """ONNX file; None: the shipped one."""
 

@@ -17,7 +17,8 @@ class TrainingOrigin(TypedDict):
     """The making of a network: settings, data, and the network that it began with."""
 
     config: dict[str, Any]
-    """The settings, as nested tables; of an exported model the seed and the network's sizes alone."""
+    """The settings, as nested tables; of an exported model the seed and the network's sizes
+    alone."""
     dataset: str
     start: StartOrigin | None
     update: NotRequired[int]

@@ -56,8 +56,8 @@ class Release:
     model_id: str
     warmup_frames: int
     parity: float
-    """Greatest difference in a tick from torch in double precision, of 1,000 recurrent steps with resets: heights,
-    halves of intervals [m] and hidden state (no unit), see
+    """Greatest difference in a tick from torch in double precision, of 1,000 recurrent steps with
+    resets: heights, halves of intervals [m] and hidden state (no unit), see
     `saltus.heightmap.training.export.parity`."""
     clean: Accuracy
     """Images as late as the camera makes them, none lost."""

@@ -43,13 +43,13 @@ class CurriculumConfig:
     hardest: float = 1.0
     """Difficulty at the end of the last level."""
     promotion_m: float = 4.5
-    """Way along the terrain's profile, up and along, that earns a harder course; original, but horizontal there: 10
-    jumps of 0.4 m up steep stairs never sufficed."""
+    """Way along the terrain's profile, up and along, that earns a harder course; original, but
+    horizontal there: 10 jumps of 0.4 m up steep stairs never sufficed."""
     demotion_m: float = 2.5
     """Less than this leads to an easier course; original."""
     any_level: float = 0.0
-    """Share of the courses that are of any level, however far the robot came before: for a policy that is trained
-    further, which may fail at one level and manage a harder one."""
+    """Share of the courses that are of any level, however far the robot came before: for a policy
+    that is trained further, which may fail at one level and manage a harder one."""
 
     def __post_init__(self) -> None:
         check_between(self, **dict.fromkeys(KINDS, (0.0, 1e6)))

@@ -78,8 +78,8 @@ class JumpEnv(TrainingEnv):
         self._plans_ago = torch.arange(plans, device=self.device)
         self._blank_law = self._law.init((self.count,), self.memory.phase)
         self.standing = torch.zeros(self.count, dtype=torch.bool, device=self.device)
-        """Robots that stand, whatever their plan; they begin to step when they do so no more. May be written in place,
-        shape (n,)."""
+        """Robots that stand, whatever their plan; they begin to step when they do so no more. May
+        be written in place, shape (n,)."""
         self.views = Views(
             self.robot, grid, self.memory, config, self.states, self._qpos, self._qvel
         )

@@ -38,8 +38,8 @@ SOFT_RUBBER = {
     "torsion": (LEAST_TURNING_M, 0.02),
     "rolling": (LEAST_TURNING_M, 0.01),
 }
-"""Contacts that are usual, and those of soft rubber, by fields of `BodyModel`: MuJoCo's default time constant, about
-the impedance of Menagerie's Go1, and the frictions of its feet."""
+"""Contacts that are usual, and those of soft rubber, by fields of `BodyModel`: MuJoCo's default
+time constant, about the impedance of Menagerie's Go1, and the frictions of its feet."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,8 +116,8 @@ class RandomisationConfig:
     """Delay of a robot whose profile has the original's 10 ms, +- one tick; another delay moves it,
     see `saltus.trial`."""
     plan_delay_s: tuple[float, float] = (0.0, 0.012)
-    """From a state to its plan being obeyed: 3 to 6 ms on two free cores (`saltus bench stack`), twice that on busy
-    ones."""
+    """From a state to its plan being obeyed: 3 to 6 ms on two free cores (`saltus bench stack`),
+    twice that on busy ones."""
     height_shift_m: tuple[float, float] = (0.08, 0.05)  # +-; paper: along the yaw, and vertical
     """Around that of the profile, whose own ranges widen it."""
     height_noise_m: float = (

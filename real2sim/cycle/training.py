@@ -32,8 +32,8 @@ FURTHER_HARDEST = 0.8
 """Difficulty of the hardest courses of such a policy, `CurriculumConfig.hardest`, of courses of all
 levels. Those that a cycle measures have 0.5 to 0.72."""
 LEARNED = 0.75
-"""Share of robots that the policy drives in the predictor's data, as in those of the shipped one: rules see to it that
-motions are not all alike."""
+"""Share of robots that the policy drives in the predictor's data, as in those of the shipped one:
+rules see to it that motions are not all alike."""
 
 
 SHIPPED_FILES = {"policy": "checkpoints/policy.pt", "heightmap": "heightmap.onnx"}

@@ -14,8 +14,8 @@ class StereoImage:
     """Image that the matcher of a stereo camera has found so far, for any leading batch dimensions, numpy or torch."""
 
     disparity: Floats
-    """Column in the left image less column in the right image [px of the sensor]; 0 where nothing is hit. Shape
-    (..., height, width)."""
+    """Column in the left image less column in the right image [px of the sensor]; 0 where nothing
+    is hit. Shape (..., height, width)."""
     truth: Floats
     """Disparity of the scene itself [px], on which it depends what is lost.
 

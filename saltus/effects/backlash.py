@@ -11,8 +11,8 @@ from saltus.effects.effect import Drawn, Effect, Values, from_robot, parameter, 
 from saltus.effects.signals import Drive
 
 Play = tuple[Array, Array, Array, Array, Array]
-"""How far the motor is ahead of the joint [rad], how fast it gets ahead [rad/s], whether both touch over the coming
-step, and the joint's velocity [rad/s] and acceleration [rad/s^2] as last seen."""
+"""How far the motor is ahead of the joint [rad], how fast it gets ahead [rad/s], whether both touch
+over the coming step, and the joint's velocity [rad/s] and acceleration [rad/s^2] as last seen."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -75,7 +75,8 @@ class Comparison:
         self.fields: dict[str, FieldDifference] = {}
         """By topic and field, e.g. "policy/plan.velocity_x"."""
         self.first: Difference | None = None
-        """The first difference, in the order in which messages were said; None where all is equal."""
+        """The first difference, in the order in which messages were said; None where all is
+        equal."""
         self._said: dict[str, bytes] = {}
 
     @property

@@ -22,8 +22,8 @@ from saltus.files import check_archive
 HEAD_BYTES = 2**18  # of a text, in which its names and first rows stand
 BYTE_ORDER_MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
 SEPARATORS = (";", "\t", "|", ",", " ")
-"""The first that cuts the names and the first row into equally many parts. A comma comes late: it may be the decimal
-sign. A space stands for any number of spaces."""
+"""The first that cuts the names and the first row into equally many parts. A comma comes late: it
+may be the decimal sign. A space stands for any number of spaces."""
 COMMENT = ("#", "%", "//")
 DECIMAL_SIGNS = (".", ",")
 UNEVEN = re.compile(r"(?:Row #(\d+): )?Expected (\d+) columns, got (\d+)")  # as Arrow says it

@@ -52,8 +52,8 @@ class TableColumns:
     """Gains that come with each command; without them, those in the claims hold throughout."""
     kd: str | None = None
     joints: tuple[str, ...] = ()
-    """The table's names of its joints, in the order of their numbers. Without them it has all of the robot's, in the
-    robot's order, by their names in [joint_names]."""
+    """The table's names of its joints, in the order of their numbers. Without them it has all of
+    the robot's, in the robot's order, by their names in [joint_names]."""
     angle: Literal["rad", "deg"] = "rad"
     """Unit of angles and rates, where [units] names none."""
     time: str | None = None
@@ -61,11 +61,11 @@ class TableColumns:
     time_unit: Literal["s", "ms", "us", "ns"] = "s"
     rate_hz: float | None = None
     states_every_s: float | None = None
-    """Each row holds the newest state of a robot that measures so often: states are put on even times. `dq` serves for
-    this and is not in the log."""
+    """Each row holds the newest state of a robot that measures so often: states are put on even
+    times. `dq` serves for this and is not in the log."""
     moves_freely: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """Range of joints whose names on the robot end so [rad]: beyond it they lean on a stop. Each leg of a held robot
-    then has a log of its own, without what a stop disturbs."""
+    """Range of joints whose names on the robot end so [rad]: beyond it they lean on a stop. Each
+    leg of a held robot then has a log of its own, without what a stop disturbs."""
 
 
 @dataclass(frozen=True, kw_only=True)

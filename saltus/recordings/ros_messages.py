@@ -54,8 +54,8 @@ _TRANSFORM: Callable[..., Message] = STORE.types["geometry_msgs/msg/Transform"]
 _STAMPED: Callable[..., Message] = STORE.types["geometry_msgs/msg/TransformStamped"]
 
 BASE, BASE_YAW, WORLD, CAMERA, ODOM = "base", "base_yaw", "world", "camera", "odom"
-"""Frames: of the trunk, the same turned by the yaw alone, of the course, of the depth image (z along its axis), and of
-the start as the robot itself has added up its way."""
+"""Frames: of the trunk, the same turned by the yaw alone, of the course, of the depth image (z
+along its axis), and of the start as the robot itself has added up its way."""
 ELEVATION, VARIANCE, HALF_WIDTH, AGE = "elevation", "variance", "half_width", "age"
 """Layers of a GridMap; viewers and planners look for the first by this name."""
 LINE_CELLS = 2

@@ -116,8 +116,8 @@ class Robot(Value):
     """Height of the base above the ground there [m]."""
     gains: Gains
     swing_foot_z: Floats = _array(2)
-    """Lowest and highest place of a swinging foot in the base frame [m], shape (2,): the controller keeps within it,
-    and a policy is trained with it."""
+    """Lowest and highest place of a swinging foot in the base frame [m], shape (2,): the controller
+    keeps within it, and a policy is trained with it."""
     neutral_foot: Floats = _array(2)
     """Where a foot is below the body, ahead of the base (rear: behind) and sideways [m], shape
     (2,)."""
@@ -139,8 +139,8 @@ class Robot(Value):
     profile: str
     """Name of the profile that it has as shipped."""
     mjcf: str = field(repr=False)
-    """Its model: a trunk of one box and links of the names and the order of this module. What MuJoCo simulates is made
-    from it (`saltus.sim.scene`)."""
+    """Its model: a trunk of one box and links of the names and the order of this module. What
+    MuJoCo simulates is made from it (`saltus.sim.scene`)."""
 
     def __post_init__(self) -> None:
         for f in fields(self):

@@ -39,11 +39,11 @@ from saltus.wire.zenoh_bus import ZenohBus
 STATUS_PERIOD_S = 0.5
 """Period in the machine's time: a run that is slowed tells as soon how it goes."""
 ROUTER_LOST_S = 2.0
-"""How long the router may be gone, by the run's clock, less the time in which the process itself stood still: links are
-given up meanwhile, and come back."""
+"""How long the router may be gone, by the run's clock, less the time in which the process itself
+stood still: links are given up meanwhile, and come back."""
 LINKED_S = 1.0
-"""After its opening a peer has links to all others, also on a busy computer: what is sent sooner may reach nobody. In
-0.3 s one of 21 had none."""
+"""After its opening a peer has links to all others, also on a busy computer: what is sent sooner
+may reach nobody. In 0.3 s one of 21 had none."""
 LINKED_LATEST_S = 3.0
 """Longest wait of a sender that nobody hears yet, on a busy computer."""
 EXIT_ERROR = 2

@@ -38,5 +38,6 @@ OPERATOR = Program(name="operator", module="saltus.drive", restart=True)
 WITH_STANDBYS = tuple(
     replace(program, spare=program.restart, hot=program.restart) for program in PROGRAMS
 )
-"""The same with a camera, a service and a planner more that work along unheard. A robot among stepping stones can then
-go on, and cannot land well; but on two cores ages have a p99 of 30 to 58 ms instead of 10."""
+"""The same with a camera, a service and a planner more that work along unheard. A robot among
+stepping stones can then go on, and cannot land well; but on two cores ages have a p99 of 30 to 58
+ms instead of 10."""

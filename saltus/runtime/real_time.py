@@ -13,8 +13,8 @@ and answers are slow, and the robot stands for a second before it runs."""
 WINDOW_S = 2.0
 """A verdict rests on the last so many seconds of the machine: it is to be known within 3 s."""
 SHARE_KEPT = 0.9
-"""A run keeps up that delivers this share of what the table of topics asks for: without one image in twenty the heights
-are off by a fiftieth more (docs/heightmap.md)."""
+"""A run keeps up that delivers this share of what the table of topics asks for: without one image
+in twenty the heights are off by a fiftieth more (docs/heightmap.md)."""
 LATE_WANTED_S = 0.020
 """At the advised speed: nine in ten robots cross when every plan is so late (docs/policy.md)."""
 RESERVE = 0.7
@@ -35,8 +35,8 @@ class RealTimeFactor:
     """Seconds of the run that were delivered for each second of the machine: `share` of the run's
     speed."""
     late_s: float
-    """How much longer than by their period and jitter messages let wait [s, run's clock]: the worst one in half a
-    second, median."""
+    """How much longer than by their period and jitter messages let wait [s, run's clock]: the worst
+    one in half a second, median."""
     kept: bool
     """True where the stream keeps up."""
     speed: float

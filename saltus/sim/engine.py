@@ -43,8 +43,8 @@ class Engine(ABC):
     May be written.
     """
     qvel: Array
-    """Base velocity (world frame), angular velocity (base frame), joint velocities. Shape (count, 18). May be
-    written."""
+    """Base velocity (world frame), angular velocity (base frame), joint velocities. Shape (count,
+    18). May be written."""
     qacc: Array
     """Acceleration over the last step, shape (count, 18)."""
     warmstart: Array

@@ -38,13 +38,13 @@ FINISH_X = TO_X + FIRST_EDGE_X
 ENDS = 0.6
 """Share of the scenes whose ground ends."""
 EDGE_X = (0.3, 2.0)
-"""Where it ends, in equal shares of the logarithm, as few robots get far. It may be before the feet of a robot that
-stands at its start: its camera sees the floor behind and never saw the edge."""
+"""Where it ends, in equal shares of the logarithm, as few robots get far. It may be before the feet
+of a robot that stands at its start: its camera sees the floor behind and never saw the edge."""
 DROP_M = (0.1, 1.5)
 """How much lower it goes on: from a kerb to a loading dock."""
 LEDGES, LEDGE_M = 4, (0.05, 1.0)
-"""At most, before the floor; how far each goes on, in equal shares of the logarithm. The edge hides much of them: what
-is seen of the ground behind says little about that before it."""
+"""At most, before the floor; how far each goes on, in equal shares of the logarithm. The edge hides
+much of them: what is seen of the ground behind says little about that before it."""
 
 
 def make(*, height_m: float, rng: np.random.Generator) -> Terrain:

@@ -24,8 +24,8 @@ LIFT = np.array([0.0, 0.0, 0.004])  # lines float this far above the ground, els
 DISC_LIFT = np.array([0.0, 0.0, 0.013])
 GUESSED = (204, 121, 167)
 GUESS_M = 0.12
-"""Half-width from which on a point of a scan is drawn as guessed: that of ground that was never seen (models/scan.md)
-[m]."""
+"""Half-width from which on a point of a scan is drawn as guessed: that of ground that was never
+seen (models/scan.md) [m]."""
 GAP_M = 0.5  # between the grounds of two runs
 
 

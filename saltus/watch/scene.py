@@ -95,8 +95,8 @@ class Scene:
     time_s: float
     """In the run's clock."""
     base_pose: Floats | None
-    """Position [m] and quaternion (w, x, y, z) of the base in the world, shape (7,). True where a simulator says it;
-    else from IMU and estimated height, at the origin."""
+    """Position [m] and quaternion (w, x, y, z) of the base in the world, shape (7,). True where a
+    simulator says it; else from IMU and estimated height, at the origin."""
     joint_position: Floats
     """[rad], shape (12,)."""
     speed_mps: float
@@ -106,8 +106,8 @@ class Scene:
     foot_force: Floats
     """Vertical ground reaction [N], shape (4,); zeros where nobody knows."""
     planned_feet: Floats
-    """Where feet in swing are to stand next, on the predicted heights, world frame [m], shape (4, 3); NaN for those
-    that stand."""
+    """Where feet in swing are to stand next, on the predicted heights, world frame [m], shape (4,
+    3); NaN for those that stand."""
     mode: ControllerMode | None
     plan: PlanStatus | None
     heights: HeightsInWorld | None

@@ -95,8 +95,8 @@ class DepthFrame:
     time_ns: int
     frame_id: int
     depth: NDArray[np.uint16]
-    """Depth along the optical axis, shape (height, width), in units of `depth_unit_m`; 0 is invalid, 65535 is
-    "nothing within range"."""
+    """Depth along the optical axis, shape (height, width), in units of `depth_unit_m`; 0 is
+    invalid, 65535 is "nothing within range"."""
     depth_unit_m: float
     fx: float
     fy: float
@@ -152,11 +152,11 @@ class RobotState:
     """Lockstep: the newest `DepthFrame.frame_id` that is due at this step; -1 where none is, or in
     real time."""
     position_base_in_odometry: Floats = field(default_factory=_nothing)
-    """Position by the robot's odometry, along the world's axes from any origin [m], shape (3,); (0,) where it has none,
-    and velocities are added up."""
+    """Position by the robot's odometry, along the world's axes from any origin [m], shape (3,);
+    (0,) where it has none, and velocities are added up."""
     standing_feet: Floats = field(default_factory=_no_feet)
-    """Points of the ground under feet that surely stand, base frame [m], shape (n, 3): of robots whose legs are not
-    those of a known model. The others have `leg_trusted`."""
+    """Points of the ground under feet that surely stand, base frame [m], shape (n, 3): of robots
+    whose legs are not those of a known model. The others have `leg_trusted`."""
 
 
 def _on_the_axis() -> Floats:
@@ -197,13 +197,13 @@ class Heightmap:
     """Share of the points that any image has shown since the service began, 0 to 1; -1 where nobody
     counts."""
     age_s: Reals = field(default_factory=_nothing)
-    """Time since a point was last in an image [s], infinite where it never was, shape (points,); (0,) where nobody
-    counts."""
+    """Time since a point was last in an image [s], infinite where it never was, shape (points,);
+    (0,) where nobody counts."""
     dialect: str = ""
     """Name of the dialect of `observation` (`saltus.dialects`); empty where there is none."""
     observation: Reals = field(default_factory=_nothing)
-    """The heights as a policy reads them: in its dialect's order, with its offset, clip and scale, shape (points,);
-    (0,) without a dialect."""
+    """The heights as a policy reads them: in its dialect's order, with its offset, clip and scale,
+    shape (points,); (0,) without a dialect."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,8 +15,8 @@ from saltus.wire.bus import RawSample
 
 PERIOD_S = 0.04  # of the machine: as often as films change their picture
 HEAD = struct.Struct("<qIII")
-"""Before each sample: how long ago it came in [ns], as clocks of machines differ, and the bytes of key, attachment and
-payload, which follow."""
+"""Before each sample: how long ago it came in [ns], as clocks of machines differ, and the bytes of
+key, attachment and payload, which follow."""
 
 
 class Sharer:

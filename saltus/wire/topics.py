@@ -95,8 +95,9 @@ _ROWS = (
 TOPICS: dict[str, Topic] = {topic.name: topic for topic in _ROWS}
 
 SHARED = "@shared"
-"""Below the prefix: here a supervisor hands all messages on to onlookers (`saltus.wire.sharing`). Zenoh matches a part
-of a key that begins with @ by itself alone: who subscribes to everything does not get it."""
+"""Below the prefix: here a supervisor hands all messages on to onlookers (`saltus.wire.sharing`).
+Zenoh matches a part of a key that begins with @ by itself alone: who subscribes to everything does
+not get it."""
 
 
 def depth_topic(latency_s: float) -> Topic:

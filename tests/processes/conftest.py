@@ -15,9 +15,9 @@ from saltus.runtime.stack import Stack
 
 MEASURED_S = 4.0  # of standing and running; the machine's time
 TRIED = (0.7, 0.5)
-"""The speeds at which it is measured, the second where a run does not keep the first: at full speed a run alone fills
-two cores, and its own stalls say little about a slower one. None is faster, although a larger
-computer could."""
+"""The speeds at which it is measured, the second where a run does not keep the first: at full speed
+a run alone fills two cores, and its own stalls say little about a slower one. None is faster,
+although a larger computer could."""
 KEPT = 0.98  # of a speed: such a run is not held up
 LATE_S = 0.003
 """A test's limits are a policy step or two beyond what the processes need: stalls of the computer

@@ -62,7 +62,8 @@ FORMS = {
     "float32": "<f4",
 }  # fmt: skip
 POLYNOMIAL = 0x04C11DB7
-"""Polynomial of the checksum; with 32 bits of ones at the start, and nothing inverted at the end."""
+"""Polynomial of the checksum; with 32 bits of ones at the start, and nothing inverted at the
+end."""
 _TURNED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))  # bits of a byte, last first
 
 Message = NDArray[np.void]

@@ -17,8 +17,8 @@ CELLS, CELL_MV = 8, 3700
 CHARGE_PERCENT, MOTOR_C, BOARD_C = 90, 35, 45
 """Values of a healthy robot at rest."""
 GYRO_NOISE = 0.001
-"""Noise of the gyroscope [rad/s]: that of a usual one, 0.004 deg/s per root of a Hz, over 250 Hz. No
-state of a real robot equals the one before."""
+"""Noise of the gyroscope [rad/s]: that of a usual one, 0.004 deg/s per root of a Hz, over 250 Hz.
+No state of a real robot equals the one before."""
 
 
 class SimulatedUnitree:

@@ -14,8 +14,8 @@ from saltus.robots.robot import JOINTS, Robot
 from saltus.sim.held_robot import HeldRobot
 
 POSE = (0.0, 2.2, -2.2)
-"""Hip, thigh, calf [rad]: knees behind, and shins down. Hips and thighs of a Go2 hold 1.1 and 0.7 Nm
-there, and a thigh that counts the other way cannot reach it: its stop is in the way."""
+"""Hip, thigh, calf [rad]: knees behind, and shins down. Hips and thighs of a Go2 hold 1.1 and 0.7
+Nm there, and a thigh that counts the other way cannot reach it: its stop is in the way."""
 KP, KD = 40.0, 1.0
 PULL_NM = 6.0
 """Torque that no gain exceeds, whatever is in the way: a tenth of what the knee could do."""
@@ -32,7 +32,8 @@ OFF_NM = 1.5
 FOLLOWS_RAD = 0.15
 """Friction and weight, against KP, leave half of it."""
 LATE_S = 0.020
-"""The leg law is tuned to drives that answer within 10 ms; at twice that it still stands and lands."""
+"""The leg law is tuned to drives that answer within 10 ms; at twice that it still stands and
+lands."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

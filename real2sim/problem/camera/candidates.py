@@ -10,8 +10,8 @@ from saltus.effects.image_delivery import CameraLatency, FrameDrop, TemporalSmea
 from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate, sought
 
 GEOMETRY = 0.95
-"""Least share of its gap that an error of geometry closes where it alone is hidden: true ones close 0.985 or more, and
-rays are exact; a bias beside a scale was imitated to 0.90 by a field of view."""
+"""Least share of its gap that an error of geometry closes where it alone is hidden: true ones close
+0.985 or more, and rays are exact; a bias beside a scale was imitated to 0.90 by a field of view."""
 FLOOR = 1.3e-3  # 1/m: noise of a D435 over z^2 (plane fits on real frames)
 
 
