@@ -247,7 +247,7 @@ _OPERATORS: dict[np.ufunc, Callable[..., Symbols]] = {
     np.bitwise_or: partial(_apply, _OR),
     np.invert: partial(_apply, _NOT),
 }
-"""What numpy's operators do with symbols."""
+"""Functions of symbols, by the operator of numpy that asks for each."""
 _NAMESPACE = SimpleNamespace(
     __name__="symbols",
     **{name: _function(name) for name in FUNCTIONS},

@@ -4,19 +4,9 @@
 #include <stdlib.h>
 #include <time.h>
 
+#include "checksum.h"
 #include "dds/dds.h"
 #include "unitree_go.h"
-
-static uint32_t checksum(const void *memory, size_t size) {
-  const uint32_t *words = memory;
-  uint32_t crc = 0xFFFFFFFF;
-  for (size_t i = 0; i < size / 4 - 1; i++)
-    for (int bit = 31; bit >= 0; bit--) {
-      uint32_t top = (crc >> 31) ^ (words[i] >> bit & 1);
-      crc = (crc << 1) ^ (top ? 0x04C11DB7 : 0);
-    }
-  return crc;
-}
 
 static int64_t now_ns(void) {
   struct timespec now;

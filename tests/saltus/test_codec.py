@@ -132,29 +132,23 @@ def test_values_that_are_not_finite_or_not_plausible_are_refused(
     assert field.name in str(caught.value)
 
 
-ENUM_FIELDS = [
-    (kind, field)
-    for kind, fields in schemas.FIELDS.items()
-    for field in fields
-    if field.enum is not None
-]
+def fields_with(what: str) -> list[tuple[type[Message], schemas.Field]]:
+    """Fields of all messages for which the table says one thing more."""
+    return [
+        (kind, field)
+        for kind, fields in schemas.FIELDS.items()
+        for field in fields
+        if getattr(field, what) is not None
+    ]
 
 
-@pytest.mark.parametrize(("kind", "field"), ENUM_FIELDS)
+@pytest.mark.parametrize(("kind", "field"), fields_with("enum"))
 def test_unknown_enum_values_are_refused(kind: type[Message], field: schemas.Field) -> None:
     with pytest.raises(MessageError, match="enum"):
         decode(kind, encode(dataclasses.replace(message_of(kind), **{field.name: 99})))
 
 
-SHAPED_FIELDS = [
-    (kind, field)
-    for kind, fields in schemas.FIELDS.items()
-    for field in fields
-    if field.shape is not None
-]
-
-
-@pytest.mark.parametrize(("kind", "field"), SHAPED_FIELDS)
+@pytest.mark.parametrize(("kind", "field"), fields_with("shape"))
 def test_wrong_shapes_are_not_sent(kind: type[Message], field: schemas.Field) -> None:
     message = message_of(kind)
     array = getattr(message, field.name)
