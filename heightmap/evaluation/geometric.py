@@ -163,12 +163,10 @@ class GeometricHeightmap:
         if not self._points:
             unknown = np.zeros(len(self._x))
             return unknown, unknown + UNKNOWN_HALF_WIDTH_M
-        ages_s = [np.full(len(p.xyz), (pose.time_ns - p.time_ns) * 1e-9) for p in self._points]
+        drift = [(DRIFT_MPS * (pose.time_ns - p.time_ns) * 1e-9) ** 2 for p in self._points]
         offset = np.concatenate([p.xyz for p in self._points]) - pose.position
-        variance = (
-            np.concatenate([p.variance for p in self._points])
-            + (DRIFT_MPS * np.concatenate(ages_s)) ** 2
-        )
+        variance = np.concatenate([p.variance for p in self._points])
+        variance += np.repeat(drift, [len(p.variance) for p in self._points])
         ahead = math.cos(pose.yaw) * offset[:, 0] + math.sin(pose.yaw) * offset[:, 1]
         order = np.argsort(ahead)
         return _on_grid(self._x, ahead[order], offset[order, 2], variance[order])
@@ -217,43 +215,42 @@ def _binned(time_ns: int, points: Floats, variance: Floats, ahead: Floats) -> _P
 
 
 def _on_grid(line_x: Floats, ahead: Floats, z: Floats, variance: Floats) -> tuple[Floats, Floats]:
-    """Fuses points, sorted by distance ahead, at each place of the grid."""
-    first = np.searchsorted(ahead, line_x - WINDOW_M)
-    last = np.searchsorted(ahead, line_x + WINDOW_M)
-    height, half_width_90 = np.zeros(len(line_x)), np.zeros(len(line_x))
-    for i, x in enumerate(line_x):
-        near, distance = slice(first[i], last[i]), 0.0
-        if first[i] == last[i]:
-            place = _nearest(ahead, x)
-            distance = abs(ahead[place] - x)
-            near = slice(
-                np.searchsorted(ahead, ahead[place] - WINDOW_M),
-                np.searchsorted(ahead, ahead[place] + WINDOW_M),
-            )
-        height[i], fused = _robust_mean(z[near], variance[near])
-        half_width_90[i] = min(
-            INTERVAL90 * math.hypot(fused, GAP_SLOPE * distance), UNKNOWN_HALF_WIDTH_M
-        )
-    return height, half_width_90
+    """Fuses points, sorted by distance ahead, at each place of the grid.
+
+    Where none is near, those around the nearest one count.
+    """
+    first, last = _window(ahead, line_x)
+    right = np.minimum(np.searchsorted(ahead, line_x), len(ahead) - 1)
+    left = np.maximum(right - 1, 0)
+    nearest = ahead[np.where(line_x - ahead[left] <= ahead[right] - line_x, left, right)]
+    place = np.where(first == last, nearest, line_x)
+    first, last = _window(ahead, place)
+    index = first[:, None] + np.arange(int(np.max(last - first)))
+    within = index < last[:, None]
+    index = np.minimum(index, len(ahead) - 1)
+    height, fused = _robust_means(z[index], variance[index], within)
+    half_width_90 = INTERVAL90 * np.hypot(fused, GAP_SLOPE * np.abs(place - line_x))
+    return height, np.minimum(half_width_90, UNKNOWN_HALF_WIDTH_M)
 
 
-def _nearest(ahead: Floats, x: float) -> int:
-    right = int(np.clip(np.searchsorted(ahead, x), 1, max(len(ahead) - 1, 1)))
-    if len(ahead) == 1:
-        return 0
-    return right - 1 if x - ahead[right - 1] <= ahead[right] - x else right
+def _window(ahead: Floats, place: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and end of the points near each place."""
+    return np.searchsorted(ahead, place - WINDOW_M), np.searchsorted(ahead, place + WINDOW_M)
 
 
-def _robust_mean(z: Floats, variance: Floats) -> tuple[float, float]:
-    """Mean of the points that agree with the weighted median, and its standard error.
+def _robust_means(z: Floats, variance: Floats, within: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Means of the points that agree with the weighted median, and their standard errors.
 
     The median chooses one side of an edge. The surest point bounds the standard error from below:
-    points share the drift of the odometry, so that more of them do not make the mean surer.
+    points share the drift of the odometry, so that more of them do not make the mean surer. Arrays
+    have the shape (places, points); those that are not `within` do not count.
     """
-    weight = 1.0 / np.maximum(variance, 1e-8)
-    order = np.argsort(z)
-    share = np.cumsum(weight[order])
-    median = z[order[int(np.searchsorted(share, 0.5 * share[-1]))]]
-    agrees = np.abs(z - median) <= OUTLIER_SIGMAS * np.sqrt(variance) + SLACK_M
-    chosen = weight[agrees]
-    return float(chosen @ z[agrees] / chosen.sum()), math.sqrt(float(np.min(variance[agrees])))
+    weight = np.where(within, 1.0 / np.maximum(variance, 1e-8), 0.0)
+    order = np.argsort(np.where(within, z, np.inf), axis=1)
+    share = np.cumsum(np.take_along_axis(weight, order, axis=1), axis=1)
+    middle = np.count_nonzero(share < 0.5 * share[:, -1:], axis=1)[:, None]
+    median = np.take_along_axis(z, np.take_along_axis(order, middle, axis=1), axis=1)
+    agrees = within & (np.abs(z - median) <= OUTLIER_SIGMAS * np.sqrt(variance) + SLACK_M)
+    chosen = weight * agrees
+    mean = np.sum(chosen * z, axis=1) / np.sum(chosen, axis=1)
+    return mean, np.sqrt(np.min(np.where(agrees, variance, np.inf), axis=1))
