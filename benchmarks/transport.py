@@ -8,7 +8,8 @@ Frame to heightmap: a robot's process and the heightmap service, linked directly
 beside them a consumer that takes heightmaps at a quarter of the rate. Images are sent at fixed
 times, whether answers have come or not. An image counts from before it is published to after the
 heightmap made of it was taken; one whose heightmap never came, or came after that of a later image,
-counts as unanswered and as infinitely late. 60,000 images take ten minutes.
+counts as unanswered and as infinitely late. State to heightmap counts from before the state is published,
+which follows its image. 60,000 images take ten minutes.
 
     saltus bench transport -- --count 6000 --robots 8
 
@@ -164,10 +165,11 @@ class BusRobot:
 
     def __init__(self, endpoint: str, prefix: str, count: int, bell: Bell) -> None:
         self.bus = ZenohBus(endpoint, prefix, peer=True, bell=bell)
-        self.latency_ms: Floats = np.full(count, np.inf)
+        self.latency_ms: Floats = np.full((2, count), np.inf)
+        """From an image, and from the state that was sent after it, to its heightmap, shape (2, count)."""
         self.newest = -1
         """The image of the newest heightmap."""
-        self._sent_times = np.zeros(count, np.int64)
+        self._sent_ns = np.zeros((2, count), np.int64)
         self._frames, self._states = (
             self.bus.publisher("camera/depth"),
             self.bus.publisher("controller/state"),
@@ -176,8 +178,9 @@ class BusRobot:
 
     def send(self, frame: DepthFrame, state: RobotState) -> None:
         """Publishes both."""
-        self._sent_times[frame.frame_id] = time.monotonic_ns()
+        self._sent_ns[0, frame.frame_id] = time.monotonic_ns()
         self._frames.put(frame)
+        self._sent_ns[1, frame.frame_id] = time.monotonic_ns()
         self._states.put(state)
 
     def receive(self) -> None:
@@ -185,9 +188,8 @@ class BusRobot:
         sample = self._heightmaps.take()
         if sample is not None and sample.message.frame_id > self.newest:
             self.newest = sample.message.frame_id
-            self.latency_ms[self.newest] = 1e-6 * (
-                time.monotonic_ns() - self._sent_times[self.newest]
-            )
+            since_ns = time.monotonic_ns() - self._sent_ns[:, self.newest]
+            self.latency_ms[:, self.newest] = 1e-6 * since_ns
 
 
 def run_robots(
@@ -212,7 +214,8 @@ def run_robots(
             if all(robot.newest == number for robot in robots):
                 break
             bell.wait(heard, left_s)
-    result.send((np.concatenate([robot.latency_ms[SETTLE:] for robot in robots]), ticker.overruns))
+    latency_ms = np.concatenate([robot.latency_ms[:, SETTLE:] for robot in robots], axis=1)
+    result.send((latency_ms, ticker.overruns))
     for robot in robots:
         robot.bus.close()
 
@@ -249,13 +252,14 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
         robot="go1", grid="line", prefix=prefixes[0], pace="realtime", epoch_ns=time.monotonic_ns()
     )
     with served(config, prefixes) as (endpoint, service):
-        latency, overruns, ages, behind, share, memory_mb = _watched(
+        (latency, answer), overruns, ages, behind, share, memory_mb = _watched(
             service, endpoint, prefixes, config.epoch_ns, count
         )
     edges = np.array([0.0, *EDGES_MS, np.inf])
     histogram = np.histogram(np.where(np.isfinite(latency), latency, np.finfo(float).max), edges)[0]
     return {
         "frame_to_heightmap_ms": percentiles(latency, method="higher"),
+        "state_to_heightmap_ms": percentiles(answer, method="higher"),
         "slow_consumer_age_ms": {
             "max": round(max(ages), 2),
             "p50": round(float(np.median(ages)), 2),
