@@ -179,11 +179,12 @@ class Sight:
         xp = namespace(tick.height)
         values = xp.concat(tick, axis=-1)
         # no comparison with NaN is true, so that this also asks for finite numbers
-        good = xp.all((values >= self._low) & (values <= self._high), axis=-1)
-        if xp is np and good.all():  # nearly always; of a GPU this is not asked, as that waits
+        plausible = (values >= self._low) & (values <= self._high)
+        if xp is np and plausible.all():  # nearly always; of a GPU this is not asked, as that waits
             self.height, self.half_width_90, self.hidden = tick
             self.bad_outputs = np.zeros_like(self.bad_outputs)
-            return good
+            return plausible[:, 0]  # as good as any column
+        good = xp.all(plausible, axis=-1)
         self.height = xp.where(good[:, None], tick.height, self.height)
         self.half_width_90 = xp.where(good[:, None], tick.half_width_90, self.half_width_90)
         self.hidden = xp.where(good[:, None], tick.hidden, self.hidden)
