@@ -17,6 +17,9 @@ from saltus.wire.messages import Done, DriveCommand, Heightmap, RobotState
 
 WAIT_S = 0.1
 HEIGHTMAP_WAIT_S = 0.005  # real time: half a policy step for the heightmap of this state
+STATE_WAIT_S = 0.01
+"""Real time: a policy step. The heightmap of a state wakes the planner, which so wakes up once a
+step; where no heightmap comes, it looks for states this often."""
 
 
 class PlannerLoop:
@@ -28,7 +31,7 @@ class PlannerLoop:
         self._mover = mover
         self._process = self._begun()
         self._robot: bytes | None = None
-        self._states = context.bus.latest("controller/state")
+        self._states = context.bus.latest("controller/state", rings=self._lockstep)
         self._heightmaps = context.bus.latest("heightmap/heightmap")
         self._commands = context.bus.latest("operator/command", rings=self._lockstep)
         self._plans = context.bus.publisher(context.config.plan_topic)
@@ -44,8 +47,19 @@ class PlannerLoop:
         pending: Sample | None = None
         while not self._context.stopped:
             self._context.beat(ticks=self.ticks)
-            sample = pending or self._states.wait(WAIT_S)
+            sample = pending or self._next_state()
             pending = self._answer(sample) if sample is not None else None
+
+    def _next_state(self) -> Sample | None:
+        """A state that has come, or comes soon."""
+        if self._lockstep:
+            return self._states.wait(WAIT_S)
+        bell = self._context.bus.bell
+        heard, sample = bell.rings, self._states.take()
+        if sample is None:
+            bell.wait(heard, self._context.clock.machine_s(STATE_WAIT_S))
+            sample = self._states.take()
+        return sample
 
     def _answer(self, sample: Sample) -> Sample | None:
         """Answers one state.

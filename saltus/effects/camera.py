@@ -73,10 +73,8 @@ class CameraChain(SignalChain):
     @property
     def latency(self) -> CameraLatency:
         """How long it travels then."""
-        return next(
-            (effect for effect in self.effects if isinstance(effect, CameraLatency)),
-            CameraLatency(),
-        )
+        late = [effect for effect in self.effects if isinstance(effect, CameraLatency)]
+        return late[0] if late else CameraLatency()
 
     def film(
         self, depth: Array, captured_s: Array, rng: np.random.Generator
