@@ -84,7 +84,9 @@ class PolicyDescription(Value):
     """Vectors that the policy is given at once."""
     history_of: Literal["vector", "part"] = "vector"
     """"vector": whole vectors one after the other. "part": those of each part, part after part,
-    as IsaacLab's `history_length`. The oldest comes first."""
+    as IsaacLab's `history_length`. Before there are so many the first one stands in for them."""
+    newest_first: bool = False
+    """Order of a history; False: the oldest comes first."""
     command_low: tuple[float, float, float]
     command_high: tuple[float, float, float]
     """Commands beyond these are cut off: ahead, to the left [m/s], turning to the left [rad/s]."""

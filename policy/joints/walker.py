@@ -130,7 +130,8 @@ class Walker:
         if self._past is None:
             self._past = np.tile(vector, (count, 1))
         self._past = np.concatenate([self._past[1:], vector[None]])
+        past = self._past[::-1] if self._described.newest_first else self._past
         if self._described.history_of == "vector":
-            return self._past.reshape(-1)
+            return past.reshape(-1)
         ends = np.cumsum(self._described.sizes)[:-1]
-        return np.concatenate([part.reshape(-1) for part in np.split(self._past, ends, axis=1)])
+        return np.concatenate([part.reshape(-1) for part in np.split(past, ends, axis=1)])
