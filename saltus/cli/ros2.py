@@ -30,6 +30,7 @@ class Ros2(EndpointOption):
       saltus ros2 --run-dir runs/one
       saltus ros2 --run-dir runs/mine --take --depth /camera/depth/image_rect_raw
       saltus ros2 --run-dir runs/one --dds
+      saltus ros2 --run-dir runs/one --cmd-vel /cmd_vel
     """
 
     run_dir: Path
@@ -86,11 +87,16 @@ class Ros2(EndpointOption):
     """Take messages to be true when they arrive, for robots whose stamps are not this computer's
     time."""
 
+    cmd_vel: Annotated[str | None, shown("TOPIC", "none: nothing commands the robot")] = None
+    """Taken where it is named, e.g. /cmd_vel: geometry_msgs/Twist, which a robot that walks follows
+    for 0.5 s. Whoever reaches the ROS side then moves the robot."""
+
     def run(self) -> int:
         """Runs until a router is gone or Ctrl-C."""
         from saltus.clock import RunClock
         from saltus.recordings.images import info_of
         from saltus.ros2.bridge import Receiver, Sender, run
+        from saltus.ros2.commands import CommandReceiver
         from saltus.ros2.incoming import RosIntake
         from saltus.ros2.outgoing import Exporter
         from saltus.ros2.wall_clock import WallClock
@@ -117,6 +123,8 @@ class Ros2(EndpointOption):
             raise SaltusError(
                 f"{self.run_dir} has a robot of its own: --take needs a folder of saltus router"
             )
+        if self.cmd_vel is not None and config.pace != "realtime":
+            raise SaltusError("--cmd-vel needs a run in real time: in lockstep no time passes")
         wall, others = WallClock(config), self._others()
         unit_m = found.setup.camera.depth_unit_m if self.depth_unit_m is None else self.depth_unit_m
         intake = RosIntake(
@@ -138,10 +146,15 @@ class Ros2(EndpointOption):
             self._node() as node,
         ):
             sender, receiver = Sender(bus, node, exporter, self.namespace), None
-            can = (
-                "reads what is sent here, and can feed the heights"
-                if self.take
-                else "reads what is sent here"
+            commands = None
+            if self.cmd_vel is not None:
+                commands = CommandReceiver(bus, node, self.cmd_vel, RunClock.of(config))
+            can = ", and can ".join(
+                [
+                    "reads what is sent here",
+                    *(["feed the heights"] if self.take else []),
+                    *(["move the robot"] if commands is not None else []),
+                ]
             )
             place = (
                 f"domain {self.domain} of DDS" if self.dds else f"the router at {self.ros_router}"
@@ -158,7 +171,7 @@ class Ros2(EndpointOption):
                 if self.joints == NO_JOINTS:
                     del topics["joints"]
                 receiver = Receiver(bus, node, intake, topics, RunClock.of(config), _tell)
-            run(bus, node, sender, receiver)
+            run(bus, node, sender, receiver, commands)
             print(
                 "the run has ended"
                 if node.connected()

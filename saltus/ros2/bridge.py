@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from saltus.clock import RunClock
 from saltus.constants import POLICY_DT
 from saltus.recordings import ros_messages as ros
+from saltus.ros2.commands import CommandReceiver
 from saltus.ros2.incoming import RosIntake
 from saltus.ros2.outgoing import TRANSFORMS, Exporter, Outgoing
 from saltus.wire.bus import Bus, Slot
@@ -131,13 +132,21 @@ class Receiver:
         )
 
 
-def run(bus: Bus, node: RosNode, sender: Sender, receiver: Receiver | None) -> None:
+def run(
+    bus: Bus,
+    node: RosNode,
+    sender: Sender,
+    receiver: Receiver | None,
+    commands: CommandReceiver | None = None,
+) -> None:
     """Sends and takes until the router of the run or that of ROS is gone."""
     while bus.connected() and node.connected():
         looked_s = time.monotonic()
         while time.monotonic() - looked_s < WAIT_S:
             heard = bus.bell.rings
             sender.step()
+            if commands is not None:
+                commands.step()
             wait_s = WAIT_S if receiver is None else max(0.0, receiver.step())
             bus.bell.wait(heard, min(wait_s, WAIT_S))
 
