@@ -1,12 +1,13 @@
-"""`saltus drive`: commands a robot of a run, by a script or to goals."""
+"""`saltus drive`: commands a robot of a run, by a script, to goals or by keys."""
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from saltus.cli.serve import serve
 from saltus.errors import ConfigError
-from saltus.flags import EndpointOption, shown
+from saltus.flags import EndpointOption, Flag, shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,6 +20,7 @@ class Drive(EndpointOption):
     For example:
       saltus drive --run-dir runs/one --script round.csv
       saltus drive --run-dir runs/one --goals 3,0 3,2 0,2 --speed-mps 0.8
+      saltus drive --run-dir runs/one --keys
     """
 
     run_dir: Path
@@ -28,6 +30,9 @@ class Drive(EndpointOption):
     goals: Annotated[tuple[str, ...], shown("X,Y", "none")] = ()
     """Places to walk to, ahead of the robot and to its left as it stands now [m], by its own
     odometry. One behind it needs a space before its sign: " -1,0"."""
+    keys: Flag = False
+    """Drive by the keys of this terminal: w s ahead and back, a d turn, q e aside, space stand, j
+    jump, l lie down."""
     speed_mps: float = 0.6
     """Speed between goals."""
     turn_rps: float = 0.8
@@ -35,9 +40,13 @@ class Drive(EndpointOption):
 
     def run(self) -> int:
         """Runs until the script or the run is over, or all goals are reached."""
-        if (self.script is None) == (not self.goals):
-            raise ConfigError("give either --script FILE.csv or --goals X,Y ...")
-        if self.script is not None:
+        if [self.script is not None, bool(self.goals), self.keys].count(True) != 1:
+            raise ConfigError("give one of --script FILE.csv, --goals X,Y ... and --keys")
+        if self.keys:
+            if not sys.stdin.isatty():
+                raise ConfigError("--keys needs a terminal: give --script FILE.csv")
+            more = ["--keys"]
+        elif self.script is not None:
             from saltus.drive.script import Script
 
             Script(self.script)

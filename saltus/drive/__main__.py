@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from saltus.drive.goals import Goals
+from saltus.drive.keys import unbuffered
 from saltus.drive.script import Script
 from saltus.drive.wish import Wish
 from saltus.errors import ConfigError
@@ -97,6 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--script", type=Path)
     parser.add_argument("--goals", nargs="+", type=_goal, default=[])
+    parser.add_argument("--keys", action="store_true")
     parser.add_argument("--speed-mps", type=float, default=SPEED_MPS)
     parser.add_argument("--turn-rps", type=float, default=TURN_RPS)
     own, others = parser.parse_known_args(arguments)
@@ -104,7 +106,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(context: ProcessContext, own: argparse.Namespace) -> None:
-    body(context, _driver_of(own))
+    if not own.keys:
+        body(context, _driver_of(own))
+        return
+    with unbuffered(sys.stdin.fileno()) as keys:
+        body(context, lambda _: keys.wish())
 
 
 if __name__ == "__main__":

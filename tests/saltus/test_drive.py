@@ -1,6 +1,9 @@
 """Scripts, goals and the operator's process: what is wished at every moment."""
 
+import io
 import math
+import os
+import termios
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +16,9 @@ from saltus.cli.main import main
 from saltus.config import RunConfig
 from saltus.drive.__main__ import AFTER_S, body, by_goals, by_script
 from saltus.drive.goals import REACHED_M, Goals
+from saltus.drive.keys import MODES, MOST, STEP, VELOCITIES, pressed, unbuffered
 from saltus.drive.script import Script
-from saltus.drive.wish import STAND
+from saltus.drive.wish import STAND, Wish
 from saltus.errors import ConfigError
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.states import standing_state
@@ -131,6 +135,42 @@ def test_a_robot_that_obeys_reaches_all_goals_from_any_place_and_heading(
         left = left[int(np.argmax(reached)) :]
 
 
+def test_each_key_changes_its_velocity_alone_and_others_the_mode() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        wish = STAND
+        for key in rng.choice(list("wsadqejl x\n"), 30):
+            after = pressed(wish, str(key))
+            if key in MODES:
+                assert after == Wish(mode=MODES[str(key)])
+            elif key in VELOCITIES:
+                name, step = VELOCITIES[str(key)]
+                before = wish if wish.mode == CommandMode.WALK else STAND
+                expected = min(max(getattr(before, name) + step, -MOST), MOST)
+                assert getattr(after, name) == pytest.approx(expected)
+                assert replace(after, **{name: getattr(before, name)}, mode=before.mode) == before
+                assert after.mode == CommandMode.WALK
+            else:
+                assert after == wish
+            wish = after
+
+
+def test_keys_count_as_they_are_pressed_and_the_terminal_is_left_as_it_was() -> None:
+    hand, terminal = os.openpty()
+    before = termios.tcgetattr(terminal)
+    with unbuffered(terminal) as keys:
+        assert keys.wish() == STAND
+        os.write(hand, b"ww")
+        assert keys.wish().ahead_mps == pytest.approx(2 * STEP)
+        os.write(hand, "aé".encode())
+        assert keys.wish().turn_rps == pytest.approx(STEP)
+        os.write(hand, b" ")
+        assert keys.wish() == STAND
+    assert termios.tcgetattr(terminal) == before
+    os.close(hand)
+    os.close(terminal)
+
+
 def test_the_process_answers_each_state_with_the_script_of_the_run(tmp_path: Path) -> None:
     path = script(tmp_path, "0.05,jump\n0.1,lie_down\n")
     config = RunConfig(robot="go1", grid="line", commands=str(path))
@@ -151,8 +191,10 @@ def test_the_process_answers_each_state_with_the_script_of_the_run(tmp_path: Pat
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ([], "give either --script FILE.csv or --goals X,Y"),
-        (["--goals", "1,2", "--script", "a.csv"], "give either"),
+        ([], "give one of --script FILE.csv, --goals X,Y"),
+        (["--goals", "1,2", "--script", "a.csv"], "give one of"),
+        (["--goals", "1,2", "--keys"], "give one of"),
+        (["--keys"], "--keys needs a terminal"),
         (["--goals", "1;2"], "--goals 1;2: a goal is X,Y"),
         (["--goals", "1,nan"], "--goals 1,nan"),
         (["--script", "no.csv"], "cannot read no.csv"),
@@ -160,7 +202,12 @@ def test_the_process_answers_each_state_with_the_script_of_the_run(tmp_path: Pat
     ],
 )
 def test_the_command_refuses_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    said: str,
 ) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO())
     assert main(["drive", "--run-dir", str(tmp_path / "none"), *arguments]) == 2
     assert said in capsys.readouterr().err
