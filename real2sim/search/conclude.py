@@ -20,7 +20,7 @@ from saltus.real2sim.search.findings import (
 from saltus.real2sim.search.fit import Evaluator, Fit
 from saltus.real2sim.search.layout import Model, model_of
 from saltus.real2sim.search.quadratic import Quadratic, dispersion, held_out_gains, spread
-from saltus.real2sim.search.repeats import closed_of_repeating
+from saltus.real2sim.search.repeats import closed_of_repeating, repeats_of
 from saltus.real2sim.search.reported import Groups, misfits_of, stated_model, unseen_of
 from saltus.real2sim.search.split import Cells
 
@@ -29,9 +29,9 @@ LASTING, UNEVEN = 0.4, 3.0
 up to this part of the least power that counts as a gap, and in one segment up to so many times as
 much as in most."""
 ALONE = 2.0
-"""Times the least RMS of a gap that one segment of one signal must show if no other shows any: of
-several hundred such cells one may have a level of noise that is not known well, as where one window
-is left of a segment and a foot rests there otherwise than simulated."""
+"""Times the least RMS of a gap that one segment of one signal must show if no other shows any, nor a
+repeat of its motion: of several hundred such cells one may have a level of noise that is not known
+well, as where one window is left of a segment and a foot rests there otherwise than simulated."""
 WORSE = 1.5
 """Ratio of a signal's gap after to before from which a model does not explain the log, whatever it
 does for others: a dead zone of a drive looks like play in angles, but not in velocities. True
@@ -178,7 +178,7 @@ def _unnamed(problem: Problem, comparison: ModelComparison, null: ScoredFit) -> 
     """The ruling where no effect can be named: there is a gap, or none.
 
     What a signal shows in most segments alike may be noise that lasts, up to `LASTING`. What one
-    cell alone shows may be chance, up to `ALONE`.
+    cell alone shows, or one of several repeats of a motion, may be chance, up to `ALONE`.
     """
     least = decide.REMAINDER_RMS * problem.samples_per_residual**0.5
     cells, structure = comparison.cells, null.structure
@@ -187,8 +187,21 @@ def _unnamed(problem: Problem, comparison: ModelComparison, null: ScoredFit) -> 
         own = cells.signal == signal
         lasting[:, own] = np.median(structure[:, own], axis=1, keepdims=True)
     left = cells.rms(structure - np.minimum(UNEVEN * lasting, LASTING * least**2))
-    shown = np.sum(left > least)
-    return "unexplained" if shown > 1 or np.any(left > ALONE * least) else "no_gap"
+    shown = left > least
+    is_chance = np.sum(shown) <= 1 or _is_shown_once(problem, null.fit.residuals, least)
+    return "unexplained" if not is_chance or np.any(left > ALONE * least) else "no_gap"
+
+
+def _is_shown_once(problem: Problem, residuals: Floats, least: float) -> bool:
+    """True where one segment alone shows a gap, in whatever signals, and no repeat of its motion does.
+
+    A foot that rests otherwise moves all joints of its leg. Segments count as a whole, with what
+    fits have not seen.
+    """
+    whole = Cells.of(problem, np.ones(len(problem.time_s), dtype=bool))
+    shown = np.any(whole.rms(whole.structure(residuals)) > least, axis=0)
+    segments = np.unique(whole.segment[shown])
+    return len(segments) == 1 and bool(repeats_of(problem, int(segments[0])))
 
 
 def _is_beyond_resolution(problem: Problem, groups: Groups) -> bool:

@@ -18,7 +18,7 @@ def closed_of_repeating(
     What repeats is the mean product of residuals of shape (blocks, m) at one time of two segments
     of one condition. `shows` has the shape (blocks, cells).
     """
-    repeated = np.array([len(_others(problem, int(segment))) > 0 for segment in tested.segment])
+    repeated = np.array([len(repeats_of(problem, int(segment))) > 0 for segment in tested.segment])
     shows = shows & repeated
     structure = float(tested.structure(before)[shows].sum())
     first, last = (
@@ -35,7 +35,7 @@ def _repeating(problem: Problem, tested: Cells, residuals: Floats) -> Floats:
     for cell, rows in enumerate(np.split(tested.rows, tested.starts[1:])):
         segment, signal = int(tested.segment[cell]), int(tested.signal[cell])
         own_s, products = problem.time_s[rows] - problem.segments[segment].start_s, []
-        for other in _others(problem, segment):
+        for other in repeats_of(problem, segment):
             there = np.flatnonzero((problem.segment == other) & (problem.signal == signal))
             there = there[np.argsort(problem.time_s[there])]
             if len(there):
@@ -47,7 +47,8 @@ def _repeating(problem: Problem, tested: Cells, residuals: Floats) -> Floats:
     return found
 
 
-def _others(problem: Problem, segment: int) -> list[int]:
+def repeats_of(problem: Problem, segment: int) -> list[int]:
+    """Indices of the other segments with the condition of this one."""
     condition = problem.segments[segment].condition
     return [
         i for i, each in enumerate(problem.segments) if each.condition == condition and i != segment

@@ -210,10 +210,34 @@ class _Search:
                 if decide.explains(self._comparison, null, each)
             ]
             models += [each.model for each in explain[:RIVALS]]
+        self._keep_better(self._from_above(models), "rivals")
         self._refit(models, "rivals")
         # what the descent corrected on its way is not what the derivatives are at its end
         rivals = [self._known.fits[model] for model in models]
         self._known.keep(fit.renewed(self._evaluate, self._layout, rivals, "rivals"))
+
+    def _from_above(self, models: list[Model]) -> list[Fit]:
+        """Starts of models from fits of one more effect that promise a gain.
+
+        What these found for the nuisances may be the better minimum.
+        """
+        starts: list[Fit] = []
+        for model in models:
+            known = self._known.fits[model]
+            above = [
+                each.model
+                for each in self._known.of_size(len(model) + 1)
+                if set(model) < set(each.model)
+            ]
+            starts += [
+                start
+                for start in self._reduced([(each, model) for each in above[:RIVALS]], "rivals")
+                if start.quadratic(self._layout, self._split).fit_cost(
+                    np.ones(len(start.columns), dtype=bool)
+                )
+                < self._known.cost(known) - 2.0 * decide.GAIN_NATS
+            ]
+        return starts
 
     def _restart(self, model: Model, stage: str) -> None:
         """Refits a model from all known shapes of its effects, if it leaves structure.
@@ -264,34 +288,46 @@ class _Search:
 
     def _eliminate(self, model: Model) -> None:
         """Refits the model without each of its effects, from its values: this may leave a poor minimum."""
-        full = self._known.fits[model]
         parts = [model_of(set(model) - {effect}) for effect in model]
+        self._keep_better(
+            self._reduced([(model, part) for part in parts], "elimination"), "elimination"
+        )
+
+    def _reduced(self, ways: list[tuple[Model, Model]], stage: str) -> list[Fit]:
+        """Starts of models, the second of each way, from the values of larger ones, the first."""
         points = []
-        for part in parts:
-            idle = self._layout.of_effects(set(model) - set(part))
-            unknowns = full.unknowns.copy()
+        for larger, part in ways:
+            idle = self._layout.of_effects(set(larger) - set(part))
+            unknowns = self._known.fits[larger].unknowns.copy()
             unknowns[:, idle] = self._known.rest[:, idle]
             points.append(unknowns)
-        residuals = self._evaluate("elimination", np.array(points))
+        if not points:
+            return []
         starts = []
-        for part, unknowns, r in zip(parts, points, residuals, strict=True):
-            columns = self._layout.of_model(part)
+        for (larger, part), unknowns, r in zip(
+            ways, points, self._evaluate(stage, np.array(points)), strict=True
+        ):
+            full, columns = self._known.fits[larger], self._layout.of_model(part)
             jacobian = full.jacobian[:, np.isin(full.columns, columns)]
             starts.append(
                 Fit(model=part, columns=columns, unknowns=unknowns, residuals=r, jacobian=jacobian)
             )
-        tried = fit.refine(self._evaluate, self._layout, self._split, starts, stage="elimination")
+        return starts
+
+    def _keep_better(self, starts: list[Fit], stage: str) -> None:
+        """Refines starts, and keeps those that end below the known fits of their models."""
+        tried = fit.refine(self._evaluate, self._layout, self._split, starts, stage=stage)
         known = self._known.fits
         better = [
             each
-            for each in tried
+            for each in fit.best_of_each(tried, self._split)
             if each.model not in known
             or self._known.cost(each) < self._known.cost(known[each.model])
         ]
         self._known.keep(better)
         for each in better:
             self._known.forget(each.model)
-        self._refit([each.model for each in better], "elimination")
+        self._refit([each.model for each in better], stage)
 
     def _propose(self, best_so_far: Model, size: int) -> list[Model]:
         """Models of `size` effects, and swaps in the best one so far, that fit best by its quadratic."""
