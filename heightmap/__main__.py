@@ -75,13 +75,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--cameras", nargs="+", default=[])
     parser.add_argument("--body", default=ROBOT_BODY)
     parser.add_argument("--model", type=Path)
+    parser.add_argument("--beside", action="store_true")  # another process serves the planner
     own, others = parser.parse_known_args(arguments)
     run = partial(_run, own=own)
     shared = [
         *(["--endpoint", own.endpoint] if own.endpoint else []),
         *([PEER_FLAG] if own.peer else []),
     ]
-    return run_process("heightmap", run, [*others, *shared])
+    return run_process("scan" if own.beside else "heightmap", run, [*others, *shared])
 
 
 if __name__ == "__main__":

@@ -17,6 +17,8 @@ UNANSWERED_NS = (
 class RobotLink:
     """Takes a robot's states and frames, whose limits of age `depth` says, and publishes its heightmaps.
 
+    They are under `heightmap/heightmap`, or `scan/heightmap` where the process has that name.
+
     Further cameras have names: their frames come below the first one's key.
     """
 
@@ -33,7 +35,7 @@ class RobotLink:
         )
         self._others = dict(zip(cameras, others, strict=True))
         self._other_frames: dict[str, Sample] = {}
-        self._heightmaps = context.bus.publisher("heightmap/heightmap")
+        self._heightmaps = context.bus.publisher(f"{context.name}/heightmap")
         self._done = context.bus.publisher("done", context.name)
         self._robot: bytes | None = None
         self._asked: Sample | None = None

@@ -18,7 +18,7 @@ from saltus.cli.heightmap_train import Export, Train
 from saltus.cli.scan_options import ScanOptions
 from saltus.cli.serve import serve
 from saltus.config import RunConfig
-from saltus.errors import RecordingError, SaltusError
+from saltus.errors import ConfigError, RecordingError, SaltusError
 from saltus.flags import CommandGroup, Flag, Subcommands, shown
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -75,6 +75,9 @@ class Serve(ScanOptions):
     """Link to the robots directly; the router must be on this machine, not behind a tunnel."""
     prefix: str = RunConfig.prefix
     """With --recording: of the keys."""
+    beside: Flag = False
+    """With a grid, in a running stack: another service answers the planner, and these heights come
+    under scan/heightmap."""
 
     def run(self) -> int:
         """Runs until it is told to stop, or until the recording ends."""
@@ -90,10 +93,13 @@ class Serve(ScanOptions):
         if self.run_dir is None:
             raise SaltusError("heightmap serve needs --run-dir (see saltus router), or --recording")
         grid = self.grid or read_config(self.run_dir).grid
-        replace(self, grid=grid).scan_choice(self.model)  # what is wrong with it is said at once
+        # What is wrong with it is said at once
+        if replace(self, grid=grid).scan_choice(self.model) is None and self.beside:
+            raise ConfigError("--beside needs a grid: --grid scan")
         robots = ["--robots", *self.robots] if self.robots else []
         model = ["--model", str(self.model)] if self.model is not None else []
-        more = (*robots, *self.scan_flags, *model)
+        beside = ["--beside"] if self.beside else []
+        more = (*robots, *self.scan_flags, *model, *beside)
         return serve("saltus.heightmap", self.run_dir, self.endpoint, *more, peer=self.peer)
 
     def _serve_recording(self, recording: Path) -> int:

@@ -48,14 +48,16 @@ class Init(_KeysOption):
 class Issue(_KeysOption):
     """Makes a certificate for a role: one file, with which any Zenoh program joins.
 
-    A role may publish and subscribe to its own keys only: render, heightmap, policy and controller
+    A role may publish and subscribe to its own keys only: render, heightmap, scan, policy and controller
     what the process of that name does; recorder, viewer and operator read everything.
 
     Example: saltus keys issue viewer
     """
 
     role: tyro.conf.Positional[
-        Literal["render", "heightmap", "policy", "controller", "recorder", "viewer", "operator"]
+        Literal[
+            "render", "heightmap", "scan", "policy", "controller", "recorder", "viewer", "operator"
+        ]
     ]
     """The part that its holder has in a run."""
     days: int = DAYS

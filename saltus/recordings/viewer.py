@@ -103,6 +103,7 @@ TOPICS: dict[str, tuple[str, str]] = {
         "the same as layers elevation, variance, half_width, age; sigma is half of the 90 % "
         "interval over 1.645",
     ),
+    "/viewer/scan": (POINTS, "the same points of `scan/heightmap`, where a run has it"),
     "/viewer/true_heights": (
         POINTS,
         "true heights at the same points, where a simulator says them",
@@ -173,6 +174,9 @@ class Viewer:
             yield from self._of_state(message, arrival_ns, drawn=drawn)
         elif isinstance(message, MotionPlan):
             self._plan = message
+        elif isinstance(message, Heightmap) and topic.beside:
+            if drawn:
+                yield _message("/viewer/scan", ros.height_points(message))
         elif isinstance(message, Heightmap):
             yield from self._of_heightmap(message, drawn=drawn)
         elif isinstance(message, DepthFrame) and key == topic.name and drawn:

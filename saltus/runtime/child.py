@@ -85,7 +85,10 @@ class Child:
         waits = cue.WORKING if self.program.hot else cue.IDLE
         try:
             self._waits = _Launch(
-                self.program.module, [*arguments, cue.FLAG, waits], self.log, self._clock
+                self.program.module,
+                [*arguments, *self.program.arguments, cue.FLAG, waits],
+                self.log,
+                self._clock,
             )
         except OSError as error:
             raise StackError(f"{self.name} cannot be started: {error.strerror}") from error

@@ -21,6 +21,8 @@ class Program:
 
     Its state must follow from what it hears.
     """
+    arguments: tuple[str, ...] = ()
+    """Its own, beside those of every process."""
 
 
 PROGRAMS = (
@@ -34,6 +36,13 @@ PROGRAMS = (
 
 OPERATOR = Program(name="operator", module="saltus.drive", restart=True)
 """Gives the commands of a run that has a script of them."""
+
+def scan(grid: str) -> Program:
+    """The heights of a grid beside those that the planner is given; nobody waits for them."""
+    return Program(
+        name="scan", module="saltus.heightmap", restart=True, arguments=("--beside", "--grid", grid)
+    )
+
 
 WITH_STANDBYS = tuple(
     replace(program, spare=program.restart, hot=program.restart) for program in PROGRAMS

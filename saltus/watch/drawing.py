@@ -79,6 +79,7 @@ class Drawing:
 
         self._predicted = line("predicted", PREDICTED, 4.0)
         self._widths = line("half_widths", PREDICTED, 1.5)
+        self._scan = line("scan", PREDICTED, 2.0)
         self._true = line("true", TRUE, 4.0)
         self._paths = line("paths", PLANNED, 2.0)
         self._targets = scene.add_point_cloud(
@@ -112,6 +113,9 @@ class Drawing:
             for body, quaternion in zip(self._bodies[1:], turns[1:], strict=True):
                 body.wxyz = quaternion
         self._draw_heights(scene.heights)
+        self._scan.visible = scene.scan is not None
+        if scene.scan is not None:
+            _draw(self._scan, scene.scan)
         planned = np.isfinite(scene.planned_feet).all(axis=1) & np.isfinite(scene.feet).all(axis=1)
         self._targets.visible = self._paths.visible = bool(planned.any())
         if planned.any():
@@ -133,25 +137,31 @@ class Drawing:
         self._true.visible = heights is not None and heights.true is not None
         if heights is None:
             return
-        usable = heights.status in (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
-        colour = np.array(PREDICTED if usable else UNTRUSTED, dtype=np.uint8)
-        if usable and heights.shape[1] > 1:
-            sure = np.clip(1.0 - heights.half_width_90 / GUESS_M, 0.0, 1.0)[:, None]
-            colour = _net(
-                sure * PREDICTED + (1.0 - sure) * np.array(GUESSED), heights.shape
-            ).astype(np.uint8)
+        _draw(self._predicted, heights)
+        if self._predicted.colors.ndim == 1:
+            self._widths.colors = self._predicted.colors
+        else:
             self._widths.visible = False  # the colours say it, and lines would hide the surface
-        if not np.array_equal(self._predicted.colors, colour):
-            self._predicted.colors = colour
-            self._widths.colors = colour if colour.ndim == 1 else self._widths.colors
         up = np.zeros_like(heights.predicted)
         up[:, 2] = heights.half_width_90
-        self._predicted.points = _net(heights.predicted + 2.0 * LIFT, heights.shape)
         self._widths.points = np.stack(
             [heights.predicted - up, heights.predicted + up], axis=1
         ).astype(np.float32)
         if heights.true is not None:
             self._true.points = _net(heights.true + LIFT, heights.shape)
+
+
+def _draw(lines: Any, heights: HeightsInWorld) -> None:
+    """Heights as lines of viser: a curve of one colour, or a net whose colours say how sure each point is."""
+    usable = heights.status in (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
+    colour = np.array(PREDICTED if usable else UNTRUSTED, dtype=np.uint8)
+    if usable and heights.shape[1] > 1:
+        sure = np.clip(1.0 - heights.half_width_90 / GUESS_M, 0.0, 1.0)[:, None]
+        mixed = sure * PREDICTED + (1.0 - sure) * np.array(GUESSED)
+        colour = _net(mixed, heights.shape).astype(np.uint8)
+    if not np.array_equal(lines.colors, colour):
+        lines.colors = colour
+    lines.points = _net(heights.predicted + 2.0 * LIFT, heights.shape)
 
 
 def aside(worlds: list[World]) -> list[float]:

@@ -111,6 +111,8 @@ class Scene:
     mode: ControllerMode | None
     plan: PlanStatus | None
     heights: HeightsInWorld | None
+    scan: HeightsInWorld | None
+    """Those of `scan/heightmap`."""
     depth: DepthFrame | None
     topics: tuple[TopicRow, ...]
     events: tuple[Event, ...]
@@ -152,6 +154,7 @@ class SceneMaker:
         plan = _newest(MotionPlan, newest, "policy/plan")
         told = plan or _newest(JointPlan, newest, "policy/joints")
         heightmap = _newest(Heightmap, newest, "heightmap/heightmap")
+        scan = _newest(Heightmap, newest, "scan/heightmap")
         pose, joints = _pose(truth, state)
         velocity = truth or state
         return Scene(
@@ -167,6 +170,7 @@ class SceneMaker:
             mode=None if state is None else ControllerMode(state.mode),
             plan=None if told is None else PlanStatus(told.status),
             heights=None if heightmap is None else _heights(heightmap, truths, pose),
+            scan=None if scan is None else _heights(scan, truths, pose),
             depth=_newest(DepthFrame, newest, "camera/depth"),
             topics=tuple(self._rows(newest, rates, now_ns)),
             events=events,
@@ -179,7 +183,8 @@ class SceneMaker:
             keys = [key for key in newest if key == topic.name or key.startswith(f"{topic.name}/")]
             if topic.rate_hz == 0.0:
                 continue
-            for key in sorted(keys) or ([topic.name] if topic.publisher != "*" else []):
+            missed = not topic.beside and topic.publisher != "*"
+            for key in sorted(keys) or ([topic.name] if missed else []):
                 if key not in newest:
                     yield TopicRow(name=key, rate_hz=0.0, age_ms=float("inf"), status=SILENT)
                     continue
@@ -238,6 +243,11 @@ def _heading(pose: Floats) -> NDArray[np.float64]:
     return np.asarray(yaw_rotation(np.arctan2(rotation[1, 0], rotation[0, 0])))
 
 
+def _same_points(truth: GroundTruth, heightmap: Heightmap) -> bool:
+    """Truth is told at the planner's points alone."""
+    return np.array_equal(points_of(truth), points_of(heightmap))
+
+
 def _heights(
     heightmap: Heightmap, truths: dict[int, Arrival], pose: Floats | None
 ) -> HeightsInWorld | None:
@@ -255,7 +265,7 @@ def _heights(
     return HeightsInWorld(
         predicted=in_world(heightmap),
         half_width_90=np.asarray(heightmap.half_width_90),
-        true=None if truth is None else in_world(truth),
+        true=in_world(truth) if truth is not None and _same_points(truth, heightmap) else None,
         x=points_of(heightmap)[:, 0],
         shape=(len(heightmap.x), len(heightmap.y)),
         status=HeightmapStatus(heightmap.status),

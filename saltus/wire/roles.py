@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 from saltus.wire.topics import SHARED, TOPICS
 
-PROCESSES = ("render", "heightmap", "policy", "controller")
+PROCESSES = ("render", "heightmap", "scan", "policy", "controller")
 LISTENERS = ("recorder", "viewer", "operator")
 """They may read everything."""
 ROLES = PROCESSES + LISTENERS

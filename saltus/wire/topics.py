@@ -43,6 +43,8 @@ class Topic:
     """It overtakes the others, and does not get lost with them where a link is full."""
     named: bool = False
     """The publisher may also send under `name/<name>`: images of further cameras."""
+    beside: bool = False
+    """Some runs alone have it: `saltus up --grid scan`."""
 
     @property
     def degraded_age_s(self) -> float:
@@ -60,14 +62,15 @@ _ROWS = (
         "camera/depth",
         messages.DepthFrame,
         "render",
-        ("heightmap",),
+        ("heightmap", "scan"),
         50.0,
         nominal_age_s=CAMERA_LATENCY_S + CAMERA_PERIOD_S,
         jitter_s=CAMERA_JITTER_S,
         named=True,
     ),
-    Topic("controller/state", messages.RobotState, "controller", ("heightmap", "policy")),
+    Topic("controller/state", messages.RobotState, "controller", ("heightmap", "scan", "policy")),
     Topic("heightmap/heightmap", messages.Heightmap, "heightmap", ("policy",)),
+    Topic("scan/heightmap", messages.Heightmap, "scan", beside=True),
     Topic("policy/plan", messages.MotionPlan, "policy", ("controller",)),
     Topic("policy/joints", messages.JointPlan, "policy", ("controller",)),
     Topic(

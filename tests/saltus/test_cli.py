@@ -133,3 +133,14 @@ def test_up_starts_standbys_where_they_are_asked_for(
     monkeypatch.setattr("saltus.runtime.stack.Stack", stack)
     assert main(["up", "--out", str(tmp_path / "run"), *words]) == BAD_INPUT
     assert set(started) == spared
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [(["--grid", "sacn"], "sacn"), (["--grid", "scan", "--pace", "lockstep"], "saltus replay")],
+)
+def test_up_refuses_a_scan_that_it_cannot_tell(
+    words: list[str], named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["up", "--out", str(tmp_path / "run"), *words]) == BAD_INPUT
+    assert named in capsys.readouterr().err

@@ -53,10 +53,14 @@ def derive(steps: int, *without: str) -> list[viewer.ViewerMessage]:
 
 
 def test_plain_readers_decode_every_channel_of_a_recording(tmp_path: Path) -> None:
+    scans = [dict(run_messages(step))["heightmap/heightmap"] for step in range(viewer.EVERY)]
     recording = write(
         tmp_path / "run.mcap",
-        [*run_samples(), raw("event/heightmap", EVENT, 1), raw("done/render", DONE, 1)],
-    )
+        [
+            *run_samples(), raw("event/heightmap", EVENT, 1), raw("done/render", DONE, 1),
+            *(raw("scan/heightmap", scan, number) for number, scan in enumerate(scans, start=1)),
+        ],
+    )  # fmt: skip
     read: dict[str, list[Any]] = {}
     types = {}
     for topic, type_name, message, _ in messages_of(recording.path):
@@ -180,6 +184,25 @@ def test_clouds_have_predicted_and_true_heights_at_the_same_points() -> None:
         np.testing.assert_allclose(table, np.stack(columns, axis=-1), rtol=1e-6)
         assert cloud.header.frame_id == "base_yaw"
         assert 10**9 * cloud.header.stamp.sec + cloud.header.stamp.nanosec == heightmap.time_ns
+
+
+def test_a_scan_beside_is_a_cloud_of_its_own_and_changes_nothing_else() -> None:
+    step = viewer.EVERY - 1
+    scan: Any = replace(
+        dict(run_messages(step))["heightmap/heightmap"],
+        x=np.array(SCAN.x), y=np.array(SCAN.y), height=0.1 * SCAN.points[:, 0],
+        half_width_90=np.full(SCAN.size, 0.02), age_s=np.full(SCAN.size, 0.1),
+    )  # fmt: skip
+    alone, both, beside = Viewer(ROBOT, TERRAIN), Viewer(ROBOT, TERRAIN), list[Any]()
+    for now in range(STEPS):
+        for key, message in run_messages(now):
+            one, other = (
+                [(each.topic, each.payload) for each in made.derive(key, message, message.time_ns)]
+                for made in (alone, both)
+            )
+            assert one == other
+        beside += both.derive("scan/heightmap", replace(scan, time_ns=now), now)
+    assert {message.topic for message in beside} == {"/viewer/scan"}
 
 
 @pytest.mark.parametrize("name", shipped_robots())
