@@ -62,10 +62,15 @@ class Trail:
         self._offset = np.zeros(3)
         """Sum of the jumps of the positions that were told."""
 
-    def add(self, state: RobotState) -> bool:
+    def add(self, state: RobotState, missing: Floats | None = None) -> bool:
         """Goes on to a state.
 
         True where nothing that is known from before can be placed any more.
+
+        Args:
+            state: Of the robot.
+            missing: Velocity that it leaves out [m/s], shape (3,); None: nothing. Positions that
+                it tells do not.
         """
         rotation = rotation_matrix(np.asarray(state.quaternion_base_in_world, np.float64))
         last = self._points[-1] if self._points else None
@@ -77,6 +82,8 @@ class Trail:
             self._points.clear()
             self._told, self._offset = None, np.zeros(3)
         velocity = np.asarray(state.velocity_base_in_world, np.float64)
+        if missing is not None and not np.size(state.position_base_in_odometry):
+            velocity = velocity + missing
         position = self._position(state, None if lost else last, velocity, seconds)
         turn = np.asarray(state.angular_velocity_base, np.float64)
         self._points.append(

@@ -20,6 +20,7 @@ from saltus.heightmap.scan.predictor import Ground, ScanNetwork, ScanPredictor
 from saltus.heightmap.scan.trail import Trail, Waypoint
 from saltus.heightmap.service.image_watch import DEPTH, NO_FRAME, ImageWatch, worse
 from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
+from saltus.heightmap.service.rolling_feet import RollingFeet
 from saltus.heightmap.service.sight import BAD_OUTPUTS_TO_FORGET, BLIND_INVALID_PIXELS
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -115,6 +116,7 @@ class ScanService:
         """Forgets everything: for a robot that has started anew."""
         self._watches = {name: ImageWatch(self._depth) for name in self._rig.cameras}
         self._trail = Trail()
+        self._rolling = None if self._rig.robot is None else RollingFeet(self._rig.robot)
         self._waiting: dict[str, _Shown] = {}
         self._last: Heightmap | None = None
         self._started_ns = 0
@@ -141,7 +143,8 @@ class ScanService:
             return self._last
         if self._last is None:
             self._started_ns = now_ns
-        if self._trail.add(state):
+        missing = None if self._rolling is None else self._rolling.missing(state)
+        if self._trail.add(state, missing):
             self._waiting.clear()
             self._forget()
         for watch in self._watches.values():

@@ -1,0 +1,59 @@
+"""How much faster a robot is than its odometry says that takes its round feet to stand still: they roll.
+
+Velocity by the legs is that of the base over a foot. A foot's centre moves on as the shank turns
+over its sole: with soles of 0.02 m and legs of 0.3 m a robot is 7 % faster than over feet whose
+centres rest. A map into which images come 7 % too near is doubled at its edges.
+"""
+
+import numpy as np
+
+from saltus.arrays import Floats
+from saltus.constants import POLICY_DT
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
+from saltus.rotations import rotation_matrix
+from saltus.wire.messages import RobotState
+
+MEAN_S = 0.2
+"""Time of standing over which it is averaged: half a bound (on eight courses robots came 0.98 to
+1.02 times as far as was added up; 0.91 to 0.96 without)."""
+MOST_MPS = 0.3
+"""A foot by which the robot is faster than this slips or does not stand."""
+
+
+class RollingFeet:
+    """Velocity that a robot's states leave out, by its legs and the radius of its feet."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._legs, self._radius = LegKinematics(robot), robot.foot_radius
+        self._missing = np.zeros(3)
+
+    def missing(self, state: RobotState) -> Floats:
+        """Horizontal velocity that a state leaves out, along the world's axes [m/s], shape (3,).
+
+        It is known of a robot whose feet stand, and held while none does.
+        """
+        trusted = np.asarray(state.leg_trusted, np.bool_)
+        if trusted.any():
+            off = self._velocity(state)[trusted] - np.asarray(state.velocity_base_in_world)
+            off[:, 2] = 0.0  # vertically soles do not roll
+            off = off[np.linalg.norm(off, axis=-1) < MOST_MPS]
+            if len(off):
+                share = POLICY_DT / MEAN_S
+                self._missing = self._missing + share * (off.mean(0) - self._missing)
+        return self._missing
+
+    def _velocity(self, state: RobotState) -> Floats:
+        """Velocity of the base over each foot, if it rolls on its sole, in the world [m/s], shape (4, 3)."""
+        rotation = rotation_matrix(np.asarray(state.quaternion_base_in_world, np.float64))
+        turn = np.asarray(state.angular_velocity_base, np.float64)
+        position = np.asarray(state.joint_position, np.float64)
+        joint = np.asarray(state.joint_velocity, np.float64).reshape(4, 3)
+        foot, jacobian = self._legs.position_and_jacobian(position)
+        relative = (jacobian @ joint[..., None])[..., 0] + np.cross(turn, foot)
+        abduction, bend = position.reshape(4, 3)[:, 0], joint[:, 1] + joint[:, 2]
+        shank = turn + np.stack(
+            [joint[:, 0], np.cos(abduction) * bend, np.sin(abduction) * bend], axis=-1
+        )
+        rolling = np.cross(shank @ rotation.T, [0.0, 0.0, self._radius])
+        return np.asarray(rolling - relative @ rotation.T)
