@@ -48,6 +48,8 @@ class Eyes(Generic[Truth]):
         memory: Of that, before the first image.
         stereo: Errors of matching; None for true depth.
         state: Of these.
+        whole: Leave the pixels that a stereo camera matched as they are, in place of the model's
+            means of them.
     """
 
     def __init__(
@@ -58,9 +60,12 @@ class Eyes(Generic[Truth]):
         memory: CameraState,
         stereo: StereoCamera | None = None,
         state: StereoState = (),
+        *,
+        whole: bool = False,
     ) -> None:
         self.camera, self._renderer, self._stereo = camera, renderer, stereo
         self._chain, self._memory, self._state = chain, memory, state
+        self._whole = whole
         self._fresh: Array | None = None
 
     def expose(self, truth: Truth, step: int, fresh: Array) -> DepthImage | None:
@@ -72,7 +77,7 @@ class Eyes(Generic[Truth]):
             fresh: Robots that start anew, bool, shape (n,): their cameras forget.
 
         Returns:
-            The newest images that were given out [mm], shape (n, 48, 16).
+            The newest images that were given out [mm], shape (n, 48, 16), or that of `SAMPLED`.
         """
         self._fresh = fresh if self._fresh is None else self._fresh | fresh
         if not self.camera.exposes(step):
@@ -84,7 +89,7 @@ class Eyes(Generic[Truth]):
         else:
             pair = self._renderer.pair(truth)
             matched, self._state = self._stereo.step(*pair, times, self._state)
-            depth = pooled(matched.depth, ROWS, COLUMNS)
+            depth = matched.depth if self._whole else pooled(matched.depth, ROWS, COLUMNS)
         exposed = DepthImage(depth=self.camera.for_model(depth), time_s=times)
         given, self._memory = self._chain.step(exposed, time_s, self._memory, self._fresh)
         self._fresh = None

@@ -172,11 +172,17 @@ class DepthCamera(Value):
         return namespace(depth).where((depth >= near) & (depth <= far), depth, 0.0)
 
     def for_model(self, depth: Array) -> Array:
-        """Images of the model's camera [m], shape (..., 48, 16), 0 where this camera does not look or measure."""
+        """Images of the model's camera [m], shape (..., 48, 16), 0 where this camera does not look or measure.
+
+        They may have several samples for each pixel, in rows and columns.
+        """
         depth = self.in_range(depth)
         if self._covered is None:
             return depth
-        return namespace(depth).where(self._covered.like(depth) > 0.0, depth, 0.0)
+        xp, covered = namespace(depth), self._covered.like(depth) > 0.0
+        for axis in (0, 1):
+            covered = xp.repeat(covered, depth.shape[axis - 2] // covered.shape[axis], axis=axis)
+        return xp.where(covered, depth, 0.0)
 
     @cached_property
     def _covered(self) -> Constant | None:

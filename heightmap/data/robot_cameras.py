@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices, Singles
-from saltus.depth import MODEL_CAMERA
+from saltus.depth import MODEL_CAMERA, Intrinsics
+from saltus.depth_camera import DepthCamera
 from saltus.effects.camera import drawn_around
 from saltus.effects.effect import stacked
 from saltus.effects.image_pixels import to_images
@@ -24,10 +25,17 @@ from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
 
 
+def sampled(camera: DepthCamera) -> Intrinsics:
+    """The pixels in which images of a camera are rendered here; those of stereo cameras are finer than the model's."""
+    return MODEL_CAMERA if camera.ideal else SAMPLED
+
+
 def robot_cameras(
     setups: Sequence[Setup],
     errors: StereoConfig | None = None,
     rngs: Sequence[np.random.Generator] | None = None,
+    *,
+    whole: bool = False,
 ) -> tuple[Eyes, LateImages]:
     """The cameras of a batch and the links that carry their images, with the random numbers of each trial's process.
 
@@ -35,6 +43,7 @@ def robot_cameras(
         setups: Each robot's; camera and profile are those of the first.
         errors: Of stereo matching, which may have one value a robot; those of the camera, if None.
         rngs: Each robot's, for these errors: so they do not depend on who else is in the batch.
+        whole: Images are those of `sampled`: without it means of some of their pixels.
     """
     camera, robot, profile = setups[0].camera, setups[0].robot, setups[0].profile
     trials = [setup.trial for setup in setups]
@@ -45,7 +54,7 @@ def robot_cameras(
     )
     chain = to_images(replace(profile, camera=drawn), MODEL_CAMERA.fx).camera_chain
     memory = stacked([chain.init((), random_stream(trial.seed)) for trial in trials])
-    claimed = MODEL_CAMERA if camera.ideal else SAMPLED
+    claimed = sampled(camera)
     view, optics = (
         RobotCamera.on(robot, claimed).moved(profile.view_chain),
         Optics.behind(claimed, camera),
@@ -59,8 +68,9 @@ def robot_cameras(
     taken = chain.taken
     given, carried = memory[: len(taken.effects)], memory[len(taken.effects) :]
     views = _EmbreeBatch([setup.terrain for setup in setups], optics, view)
-    eyes = Eyes(camera, views, taken, given, stereo, state)
-    blank = np.zeros((len(trials), MODEL_CAMERA.height, MODEL_CAMERA.width), np.uint16)
+    eyes = Eyes(camera, views, taken, given, stereo, state, whole=whole)
+    seen = claimed if whole else MODEL_CAMERA
+    blank = np.zeros((len(trials), seen.height, seen.width), np.uint16)
     nothing = DepthImage(depth=blank, time_s=np.zeros(len(trials)))
     return eyes, LateImages(chain.carried, carried, nothing)
 

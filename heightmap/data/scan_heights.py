@@ -1,20 +1,23 @@
 """Heights that the scan's service of each robot of a loop would give on the grid of its planner."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.constants import POLICY_DT
-from saltus.depth import MODEL_CAMERA, depth_frame
+from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_frame, depth_in_millimetres
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.signals import DepthImage
-from saltus.heightmap.data.robot_cameras import robot_cameras
+from saltus.heightmap.data.robot_cameras import robot_cameras, sampled
 from saltus.heightmap.scan.predictor import ScanNetwork
+from saltus.heightmap.scan.shadows import deepened
 from saltus.heightmap.service.scan import ScanService
 from saltus.heightmap.service.scan_fleet import ScanChoice
 from saltus.render.stereo.camera import StereoConfig
+from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
 from saltus.setup import Setup
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates, state_message
@@ -27,7 +30,8 @@ class ScanHeights:
     """Eyes, the links that carry their images, and a scan's service for each robot of a batch.
 
     The same images as those of `saltus.heightmap.data.predicted.PredictedHeights`, at the same
-    steps; see there. Odometry is the leg controller's estimate of the velocity, added up.
+    steps, before they are pooled; see there. Odometry is the leg controller's estimate of the
+    velocity, added up. What images do not show is told as `saltus.heightmap.scan.shadows` has it.
     """
 
     def __init__(
@@ -38,10 +42,12 @@ class ScanHeights:
         rngs: Sequence[np.random.Generator] | None = None,
     ) -> None:
         refuse_shift(setups[0].profile.heightmap, "a predictor")
-        self._eyes, self._images = robot_cameras(setups, errors, rngs)
-        rig = ScanChoice(grid=setups[0].grid).rig(setups[0].robot, setups[0].camera)
+        self._eyes, self._images = robot_cameras(setups, errors, rngs, whole=True)
+        self._grid, self._lens = setups[0].grid, sampled(setups[0].camera)
+        rig = ScanChoice(grid=self._grid).rig(setups[0].robot, setups[0].camera)
         self._services = [ScanService(network, rig) for _ in setups]
         self._answers: list[Heightmap] = []
+        self._half_width = np.zeros((len(setups), self._grid.size))
         self._now_s = 0.0
         self.given: DepthImage | None = None
         """The images given out at this step [mm], shape (n, 48, 16); None where it was not the
@@ -49,8 +55,9 @@ class ScanHeights:
 
     def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
         """One step of all services; shape (n, points)."""
-        self.given, self._now_s = self._eyes.expose(truth, states.step, fresh), states.time_s
-        arrived, now_ns = self._images.step(self.given, states.time_s, fresh), _ns(states.time_s)
+        exposed, self._now_s = self._eyes.expose(truth, states.step, fresh), states.time_s
+        self.given = None if exposed is None else self._for_model(exposed)
+        arrived, now_ns = self._images.step(exposed, states.time_s, fresh), _ns(states.time_s)
         self._answers = []
         for i, service in enumerate(self._services):
             if fresh[i]:
@@ -61,19 +68,29 @@ class ScanHeights:
             self._answers.append(
                 service.step(state, self._frame(i) if arrived[i] else None, now_ns)
             )
-        return np.array([answer.height for answer in self._answers], np.float64)
+        told = [deepened(each.height, each.half_width_90, self._grid) for each in self._answers]
+        self._half_width = np.array([half_width for _, half_width in told], np.float64)
+        return np.array([height for height, _ in told], np.float64)
+
+    def _for_model(self, images: DepthImage) -> DepthImage:
+        """The same images as the model of the line sees them."""
+        if self._lens == MODEL_CAMERA:
+            return images
+        return replace(
+            images, depth=depth_in_millimetres(pooled(images.depth * MILLIMETRE, ROWS, COLUMNS))
+        )
 
     def _frame(self, robot: int) -> DepthFrame:
         """The image that a robot has in hand; numbered by when it was taken."""
         taken = self._images.in_hand
         time_ns = _ns(float(taken.time_s[robot]))
         number = round(time_ns / _NS / POLICY_DT)
-        return depth_frame(MODEL_CAMERA, taken.depth[robot], time_ns=time_ns, frame_id=number)
+        return depth_frame(self._lens, taken.depth[robot], time_ns=time_ns, frame_id=number)
 
     @property
     def half_width_90(self) -> Floats:
         """Half of the 90 % interval of the newest heights [m], shape (n, points)."""
-        return np.array([answer.half_width_90 for answer in self._answers], np.float64)
+        return self._half_width
 
     @property
     def captured_s(self) -> Floats:

@@ -9,13 +9,13 @@ from samples import ROBOT, setups_of
 from synthetic_motion import gliding_robots
 
 from saltus.config import TerrainConfig
-from saltus.depth import MODEL_CAMERA, NOTHING
+from saltus.depth import MILLIMETRE, MODEL_CAMERA, NOTHING
 from saltus.depth_camera import SHIPPED, DepthCamera
 from saltus.effects.profile import Profile
 from saltus.grid import LINE
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.mounts import random_mount
-from saltus.heightmap.data.robot_cameras import robot_cameras
+from saltus.heightmap.data.robot_cameras import robot_cameras, sampled
 from saltus.heightmap.data.rollouts import Trajectory, filmed
 from saltus.heightmap.settings import ClosedLoop
 from saltus.loop.loop import STAND_STEPS, Loop
@@ -24,6 +24,7 @@ from saltus.render.camera import RobotCamera
 from saltus.render.eyes import SAMPLED
 from saltus.render.randomisation import drawn_cameras
 from saltus.render.stereo.camera import IDEAL_STEREO, StereoConfig
+from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 
@@ -128,3 +129,23 @@ def test_a_stereo_camera_without_errors_takes_true_images() -> None:
         # A pixel of the one is the mean of three rays of the other: alike but at edges.
         assert inside.mean() > 0.3
         assert np.median(np.abs(true.depth.astype(int) - seen.depth)[inside]) < 2.0
+
+
+def test_whole_images_have_the_pixels_of_which_the_model_gets_means() -> None:
+    terrain = make_terrain(TerrainConfig(terrain="stairs", difficulty=0.2))
+    setups = [
+        replace(each, camera=D435I)
+        for each in setups_of([terrain] * 3, [Trial.draw(seed) for seed in range(3)])
+    ]
+    rollout = Loop(setups, make_planner("scripted", ROBOT, LINE))
+    pairs = [robot_cameras(setups, whole=whole)[0] for whole in (False, True)]
+    for i in range(3):
+        step = rollout.step()
+        means, whole = (eyes.expose(step.truth, i, step.fresh) for eyes in pairs)
+        if means is None or whole is None:
+            assert i % 2 == 1
+            continue
+        lens = sampled(D435I)
+        assert whole.depth.shape == (3, lens.height, lens.width)
+        expected = pooled(whole.depth * MILLIMETRE, ROWS, COLUMNS) / MILLIMETRE
+        np.testing.assert_allclose(means.depth, expected, atol=1.0)  # both in whole millimetres
