@@ -160,20 +160,6 @@ class LegController:
             mode_time_s=0.0,
         )
 
-    def reset(self, state: LawState, mask: Flags) -> LawState:
-        """Starts the gait of the robots in `mask` (bool, shape (...)) again; the others go on."""
-        xp = namespace(state.gait.phase)
-        fresh = self.init(tuple(state.gait.phase.shape), state.gait.phase)
-        return LawState(
-            gait=GaitState(phase=xp.where(mask, fresh.gait.phase, state.gait.phase)),
-            liftoff=xp.where(mask[..., None, None], fresh.liftoff, state.liftoff),
-            landed=state.landed & ~mask[..., None],
-            mode=state.mode,
-            blend_from=xp.where(mask[..., None], fresh.blend_from, state.blend_from),
-            rest=xp.where(mask[..., None], fresh.rest, state.rest),
-            mode_time_s=state.mode_time_s,
-        )
-
     def step(
         self,
         reference: Reference,

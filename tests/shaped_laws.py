@@ -128,7 +128,6 @@ def control(batch: tuple[int, ...], like: Any, quaternion: Any, drawn: Any) -> N
         assert isinstance(command, JointCommand)
         time_s = xp.zeros(batch, dtype=like.dtype)
         _, memory = drives.step(command, joints, states.joint_velocity, time_s, memory)
-    law.reset(state, drawn() > 0.0)
 
 
 if __name__ == "__main__":

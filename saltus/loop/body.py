@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from saltus.controller.gait import GaitSignal, standing
 from saltus.controller.law import LawState, LegController
 from saltus.controller.signals import Reference, reference_of
 from saltus.effects.chain import ActuatorChain
+from saltus.effects.order import chosen_of
 from saltus.plan import Plan
 from saltus.setup import Setup
 from saltus.sim.batch import BatchPlant
@@ -80,9 +81,10 @@ class Body:
             Estimator(robot),
         )
         batch, zero = (len(setups),), np.zeros(1)
-        self._blank = self._estimator.init(batch, zero)
-        self.state = BodyState(
-            law=self._law.init(batch, zero), estimate=self._blank, gait=standing(batch, zero)
+        self._blank = self.state = BodyState(
+            law=self._law.init(batch, zero),
+            estimate=self._estimator.init(batch, zero),
+            gait=standing(batch, zero),
         )
         """Memory besides that of the physics."""
         self.restart(np.ones(batch, dtype=np.bool_))
@@ -123,14 +125,15 @@ class Body:
         return touched
 
     def restart(self, robots: NDArray[np.bool_]) -> None:
-        """Puts some robots, bool, shape (n,), back to the start of their trial."""
+        """Puts some robots, bool, shape (n,), back to the start of their trial; they sense at once."""
         self._plant.reset(
             np.flatnonzero(robots), position_x=self._start_x[robots], yaw=self._heading[robots]
         )
-        old = self.state.estimate
-        estimate = EstimatorState(
-            mean=np.where(robots[:, None], self._blank.mean, old.mean),
-            variance=np.where(robots[:, None], self._blank.variance, old.variance),
+        blank, law = self._blank, self.state.law
+        estimate = self._estimator.step(self._plant.sensed, blank.gait.trusted, blank.estimate)
+        begun = BodyState(
+            law=replace(blank.law, mode=law.mode, mode_time_s=law.mode_time_s),
+            estimate=estimate,
+            gait=blank.gait,
         )
-        law = self._law.reset(self.state.law, robots)
-        self.state = BodyState(law=law, estimate=estimate, gait=self.state.gait)
+        self.state = chosen_of(robots, begun, self.state)

@@ -143,19 +143,6 @@ def test_standing_goes_from_the_present_pose_to_one_on_the_slope_that_the_feet_g
     assert (command.kd == 3.0).all()
 
 
-def test_reset_starts_some_robots_again(draw):
-    rng = np.random.default_rng(17)
-    plan, sensed = draw(rng, (6,))
-    state = LAW.init((6,), sensed.joint_position)
-    for _ in range(30):
-        _, state, _ = LAW.step(plan, sensed, state)
-    mask = np.array([True, False] * 3)
-    after = LAW.reset(state, mask)
-    assert (after.gait.phase[mask] == 0.0).all()
-    np.testing.assert_array_equal(after.gait.phase[~mask], state.gait.phase[~mask])
-    np.testing.assert_array_equal(after.liftoff[~mask], state.liftoff[~mask])
-
-
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_yaw_is_turned_back_to_the_heading_the_short_way(draw, side):
     plan, sensed = draw(np.random.default_rng(18), (30,))

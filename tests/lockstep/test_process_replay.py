@@ -1,6 +1,7 @@
 """Each process of a recorded run, fed what it heard, says what it said; where it does not, the difference is told."""
 
 import json
+from collections.abc import Iterable
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.programs import PROGRAMS
 from saltus.runtime.replay import Answer, replay
+from saltus.states import RobotStates
 from saltus.wire import codec
 from saltus.wire.bus import RawSample, sender_of
 from saltus.wire.messages import ControllerMode, GroundTruth, MotionPlan, RobotState
@@ -128,19 +130,26 @@ def test_a_changed_entry_is_told_with_its_place(recording: Recording, name: str)
         assert str(first.recorded) in str(first)
 
 
+def assert_same(ours: object, theirs: object, names: Iterable[str]) -> None:
+    """A batch of one robot, and that robot."""
+    for name in names:
+        one = np.squeeze(getattr(ours, name))
+        np.testing.assert_allclose(one, getattr(theirs, name), atol=1e-9, err_msg=name)
+
+
 def test_a_body_that_is_given_the_recorded_plans_goes_where_the_robot_went(
     recording: Recording,
 ) -> None:
     """The controller's process and `Body`, of which evaluations and data are made, are one loop."""
-    body, modes = Body([recording.setup]), [state.mode for state in recording.of(RobotState)]
+    body, states = Body([recording.setup]), recording.of(RobotState)
+    modes = [state.mode for state in states]
     ends = modes.index(ControllerMode.LANDING)  # which the controller's own plans lead
     assert modes[:ends].count(ControllerMode.RUN) > 20
-    rows = zip(recording.of(MotionPlan), recording.of(GroundTruth), modes[1:ends], strict=False)
-    for message, truth, mode in rows:
-        for name in ("position_base_in_world", "quaternion_base_in_world", "joint_position"):
-            np.testing.assert_allclose(
-                getattr(body.truth, name)[0], getattr(truth, name), atol=1e-9, err_msg=name
-            )
+    truths = recording.of(GroundTruth)
+    rows = zip(recording.of(MotionPlan), truths, states, modes[1:ends], strict=False)
+    for message, truth, known, mode in rows:
+        assert_same(body.truth, truth, ("position_base_in_world", "joint_position"))
+        assert_same(body.states(), known, [f.name for f in fields(RobotStates) if f.name != "step"])
         plan = plan_of(message)
         one = {f.name: np.array([getattr(plan, f.name)]) for f in fields(Plan)}
         body.step(Plan(**one), mode)
