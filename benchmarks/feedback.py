@@ -3,7 +3,7 @@
 A Go1 with the drives of the profile "go1" bounds on flat ground in MuJoCo on the estimated state.
 The reference pitch rate is a sine of the gait's phase, nose up in the middle of the front stance,
 nose down in the middle of the rear stance. Errors count where a leg that is to stand does touch the
-ground: nothing can track in the air.
+ground: nothing can track in the air. Plans come 100 times a second, as a policy's do.
 
     OMP_NUM_THREADS=1 saltus bench feedback -- --picture feedback.png
 """
@@ -17,21 +17,18 @@ from numpy.typing import NDArray
 
 from benchmarks._command import progress
 from benchmarks._pictures import Pictured, save, subplots
+from saltus.arrays import Floats
 from saltus.config import TerrainConfig
-from saltus.constants import PHYSICS_DT
-from saltus.controller.estimator import Estimator
-from saltus.controller.gait import standing
-from saltus.controller.law import LegController
-from saltus.controller.robot.mujoco import MujocoRobot
-from saltus.controller.signals import Reference, reference_of
-from saltus.depth_camera import load_camera
-from saltus.effects.profile import SHIPPED, load_profile
+from saltus.constants import POLICY_DT
+from saltus.effects.profile import SHIPPED
 from saltus.grid import LINE
+from saltus.loop.body import Body
+from saltus.loop.planner import observe
+from saltus.named_setup import named_setups
 from saltus.plan import Plan
+from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.setup import Setup
-from saltus.states import states_of
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode
@@ -55,21 +52,21 @@ class Benchmark(Pictured):
 
     def measure(self) -> dict[str, Any]:
         """RMS of the error [rad/s] at each stepping frequency [Hz]."""
-        errors = {}
-        for frequency_hz in progress(FREQUENCIES_HZ):
-            forward, both = (run(kd, frequency_hz, self.seconds) for kd in (0.0, 1.0))
-            errors[str(frequency_hz)] = {
-                "feedforward": round(forward.rms, 2),
-                "feedback": round(both.rms, 2),
+        forward, both = (run(kd, self.seconds) for kd in progress((0.0, 1.0)))
+        if self.picture is not None:
+            shown = FREQUENCIES_HZ.index(SHOWN_HZ)
+            draw(forward[shown], both[shown], self.picture)
+        return {
+            "rms_rad_s": {
+                str(frequency_hz): {"feedforward": round(one.rms, 2), "feedback": round(two.rms, 2)}
+                for frequency_hz, one, two in zip(FREQUENCIES_HZ, forward, both, strict=True)
             }
-            if frequency_hz == SHOWN_HZ and self.picture is not None:
-                draw(forward, both, self.picture)
-        return {"rms_rad_s": errors}
+        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TickTrace:
-    """One run; arrays of shape (ticks,)."""
+class StepTrace:
+    """One run; a row each 10 ms; arrays of shape (steps,)."""
 
     time_s: NDArray[np.float64]
     reference: NDArray[np.float64]
@@ -84,58 +81,41 @@ class TickTrace:
         return float(np.sqrt(np.mean(error**2)))
 
 
-def make_plan(phase: float, frequency_hz: float) -> Reference:
-    """Bounding with a pitch rate that follows the phase."""
-    residual = np.array([0.0, 0.0, LIFT_M])
-    plan = Plan(
-        stepping_frequency_hz=np.asarray(frequency_hz),
-        velocity_x=np.asarray(VELOCITY_X),
-        velocity_z=np.asarray(VELOCITY_Z),
-        pitch_rate=np.asarray(-AMPLITUDE * np.cos(2.0 * np.pi * (phase - FRONT_STANCE_PHASE))),
+def make_plan(phase: Floats) -> Plan:
+    """Bounding with a pitch rate that follows the phase, at each frequency."""
+    one = np.ones(len(FREQUENCIES_HZ))
+    residual = one[:, None] * np.array([0.0, 0.0, LIFT_M])
+    return Plan(
+        stepping_frequency_hz=np.array(FREQUENCIES_HZ),
+        velocity_x=VELOCITY_X * one,
+        velocity_z=VELOCITY_Z * one,
+        pitch_rate=-AMPLITUDE * np.cos(2.0 * np.pi * (phase - FRONT_STANCE_PHASE)),
         foot_residual_front=residual,
         foot_residual_rear=residual,
     )
-    return reference_of(plan, np.asarray(0.0))
 
 
-def run(kd: float, frequency_hz: float, seconds: float) -> TickTrace:
-    """Bounds with the given gain of the feedback; 0 is feed-forward alone."""
-    model = load_robot(DEFAULT_ROBOT)
-    profile = load_profile(SHIPPED, model)
-    robot = MujocoRobot(
-        Setup(
-            robot=model,
-            grid=LINE,
-            terrain=make_terrain(TerrainConfig(terrain="flat")),
-            profile=profile,
-            camera=load_camera("ideal"),
-            trial=Trial(),
-        )
-    )
-    model = replace(model, gains=replace(model.gains, stance_kd=kd))
-    law, estimator = LegController(model), Estimator(model)
-    law_state, estimate = law.init((), model.stand_pose), estimator.init((), model.stand_pose)
-    gait, rows = standing((), model.stand_pose), []
-    for tick in range(round((STAND_S + seconds) / PHYSICS_DT)):
-        measured = robot.read().measurement
-        estimate = estimator.step(measured, gait.trusted, estimate)
-        mode = ControllerMode.STAND if tick * PHYSICS_DT < STAND_S else ControllerMode.RUN
-        plan = make_plan(float(law_state.gait.phase), frequency_hz)
-        command, law_state, diagnostics = law.step(
-            plan, states_of(measured, estimate, gait), law_state, mode
-        )
-        gait = diagnostics.gait
-        touching = bool((gait.contact & (robot.state.foot_force > 1.0)).any())
-        reference = diagnostics.angular_velocity_reference[1]
-        rows.append((tick * PHYSICS_DT, reference, diagnostics.body.angular_velocity[1], touching))
-        robot.write(command)
-    time_s, reference, pitch_rate, touching_rows = np.array(rows).T
-    return TickTrace(
-        time_s=time_s, reference=reference, measured=pitch_rate, touching=touching_rows > 0.0
-    )
+def run(kd: float, seconds: float) -> list[StepTrace]:
+    """Bounds at each frequency with the given gain of the feedback; 0 is feed-forward alone."""
+    robot = load_robot(DEFAULT_ROBOT)
+    robot = replace(robot, gains=replace(robot.gains, stance_kd=kd))
+    count, flat = len(FREQUENCIES_HZ), make_terrain(TerrainConfig(terrain="flat"))
+    body = Body(named_setups(robot, LINE, "ideal", SHIPPED, [flat] * count, [Trial()] * count))
+    legs, rows = LegKinematics(robot), []
+    for step in range(round((STAND_S + seconds) / POLICY_DT)):
+        states, plan = body.states(step), make_plan(body.state.law.gait.phase)
+        touching = (states.leg_contact & (body.truth.foot_force > 1.0)).any(axis=-1)
+        rows.append((plan.pitch_rate, observe(states, legs).angular_velocity[:, 1], touching))
+        is_standing = step * POLICY_DT < STAND_S
+        body.step(plan, ControllerMode.STAND if is_standing else ControllerMode.RUN)
+    time_s = np.arange(len(rows)) * POLICY_DT
+    return [
+        StepTrace(time_s=time_s, reference=reference, measured=measured, touching=touching > 0.0)
+        for reference, measured, touching in np.array(rows).transpose(2, 1, 0)
+    ]
 
 
-def draw(forward: TickTrace, both: TickTrace, out: Path) -> None:
+def draw(forward: StepTrace, both: StepTrace, out: Path) -> None:
     """Two panels, one for each controller; stretches without ground contact are shaded."""
     figure, axes = subplots(2, 1, figsize=(8.0, 5.0), sharex=True, sharey=True)
     for axis, trace, name in (
