@@ -4,12 +4,17 @@ Robots of a batch all ask at the same moment, which is the worst case; each has 
 second step, which is cropped and pooled from the D435i's 80x240. Times are in microseconds. The
 share of a core is processor time, which other programs hardly change.
 
+Between steps of the one robot ONNX Runtime runs the network alone, on zeros: `over_network` is how
+much more a step costs, median of the processor time.
+
     OMP_NUM_THREADS=1 saltus bench inference
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +26,7 @@ from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.fleet import FleetService, RobotRequest
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
+from saltus.model_file import ModelFile
 from saltus.resources import resource
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -41,17 +47,21 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         rng, load = np.random.default_rng(0), os.getloadavg()[0]
-        network = HeightmapNetwork(load_robot(DEFAULT_ROBOT), resource("models/heightmap.onnx"))
+        path = resource("models/heightmap.onnx")
+        network = HeightmapNetwork(load_robot(DEFAULT_ROBOT), path)
         small = frames(self.ticks, MODEL_CAMERA, rng)
         large = frames(
             self.ticks // 2, supersampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS), rng
         )
-        single = one_robot(network, LevelRobot().states(network.robot, small), small)
+        states = LevelRobot().states(network.robot, small)
+        single, alone = one_robot(network, states, small, network_alone(path))
         states = LevelRobot().states(network.robot, large)
         rows = [{"n": count, **row(fleet(network, count, states, large))} for count in ROBOTS]
         last = rows[-1]
         return {
             **row(single),
+            "network_alone": row(alone),
+            "over_network": round(float(np.median(single.cpu_us) / np.median(alone.cpu_us)), 2),
             "robots": rows,
             "eight_fit_one_core": bool(
                 1e3 * last["p99_us"] < PERIOD_NS and last["core_share"] < 1.0
@@ -79,14 +89,30 @@ def row(watch: Stopwatch) -> dict[str, float]:
     return {**watch.percentiles(), "core_share": round(share, 4)}
 
 
+def network_alone(path: Path) -> Callable[[], None]:
+    """A call of ONNX Runtime for one robot, on zeros."""
+    session = ModelFile(path).session
+    binding = session.io_binding()
+    for value in session.get_inputs():
+        shape = [size if isinstance(size, int) else 1 for size in value.shape]
+        binding.bind_cpu_input(value.name, np.zeros(shape, np.float32))
+    for value in session.get_outputs():
+        binding.bind_output(value.name)
+    return partial(session.run_with_iobinding, binding)
+
+
 def one_robot(
-    network: HeightmapNetwork, states: Sequence[RobotState], images: Sequence[DepthFrame]
-) -> Stopwatch:
-    """Single steps with images of the model's own size."""
-    service, watch = HeightmapService(network), Stopwatch(skip=WARM_UP)
+    network: HeightmapNetwork,
+    states: Sequence[RobotState],
+    images: Sequence[DepthFrame],
+    alone: Callable[[], None],
+) -> tuple[Stopwatch, Stopwatch]:
+    """Single steps with images of the model's own size, and calls of `alone` between them."""
+    service, watch, beside = HeightmapService(network), Stopwatch(WARM_UP), Stopwatch(WARM_UP)
     for state, frame in zip(states, images, strict=True):
         watch(service.step, state, frame if state.step % 2 == 0 else None, state.time_ns)
-    return watch
+        beside(alone)
+    return watch, beside
 
 
 def fleet(

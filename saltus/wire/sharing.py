@@ -1,8 +1,8 @@
 """A run's messages for who only looks on: many at a time, from the supervisor, which has them all.
 
 Each message that goes to one more process wakes it just when those of the robot have to run,
-hundreds of times a second. In batches the same messages come 40 ms later at most, and wake it 25
-times a second.
+hundreds of times a second. In batches the same messages come 80 ms later at most, 40 ms of them
+until the supervisor reads what has come, and wake it 25 times a second.
 """
 
 import itertools
