@@ -15,7 +15,7 @@ from saltus.config import RunConfig, to_toml
 from saltus.constants import LOADED_N
 from saltus.provenance import commit
 from saltus.recordings.recording import Recording
-from saltus.recordings.summary import RunSummary, shown
+from saltus.recordings.summary import UNDER_WAY, RunSummary, shown
 from saltus.reports.figures import (
     BLUE,
     GREEN,
@@ -31,7 +31,6 @@ from saltus.robots.robot import LEGS
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import (
-    ControllerMode,
     Event,
     GroundTruth,
     Heightmap,
@@ -251,10 +250,8 @@ def _body_figure(data: RunData) -> go.Figure:
 
 
 def _error_figure(data: RunData) -> go.Figure:
-    """Errors of the steps that the headline counts: the robot runs, on a heightmap of status OK."""
-    running = [
-        t for t, s in zip(data.truths, data.states, strict=True) if s.mode == ControllerMode.RUN
-    ]
+    """Errors of the steps that the headline counts: it runs or walks, on a heightmap of status OK."""
+    running = [t for t, s in zip(data.truths, data.states, strict=True) if s.mode in UNDER_WAY]
     pairs = [(data.heightmaps[t.step], t) for t in running if t.step in data.heightmaps]
     trusted = [
         (h, t)

@@ -139,9 +139,13 @@ def _digest(recording: Recording) -> str:
         return ""
 
 
+UNDER_WAY = (ControllerMode.RUN, ControllerMode.WALK)
+"""Modes in which a robot follows a planner."""
+
+
 def heightmap_error(recording: Recording) -> float:
-    """Mean absolute error of the predicted heights [m] while running on a heightmap of status OK."""
-    running = {state.step for state in recording.of(RobotState) if state.mode == ControllerMode.RUN}
+    """Mean absolute error of the predicted heights [m] while it runs or walks on a heightmap of status OK."""
+    running = {state.step for state in recording.of(RobotState) if state.mode in UNDER_WAY}
     truth = {message.step: message.height for message in recording.of(GroundTruth)}
     errors = [
         np.abs(np.asarray(message.height) - truth[message.step])

@@ -1,5 +1,7 @@
 """A policy that commands joints in the four processes: it obeys an operator, and the run repeats to the bit."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from lockstep_run import recorded_run
@@ -8,9 +10,11 @@ from walking_policies import put_policy
 
 from saltus.config import RunConfig, TerrainConfig
 from saltus.recordings.answers import Comparison
-from saltus.recordings.recording import Recording
+from saltus.recordings.recording import Recording, read_recording
+from saltus.recordings.timing import digest
 from saltus.runtime.programs import PROGRAMS
 from saltus.runtime.replay import replay
+from saltus.runtime.stack import Stack
 from saltus.wire.messages import (
     CommandMode,
     ControllerMode,
@@ -94,3 +98,29 @@ def test_the_estimate_holds_while_no_schedule_says_which_feet_stand(recording: R
     assert np.sqrt(np.mean(np.square(errors), axis=0)).max() < 0.05
     bear = np.array([truths[state.step].foot_force > 0.25 * 9.81 * ROBOT.mass for state in walked])
     assert np.mean(np.array([state.leg_trusted for state in walked])[bear]) > 0.95
+
+
+@pytest.mark.slow
+def test_five_processes_over_zenoh_say_what_threads_in_one_process_say(tmp_path: Path) -> None:
+    """A whole stack with a script of commands: whoever carries the messages, the run is the same."""
+    script = tmp_path / "script.csv"
+    script.write_text("time_s,mode,ahead_mps\n0,walk,0.3\n1.7,stand\n", encoding="utf-8")
+    config = RunConfig(
+        robot="go1",
+        grid="scan",
+        terrain=TerrainConfig(terrain="flat"),
+        planner="walking",
+        policy_model=str(put_policy(tmp_path / "walk.onnx")),
+        commands=str(script),
+        time_limit_s=2.4,
+    )
+    (tmp_path / "threads").mkdir()
+    threads = recorded_run(tmp_path / "threads", config)
+    with Stack(config, tmp_path / "stack") as stack:
+        assert stack.wait(600.0)
+    processes = read_recording(stack.recording)
+    assert {state.mode for state in processes.of(RobotState)} >= {ControllerMode.WALK}
+    assert {command.mode for command in processes.of(DriveCommand)} == {
+        CommandMode.WALK, CommandMode.STAND,
+    }  # fmt: skip
+    assert digest(processes) == digest(threads)
