@@ -12,9 +12,15 @@ ModelKind = Literal["heightmap", "policy", "scan"]
 MODEL_ID_DIGITS = 16
 
 
+SCAN = "scan"
+"""Name of the shipped network for any robot and grid, where the file of a model may be named."""
+
+
 def model_path(kind: ModelKind, given: str | Path | None = None) -> Path:
-    """A model's ONNX file: the one that is given, else the shipped one."""
-    return resource(f"models/{kind}.onnx") if given is None else Path(given)
+    """A model's ONNX file: the one that is given, which may be `SCAN`, else the shipped one."""
+    if given is None or str(given) == SCAN:
+        return resource(f"models/{SCAN if given else kind}.onnx")
+    return Path(given)
 
 
 def model_id(data: bytes) -> str:

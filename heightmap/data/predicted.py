@@ -1,6 +1,5 @@
 """Heights that the service of each robot of a loop would give: rendered images, late as in each trial, one network."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,12 +14,10 @@ from saltus.effects.signals import DepthImage
 from saltus.grid import HeightGrid
 from saltus.heightmap.data.robot_cameras import robot_cameras
 from saltus.heightmap.data.scan_heights import ScanHeights
-from saltus.heightmap.scan.predictor import FORMAT as SCAN_FORMAT
-from saltus.heightmap.scan.predictor import ScanNetwork
+from saltus.heightmap.scan.predictor import ScanNetwork, is_scan
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.sight import Network, Sight
-from saltus.model_file import ModelFile
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -60,7 +57,7 @@ def load_predictor(
     Raises:
         ModelError: the file cannot be read, or fits neither robot nor program.
     """
-    if ModelFile(path).metadata.get("format") == json.dumps(SCAN_FORMAT):
+    if is_scan(path):
         return ScanNetwork(path)
     return HeightmapNetwork(robot, path, grid)
 

@@ -1,5 +1,6 @@
 """Heights around one robot as they are deployed: the map in numpy, the network in ONNX Runtime."""
 
+import json
 from pathlib import Path
 from typing import NamedTuple
 
@@ -50,6 +51,11 @@ class Ground(NamedTuple):
 
     Minus infinity where there was none.
     """
+
+
+def is_scan(path: Path) -> bool:
+    """True where a file says that it is a network of any grid; `ModelError` where it is unreadable."""
+    return ModelFile(path).metadata.get("format") == json.dumps(FORMAT)
 
 
 class ScanNetwork:

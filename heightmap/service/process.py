@@ -25,7 +25,7 @@ class HeightmapProcess:
     Configuration and folder are those of the first. A model that is put into the folder
     (`saltus.heightmap.service.model_inbox`) replaces the one in use, in real time only: a lockstep
     run must repeat. With a `scan` its grid is served in place of the line, by the network of any
-    grid, which is not replaced.
+    grid, which is not replaced; a run whose model is such a network has its own grid served by it.
     """
 
     def __init__(self, contexts: Sequence[ProcessContext], scan: ScanChoice | None = None) -> None:
@@ -36,6 +36,7 @@ class HeightmapProcess:
         self._told = (0, 0)
         self._inbox: ModelInbox | None = None
         names = [context.bus.prefix for context in contexts]
+        scan = scan or ScanChoice.of_run(setup.grid, first.config.heightmap_model)
         if scan is not None:
             rig = scan.rig(setup.robot, setup.camera)
             self._fleet: FleetService | ScanFleet = ScanFleet(

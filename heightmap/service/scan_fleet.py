@@ -12,7 +12,7 @@ from saltus.errors import ConfigError
 from saltus.grid import DEFAULT_GRID, HeightGrid, load_grid
 from saltus.heightmap.scan.body import BodyBox, NoBody, OwnBody, RobotBody
 from saltus.heightmap.scan.cameras import ScanCamera
-from saltus.heightmap.scan.predictor import ScanNetwork
+from saltus.heightmap.scan.predictor import ScanNetwork, is_scan
 from saltus.heightmap.service.fleet import RobotRequest
 from saltus.heightmap.service.image_watch import DEPTH
 from saltus.heightmap.service.scan import FIRST, AtOnce, ScanRig, ScanService, Worker
@@ -71,6 +71,16 @@ class ScanChoice:
             grid=load_grid(grid), dialect=dialect or "",
             cameras=tuple(load_camera(str(path)) for path in cameras), body=body, model=model,
         )  # fmt: skip
+
+    @classmethod
+    def of_run(cls, grid: HeightGrid, model: str | None) -> Self | None:
+        """The heights of a run's grid by the network that the run names; None where it is of the line.
+
+        Raises:
+            ModelError: its file cannot be read.
+        """
+        path = model_path("heightmap", model)
+        return cls(grid=grid, model=path) if model is not None and is_scan(path) else None
 
     def network(self) -> ScanNetwork:
         """The network that is to run; `ModelError` where it cannot."""

@@ -66,7 +66,7 @@ class ModelOptions:
     policy_model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None
     """ONNX file of the learned planner, or of a policy that walks, or a TOML file about that."""
     heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
-    """ONNX file of the heightmap service."""
+    """ONNX file of the heightmap service; scan: the shipped network of any robot and grid."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +124,7 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
         from saltus.effects.heightmap_shift import refuse_shift
         from saltus.effects.profile import load_profile
         from saltus.terrain.curriculum import make_terrain
+        from saltus.used_networks import SCAN
 
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
         make_terrain(self.course)
@@ -136,10 +137,12 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
         if self.commands is not None:
             Script(self.commands)
         walks = self.planner == "walking"
+        if heightmap is None and not walks and self.robot != DEFAULT_ROBOT:
+            heightmap = SCAN
         if walks:
             self._check_walking(robot)
         else:
-            self._check_jumping(camera, robot)
+            self._check_jumping(camera, robot, heightmap)
         config = RunConfig(
             robot=self.robot, grid="scan" if walks else DEFAULT_GRID, terrain=self.course,
             seed=self.seed,
@@ -167,16 +170,18 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
         JointPolicy(self.policy_model).refuse_other(robot)
         ScanNetwork(model_path("scan", self.heightmap_model))
 
-    def _check_jumping(self, camera: "DepthCamera", robot: "Robot") -> None:
+    def _check_jumping(
+        self, camera: "DepthCamera", robot: "Robot", heightmap: str | None
+    ) -> None:
         """Refuses networks that cannot make this robot jump or see for it."""
-        from saltus.heightmap.service.network import HeightmapNetwork
+        from saltus.heightmap.data.predicted import load_predictor
         from saltus.policy.planner import make_planner
         from saltus.used_networks import model_path
 
         is_other = self.robot != DEFAULT_ROBOT  # for which the shipped models were not made
         is_elsewhere = any(value is not None for value in camera.mount.values())
-        if self.heightmap_model is not None or is_other or is_elsewhere:
-            HeightmapNetwork(robot, model_path("heightmap", self.heightmap_model))
+        if heightmap is not None or is_elsewhere:
+            load_predictor(model_path("heightmap", heightmap), robot, load_grid(DEFAULT_GRID))
         if self.planner != "walking" and (self.policy_model is not None or is_other):
             make_planner(self.planner, robot, load_grid(DEFAULT_GRID), self.policy_model)
 

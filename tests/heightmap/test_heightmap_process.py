@@ -1,3 +1,4 @@
+import contextlib
 import threading
 import time
 from collections.abc import Iterator
@@ -14,11 +15,14 @@ from samples import ROBOT, put_run
 
 from saltus.clock import RunClock
 from saltus.config import Pace, RunConfig
+from saltus.grid import LINE
 from saltus.heightmap.service.link import RobotLink
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.process import HeightmapProcess
 from saltus.heightmap.service.service import HeightmapService
 from saltus.runtime.process import ProcessContext
+from saltus.used_networks import SCAN, model_id
+from saltus.used_networks import model_path as shipped_model
 from saltus.wire.bus import Publisher
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 from saltus.wire.topics import TOPICS
@@ -31,10 +35,10 @@ SPEED = 0.1
 class House:
     """The heightmap process in a thread, and the buses of a robot and a camera."""
 
-    def __init__(self, model_path: Path, run_dir: Path, pace: Pace) -> None:
+    def __init__(self, model_path: Path, run_dir: Path, pace: Pace, robot: str = "go1") -> None:
         self.hub = MemoryHub()
         config = RunConfig(
-            robot="go1",
+            robot=robot,
             grid="line",
             pace=pace,
             speed=SPEED if pace == "realtime" else 1.0,
@@ -68,9 +72,8 @@ class House:
         return answer
 
 
-@pytest.fixture
-def house(model_path: Path, tmp_path: Path, request: Any) -> Iterator[House]:
-    house = House(model_path, tmp_path, request.param)
+@contextlib.contextmanager
+def at_work(house: House) -> Iterator[House]:
     house.thread.start()
     yield house
     house.context.stopped = True
@@ -79,10 +82,29 @@ def house(model_path: Path, tmp_path: Path, request: Any) -> Iterator[House]:
     house.bus.close()
 
 
+@pytest.fixture
+def house(model_path: Path, tmp_path: Path, request: Any) -> Iterator[House]:
+    with at_work(House(model_path, tmp_path, request.param)) as house:
+        yield house
+
+
 def due(state: RobotState) -> RobotState:
     """The state as the controller sends it in lockstep."""
     newest = (state.step - 5) // 2 if state.step >= 5 else -1
     return replace(state, depth_due=newest)
+
+
+@pytest.mark.parametrize(("robot", "model"), [("go1", shipped_model(SCAN)), ("go2", Path(SCAN))])
+def test_a_network_of_any_grid_has_the_line_of_any_robot(
+    robot: str, model: Path, tmp_path: Path
+) -> None:
+    """A run names it as the file of its model, or by its name."""
+    with at_work(House(model, tmp_path, "lockstep", robot)) as house:
+        for state in states(2):
+            answer = house.ask(due(state))
+    np.testing.assert_array_equal(answer.x, LINE.x)
+    assert np.isfinite(answer.height).all()
+    assert answer.model_id == model_id(shipped_model(SCAN).read_bytes())
 
 
 def answers_alone(model_path: Path, steps: int) -> list[Heightmap]:
