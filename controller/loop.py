@@ -8,8 +8,10 @@ from math import isfinite
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.controller.gait import GaitSignal, standing
+from saltus.controller.rising import RISE_S, rising
 from saltus.controller.robot.backend import Reading
 from saltus.controller.signals import Reference, reference_of
 from saltus.controller.tick import Acting, Tick
@@ -42,15 +44,23 @@ class _Row:
 
 
 class ControlLoop:
-    """Estimator, watchdog, braking and law of one robot: `sense(reading)`, then `state`, then `act(plan, age)`."""
+    """Estimator, watchdog, braking and law of one robot: `sense(reading)`, then `state`, then `act(plan, age)`.
+
+    With `rises` the joints are led from where they are to the stand pose first, whatever the plan
+    says, and the law has the robot from then on.
+    """
 
     def __init__(
         self,
         robot: Robot,
         tick: Tick | None = None,
         watchdog: WatchdogConfig | None = None,
+        *,
+        rises: bool = False,
     ) -> None:
-        self._tick = tick or Tick(robot)
+        self._robot, self._tick = robot, tick or Tick(robot)
+        self._rise_ticks = round(RISE_S / PHYSICS_DT) if rises else 0
+        self._start: Floats | None = None
         self._watchdog = watchdog or WatchdogConfig()
         self._estimate = self._tick.estimator.init((), robot.stand_pose)
         self._law_state = self._tick.law.init((), robot.stand_pose)
@@ -73,12 +83,21 @@ class ControlLoop:
         """Returns what the controller is doing."""
         return self._watch.mode
 
+    @property
+    def risen(self) -> bool:
+        """False as long as it leads the joints to the stand pose."""
+        return self._ticks >= self._rise_ticks
+
     def sense(self, reading: Reading) -> None:
         """Takes in what the robot measures now.
 
-        The yaw of the first reading is the heading that it will hold.
+        The yaw of the first reading, or of that at the end of the rise, is the heading that it will
+        hold.
         """
         measured = reading.measurement
+        if self._rise_ticks and self._ticks == self._rise_ticks:  # what it was before is no stand
+            self._estimate = self._tick.estimator.init((), self._robot.stand_pose)
+            self._reading = None
         sensing = self._tick.sense(measured, self._gait.trusted, self._estimate)
         if self._reading is None:
             self._heading = float(sensing.yaw)
@@ -92,6 +111,8 @@ class ControlLoop:
         Before the first plan there is none, and its age is infinite.
         """
         reading = self._sensed_reading()
+        if not self.risen:
+            return self._told(reading, self._rising(reading))
         self._watch = watch(
             self._watch,
             WatchdogInput(
@@ -102,15 +123,12 @@ class ControlLoop:
                 pitch=self._attitude[1],
                 finite=self._finite,
                 settled=self._settled,
-                may_start=self._ticks * PHYSICS_DT >= FIRST_STAND_S,
+                may_start=(self._ticks - self._rise_ticks) * PHYSICS_DT >= FIRST_STAND_S,
             ),
             PHYSICS_DT,
             self._watchdog,
         )
-        command = self._step_law(plan)
-        self._rows.append(_Row(reading=reading, command=command))
-        self._ticks += 1
-        return command
+        return self._told(reading, self._step_law(plan))
 
     def state(self, time_ns: int, step: int, depth_due: int = -1) -> RobotState:
         """The robot as of the last `sense`, with the contacts of the last `act`."""
@@ -141,6 +159,16 @@ class ControlLoop:
             kp=np.array([c.kp for c in commands]),
             kd=np.array([c.kd for c in commands]),
         )
+
+    def _told(self, reading: Reading, command: JointCommand) -> JointCommand:
+        self._rows.append(_Row(reading=reading, command=command))
+        self._ticks += 1
+        return command
+
+    def _rising(self, reading: Reading) -> JointCommand:
+        if self._start is None:
+            self._start = reading.measurement.joint_position
+        return rising(self._start, self._robot, self._ticks * PHYSICS_DT)
 
     def _sensed_reading(self) -> Reading:
         if self._reading is None:

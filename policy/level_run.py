@@ -7,24 +7,18 @@ from saltus.controller.loop import ControlLoop
 from saltus.controller.robot.backend import RobotBackend
 from saltus.controller.tick import CompiledTick
 from saltus.grid import HeightGrid
-from saltus.joint_command import JointCommand
 from saltus.loop.planner import Planner, observe
 from saltus.plan import plan_message
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.wire.messages import ControllerMode, MotionPlan, PlanStatus
 
-RISE_S = 2.0
-"""A robot that lies gets up in this; one that stands already feels nothing of it."""
-SOFT = 0.3
-"""Share of the stand's stiffness with which it begins to rise."""
-
 
 class LevelRun:
     """One robot, one call every 2 ms.
 
-    The joints are led from where they are to the stand pose first. Then the leg controller has the
-    robot, its watchdog too: it damps a robot that tips over.
+    It rises first. Then the leg controller has the robot, its watchdog too: it damps a robot that
+    tips over.
 
     Args:
         backend: The robot, which has been reset.
@@ -36,9 +30,9 @@ class LevelRun:
     def __init__(
         self, backend: RobotBackend, robot: Robot, grid: HeightGrid, planner: Planner | None = None
     ) -> None:
-        self._backend, self._robot, self._grid, self._planner = backend, robot, grid, planner
-        self._legs, self._loop = LegKinematics(robot), ControlLoop(robot, CompiledTick(robot))
-        self._start = backend.read().measurement.joint_position
+        self._backend, self._grid, self._planner = backend, grid, planner
+        self._legs = LegKinematics(robot)
+        self._loop = ControlLoop(robot, CompiledTick(robot), rises=True)
         self._plan: MotionPlan | None = None
         self._ticks = 0
         self.peak_power_w = 0.0
@@ -63,26 +57,12 @@ class LevelRun:
         reading = self._backend.read()
         power_w = float(reading.joint_torque @ reading.measurement.joint_velocity)
         self.peak_power_w = max(self.peak_power_w, power_w)
-        if self.time_s < RISE_S:
-            command = self._rising()
-        else:
-            self._loop.sense(reading)
-            if self._ticks % POLICY_STEPS == 0:
-                self._plan = self._planned(PlanStatus.STAND if halt else PlanStatus.GO)
-            command = self._loop.act(self._plan, np.inf if self._plan is None else 0.0)
-            self._loop.take_joint_log(0, 0)
-        self._backend.write(command)
+        self._loop.sense(reading)
+        if self._ticks % POLICY_STEPS == 0 and self._loop.risen:
+            self._plan = self._planned(PlanStatus.STAND if halt else PlanStatus.GO)
+        self._backend.write(self._loop.act(self._plan, np.inf if self._plan is None else 0.0))
+        self._loop.take_joint_log(0, 0)
         self._ticks += 1
-
-    def _rising(self) -> JointCommand:
-        share = self.time_s / RISE_S
-        led = 0.5 * (1.0 - np.cos(np.pi * share))
-        one, gains = np.ones(12), self._robot.gains
-        stiff = (SOFT + (1.0 - SOFT) * share) * gains.stand_kp
-        return JointCommand(
-            position=self._start + led * (self._robot.stand_pose - self._start),
-            velocity=0.0 * one, torque=0.0 * one, kp=stiff * one, kd=gains.stand_kd * one,
-        )  # fmt: skip
 
     def _planned(self, status: PlanStatus) -> MotionPlan | None:
         if self._planner is None:

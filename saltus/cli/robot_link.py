@@ -331,9 +331,10 @@ class Run(PaceOptions, LinkOptions):
     ) -> "tuple[LevelRun | ExperimentRun, float]":
         """The run, and when it ends [s]."""
         from saltus.controller.loop import FIRST_STAND_S
+        from saltus.controller.rising import RISE_S
         from saltus.controller.robot.unitree.limits import STAGES
         from saltus.grid import DEFAULT_GRID, load_grid
-        from saltus.policy.level_run import RISE_S, LevelRun
+        from saltus.policy.level_run import LevelRun
         from saltus.policy.planner import make_planner
         from saltus.real2sim.experiments.on_backend import ExperimentRun, held_experiment
 

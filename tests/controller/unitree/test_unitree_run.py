@@ -7,12 +7,13 @@ from unitree_memory import simulated as simulated_here
 from unitree_processes import saltus, simulated
 
 from benchmarks.unitree_link.command import own_domain
+from saltus.controller.rising import RISE_S
 from saltus.controller.robot.unitree.limits import STAGES, StageLimits
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, MOTORS
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.errors import ConfigError
 from saltus.grid import DEFAULT_GRID, load_grid
-from saltus.policy.level_run import RISE_S, LevelRun
+from saltus.policy.level_run import LevelRun
 from saltus.policy.planner import make_planner
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.menu import Experiment
