@@ -10,6 +10,7 @@ from saltus.controller.course import AT_REST, Course, CourseState
 from saltus.controller.lockstep import Lockstep
 from saltus.controller.loop import ControlLoop
 from saltus.controller.plans import Plans
+from saltus.controller.robot.backend import CourseRobot
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.shove import Shove
 from saltus.controller.tick import CompiledTick, Tick
@@ -21,8 +22,8 @@ from saltus.wire.messages import ControllerMode
 TICK_NS = round(1e9 * PHYSICS_DT)
 STEP_NS = TICK_NS * POLICY_STEPS
 CATCH_UP_TICKS = 10
-"""20 ms: the robot is simulated, and its time should not fall behind the run's clock when the
-machine stalls."""
+"""20 ms: a robot that is simulated here should not fall behind the run's clock when the machine
+stalls."""
 STEPS_AT_REST = 120
 """The end of a recording shows a robot that stands: of 80 landings on flat ground at random phases
 of the gait, the slowest was at rest 0.98 s after its legs had caught it."""
@@ -33,27 +34,38 @@ was told to."""
 
 def body(context: ProcessContext) -> None:
     """Runs one trial, to its end or until the process is told to stop."""
-    # In lockstep nobody is late: the reference itself, to the bit
-    robot = MujocoRobot(context.setup, compiled=context.config.pace == "realtime")
-    robot.reset()
+    robot = _robot(context)
     try:
+        robot.reset()
         ControllerRun(context, robot).run()
     finally:
         robot.close()
 
 
-class ControllerRun:
-    """One run of a simulated robot on the bus."""
+def _robot(context: ProcessContext) -> CourseRobot:
+    """The robot of a run: simulated here, or over DDS in another process."""
+    if context.config.link == "dds":
+        from saltus.controller.robot.unitree.on_course import UnitreeOnCourse  # needs Cyclone DDS
 
-    def __init__(self, context: ProcessContext, robot: MujocoRobot) -> None:
+        return UnitreeOnCourse.of_run(context.setup, context.config, context.clock)
+    # In lockstep nobody is late: the reference itself, to the bit
+    return MujocoRobot(context.setup, compiled=context.config.pace == "realtime")
+
+
+class ControllerRun:
+    """One run of a robot on the bus."""
+
+    def __init__(self, context: ProcessContext, robot: CourseRobot) -> None:
         self._context = context
         self._robot = robot
         kind = context.setup.robot
         compensation = compensation_for(context.config.known, kind)
         # Nobody is late there: the reference itself, to the bit
         lockstep = context.config.pace == "lockstep"
-        self._loop = ControlLoop(kind, (Tick if lockstep else CompiledTick)(kind, compensation))
-        self._course = Course(robot.terrain, context.config.time_limit_s)
+        tick = (Tick if lockstep else CompiledTick)(kind, compensation)
+        # One that is simulated here begins in its stand pose
+        self._loop = ControlLoop(kind, tick, rises=context.config.link == "dds")
+        self._course = Course(context.setup.terrain, context.config.time_limit_s)
         self._progress = CourseState(outcome=None, halt=False, over=False)
         self._plans = Plans(context)
         self._shove = Shove(context.bus)
@@ -63,6 +75,7 @@ class ControllerRun:
         self._mode = ControllerMode.STAND
         self._step = 0
         self._interrupted = False
+        self._steps_lost = 0
 
     def run(self) -> None:
         """Steps to the end: in lockstep when all others have answered, in real time by the run's clock."""
@@ -70,7 +83,9 @@ class ControllerRun:
         if self._context.config.pace == "lockstep":
             exchange = Lockstep(self._context, self._plans)
         else:
-            ticker = Ticker(1.0 / PHYSICS_DT, catch_up=CATCH_UP_TICKS, clock=self._context.clock)
+            here = self._context.config.link == "here"
+            catch_up = CATCH_UP_TICKS if here else 1
+            ticker = Ticker(1.0 / PHYSICS_DT, catch_up=catch_up, clock=self._context.clock)
             freeze()
         self._context.ready()
         while not self._finished():
@@ -111,7 +126,7 @@ class ControllerRun:
 
     def _come_to_a_stand(self, ticker: Ticker | None) -> None:
         """A robot that is told to stop in the middle of a run lands before its controller goes."""
-        if not self._progress.over:
+        if not (self._progress.over or self._robot.fault):
             self._interrupted = True
             resting = 0
             for _ in range(MAX_STEPS_TO_STAND):
@@ -121,10 +136,11 @@ class ControllerRun:
                     break
 
     def _finished(self) -> bool:
-        return self._context.stopped or self._progress.over
+        lost = self._steps_lost >= STEPS_AT_REST
+        return self._context.stopped or self._progress.over or lost
 
     def _act(self, now_ns: int) -> None:
-        halt = self._progress.halt or self._interrupted
+        halt = self._progress.halt or self._interrupted or bool(self._robot.fault)
         plan, age_s = self._plans.newest(now_ns, halt=halt)
         self._robot.write(self._loop.act(plan, age_s))
         if self._loop.mode != self._mode:
@@ -135,12 +151,14 @@ class ControllerRun:
     def _close_step(self, start_ns: int) -> None:
         self._joints.put(self._loop.take_joint_log(start_ns, self._step))
         self._step += 1
-        state = self._robot.state
+        if self._robot.fault:
+            if not self._steps_lost:
+                self._context.event("robot_lost", self._robot.fault)
+            self._steps_lost += 1
         before = self._progress
         self._progress = self._course.step(
             self._step * POLICY_STEPS * PHYSICS_DT,
-            state.position_base_in_world,
-            state.quaternion_base_in_world,
+            *self._robot.pose(),
             self._robot.take_trunk_contact(),
             self._mode,
         )

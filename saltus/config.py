@@ -23,6 +23,7 @@ PlannerName = Literal["scripted", "learned"]
 PLAN_TOPICS = ("policy/plan", "policy/joints")
 """Topics of plans for jumps, and of joint targets."""
 RunPlanner = Literal["scripted", "learned", "walking"]
+Link = Literal["here", "dds"]
 
 Config = TypeVar("Config")
 
@@ -112,6 +113,13 @@ class RunConfig:
     """Path of a script of commands (`saltus.drive.script`), which an operator's process gives: in
     lockstep the planner waits for the command of each step."""
     time_limit_s: float = 20.0
+    link: Link = "here"
+    """here: the robot is simulated in the controller's process. dds: it is another process, which
+    is spoken to over its own protocol."""
+    domain: int = 1
+    """DDS domain of a robot over DDS."""
+    interface: str = "lo"
+    """Network interface to it."""
     speed: float = 1.0
     """Real time: seconds of the run for each second of the machine, more than 0 and at most 1."""
     epoch_ns: int = 0

@@ -3,9 +3,14 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
+import numpy as np
+
 from saltus.arrays import Floats
+from saltus.grid import HeightGrid
 from saltus.joint_command import JointCommand
 from saltus.states import Measurement
+from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import GroundTruth
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,3 +40,37 @@ class RobotBackend(ABC):
     @abstractmethod
     def close(self) -> None:
         """Lets go of the robot; drives are left damped. May be called twice."""
+
+
+class CourseRobot(RobotBackend):
+    """A robot of a run: it is simulated, here or elsewhere, so that camera and judge know the truth."""
+
+    @property
+    def fault(self) -> str:
+        """Why it was given up and is damped, in words; empty while it is not."""
+        return ""
+
+    @abstractmethod
+    def truth(self, time_ns: int, step: int) -> GroundTruth:
+        """The true state and the true terrain ahead, dated as it is asked for."""
+
+    @abstractmethod
+    def pose(self) -> tuple[Floats, Floats]:
+        """True place of the base in the world [m], shape (3,), and its quaternion (w, x, y, z)."""
+
+    @abstractmethod
+    def take_trunk_contact(self) -> bool:
+        """True where the trunk touched anything since the last call."""
+
+    @abstractmethod
+    def push(self, force: float) -> None:
+        """Pushes the trunk along the world's y from now on [N]; 0 ends it."""
+
+
+def true_heights(
+    terrain: Terrain, grid: HeightGrid, position: Floats, quaternion: Floats
+) -> Floats:
+    """True heights of a grid around a robot, relative to its base [m], shape (points,)."""
+    w, x, y, z = quaternion
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return terrain.height_at(*grid.points_in_world(position, yaw)) - position[2]

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from saltus.controller.robot.backend import Reading, RobotBackend
+from saltus.arrays import Floats
+from saltus.controller.robot.backend import CourseRobot, Reading, true_heights
 from saltus.joint_command import JointCommand
 from saltus.setup import Setup
 from saltus.sim.plant import Plant
@@ -10,7 +11,7 @@ from saltus.sim.state import PlantState
 from saltus.wire.messages import GroundTruth
 
 
-class MujocoRobot(RobotBackend):
+class MujocoRobot(CourseRobot):
     """One robot in MuJoCo, with the hardware of its trial, whose drives may be compiled (`Plant`)."""
 
     def __init__(self, setup: Setup, *, compiled: bool = False) -> None:
@@ -48,33 +49,36 @@ class MujocoRobot(RobotBackend):
         self._trunk_contact |= bool(self._plant.step(command).trunk_contact)
 
     def push(self, force: float) -> None:
-        """Pushes the trunk along the world's y from now on [N]; 0 ends it."""
+        """See `CourseRobot.push`."""
         self._plant.push(force)
 
     def close(self) -> None:
         """Nothing to let go of."""
 
     def take_trunk_contact(self) -> bool:
-        """True where the trunk touched anything since the last call."""
+        """See `CourseRobot.take_trunk_contact`."""
         touched, self._trunk_contact = self._trunk_contact, False
         return touched
 
-    def truth(self, time_ns: int, step: int) -> GroundTruth:
-        """The true state and the true terrain ahead, for camera, labels and reports."""
+    def pose(self) -> tuple[Floats, Floats]:
+        """See `CourseRobot.pose`."""
         state = self._plant.state
-        w, x, y, z = state.quaternion_base_in_world
-        yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        position = state.position_base_in_world
+        return state.position_base_in_world, state.quaternion_base_in_world
+
+    def truth(self, time_ns: int, step: int) -> GroundTruth:
+        """See `CourseRobot.truth`."""
+        state = self._plant.state
+        position, quaternion = self.pose()
         return GroundTruth(
             time_ns=time_ns,
             step=step,
             position_base_in_world=position,
-            quaternion_base_in_world=state.quaternion_base_in_world,
+            quaternion_base_in_world=quaternion,
             velocity_base_in_world=state.velocity_base_in_world,
             angular_velocity_base=state.angular_velocity_base,
             joint_position=state.joint_position,
             foot_force=state.foot_force,
             x=self._x,
             y=self._y,
-            height=self.terrain.height_at(*self._grid.points_in_world(position, yaw)) - position[2],
+            height=true_heights(self.terrain, self._grid, position, quaternion),
         )

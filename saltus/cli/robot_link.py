@@ -30,15 +30,21 @@ LAND_S = 2.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinkOptions:
-    """Flags of a command that joins a robot's DDS domain."""
+class DomainOptions:
+    """Flags that say where a robot is."""
 
-    robot: str = "go2"
-    """Go2, or the path of an MJCF or of a folder with a robot.toml: your Go2."""
     domain: int = 1
     """DDS domain: 0 of a real robot; simulated ones take 1 by custom."""
     interface: str = "lo"
     """Network interface: lo for this computer, or that on which the robot hangs."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkOptions(DomainOptions):
+    """Flags of a command that joins a robot's DDS domain."""
+
+    robot: str = "go2"
+    """Go2, or the path of an MJCF or of a folder with a robot.toml: your Go2."""
 
     def loaded(self) -> "Robot":
         """The robot's values.
@@ -48,8 +54,13 @@ class LinkOptions:
         """
         from saltus.robots.loading import load_robot
 
-        check_package("cyclonedds", "dds", "a robot's DDS needs")
+        need_dds()
         return load_robot(self.robot)
+
+
+def need_dds() -> None:
+    """Raises `ConfigError` where Cyclone DDS is not installed."""
+    check_package("cyclonedds", "dds", "a robot's DDS needs")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +102,9 @@ class Simulate(PaceOptions, LinkOptions):
     """Time of the robot after which the simulation ends [s]."""
     seed: int = 0
     """Seed of noise and lost packets."""
+    drawn: Flag = False
+    """Place, friction, payload and strength of the drives are those that the seed draws for a run
+    of `saltus up`, not the nominal ones."""
 
     def run(self) -> int:
         """Runs until the end."""
@@ -99,13 +113,14 @@ class Simulate(PaceOptions, LinkOptions):
         check_speed(self.speed)
         robot = self.loaded()
         simulated = self._simulated(robot)
-        from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
+        from saltus.controller.robot.unitree.link import COMMANDS, STATES, TRUTHS, UnitreeLink
         from saltus.controller.robot.unitree.serving import RobotServer, Stranger
 
         lockstep = self.pace == "lockstep"
         link = UnitreeLink(
-            self.domain, self.interface, sends=[STATES], takes=[COMMANDS], reliable=lockstep
-        )
+            self.domain, self.interface, sends=[STATES, TRUTHS], takes=[COMMANDS],
+            reliable=lockstep,
+        )  # fmt: skip
         stranger = Stranger(robot, self.domain, self.interface)
         server = RobotServer(link, simulated, stranger)
         print(
@@ -134,12 +149,18 @@ class Simulate(PaceOptions, LinkOptions):
         from saltus.effects.profile import load_profile
         from saltus.sim.plant import Plant
         from saltus.terrain.curriculum import make_terrain
+        from saltus.trial import Trial
 
-        profile = load_profile(self.profile, robot)
+        profile, trial = load_profile(self.profile, robot), Trial()
+        if self.drawn:
+            trial = Trial.draw(self.seed)
+            profile = trial.applied_to(profile)
         plant = Plant(
-            robot, make_terrain(self.course), chain=profile.actuator_chain,
-            body=profile.body_chain, imu=profile.imu_chain, held=self.held,
+            robot, make_terrain(self.course), friction=trial.friction, payload_kg=trial.payload_kg,
+            chain=profile.actuator_chain, body=profile.body_chain, imu=profile.imu_chain,
+            held=self.held,
         )  # fmt: skip
+        plant.reset(position_x=trial.position_x, yaw=trial.yaw)
         faults = Faults([Fault.parse(text) for text in self.fault], self.seed)
         return SimulatedUnitree(plant, faults, self.seed)
 
@@ -199,6 +220,23 @@ def ticking(clock: "RunClock") -> "Callable[[], float]":
         return clock.elapsed_s()
 
     return wait
+
+
+def refuse_unfit(link: "UnitreeLink", name: str, wait: "Callable[[], float]") -> None:
+    """Listens for 2 s, and raises `StackError` for a robot that may not be commanded."""
+    from saltus.controller.robot.unitree.listening import link_checks, listen
+
+    for check in link_checks(listen(link, wait)):
+        if not check.passed:
+            raise StackError(
+                f"{name} is not commanded: {check.name}: {check.found} (allowed: "
+                f"{check.allowed}); {check.cure}. saltus robot preflight says more"
+            )
+
+
+def await_person(name: str) -> None:
+    """Returns when a person lets the robot rise."""
+    input(f"Enter lets {name} rise; keep away from it. Ctrl-C ends it: ")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -293,9 +331,9 @@ class Run(PaceOptions, LinkOptions):
         wait = (lambda: 0.0) if lockstep else ticking(clock)
         with contextlib.closing(robot):
             if not lockstep:
-                self._refuse(link, kind, wait)
+                refuse_unfit(link, kind.name, wait)
             if not self.begin:
-                input(f"Enter lets {kind.name} rise; keep away from it. Ctrl-C ends it: ")
+                await_person(kind.name)
             robot.reset()
             run, ends_s = self._begun(robot, kind)
             try:
@@ -314,17 +352,6 @@ class Run(PaceOptions, LinkOptions):
             f"at most {run.peak_power_w:.0f} W"
         )
         return 1 if robot.fault or (mode == "DAMP" and self.stage in STAGES) else 0
-
-    def _refuse(self, link: "UnitreeLink", kind: "Robot", wait: "Callable[[], float]") -> None:
-        """Raises `StackError` for a robot that may not be commanded."""
-        from saltus.controller.robot.unitree.listening import link_checks, listen
-
-        for check in link_checks(listen(link, wait)):
-            if not check.passed:
-                raise StackError(
-                    f"{kind.name} is not commanded: {check.name}: {check.found} (allowed: "
-                    f"{check.allowed}); {check.cure}. saltus robot preflight says more"
-                )
 
     def _begun(
         self, robot: "UnitreeRobot", kind: "Robot"

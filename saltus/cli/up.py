@@ -1,19 +1,20 @@
 """`saltus up`: the processes, until Ctrl-C."""
 
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 from saltus.cli.output import follow, run_directory
+from saltus.cli.robot_link import DomainOptions, await_person, need_dds, refuse_unfit, ticking
 from saltus.cli.run_options import NetworkOptions, RunOptions
-from saltus.config import LONGEST_RUN_S, Pace
+from saltus.config import LONGEST_RUN_S, Link, Pace
 from saltus.errors import ConfigError, RecordingError
 from saltus.flags import Flag, shown
 
 
 @dataclass(frozen=True, kw_only=True)
-class Up(RunOptions, NetworkOptions):
+class Up(DomainOptions, RunOptions, NetworkOptions):
     """Starts the processes and keeps them running until Ctrl-C or until the robot has finished.
 
     For example:
@@ -22,9 +23,15 @@ class Up(RunOptions, NetworkOptions):
       saltus up --standbys
       saltus up --grid scan
       saltus up --listen 192.168.123.10:7447 --keys keys
+      saltus up --robot go2 --link dds --terrain flat --planner scripted
     """
 
     pace: Pace = "realtime"
+    link: Link = "here"
+    """Here: the controller simulates the robot. dds: a `saltus robot simulate` that runs already, on the
+    same terrain and at the same pace and speed, is spoken to over its own protocol."""
+    begin: Flag = False
+    """With --link dds: the robot rises at once. Without it you are asked to press Enter."""
     standbys: Flag = False
     """Camera, heightmap service and planner each have a second process that works along unheard, and goes on where the
     first was killed; without, the camera has one that waits. On two cores they take the others'
@@ -34,7 +41,10 @@ class Up(RunOptions, NetworkOptions):
     scan, or a TOML file. A fifth process tells them."""
 
     def run(self) -> int:
-        """Runs until the end and says how it went; 0 then, 130 after Ctrl-C (the recording is closed either way)."""
+        """Runs until the end and says how it went; 0 then, 1 where a robot over DDS was lost.
+
+        130 after Ctrl-C; the recording is closed in every case.
+        """
         from saltus.grid import load_grid
         from saltus.runtime.programs import PROGRAMS, WITH_STANDBYS, scan
         from saltus.runtime.run_folder import CLIENT_FILE
@@ -53,10 +63,14 @@ class Up(RunOptions, NetworkOptions):
         if self.grid is not None:
             load_grid(self.grid)  # what is wrong with it is said at once
             programs = (scan(self.grid), *programs)
-        config = self.config(LONGEST_RUN_S)
+        where = {"link": self.link, "domain": self.domain, "interface": self.interface}
+        config = replace(self.config(LONGEST_RUN_S), **where)  # type: ignore[arg-type]
         network = self.network(config.prefix)
         directory = run_directory("up", self.out)
+        if self.link == "dds":
+            self._meet()
         stack = Stack(config, directory, programs, network=network)
+        lost = False
         try:
             with stack:
                 print(
@@ -70,16 +84,36 @@ class Up(RunOptions, NetworkOptions):
                 with contextlib.suppress(
                     RecordingError
                 ):  # the disk was full at the start, as is being said
-                    _tell(stack.recording, stack.restarts)
-        return 0
+                    lost = _tell(stack.recording, stack.restarts)
+        return 1 if lost else 0
+
+    def _meet(self) -> None:
+        """Listens to a robot over DDS, and waits for a person; `StackError` where it may not be commanded."""
+        need_dds()
+        from saltus.clock import RunClock
+        from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
+
+        if self.pace == "realtime":  # in lockstep it says nothing unless it is told something
+            link = UnitreeLink(self.domain, self.interface, sends=[COMMANDS], takes=[STATES])
+            with contextlib.closing(link):
+                refuse_unfit(link, self.robot, ticking(RunClock(speed=self.speed)))
+        if not self.begin:
+            await_person(self.robot)
 
 
-def _tell(path: Path, restarts: dict[str, int]) -> None:
+def _tell(path: Path, restarts: dict[str, int]) -> bool:
+    """Prints how a run went; True where its robot was lost."""
     from saltus.recordings.recording import read_recording
     from saltus.recordings.summary import sentence, summarise
+    from saltus.wire.messages import Event
 
-    print(sentence(summarise(read_recording(path))))
+    recording = read_recording(path)
+    lost = [event.detail for event in recording.of(Event) if event.code == "robot_lost"]
+    print(sentence(summarise(recording)))
+    for why in lost:
+        print(f"the robot was given up and damped: {why}")
     for process, times in restarts.items():
         if times:
             print(f"{process} was started again {times} times")
     print(f"recording {path}")
+    return bool(lost)

@@ -30,12 +30,13 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, LOW_STATE, Layout
+from saltus.controller.robot.unitree.truth import TRUTH
 from saltus.dds_types import raw_type_of
 from saltus.errors import StackError
 
-COMMANDS, STATES = "rt/lowcmd", "rt/lowstate"
-LAYOUTS: dict[str, Layout] = {COMMANDS: LOW_COMMAND, STATES: LOW_STATE}
-"""Topics of the low level and what they carry."""
+COMMANDS, STATES, TRUTHS = "rt/lowcmd", "rt/lowstate", "rt/simulated_robot"
+LAYOUTS: dict[str, Layout] = {COMMANDS: LOW_COMMAND, STATES: LOW_STATE, TRUTHS: TRUTH}
+"""Topics of the low level and what they carry; the last is a simulated robot's alone."""
 DOMAIN_MAX = 232  # of DDS: ports of higher ones do not exist
 LOOPBACK = "lo"
 INTERFACE = re.compile(r"[\w.:@-]{1,15}")  # names of Linux: IFNAMSIZ is 16 with its end

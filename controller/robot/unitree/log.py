@@ -16,7 +16,7 @@ WAIT_S = 0.1
 
 def new_log(path: Path) -> CdrLog:
     """An empty recording of a robot; the errors of `CdrLog`."""
-    return CdrLog(path, {TOPICS[name]: layout.type_name for name, layout in LAYOUTS.items()})
+    return CdrLog(path, {topic: LAYOUTS[name].type_name for name, topic in TOPICS.items()})
 
 
 def record(

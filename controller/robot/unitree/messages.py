@@ -59,7 +59,7 @@ SERVO, OFF = 1, 0
 ENCAPSULATION = bytes((0, 1, 0, 0))  # CDR, little endian (OMG DDSI-RTPS 10.5)
 FORMS = {
     "uint8": "u1", "uint16": "<u2", "int16": "<i2", "uint32": "<u4", "int32": "<i4",
-    "float32": "<f4",
+    "float32": "<f4", "float64": "<f8",
 }  # fmt: skip
 POLYNOMIAL = 0x04C11DB7
 """Polynomial of the checksum; with 32 bits of ones at the start, and nothing inverted at the

@@ -4,7 +4,7 @@ import time
 
 from saltus.clock import RunClock
 from saltus.constants import PHYSICS_DT
-from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
+from saltus.controller.robot.unitree.link import COMMANDS, STATES, TRUTHS, UnitreeLink
 from saltus.controller.robot.unitree.simulated import SimulatedUnitree, holding_message
 from saltus.robots.robot import Robot
 from saltus.runtime.ticker import Ticker
@@ -52,7 +52,7 @@ class RobotServer:
 
     def lockstep(self, until_s: float) -> None:
         """Advances by 2 ms with each command, as fast as these come, and answers each."""
-        said_s = 0.0
+        first, said_s = self._robot.said(), 0.0  # once: noise must not depend on how long one waits
         while self._robot.time_s < until_s:
             taken = self._link.take(COMMANDS)
             for arrived in taken:
@@ -62,7 +62,7 @@ class RobotServer:
                 continue
             if not self._robot.commands and time.monotonic() - said_s > ANEW_S:
                 said_s = time.monotonic()
-                self._send(self._robot.said())
+                self._send(first)
             self._link.wait(COMMANDS, ANEW_S)
 
     def _tick(self) -> None:
@@ -71,5 +71,6 @@ class RobotServer:
             self._stranger.command()
 
     def _send(self, payloads: list[bytes]) -> None:
+        self._link.send(TRUTHS, self._robot.truth())  # before the state, with which it is asked for
         for payload in payloads:
             self._link.send(STATES, payload)

@@ -7,6 +7,7 @@ from saltus.constants import PHYSICS_DT
 from saltus.controller.robot.unitree.drives import MS, command_message, command_of, state_message
 from saltus.controller.robot.unitree.faults import Faults
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, LOW_STATE, Message, is_intact
+from saltus.controller.robot.unitree.truth import truth_payload
 from saltus.errors import MessageError
 from saltus.joint_command import JointCommand
 from saltus.robots.robot import Robot
@@ -38,7 +39,7 @@ class SimulatedUnitree:
         self._noise = np.random.default_rng(seed)
         self._plant, self._faults = plant, faults or Faults(())
         self._command = _holding(plant.robot)
-        self._ticks = 0
+        self._ticks = self._contacts = 0
         self.commands = 0
         """Commands that were taken."""
         self.refused = 0
@@ -79,7 +80,7 @@ class SimulatedUnitree:
         Raises:
             SaltusError: the command is not finite, or the simulation diverges.
         """
-        self._plant.step(self._command)
+        self._contacts += bool(self._plant.step(self._command).trunk_contact)
         self._ticks += 1
         return self.said()
 
@@ -88,6 +89,11 @@ class SimulatedUnitree:
         message = self._state()
         self._faults.on_state(message, self.time_s)
         return self._faults.on_way(LOW_STATE.sealed(message), self.time_s)
+
+    def truth(self) -> bytes:
+        """Truth about the present state, as it travels; no fault touches it."""
+        plant, tick = self._plant, round(self.time_s / MS)
+        return truth_payload(plant.state, plant.terrain, tick=tick, contacts=self._contacts)
 
     def _state(self) -> Message:
         plant = self._plant

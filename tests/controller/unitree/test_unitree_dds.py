@@ -14,7 +14,7 @@ from unitree_processes import simulated
 from benchmarks.unitree_link.command import LOOPBACK, compiled, own_domain
 from saltus.clock import RunClock
 from saltus.controller.loop import ControlLoop
-from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
+from saltus.controller.robot.unitree.link import COMMANDS, STATES, TRUTHS, UnitreeLink
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.controller.robot.unitree.serving import Stranger
 from saltus.errors import StackError
@@ -26,7 +26,8 @@ SLOW = 0.02  # seconds of the robot for each of the computer, which others may k
 
 @pytest.fixture
 def link() -> Iterator[UnitreeLink]:
-    made = UnitreeLink(own_domain(), "lo", sends=[COMMANDS], takes=[STATES], reliable=True)
+    takes = [STATES, TRUTHS]
+    made = UnitreeLink(own_domain(), "lo", sends=[COMMANDS], takes=takes, reliable=True)
     yield made
     made.close()
 

@@ -8,7 +8,7 @@ import numpy as np
 from saltus.constants import PHYSICS_DT
 from saltus.controller.loop import ControlLoop
 from saltus.controller.robot.unitree.faults import Fault, Faults
-from saltus.controller.robot.unitree.link import COMMANDS, STATES, Arrived
+from saltus.controller.robot.unitree.link import COMMANDS, STATES, TRUTHS, Arrived
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.controller.robot.unitree.simulated import SimulatedUnitree
 from saltus.controller.tick import CompiledTick
@@ -41,13 +41,15 @@ class Wire:
     def __init__(self, robot: SimulatedUnitree, strangers: Sequence[str] = ()) -> None:
         self.robot, self.strangers = robot, tuple(strangers)
         self.sent: list[bytes] = []
-        self._come: list[Arrived] = []
+        self._come: dict[str, list[Arrived]] = {STATES: [], TRUTHS: []}
 
     def elapsed_s(self) -> float:
         return self.robot.time_s
 
     def tick(self) -> None:
-        self._come += [Arrived(payload, 0, 0) for payload in self.robot.step()]
+        said = {STATES: self.robot.step(), TRUTHS: [self.robot.truth()]}
+        for topic, payloads in said.items():
+            self._come[topic] += [Arrived(payload, 0, 0) for payload in payloads]
 
     def send(self, topic: str, payload: bytes) -> None:
         assert topic == COMMANDS
@@ -55,8 +57,7 @@ class Wire:
         self.robot.hear(payload)
 
     def take(self, topic: str) -> list[Arrived]:
-        assert topic == STATES
-        come, self._come = self._come, []
+        come, self._come[topic] = self._come[topic], []
         return come
 
     def wait(self, topic: str, seconds: float) -> None:
