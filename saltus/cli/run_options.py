@@ -170,9 +170,7 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
         JointPolicy(self.policy_model).refuse_other(robot)
         ScanNetwork(model_path("scan", self.heightmap_model))
 
-    def _check_jumping(
-        self, camera: "DepthCamera", robot: "Robot", heightmap: str | None
-    ) -> None:
+    def _check_jumping(self, camera: "DepthCamera", robot: "Robot", heightmap: str | None) -> None:
         """Refuses networks that cannot make this robot jump or see for it."""
         from saltus.heightmap.data.predicted import load_predictor
         from saltus.policy.planner import make_planner
