@@ -11,7 +11,6 @@ from saltus.real2sim.search.decide import ModelComparison
 from saltus.real2sim.search.findings import FoundEffect, Interval
 from saltus.real2sim.search.fit import Fit
 from saltus.real2sim.search.quadratic import covariance, white_covariance
-from saltus.real2sim.search.split import Cells
 
 SAME = 0.1
 """Values at several places count as equal if they differ by less than this share beyond their
@@ -28,9 +27,9 @@ models."""
 
 ALONG = 1.0 / 3.0
 """How large the part of a misfit is that a fit hides in its values, relative to the part that it
-leaves. A misfit is taken to lie as any other effect does: of 4,100 pairs of effects in the logs of
-two benchmarks, one has along the signature of the other 0.33 times (RMS) what it has beside it,
-pairs with |cos| above 0.9 not counted."""
+leaves. A misfit is taken to lie as any other effect does: of 4,100 pairs of effects in the joint
+logs of two benchmarks, one has along the signature of the other 0.33 times (RMS) what it has beside
+it, pairs with |cos| above 0.9 not counted."""
 TINY = 1e-30
 """Keeps shares finite where an effect leaves no trace."""
 
@@ -84,6 +83,7 @@ def places_of(problem: Problem, comparison: ModelComparison, fit: Fit, effect: s
             own = np.flatnonzero(np.isin(fit.columns, columns))
             sized = own[~comparison.layout.is_shape[fit.columns[own]]]
             trace = fit.unknowns[block, fit.columns[sized]] @ fit.jacobian[block, sized]
+            wrong = _misfit_norm(comparison, fit, block, candidate, own)
             found.append(
                 Place(
                     block=block,
@@ -91,25 +91,34 @@ def places_of(problem: Problem, comparison: ModelComparison, fit: Fit, effect: s
                     name=problem.places[block].get(candidate.where, candidate.where),
                     value=fit.unknowns[block, columns],
                     covariance=_with_unseen(scatter[np.ix_(own, own)], candidate),
-                    misfit=white[np.ix_(own, own)]
-                    * _misfit_power(comparison.cells, trace, fit.residuals[block], candidate),
+                    misfit=white[np.ix_(own, own)] * np.outer(wrong, wrong),
                     rms=float(np.sqrt(comparison.cells.power(trace).max())),
                 )
             )
     return found
 
 
-def _misfit_power(cells: Cells, trace: Floats, left: Floats, candidate: Candidate) -> float:
-    """Sum of squares by which a true effect may differ from its model along the signature of one value.
+def _misfit_norm(
+    comparison: ModelComparison, fit: Fit, block: int, candidate: Candidate, own: Indices
+) -> Floats:
+    """Norm by which a true effect may differ from its model along the signature of each unknown, shape (own,).
 
-    It is a share of the effect's own sum of squares: that of two correct models, and `ALONG` of
-    what the model leaves where the effect shows. Both arrays have the shape (m,).
+    It is a share of what the unknown adds, and a shape of what the whole effect adds: that of two
+    correct models; and `ALONG` of what the model leaves where the signature shows. `own` are the
+    unknowns of the effect among those that are fitted.
     """
-    shown = cells.power(trace)
+    cells, jacobian = comparison.cells, fit.jacobian[block, own]
+    columns = fit.columns[own]
+    is_shape = comparison.layout.is_shape[columns]
+    sizes = fit.unknowns[block, columns]
+    whole = cells.counts @ cells.power(sizes[~is_shape] @ jacobian[~is_shape])
+    shown = cells.power(jacobian)  # (own, cells)
+    norm = shown @ cells.counts
+    added = np.where(is_shape, whole, sizes**2 * norm)
     weight = cells.counts * shown
-    unexplained = float(weight @ cells.beyond_noise(left))
-    share = max(unexplained, 0.0) / max(float(weight @ shown), TINY)
-    return (candidate.model_error**2 + ALONG**2 * share) * float(cells.counts @ shown)
+    unexplained = np.maximum(weight @ cells.beyond_noise(fit.residuals[block]), 0.0)
+    left = unexplained / np.maximum(np.sum(weight * shown, axis=1), TINY) * norm
+    return np.asarray(np.sqrt(candidate.model_error**2 * added + ALONG**2 * left))
 
 
 def group(problem: Problem, places: list[Place], least: float) -> list[Group]:

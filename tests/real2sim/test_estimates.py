@@ -1,6 +1,7 @@
 """One value for all places, or one for each kind of place, as the data have it, and its interval."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -60,3 +61,27 @@ def test_intervals_hold_the_size_of_an_effect_of_another_shape(misfit: float) ->
     assert np.mean(held) >= 0.75  # of 90 %, in 12 draws
     # no wider than asked for by noise and correct models, and by a third of what is left
     assert np.median(widths) <= 2.0 * 1.645 * 1.3 * np.hypot(0.03, misfit / 3.0)
+
+
+class VectorProblem(LinearProblem):
+    """One effect with two sizes, x ten times y."""
+
+    def __init__(self) -> None:
+        places = list(itertools.product(WHERES, BLOCKS))
+        hidden = {("e0", *place): 40.0 for place in places} | {("e1", *p): 4.0 for p in places}
+        super().__init__(hidden, effects=2, blocks=BLOCKS)
+        size = self.candidates[0].unknowns[0]
+        both = (replace(size, name="x"), replace(size, name="y"))
+        self.candidates = (
+            *(replace(c, unknowns=both, starts=((0.5, 0.5),)) for c in self.candidates[:2]),
+            self.candidates[-1],
+        )
+        self._signatures = self._signatures[[0, 2, 1, 3, 4]]
+
+
+def test_a_small_component_is_no_less_certain_beside_a_large_one() -> None:
+    (effect,) = search(VectorProblem()).effects
+    for name, size in (("x", 40.0), ("y", 4.0)):
+        low, high = effect.params[name].ci90
+        assert low <= size <= high
+        assert high - low <= 2.0 * 1.645 * 1.3 * 0.03 * size
