@@ -34,7 +34,7 @@ from saltus.effects.effect import Effect
 from saltus.effects.image_pixels import to_robot
 from saltus.effects.motors import BatterySag, TorqueSaturation
 from saltus.effects.profile import EFFECTS, IDEAL, Profile
-from saltus.errors import ConfigError, nearest_hint
+from saltus.errors import ConfigError, check_known
 from saltus.real2sim.problem.joints.torque_curve import as_knee, with_curve
 from saltus.real2sim.search.findings import FoundEffect
 from saltus.real2sim.verdict import effect_from_dict, effect_to_dict
@@ -207,8 +207,7 @@ def _largest(values: Floats | None) -> float | None:
 
 def _with(profile: Profile, robot: Robot, found: FoundEffect, reach: Applicability) -> Profile:
     """The profile with one more effect, or with new values of an effect that it has."""
-    if found.name not in EFFECTS:
-        raise ConfigError(f"unknown effect '{found.name}': {nearest_hint(found.name, EFFECTS)}")
+    check_known("unknown effect", found.name, EFFECTS)
     kind = EFFECTS[found.name]
     before = profile.effects.get(found.name, kind())
     after: Effect
@@ -231,10 +230,7 @@ def _values(effect: Effect, found: FoundEffect) -> dict[str, Any]:
     known = {f.name: f.metadata for f in fields(effect) if "low" in f.metadata}
     values: dict[str, Any] = {}
     for name, interval in found.params.items():
-        if name not in known:
-            raise ConfigError(
-                f"unknown parameter '{effect.name}.{name}': {nearest_hint(name, known)}"
-            )
+        check_known("unknown parameter", name, known, within=f"{effect.name}.")
         if not known[name]["per_joint"] or found.where == "all":
             values[name] = interval.value
             continue
@@ -251,8 +247,5 @@ def _joints(found: FoundEffect) -> list[int]:
     """Indices of the joints that a finding names."""
     names: Sequence[str] = (found.where,) if isinstance(found.where, str) else found.where
     for name in names:
-        if name not in JOINTS:
-            raise ConfigError(
-                f"'{found.name}' at an unknown joint '{name}': {nearest_hint(name, JOINTS)}"
-            )
+        check_known(f"'{found.name}' at an unknown joint", name, JOINTS)
     return [JOINTS.index(name) for name in names]

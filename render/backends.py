@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from saltus.config import Renderer as RendererName
 from saltus.depth import Intrinsics
-from saltus.errors import ConfigError, SaltusError, nearest_hint
+from saltus.errors import SaltusError, check_known
 from saltus.render.camera import RobotCamera
 from saltus.render.renderer import Renderer as Renderer
 from saltus.render.renderer import StereoRenderer
@@ -53,8 +53,7 @@ def make_stereo(name: str, terrain: Terrain, optics: Optics, camera: RobotCamera
 
 def _loaded(name: str, preferred: Sequence[str]) -> BackEnd:
     """Back ends are imported here, each only when it is asked for: their libraries are large."""
-    if name not in NAMES:
-        raise ConfigError(f"no renderer '{name}': {nearest_hint(name, NAMES)}")
+    check_known("no renderer", name, NAMES)
     failures = []
     for choice in preferred if name == "auto" else [name]:
         try:

@@ -15,7 +15,7 @@ from typing import Any, Literal, Self, TypeVar
 import numpy as np
 import tomli_w
 
-from saltus.errors import ConfigError, nearest_hint
+from saltus.errors import ConfigError, check_known, nearest_hint
 
 Pace = Literal["lockstep", "realtime"]
 Renderer = Literal["auto", "embree", "pyrender", "warp"]
@@ -235,8 +235,7 @@ def from_table(kind: type[Config], table: Mapping[str, object], where: str = "")
     values: dict[str, object] = {}
     for name, value in table.items():
         path = f"{where}{name}"
-        if name not in known:
-            raise ConfigError(f"unknown key '{path}': {nearest_hint(name, known)}")
+        check_known("unknown key", name, known, within=where)
         values[name] = _checked(hints[name], value, path)
     for key in keys:
         if key.name not in values and key.default is key.default_factory is dataclasses.MISSING:

@@ -6,7 +6,7 @@ from typing import Literal
 
 from saltus.arrays import Points, namespace
 from saltus.config import Value, check_between
-from saltus.errors import ConfigError, nearest_hint
+from saltus.errors import ConfigError, check_known
 from saltus.grid import HeightGrid
 
 
@@ -72,6 +72,5 @@ def dialect_of(name: str) -> Dialect:
     Raises:
         ConfigError: no dialect is called so.
     """
-    if name not in DIALECTS:
-        raise ConfigError(f"no dialect '{name}': {nearest_hint(name, DIALECTS)}")
+    check_known("no dialect", name, DIALECTS)
     return DIALECTS[name]

@@ -56,6 +56,26 @@ def nearest_hint(name: str, choices: Iterable[str]) -> str:
     return f"choose one of: {shortened(known)}"
 
 
+def check_known(
+    what: str,
+    name: str,
+    choices: Iterable[str],
+    *,
+    within: str = "",
+    error: type[SaltusError] = ConfigError,
+) -> None:
+    """Refuses a name that is none of `choices`: "no robot 'go3': did you mean ...".
+
+    `within` is put before the name, as the tables of a file that it stands in: "gains.".
+
+    Raises:
+        SaltusError: of the kind `error`.
+    """
+    known = list(choices)
+    if name not in known:
+        raise error(f"{what} '{within}{name}': {nearest_hint(name, known)}")
+
+
 def shortened(names: Iterable[str]) -> str:
     """Names in a message: the first of them and how many more there are."""
     known = list(names)

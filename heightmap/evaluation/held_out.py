@@ -18,7 +18,7 @@ from saltus.config import PlannerName, TerrainConfig, check_between
 from saltus.depth import MODEL_CAMERA, depth_frame
 from saltus.effects.camera import drawn_around
 from saltus.effects.profile import SHIPPED
-from saltus.errors import ConfigError, nearest_hint
+from saltus.errors import ConfigError, check_known
 from saltus.heightmap.data.closed_loop import random_course
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
 from saltus.heightmap.data.predicted import PredictedHeights, predicted_heights
@@ -99,8 +99,7 @@ class HeldOutRuns:
             )
         check_between(self, runs=(1, 10**6), seed=(0, LAST_SEED), time_limit_s=(stands_s, 3600.0))
         for name in self.baselines:
-            if name not in BASELINES:
-                raise ConfigError(f"unknown baseline '{name}': {nearest_hint(name, BASELINES)}")
+            check_known("unknown baseline", name, BASELINES)
 
     @property
     def batches(self) -> list[tuple[int, int]]:

@@ -13,7 +13,7 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.config import Value, check_between
 from saltus.dialects import DIALECTS, Dialect
-from saltus.errors import ConfigError, nearest_hint
+from saltus.errors import ConfigError, check_known
 from saltus.grid import HeightGrid, load_grid
 from saltus.robots.robot import JOINTS
 
@@ -95,8 +95,7 @@ class PolicyDescription(Value):
         check_between(self, rate_hz=(1.0, 100.0), history=(1, 100), action_clip=(0.0, math.inf))
         places = [name.removesuffix("_joint") for name in self.joints]
         for name in places:
-            if name not in JOINTS:
-                raise ConfigError(f"joints: no joint '{name}': {nearest_hint(name, JOINTS)}")
+            check_known("joints: no joint", name, JOINTS)
         if len(set(places)) != len(JOINTS):
             raise ConfigError(f"joints: {len(set(places))} names, a robot has {len(JOINTS)}")
         for name in ("pose_rad", "action_scale_rad", "kp", "kd"):

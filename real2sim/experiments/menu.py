@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from saltus.constants import PHYSICS_DT
-from saltus.errors import ConfigError, nearest_hint
+from saltus.errors import check_known
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.motions import Section, repeated
 from saltus.real2sim.experiments.safety import Limits
@@ -257,6 +257,5 @@ EXPERIMENTS: dict[str, Experiment] = {experiment.name: experiment for experiment
 
 def experiment_named(name: str) -> Experiment:
     """An experiment of the menu; for a name that is none, `ConfigError` names the nearest."""
-    if name not in EXPERIMENTS:
-        raise ConfigError(f"no experiment '{name}': {nearest_hint(name, EXPERIMENTS)}")
+    check_known("no experiment", name, EXPERIMENTS)
     return EXPERIMENTS[name]

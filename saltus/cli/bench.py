@@ -10,7 +10,7 @@ import tyro
 from saltus.cli.checkout import checkout
 from saltus.cli.output import print_figures, print_json
 from saltus.cli.parsing import parse
-from saltus.errors import SaltusError, nearest_hint
+from saltus.errors import SaltusError, check_known
 from saltus.extras import install
 from saltus.flags import shown
 
@@ -43,10 +43,7 @@ class Bench:
                 said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
                 print(f"{name:16} {said.splitlines()[0]}")
             return 0
-        if self.name not in files:
-            raise SaltusError(
-                f"there is no benchmark '{self.name}': {nearest_hint(self.name, files)}"
-            )
+        check_known("there is no benchmark", self.name, files, error=SaltusError)
         file = files[self.name].relative_to(folder.parent)
         try:
             return self._measure(".".join(file.with_suffix("").parts))

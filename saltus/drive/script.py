@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from saltus.drive.wish import STAND, Wish
-from saltus.errors import ConfigError, nearest_hint
+from saltus.errors import ConfigError, check_known, nearest_hint
 from saltus.wire.messages import CommandMode
 from saltus.wire.schemas import PLAN_VELOCITY
 
@@ -54,8 +54,7 @@ def _rows(lines: Iterable[str]) -> list[tuple[float, Wish]]:
     reader = csv.DictReader(lines, skipinitialspace=True)
     names = reader.fieldnames or []
     for name in names:
-        if name not in COLUMNS:
-            raise ConfigError(f"no column '{name}': {nearest_hint(name, COLUMNS)}")
+        check_known("no column", name, COLUMNS)
     if not {"time_s", "mode"} <= set(names):
         raise ConfigError(f"the first line must name the columns, {','.join(COLUMNS)}")
     rows = [_row(number, row) for number, row in enumerate(reader, start=2)]

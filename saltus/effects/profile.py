@@ -24,7 +24,7 @@ from saltus.effects.camera import CameraChain, ViewChain
 from saltus.effects.chain import ActuatorChain, BodyChain, ImuChain
 from saltus.effects.effect import Effect
 from saltus.effects.heightmap_shift import HeightmapShift
-from saltus.errors import ConfigError, nearest_hint
+from saltus.errors import ConfigError, check_known, nearest_hint
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import shipped_profiles
 from saltus.wire.topics import Topic, depth_topic
@@ -233,15 +233,11 @@ def load_profile(name_or_path: str, robot: Robot) -> Profile:
 
 def _effect(part: str, name: str, values: Any) -> Effect:
     choices = [kind.name for kind in EFFECTS.values() if PARTS[kind.site] == part]
-    if name not in choices:
-        raise ConfigError(f"unknown effect '{part}.{name}': {nearest_hint(name, choices)}")
+    check_known("unknown effect", name, choices, within=f"{part}.")
     kind = EFFECTS[name]
     known = [f.name for f in fields(kind)]
     for key in _table(f"{part}.{name}", values):
-        if key not in known:
-            raise ConfigError(
-                f"unknown parameter '{part}.{name}.{key}': {nearest_hint(key, known)}"
-            )
+        check_known("unknown parameter", key, known, within=f"{part}.{name}.")
     return kind(**{key: _value(f"{part}.{name}.{key}", value) for key, value in values.items()})
 
 

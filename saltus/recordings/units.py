@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from saltus.arrays import AnyArray, Floats
 from saltus.config import from_table
 from saltus.depth import MILLIMETRE
-from saltus.errors import ConfigError, RecordingError, nearest_hint
+from saltus.errors import ConfigError, RecordingError, check_known, nearest_hint
 
 Log = TypeVar("Log")
 """`saltus.recordings.run_log.RunLog`, whose module reads by this one."""
@@ -112,10 +112,7 @@ class Units:
 
     def __post_init__(self) -> None:
         for name in self.signals:
-            if name not in SIGNALS:
-                raise ConfigError(
-                    f"units.signals: no signal '{name}': {nearest_hint(name, SIGNALS)}"
-                )
+            check_known("units.signals: no signal", name, SIGNALS)
         for name in SIGNALS:
             self.of(name)
         _value("time_unit", self.time_unit, TIMES)

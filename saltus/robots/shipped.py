@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from saltus.config import UNNAMED
-from saltus.errors import ConfigError, nearest_hint
+from saltus.errors import check_known
 
 SUPPLEMENT_FILE = "robot.toml"
 PROFILE_FILE = "profile.toml"
@@ -37,8 +37,7 @@ def shipped_folder(name: str) -> Path:
     Raises:
         ConfigError: it is none of them.
     """
-    if name not in shipped_robots():
-        raise ConfigError(f"no robot '{name}': {nearest_hint(name, shipped_robots())}")
+    check_known("no robot", name, shipped_robots())
     return _HERE / name
 
 

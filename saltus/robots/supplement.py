@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from saltus import config
-from saltus.errors import ConfigError, nearest_hint
+from saltus.errors import ConfigError, check_known
 from saltus.robots.robot import JOINTS, LEGS, LINKS, Gains
 
 Numbers = tuple[float, ...] | None
@@ -46,8 +46,7 @@ class Supplement:
     def __post_init__(self) -> None:
         known = [f.name for f in fields(Gains)]
         for name in self.gains:
-            if name not in known:
-                raise ConfigError(f"unknown key 'gains.{name}': {nearest_hint(name, known)}")
+            check_known("unknown key", name, known, within="gains.")
         for f in fields(self):
             values = getattr(self, f.name)
             if f.type is PerJoint and values is not None:

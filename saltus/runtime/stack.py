@@ -20,7 +20,7 @@ from types import TracebackType
 
 from saltus.clock import RunClock
 from saltus.config import RunConfig
-from saltus.errors import MessageError, RecordingError, StackError, nearest_hint
+from saltus.errors import MessageError, RecordingError, StackError, check_known
 from saltus.interrupts import WHOLE
 from saltus.named_setup import named_setup
 from saltus.recordings.recorder import RECORDING_FILE, Recorder
@@ -134,8 +134,7 @@ class Stack:
 
     def pid(self, name: str) -> int:
         """Process id of a process; `StackError` where it does not run now."""
-        if name not in self._children:
-            raise StackError(f"no process '{name}': {nearest_hint(name, self._children)}")
+        check_known("no process", name, self._children, error=StackError)
         pid = self._children[name].pid
         if pid is None:
             raise StackError(f"{name} is not running")

@@ -14,7 +14,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from saltus.config import load as read_toml_file
 from saltus.config import to_toml
-from saltus.errors import ConfigError, nearest_hint
+from saltus.errors import ConfigError, check_known, nearest_hint
 from saltus.files import atomic_write
 from saltus.wire.joining import Certificate, write_client
 from saltus.wire.roles import ROLES, access_control
@@ -98,8 +98,7 @@ def issue(folder: Path, role: str, days: int) -> Path:
     Raises:
         ConfigError: there is no authority, or no such role.
     """
-    if role not in ROLES:
-        raise ConfigError(f"there is no role '{role}': {nearest_hint(role, ROLES)}")
+    check_known("there is no role", role, ROLES)
     keys, certificate = _issue(folder, load(folder), role, days)
     path = folder / f"{keys.issued[-1].name}.json5"
     write_client(path, f"tls/{keys.address}", certificate)
