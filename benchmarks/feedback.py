@@ -68,10 +68,10 @@ class Benchmark(Pictured):
 class StepTrace:
     """One run; a row each 10 ms; arrays of shape (steps,)."""
 
-    time_s: NDArray[np.float64]
-    reference: NDArray[np.float64]
+    time_s: Floats
+    reference: Floats
     """Pitch rate [rad/s]."""
-    measured: NDArray[np.float64]
+    measured: Floats
     touching: NDArray[np.bool_]
 
     @property
