@@ -14,11 +14,12 @@ ENGINES = {
 }  # fmt: skip
 """Classes of saltus/sim whose `step` is one of the physics."""
 OTHERS = {
-    # a robot behind the interface of real ones; lockstep/test_process_replay.py holds its loop to Body
+    # a robot behind the interface of real ones: no law in it; lockstep/test_process_replay.py holds
+    # the loop that commands it to Body
     "controller/robot/mujoco.py: MujocoRobot.write",
-    # the robot's own side, for a controller over DDS
+    # the robot's side of a DDS link: no law in it, commands come over the wire
     "controller/robot/unitree/simulated.py: SimulatedUnitree.step",
-    # both trainings: stages that change tensors in place, for CUDA graphs
+    # a loop beside saltus/loop, of both trainings: its stages change tensors in place, for CUDA graphs
     "policy/env/training_env.py: TrainingEnv.step",
     # commands or torques are played open-loop: no law, no estimator, no plan
     "real2sim/experiments/run.py: _move",
