@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 CALVES = np.arange(12) % 3 == 2
 HIDDEN = {"armature": 0.004, "viscous_friction": 0.15, "coulomb_friction": 0.25}
 """Added at the calves [kg m^2, Nm s/rad, Nm]: middling for robots of this class (published)."""
-PARAMETER = {"armature": "added", "viscous_friction": "coefficient", "coulomb_friction": "torque"}
 LARGEST = {"armature": 0.02, "viscous_friction": 1.0, "coulomb_friction": 1.0}
 RESTART_ROWS, FORGOTTEN_ROWS = 500, 100
 """Each second a rollout starts at the measured state.

@@ -24,10 +24,9 @@ CATEGORIES: dict[Category, float] = {
     "outside": 0.10,
     "damaged": 0.05,
 }
-PLAY = "play"
-"""Category of the set `pairs_and_play`: backlash alone, of a width that is told and not of so many
-sigmas."""
 PAIRS_AND_PLAY: dict[Category, float] = {"none": 0.27, "one": 0.32, "two": 0.27, "play": 0.14}
+"""Shares in the set `pairs_and_play`; play is backlash alone, of a width that is told and not of so
+many sigmas."""
 WIDTHS = (0.016, 0.02, 0.026, 0.035)
 """Full widths of play [rad]: 0.9 to 2 degrees, of a linkage that is worn."""
 QUIET_PART = 0.12

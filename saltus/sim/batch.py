@@ -13,7 +13,6 @@ from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import claimed_body
 from saltus.effects.chain import ActuatorChain, BodyChain, ImuChain, Torques
-from saltus.effects.effect import map_arrays
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix
@@ -33,8 +32,7 @@ class BatchPlant(DrivenRobots):
 
     Terrain, friction and payload on the trunk [kg] are one for all or one for each robot, shape
     (count,). Effects of the drives may hold one value per robot, shape (count, 1), those of bodies,
-    ground and IMUs shape (count,). `columns` is the number of terrain boxes, where later terrains
-    may have more than the first.
+    ground and IMUs shape (count,).
     """
 
     def __init__(
@@ -48,55 +46,32 @@ class BatchPlant(DrivenRobots):
         chain: ActuatorChain | None = None,
         body: BodyChain | None = None,
         imu: ImuChain | None = None,
-        columns: int | None = None,
         threads: int = 0,
     ) -> None:
         super().__init__(robot, (count,), chain, imu)
         given = [terrains] * count if isinstance(terrains, Terrain) else list(terrains)
-        self.terrains = TerrainStack(given)
-        self.count = count
-        self._legs = LegKinematics(robot)
-        self._columns = columns or self.terrains.widest
+        self._terrains, self._legs = TerrainStack(given), LegKinematics(robot)
         # Its tree of boxes suits the others too
         longest = max(given, key=lambda terrain: len(terrain.boxes))
+        effects = body or BodyChain()
         # A payload, so that what the engine derives from masses exists for every robot.
-        self._body = body or BodyChain()
         model = scene.build_spec(
             robot,
             longest,
             payload_kg=1.0,
-            columns=self._columns,
-            dimensions=self._body.contact_dimensions,
+            columns=self._terrains.widest,
+            dimensions=effects.contact_dimensions,
         ).compile()
         self._engine = MujocoBatch(robot, model, count, threads=threads)
         self._qacc, self._sensors = (
             self._engine.batch.bind(name) for name in ("qacc", "sensordata")
         )
-        self._claimed_friction, self._claimed_payload_kg = np.zeros(count), np.zeros(count)
         self._time, self._believed = np.zeros(count), np.zeros((count, 12))
-        everyone = np.arange(count)
-        self.set_terrains(everyone, given)
-        self.set_bodies(everyone, friction, payload_kg)
+        self._engine.set_terrain(self._terrains.boxes(self._terrains.widest))
+        claimed = claimed_body((count,), friction=friction, payload_kg=payload_kg)
+        self._engine.set_bodies(effects.apply(claimed))
+        self._engine.derive(np.arange(count))
         self.reset()
-
-    def set_terrains(self, indices: Indices, terrains: Sequence[Terrain]) -> None:
-        """Puts other terrains under some robots; reset those robots next."""
-        every = list(self.terrains.terrains)
-        for i, terrain in zip(indices, terrains, strict=True):
-            every[i] = terrain
-        self.terrains = TerrainStack(every)
-        self._engine.set_terrain(TerrainStack(terrains).boxes(self._columns), indices)
-
-    def set_bodies(self, indices: Indices, friction: ArrayLike, payload_kg: ArrayLike) -> None:
-        """Gives some robots other soles and payloads; shapes () or (len(indices),)."""
-        self._claimed_friction[indices], self._claimed_payload_kg[indices] = friction, payload_kg
-        body = self._body.apply(
-            claimed_body(
-                (self.count,), friction=self._claimed_friction, payload_kg=self._claimed_payload_kg
-            )
-        )
-        self._engine.set_bodies(map_arrays(lambda values: values[indices], body), indices)
-        self._engine.derive(indices)
 
     def push(self, force: Floats) -> None:
         """Pushes trunks sideways, along the world's y, until the next call [N], shape (count,)."""
@@ -108,18 +83,16 @@ class BatchPlant(DrivenRobots):
         *,
         position_x: ArrayLike = 0.0,
         yaw: ArrayLike = 0.0,
-        position_y: ArrayLike = 0.0,
         clearance: float = CLEARANCE,
     ) -> PlantState:
         """Puts robots (by default all) at rest in their stand pose; each value of shape () or (len(indices),)."""
-        ids = np.arange(self.count) if indices is None else np.asarray(indices)
-        x, turn, y = (
-            np.broadcast_to(np.asarray(v, dtype=np.float64), ids.shape)
-            for v in (position_x, yaw, position_y)
+        ids = np.arange(len(self._time)) if indices is None else np.asarray(indices)
+        x, turn = (
+            np.broadcast_to(np.asarray(v, dtype=np.float64), ids.shape) for v in (position_x, yaw)
         )
         self._engine.batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
-        terrains = TerrainStack([self.terrains.terrains[int(i)] for i in ids])
-        self._engine.qpos[ids] = standing_pose(self.robot, terrains, x, turn, y, clearance)
+        terrains = TerrainStack([self._terrains.terrains[int(i)] for i in ids])
+        self._engine.qpos[ids] = standing_pose(self.robot, terrains, x, turn, clearance)
         self._engine.batch.forward(ids)
         self._forget(ids)
         self._time[ids] = 0.0

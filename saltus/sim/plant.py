@@ -36,7 +36,6 @@ def standing_pose(
     terrain: Terrain | TerrainStack,
     position_x: Floats,
     yaw: Floats,
-    position_y: Floats,
     clearance: float = CLEARANCE,
 ) -> Floats:
     """`qpos` of robots in their stand pose with their feet `clearance` above the highest ground under them.
@@ -46,7 +45,6 @@ def standing_pose(
         terrain: Ground; where it is a stack, one for each robot.
         position_x: Of the base [m], shape (...).
         yaw: Of the base [rad], shape (...).
-        position_y: Of the base [m], shape (...).
         clearance: Of the lowest foot [m].
 
     Returns:
@@ -56,13 +54,13 @@ def standing_pose(
     quaternion = quaternion_from_roll_pitch_yaw(zero, zero, yaw)
     standing = LegKinematics(robot).position(robot.stand_pose)
     feet = standing @ rotation_matrix(quaternion).mT  # (..., 4, 3), yaw applied
-    foot_x, foot_y = position_x[..., None] + feet[..., 0], position_y[..., None] + feet[..., 1]
+    foot_x, foot_y = position_x[..., None] + feet[..., 0], feet[..., 1]
     # (..., 8)
     sole_x = np.concatenate([foot_x - robot.foot_radius, foot_x + robot.foot_radius], axis=-1)
     ground = terrain.height_at(sole_x, np.concatenate([foot_y, foot_y], axis=-1)).max(axis=-1)
     # The legs give about 1 cm of it under load
     drop = robot.foot_radius - float(standing[:, 2].min())
-    position = np.stack([position_x, position_y, ground + drop + clearance], axis=-1)
+    position = np.stack([position_x, zero, ground + drop + clearance], axis=-1)
     joints = np.broadcast_to(robot.stand_pose, (*zero.shape, 12))
     return np.concatenate([position, quaternion, joints], axis=-1)
 
@@ -138,7 +136,6 @@ class Plant(DrivenRobots):
         self,
         position_x: float = 0.0,
         yaw: float = 0.0,
-        position_y: float = 0.0,
         clearance: float = CLEARANCE,
     ) -> PlantState:
         """Puts the robot at rest in its stand pose, its feet just above the ground.
@@ -151,7 +148,6 @@ class Plant(DrivenRobots):
             self.terrain,
             np.asarray(position_x),
             np.asarray(yaw),
-            np.asarray(position_y),
             clearance,
         )
         if self._held:

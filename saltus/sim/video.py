@@ -162,7 +162,7 @@ def test_frame(robot: Robot, grid: HeightGrid) -> Frame:
     """One picture of the robot in front of stairs, shape (480, 640, 3): shows that drawing works on this machine."""
     terrain = level.make("stairs", steps=5, rise_m=0.06, run_m=0.25)
     x, zero = np.asarray(terrain.first_edge_x - 0.4), np.zeros(())
-    pose = standing_pose(robot, terrain, x, zero, zero, clearance=0.0)
+    pose = standing_pose(robot, terrain, x, zero, clearance=0.0)
     heights = terrain.height_at(*grid.points_in_world(pose[:2], zero)) - pose[2]
     return next(
         render_run(robot, terrain, np.zeros(1), pose[None, :7], pose[None, 7:], grid, heights[None])

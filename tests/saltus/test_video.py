@@ -56,7 +56,7 @@ def test_frames_show_robot_ground_and_heightmap(kind: str) -> None:
 def test_turned_boxes_and_a_wide_heightmap_can_be_drawn() -> None:
     terrain = random_terrain(3)
     grid = HeightGrid(x=tuple(np.linspace(-0.4, 0.8, 12)), y=(-0.3, 0.0, 0.3))
-    pose = standing_pose(ROBOT, terrain, np.asarray(1.0), np.asarray(0.4), np.zeros(()))[None]
+    pose = standing_pose(ROBOT, terrain, np.asarray(1.0), np.asarray(0.4))[None]
     height = terrain.height_at(*grid.points_in_world(pose[0, :2], np.asarray(0.4))) - pose[0, 2]
     shown, without = (
         next(
