@@ -92,3 +92,17 @@ def test_a_plot_of_a_scan_is_its_middle(tmp_path: Path) -> None:
     np.testing.assert_allclose(x, SCAN.x)
     np.testing.assert_allclose(high - low, 0.04)
     np.testing.assert_allclose(predicted - predicted[0], 0.1 * (x - x[0]), atol=1e-9)
+
+
+def test_a_scan_beside_the_line_is_a_net_of_its_own(drawing: Drawing) -> None:
+    line, scan = (scene_of(grid, np.full(grid.size, 0.02)) for grid in (LINE, SCAN))
+    both = replace(line, scan=scan.heights)
+    drawing.draw(scan, np.zeros(3))
+    net = drawing._predicted.points
+    assert not drawing._scan.visible
+    drawing.draw(both, np.zeros(3))
+    np.testing.assert_array_equal(drawing._scan.points, net)
+    assert drawing._scan.visible
+    assert drawing._predicted.points.shape == (LINE.size - 1, 2, 3)
+    drawing.draw(line, np.zeros(3))
+    assert not drawing._scan.visible
