@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from benchmarks._command import progress
 from benchmarks._pictures import Pictured, save, subplots
-from saltus.arrays import Floats
+from saltus.arrays import Floats, Reals
 from saltus.config import TerrainConfig
 from saltus.constants import POLICY_DT
 from saltus.effects.profile import SHIPPED
@@ -68,7 +68,7 @@ class Benchmark(Pictured):
 class StepTrace:
     """One run; a row each 10 ms; arrays of shape (steps,)."""
 
-    time_s: Floats
+    time_s: Reals
     reference: Floats
     """Pitch rate [rad/s]."""
     measured: Floats
