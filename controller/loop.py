@@ -202,11 +202,8 @@ class ControlLoop:
         if last is None or self.mode not in (ControllerMode.COAST, ControllerMode.LANDING):
             self._caught = False
             return self.mode, reference
-        # A robot that walks has feet below it: it is caught at once, also at 1.2 m/s
         self._caught = self.mode == ControllerMode.LANDING and (
-            self._caught
-            or self._law_state.mode == ControllerMode.WALK
-            or bool(self._tick.braking.is_slow(last))
+            self._caught or bool(self._tick.braking.is_slow(last))
         )
         if self._caught:
             return ControllerMode.LANDING, self._tick.braking.catching(reference, self._ground)

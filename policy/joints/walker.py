@@ -28,6 +28,9 @@ STOP_NS = (600_000_000, 1_200_000_000)
 """Time for which the policy is asked to stand before that, at least and at most: two steps bring
 the feet below the hips, and feet that stand askew turn the trunk when the controller aligns
 them."""
+UNDER_WAY = (ControllerMode.WALK, ControllerMode.COAST)
+"""Modes in which the policy goes on: of a Go1 at 1.2 m/s whose plans were missing for 60 ms none of
+8 fell, and 7 when it began anew."""
 ON_TIME = 0.75
 """Share of the policy's period after which it is asked again: states may be dated a little early."""
 
@@ -61,7 +64,7 @@ class Walker:
         """See `saltus.policy.mover.Mover.plan`."""
         if any(velocity):
             self._stopping_ns = None
-        if heights is None or state.mode != ControllerMode.WALK:
+        if heights is None or state.mode not in UNDER_WAY:
             self._begin(state)
         else:
             self._move(state, heights, velocity)

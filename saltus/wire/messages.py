@@ -82,8 +82,7 @@ class ControllerMode(IntEnum):
     DAMP = 5
     """Joint damping only: not upright, or a state that is not finite."""
     WALK = 7
-    """Joints follow the targets of a policy. Targets that are late are held for 100 ms; then it
-    lands."""
+    """Joints follow the targets of a policy; where they are late it coasts, as it does from RUN."""
     LIE = 6
     """Legs folded, the trunk just above the ground; it stands up when it is to stand or to go."""
 

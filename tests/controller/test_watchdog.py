@@ -68,8 +68,7 @@ def expected(state, now):
         (state.mode == mode.LANDING and (state.fault or lost(now)), mode.STOPPED),
         (state.mode == mode.LANDING, mode.STAND),
         (moving and (lost(now) or rests), mode.LANDING),
-        (moving and now.walks, mode.WALK),
-        (moving and now.plan_age_s <= 0.030, mode.RUN),
+        (moving and now.plan_age_s <= 0.030, mode.WALK if now.walks else mode.RUN),
         (moving, mode.COAST),
     ]
     return next(result for applies, result in rules if applies)
