@@ -6,14 +6,17 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
+from unittest import mock
 from urllib.parse import unquote, urlparse
 
 import pytest
 
 from saltus.cli.main import command_of
-from saltus.errors import SaltusError
+from saltus.errors import SaltusError, check_known
+from saltus.extras import check_package, packages_of
 
 pytestmark = pytest.mark.site
 
@@ -144,8 +147,9 @@ def _texts(module: ast.Module) -> list[str]:
     found = []
     for node in ast.walk(module):
         if isinstance(node, ast.JoinedStr):
-            parts = (part.value if isinstance(part, ast.Constant) else "…" for part in node.values)
-            found.append("".join(map(str, parts)))
+            found.append(_filled(node))
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") in REFUSALS:
+            found.append(_refusal(node.func.id, [_filled(each) for each in node.args]))  # type: ignore[attr-defined]
         elif (
             isinstance(node, ast.Constant)
             and isinstance(node.value, str)
@@ -155,6 +159,31 @@ def _texts(module: ast.Module) -> list[str]:
     return [text.replace("'", "`") for text in found]
 
 
+def _filled(node: ast.expr) -> str:
+    parts = node.values if isinstance(node, ast.JoinedStr) else [node]
+    return "".join(str(part.value) if isinstance(part, ast.Constant) else "…" for part in parts)
+
+
+def _refusal(function: str, told: list[str]) -> str:
+    """The text of an error that a function of saltus words, as it is with these arguments."""
+    with (
+        mock.patch("importlib.util.find_spec", return_value=None),
+        pytest.raises(SaltusError) as caught,
+    ):
+        REFUSALS[function](*told)
+    return str(caught.value)
+
+
+def _without_package(extra: str, *what: str) -> None:
+    with packages_of(extra, *what):
+        raise ImportError(name="…")
+
+
+REFUSALS: dict[str, Callable[..., None]] = {
+    "check_known": lambda what, *_: check_known(what, "…", ()),
+    "check_package": check_package,
+    "packages_of": _without_package,
+}
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
