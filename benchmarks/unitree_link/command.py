@@ -1,4 +1,6 @@
-"""Round trips of a Go2's low level: our backend, and a program in C, each with the same peer in C.
+"""Round trips of a Go2's low level against a peer in C, or logs of a simulated one with hidden effects.
+
+Round trips: of our backend, and of a program in C, each with the same peer in C.
 
 The peer answers each command whose checksum is right by a state that repeats it. It and the rival
 are built with Debian's idlc and C library of Cyclone DDS 0.10.2, which Unitree ships. A round trip
@@ -7,20 +9,28 @@ take turns, 500 commands a second each.
 
     saltus bench unitree_link
     saltus bench unitree_link -- --seconds 600 --rounds 1
+
+Logs (`benchmarks.unitree_link.logs`): each of a robot with one hidden effect, which `find` is to
+name. They go on where they were left when --out names a folder that was begun before.
+
+    saltus bench unitree_link -- --measures logs --out runs/go2_logs
 """
 
+import json
 import os
 import subprocess
 import tempfile
 import time
+from collections import Counter
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from benchmarks._command import Command, progress
+from benchmarks._command import Command, progress, tell
+from benchmarks.unitree_link.logs import HIDDEN, found
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
@@ -60,13 +70,34 @@ class Benchmark(Command):
     The peer ends by 0, or by 3 where a command was lost on the way: nobody repeats them.
     """
 
+    measures: Literal["round_trips", "logs"] = "round_trips"
+    logs: int = len(HIDDEN)
+    """Number of logs."""
+    first_seed: int = 580
+    """Seed of what is hidden."""
+    out: Path = Path("runs/unitree_logs")
+    """Folder that keeps logs and what was found."""
     seconds: float = 5.0
     """Length of each turn [s]."""
     rounds: int = 4
     """Number of turns of each of the two."""
 
     def measure(self) -> dict[str, Any]:
-        """Round trips [ms], p50, p99 and the longest, and the ratio of the two p99."""
+        """Round trips [ms], p50, p99 and the longest, and the ratio of the two p99; or names of effects."""
+        return self._found() if self.measures == "logs" else self._round_trips()
+
+    def _found(self) -> dict[str, Any]:
+        rows = []
+        for number in progress(range(self.logs)):
+            done = self.out / f"{self.first_seed}_{number:02d}.json"
+            if not done.exists():
+                row = found(number, self.first_seed, self.out, own_domain())
+                done.write_text(json.dumps(row), encoding="utf-8")
+                tell(json.dumps(row))
+            rows.append(json.loads(done.read_text(encoding="utf-8")))
+        return {"found": dict(Counter(row["outcome"] for row in rows)), "logs": rows}
+
+    def _round_trips(self) -> dict[str, Any]:
         count = round(self.seconds / PHYSICS_DT)
         environment = os.environ | {"CYCLONEDDS_URI": LOOPBACK}
         domain = str(own_domain())
