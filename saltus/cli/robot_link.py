@@ -336,10 +336,12 @@ class Run(PaceOptions, LinkOptions):
                 await_person(kind.name)
             robot.reset()
             run, ends_s = self._begun(robot, kind)
+            peak_a = 0.0
             try:
                 while run.time_s < ends_s and not robot.fault:
                     wait()
                     run.step()
+                    peak_a = max(peak_a, float(robot.message["power_a"]))
             finally:  # after Ctrl-C, too: it lands and stands, or is damped
                 end_s = run.time_s + LAND_S
                 while run.time_s < end_s:
@@ -349,7 +351,8 @@ class Run(PaceOptions, LinkOptions):
         print(
             f"{f'damped, as {robot.fault}' if robot.fault else mode} after {run.time_s:.1f} s; "
             f"{health.lost} of {health.states + health.lost} states lost; "
-            f"at most {run.peak_power_w:.0f} W"
+            f"at most {run.peak_power_w:.0f} W at the joints, {peak_a:.1f} A from the battery by "
+            "the robot's own word"
         )
         return 1 if robot.fault or (mode == "DAMP" and self.stage in STAGES) else 0
 

@@ -136,6 +136,16 @@ def write_report(
         body_figure=_body_figure(data),
         contact_figure=contact_figure(data.time_s, LEGS, scheduled, loaded),
         error_figure=_error_figure(data),
+        powers=[
+            (
+                each.motion,
+                f"{each.seconds:.2f} s",
+                f"{each.peak_w:.0f} W",
+                f"{each.driving_w:.0f} W",
+                f"{each.joint}, {each.joint_w:.0f} W",
+            )
+            for each in summary.motions
+        ],
         ages=[
             (
                 topic,

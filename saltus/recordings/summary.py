@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from saltus.errors import RecordingError
+from saltus.recordings.power import MotionPower, motion_powers
 from saltus.recordings.recording import Recording
 from saltus.recordings.timing import digest, rates_and_ages
 from saltus.wire.messages import (
@@ -61,6 +62,8 @@ class RunSummary:
     """Empty where the recording lacks a message: in real time a busy machine may drop one."""
     lost: int
     """Messages that the recording lacks: the sum of `TopicTiming.lost`."""
+    motions: tuple[MotionPower, ...]
+    """Power of the joints in each motion."""
     models: dict[str, str]
     """Names of the networks: the first half of their files' sha256."""
     camera: str
@@ -105,6 +108,7 @@ def summarise(recording: Recording) -> RunSummary:
         heightmap_mae_m=heightmap_error(recording),
         digest=_digest(recording),
         lost=sum(row.lost for row in timing.values()),
+        motions=motion_powers(recording),
         models=recording.models,
         camera=f"{recording.camera.name} {recording.camera.fingerprint}",
         rates_hz={topic: row.rate_hz for topic, row in timing.items()},

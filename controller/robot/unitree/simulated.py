@@ -104,7 +104,10 @@ class SimulatedUnitree:
         message["foot_force"] = np.clip(plant.state.foot_force, 0, np.iinfo(np.int16).max)
         message["bms_state"]["soc"] = CHARGE_PERCENT
         message["bms_state"]["cell_vol"][:CELLS] = CELL_MV
-        message["power_v"] = CELLS * CELL_MV * 1e-3
+        message["power_v"] = volts = CELLS * CELL_MV * 1e-3
+        # Of the joints alone: what motors and computers lose is not simulated
+        power_w = float(plant.state.joint_torque @ plant.state.joint_velocity)
+        message["power_a"] = max(power_w, 0.0) / volts
         message["imu_state"]["temperature"] = BOARD_C
         message["temperature_ntc1"] = message["temperature_ntc2"] = BOARD_C
         return message
