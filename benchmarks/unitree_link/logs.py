@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from saltus.files import atomic_write
 from saltus.robots.robot import JOINTS
 
 STAGE = "joint_tour"
@@ -62,7 +61,7 @@ def found(number: int, seed: int, out: Path, domain: int) -> dict[str, Any]:
         profile = folder / "hidden.toml"
         profile.write_text(tomli_w.dumps({"actuator": {effect: parameters}}), encoding="utf-8")
         told = _recorded(profile, log, domain, seed + number)
-        atomic_write(folder / "run.txt", told.encode())
+        (folder / "run.txt").write_text(told, encoding="utf-8")
     held = folder / "held.toml"
     held.write_text('[claims]\nbase = "fixed"\n', encoding="utf-8")
     _saltus(

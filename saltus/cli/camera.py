@@ -1,22 +1,22 @@
-"""`saltus camera`: what a depth camera is and sees."""
+"""`saltus camera`: what a depth camera is and sees, and what holds it."""
 
 import math
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
 from saltus.cli.output import JsonOption, print_figures, run_directory
 from saltus.cli.run_options import CourseOptions, RobotOption, SizedCourse, mounted_camera
-from saltus.flags import shown
+from saltus.flags import CommandGroup, Subcommands, shown
 from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.robots.loading import load_robot
 
 
 @dataclass(frozen=True, kw_only=True)
-class Camera(RobotOption, JsonOption):
+class Show(RobotOption, JsonOption):
     """Draws what a camera sees from a robot that stands, and from beside it.
 
     Prints where it sits and what it is.
@@ -26,8 +26,6 @@ class Camera(RobotOption, JsonOption):
       saltus camera show examples/camera.toml --terrain stairs --rise-m 0.1
     """
 
-    action: tyro.conf.Positional[Literal["show"]]
-    """The command to run."""
     camera: tyro.conf.Positional[str] = "d435i"
     """Name, ideal or d435i, or a TOML file."""
     course: CourseOptions = field(default_factory=SizedCourse)
@@ -76,3 +74,46 @@ class Camera(RobotOption, JsonOption):
             file=sys.stderr,
         )
         return 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mount(RobotOption):
+    """Makes a bracket that holds a D435i where a robot has its camera.
+
+    Writes bracket.stl, to be printed, and bracket.svg, with its dimensions.
+
+    For example:
+      saltus camera mount --robot go2
+      saltus camera mount mine.toml --robot go2 --out runs/bracket
+    """
+
+    camera: tyro.conf.Positional[str] = "d435i"
+    """Name, or a TOML file that says where the camera sits."""
+    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-camera-mount")] = None
+    """Folder for both files."""
+
+    def run(self) -> int:
+        """Writes both and says where the camera's lens will be; 0."""
+        from saltus.render.bracket import MM, Bracket
+        from saltus.render.bracket_drawing import drawing
+
+        _, robot = mounted_camera(self.camera, load_robot(self.robot))
+        bracket = Bracket(robot=robot)
+        folder = run_directory("camera-mount", self.out)
+        bracket.mesh().export(folder / "bracket.stl")
+        (folder / "bracket.svg").write_text(drawing(bracket), encoding="utf-8")
+        ahead, _, above = MM * robot.camera_position
+        print(
+            f"left imager {ahead - bracket.front:.1f} mm ahead of the trunk's front and "
+            f"{above - bracket.top:.1f} mm above its top, {math.degrees(robot.camera_pitch):.1f} "
+            "degrees nose down"
+        )
+        print(f"{folder}: bracket.stl, bracket.svg")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera(CommandGroup):
+    """Depth cameras: show, mount."""
+
+    command: Subcommands[Show | Mount]
