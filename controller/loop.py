@@ -50,18 +50,11 @@ class ControlLoop:
     says, and the law has the robot from then on.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        tick: Tick | None = None,
-        watchdog: WatchdogConfig | None = None,
-        *,
-        rises: bool = False,
-    ) -> None:
+    def __init__(self, robot: Robot, tick: Tick | None = None, *, rises: bool = False) -> None:
         self._robot, self._tick = robot, tick or Tick(robot)
         self._rise_ticks = round(RISE_S / PHYSICS_DT) if rises else 0
         self._start: Floats | None = None
-        self._watchdog = watchdog or WatchdogConfig()
+        self._watchdog = WatchdogConfig()
         self._estimate = self._tick.estimator.init((), robot.stand_pose)
         self._law_state = self._tick.law.init((), robot.stand_pose)
         self._watch = WatchdogState()

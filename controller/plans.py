@@ -10,9 +10,9 @@ from saltus.wire.messages import AnyPlan, PlanStatus
 class Plans:
     """The planner's newest plan: of joint targets where the run's planner walks."""
 
-    def __init__(self, context: ProcessContext, watchdog: WatchdogConfig | None = None) -> None:
+    def __init__(self, context: ProcessContext) -> None:
         self._context = context
-        self._lost_age_s = (watchdog or WatchdogConfig()).lost_age_s
+        self._lost_age_s = WatchdogConfig().lost_age_s
         self._slot = context.bus.latest(context.config.plan_topic)
         self._plan: AnyPlan | None = None
         self._standing: AnyPlan | None = None
