@@ -212,21 +212,40 @@ def found_effect(problem: Problem, effect: str, one: Group, total: int) -> Found
 
 
 def _intervals(problem: Problem, one: Group) -> dict[str, Interval]:
-    """Physical parameters with errors propagated by differences along the axes of the covariance."""
+    """Physical parameters with errors by noise and by a wrong shape.
+
+    The second is at least the share of correct models, of the parameter or, for a size, of its
+    distance from where the effect is absent.
+    """
     candidate, block = problem.candidates[one.places[0].candidate], one.places[0].block
     values = candidate.parameters(one.value, block)
-    variance = dict.fromkeys(values, 0.0)
+    absent = np.where([unknown.is_shape for unknown in candidate.unknowns], one.value, 0.0)
+    variance = _variances(candidate, one.value, one.covariance, block)
+    misfit = _variances(candidate, one.value, one.misfit, block)
+    for name, null in candidate.parameters(absent, block).items():
+        distance = abs(values[name].value - null.value)
+        # A shape has no null value
+        size = min(abs(values[name].value), distance if distance > 0.0 else np.inf)
+        variance[name] += max(misfit[name], (candidate.model_error * size) ** 2)
     variance[next(iter(variance))] += candidate.resolution**2
+    return {name: _interval(at, float(np.sqrt(variance[name]))) for name, at in values.items()}
+
+
+def _variances(
+    candidate: Candidate, value: Floats, covariance: Floats, block: int
+) -> dict[str, float]:
+    """Variances of physical parameters by differences along the axes of a covariance."""
     low = np.array([unknown.low for unknown in candidate.unknowns])
     high = np.array([unknown.high for unknown in candidate.unknowns])
-    powers, axes = np.linalg.eigh(one.covariance + one.misfit)
+    variance = dict.fromkeys(candidate.parameters(value, block), 0.0)
+    powers, axes = np.linalg.eigh(covariance)
     for power, axis in zip(powers, axes.T, strict=True):
         reach = np.sqrt(max(0.0, power)) * axis
-        above = candidate.parameters(np.clip(one.value + reach, low, high), block)
-        below = candidate.parameters(np.clip(one.value - reach, low, high), block)
+        above = candidate.parameters(np.clip(value + reach, low, high), block)
+        below = candidate.parameters(np.clip(value - reach, low, high), block)
         for name in variance:
             variance[name] += (0.5 * (above[name].value - below[name].value)) ** 2
-    return {name: _interval(at, float(np.sqrt(variance[name]))) for name, at in values.items()}
+    return variance
 
 
 def _interval(at: Estimate, error: float) -> Interval:
