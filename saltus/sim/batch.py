@@ -53,14 +53,14 @@ class BatchPlant(DrivenRobots):
         self._terrains, self._legs = TerrainStack(given), LegKinematics(robot)
         # Its tree of boxes suits the others too
         longest = max(given, key=lambda terrain: len(terrain.boxes))
-        effects = body or BodyChain()
+        self._body = body or BodyChain()
         # A payload, so that what the engine derives from masses exists for every robot.
         model = scene.build_spec(
             robot,
             longest,
             payload_kg=1.0,
             columns=self._terrains.widest,
-            dimensions=effects.contact_dimensions,
+            dimensions=self._body.contact_dimensions,
         ).compile()
         self._engine = MujocoBatch(robot, model, count, threads=threads)
         self._qacc, self._sensors = (
@@ -69,7 +69,7 @@ class BatchPlant(DrivenRobots):
         self._time, self._believed = np.zeros(count), np.zeros((count, 12))
         self._engine.set_terrain(self._terrains.boxes(self._terrains.widest))
         claimed = claimed_body((count,), friction=friction, payload_kg=payload_kg)
-        self._engine.set_bodies(effects.apply(claimed))
+        self._engine.set_bodies(self._body.apply(claimed))
         self._engine.derive(np.arange(count))
         self.reset()
 
