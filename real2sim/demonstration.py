@@ -63,7 +63,7 @@ _HIDDEN: tuple[_Draw, ...] = (
 )
 
 
-def hidden_robot(seed: int) -> Profile:
+def demo_robot(seed: int) -> Profile:
     """A robot with one effect; the seed decides which, where, and how large."""
     rng = np.random.default_rng([seed, 6])
     draw = _HIDDEN[rng.integers(len(_HIDDEN))]
@@ -99,7 +99,7 @@ def demonstrate(
         SaltusError: no effect that could be applied was found.
     """
     tell = progress or (lambda _stage, _share: None)
-    hidden = hidden_robot(seed)
+    hidden = demo_robot(seed)
 
     def record(name: str) -> Path:
         log = run(

@@ -90,7 +90,7 @@ class Eyes(Generic[Truth]):
             pair = self._renderer.pair(truth)
             matched, self._state = self._stereo.step(*pair, times, self._state)
             depth = matched.depth if self._whole else pooled(matched.depth, ROWS, COLUMNS)
-        exposed = DepthImage(depth=self.camera.for_model(depth), time_s=times)
+        exposed = DepthImage(depth=self.camera.masked(depth), time_s=times)
         given, self._memory = self._chain.step(exposed, time_s, self._memory, self._fresh)
         self._fresh = None
         return replace(given, depth=depth_in_millimetres(given.depth))

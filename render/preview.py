@@ -302,6 +302,6 @@ def _for_model(scale: Scale, camera: DepthCamera, true: Depth, reported: Depth) 
     pictures = []
     for title, depth in (("true", true), ("as reported", reported)):
         pictures.append(
-            scale.picture(title, "", camera.for_model(for_network(depth, camera.matching)))
+            scale.picture(title, "", camera.masked(for_network(depth, camera.matching)))
         )
     return pictures

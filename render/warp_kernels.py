@@ -13,10 +13,10 @@ PARALLEL = 1e-9  # a ray's share along an axis below this is taken to be this: n
 
 
 @wp.func
-def box_entry(origin: wp.vec3f, direction: wp.vec3f, low: wp.vec3f, high: wp.vec3f) -> wp.vec2f:
-    """Depths between which a ray's line is inside a box.
+def box_span(origin: wp.vec3f, direction: wp.vec3f, low: wp.vec3f, high: wp.vec3f) -> wp.vec2f:
+    """Depths between which a ray's line is inside a box; the first is the greater where it misses.
 
-    The first is the greater where it misses.
+    All in the box's axes. Depths are in units of `direction`, below 0 behind the origin.
     """
     enters = -NOTHING
     leaves = NOTHING
@@ -99,13 +99,13 @@ class WarpScene:
 def turned_entry(
     scene: WarpScene, row: int, i: int, origin: wp.vec3f, direction: wp.vec3f
 ) -> wp.vec2f:
-    """`box_entry` of a box that may be turned about its centre; `turn` is empty where all are level."""
+    """`box_span` of a box that may be turned about its centre; `turn` is empty where all are level."""
     low, high = scene.low[row, i], scene.high[row, i]
     if scene.turn.shape[0] > 0:
         back = wp.transpose(scene.turn[row, i])
         center = 0.5 * (low + high)
-        return box_entry(center + back * (origin - center), back * direction, low, high)
-    return box_entry(origin, direction, low, high)
+        return box_span(center + back * (origin - center), back * direction, low, high)
+    return box_span(origin, direction, low, high)
 
 
 @wp.func

@@ -171,10 +171,10 @@ class DepthCamera(Value):
         near, far = self.range_m
         return namespace(depth).where((depth >= near) & (depth <= far), depth, 0.0)
 
-    def for_model(self, depth: Array) -> Array:
-        """Images of the model's camera [m], shape (..., 48, 16), 0 where this camera does not look or measure.
+    def masked(self, depth: Array) -> Array:
+        """Depth in the view of the model's camera [m], 0 where this camera does not look or measure.
 
-        They may have several samples for each pixel, in rows and columns.
+        Shape (..., 48 k, 16 m), with k and m samples for each pixel of the model, in and out.
         """
         depth = self.in_range(depth)
         if self._covered is None:

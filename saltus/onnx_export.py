@@ -28,13 +28,13 @@ def write_onnx(
     inputs: Sequence[str],
     outputs: Sequence[str],
     metadata: Mapping[str, object],
-    halves: str | None = None,
+    half_prefix: str | None = None,
 ) -> None:
     """Writes a module as ONNX, whole or not at all, and its checksum.
 
     Arguments and results of its `forward`, named by `inputs` and `outputs`, have a leading
     dimension of robots. Metadata say what the file is; values become JSON. Weights whose names
-    begin with `halves` are kept in half precision, which halves the file; they are computed with in
+    begin with `half_prefix` are kept in half precision, which halves them; they are computed with in
     single precision.
 
     Raises:
@@ -58,8 +58,8 @@ def write_onnx(
                 dynamo=False,
             )
         file = onnx.load(temporary)
-        if halves is not None:
-            _halve(file.graph, halves)
+        if half_prefix is not None:
+            _halve(file.graph, half_prefix)
         onnx.helper.set_model_props(
             file, {name: json.dumps(value) for name, value in metadata.items()}
         )

@@ -107,16 +107,16 @@ def trained_with(policy: JointPolicy) -> WalkTrainConfig:
 
 
 def tracking_errors(error: Floats, fresh: NDArray[np.bool_]) -> list[float]:
-    """Mean absolute errors of velocities that were averaged over `STRIDE` steps.
+    """Mean absolute errors of velocities, averaged at each step over the last `STRIDE` ones.
 
     The first `SETTLING` steps after a start or another command are left out.
 
     Args:
-        error: Of each step and robot, shape (steps, n, 3).
+        error: Velocity less its command, ahead and aside [m/s] and turn [rad/s], shape (steps, n, 3).
         fresh: Where a robot began, or got another command, with that step, shape (steps, n).
 
     Returns:
-        One for each of the three; NaN where no robot kept its command for long enough.
+        Ahead, aside, turn; NaN where no robot kept its command for SETTLING + STRIDE steps.
     """
     kept, since = [], np.zeros(fresh.shape[1], dtype=np.int64)
     for step in range(len(error)):

@@ -19,6 +19,7 @@ from saltus.provenance import commit
 from saltus.real2sim.cycle.choosing import DRIVES, chosen, verdict
 from saltus.real2sim.cycle.finding import gaps_of, not_applied
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
+from saltus.real2sim.cycle.hidden_and_found import TruthRow, rows_of
 from saltus.real2sim.cycle.measuring import (
     MOMENTS,
     NOT_MEASURED,
@@ -30,7 +31,6 @@ from saltus.real2sim.cycle.measuring import (
 )
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.trials import COURSES, run_trials, trials_of
-from saltus.real2sim.cycle.truth import TruthRow, rows_of
 from saltus.real2sim.reporting.figures import gap_figure
 from saltus.real2sim.reporting.words import by_reason
 from saltus.reports.figures import BLUE, GREEN, GREY, RED, laid_out

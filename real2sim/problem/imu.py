@@ -97,8 +97,14 @@ class ImuWindows:
         return np.asarray(self.start_s[:, None] + np.arange(WINDOW_STEPS) * STEP_S)
 
 
-def cut_windows(log: RunLog, segments: Sequence[Segment]) -> ImuWindows:
-    """Cuts a log; `RecordingError` without an IMU, or a second in which the motion of the base is known."""
+def imu_windows(log: RunLog, segments: Sequence[Segment]) -> ImuWindows:
+    """Cuts windows of 1 s in which the motion of the base is known, read at each step of 2 ms.
+
+    At most `WINDOWS`, spread over the log; of a held base those alone in which it rests.
+
+    Raises:
+        RecordingError: no IMU; a base that is neither held nor measured; no such second.
+    """
     if log.imu is None:
         raise RecordingError("the log has no imu.csv")
     time_s, values = log.imu.time_s, log.imu.values
@@ -224,7 +230,7 @@ class ImuProblem(Problem):
 
     def __init__(self, log: RunLog) -> None:
         self.segments = segments_of(log)
-        self._windows = cut_windows(log, self.segments)
+        self._windows = imu_windows(log, self.segments)
         self.candidates = imu_candidates()
         self._tilt, self._turn = self._roots()
         windows = self._windows

@@ -108,7 +108,10 @@ def untold(log: RunLog) -> str:
 
 
 def gains(log: RunLog) -> tuple[Floats, Floats]:
-    """Claimed stiffness [Nm/rad] and damping [Nm s/rad] of the drives, shape (joints,) each."""
+    """Claimed stiffness [Nm/rad] and damping [Nm s/rad] of the drives, shape (joints,) each, read-only.
+
+    Of a log that claims them: `untold` says what is missing.
+    """
     shape = (len(log.meta["joints"]),)
     kp, kd = (
         np.broadcast_to(np.asarray(log.meta[key], dtype=np.float64), shape) for key in ("kp", "kd")
@@ -287,7 +290,10 @@ def _is_repeat(a: Floats, b: Floats) -> bool:
 
 
 def shifts_s(logs: Sequence[RunLog]) -> list[float]:
-    """Seconds by which each clock must be set later so that the logs follow each other."""
+    """Seconds by which the clock of each log must be set later so that one follows the other.
+
+    A log then begins `PAUSE_S` after the one before, both by their joints.
+    """
     shifts, end = [0.0], float(logs[0].joints.time_s[-1])
     for log in logs[1:]:
         shifts.append(end + PAUSE_S - float(log.joints.time_s[0]))

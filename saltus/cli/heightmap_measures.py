@@ -37,7 +37,7 @@ class Report(JsonOption):
     """Folder for report.html."""
 
     def run(self) -> int:
-        """Writes the file and prints the numbers."""
+        """Writes report.html; prints what was lost and the errors of each predictor."""
         from saltus.errors import RecordingError, SaltusError
         from saltus.heightmap.evaluation.report import centimetres, measure, write_report
         from saltus.recordings.recording import read_recording
@@ -90,7 +90,7 @@ class Check(EndpointOption, JsonOption):
     """With --run-dir: how long to listen."""
 
     def run(self) -> int:
-        """Prints one line for each thing that heights rest on, and a verdict."""
+        """Prints a line for each thing that heights rest on, and a verdict; returns 1 if one is bad."""
         from tempfile import TemporaryDirectory
 
         check_between(self, seconds=(0.5, 600.0))
@@ -180,7 +180,7 @@ class Eval(RobotOption, ModelOptions, JsonOption):
     """How many share the runs. The numbers do not depend on it."""
 
     def run(self) -> int:
-        """Runs them all and prints how far robots went, and a table, in millimetres."""
+        """Simulates all `runs`; prints how far robots went, and a table in millimetres."""
         from tqdm import tqdm
 
         from saltus.heightmap.data.predicted import load_predictor

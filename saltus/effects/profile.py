@@ -208,7 +208,8 @@ def load_profile(name_or_path: str, robot: Robot) -> Profile:
     """A profile by name, or from a TOML file.
 
     A name is "shipped" (the one that the robot has as shipped), "ideal", a robot that Saltus ships
-    with a profile, or a file of `profiles_folder`.
+    with a profile, or a file of `profiles_folder`. Names that Saltus ships come first, then a path
+    that exists or ends in .toml, then that folder. `robot` says only what "shipped" is.
 
     Raises:
         ConfigError: neither a name nor a file; not TOML; an unknown effect or parameter (the

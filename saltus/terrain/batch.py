@@ -1,4 +1,4 @@
-"""Terrains of training: thousands at once, each drawn from a kind, a difficulty and random numbers, as boxes.
+"""Courses of training: thousands at once, their sizes drawn by kind and difficulty, as boxes.
 
 Sizes follow the laws of difficulty of `saltus.terrain.curriculum`, columns those of
 `saltus.terrain.law`; what a course repeats, and where it begins, is drawn, so that nothing can be
@@ -101,7 +101,7 @@ class Courses:
 
 
 def draw_courses(kind: Array, difficulty: Array, draws: Array) -> Courses:
-    """Makes one course for each robot.
+    """Draws one course for each robot: sizes by the difficulty, columns by `terrain.law`.
 
     Args:
         kind: Place in `KINDS`, integers, shape (n,).

@@ -1,4 +1,4 @@
-"""Rights on a run's bus: roles, and the access list of a Zenoh router that is made of the table of topics."""
+"""Rights on a run's bus: a router's access list, made of who publishes and reads in `wire.topics`."""
 
 from collections.abc import Mapping
 from typing import Any, Literal

@@ -1,4 +1,4 @@
-"""THE table of topics: what travels under which key, how often, and how old it may be."""
+"""THE table of topics: who publishes what under which key, who reads it, how often, how old it may be."""
 
 from dataclasses import dataclass, replace
 

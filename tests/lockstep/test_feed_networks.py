@@ -19,6 +19,7 @@ from saltus.effects.camera import NOMINAL_LATENCY
 from saltus.grid import LINE
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.training.interface import frames_and_feet, interface
+from saltus.model_file import ModelFile
 from saltus.recordings.recording import Recording, read_recording
 from saltus.resources import resource
 from saltus.wire.messages import DepthFrame, Heightmap, MotionPlan, PlanStatus, RobotState
@@ -102,6 +103,13 @@ def test_the_example_needs_no_saltus_and_runs() -> None:
     level = np.array(heights.split("[")[1].split("]")[0].split(), dtype=float)
     np.testing.assert_allclose(level, -0.285, atol=0.005)
     assert plan.startswith("plan [")
+
+
+@pytest.mark.parametrize("name", ["heightmap", "policy", "scan"])
+def test_a_card_names_the_model_file_that_it_describes(name: str) -> None:
+    model_id = ModelFile(resource(f"models/{name}.onnx")).model_id
+    title, _ = resource(f"models/{name}.md").read_text(encoding="utf-8").split("\n", 1)
+    assert model_id in title
 
 
 def test_the_cards_say_what_the_code_does() -> None:

@@ -28,9 +28,9 @@ from saltus.policy.evaluation.evaluate import Evaluation
 from saltus.policy.training import checkpoint
 from saltus.real2sim.cycle import choosing, elsewhere, finding, measuring, training, trials
 from saltus.real2sim.cycle.folder import CycleFolder
+from saltus.real2sim.cycle.hidden_and_found import rows_of
 from saltus.real2sim.cycle.report import write_cycle_report
 from saltus.real2sim.cycle.settings import CycleSettings
-from saltus.real2sim.cycle.truth import rows_of
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.patch import Applicability, Patch

@@ -90,7 +90,11 @@ def move(robot: UnitreeRobot, kind: Robot, wait: Callable[[], float]) -> Motion:
 
 
 def motion_checks(motion: Motion, kind: Robot) -> list[Check]:
-    """Checks of what a motion shows: motors, signs against gravity, and how late they answer."""
+    """Judges a motion, by the worst joint in each check.
+
+    It was whole; the motors said that they were on; joints followed; torques held the weight, with
+    its sign; hips answered in time. Of one that was cut short, the first two alone.
+    """
     checks = [
         Check(
             name="motion", passed=not motion.fault, found=motion.fault or "whole",

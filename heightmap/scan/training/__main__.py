@@ -18,6 +18,7 @@ from saltus.heightmap.scan.training.files import Progress, trained_images
 from saltus.heightmap.scan.training.model import parameters
 from saltus.heightmap.scan.training.settings import FlightSettings, ScanTrainSettings
 from saltus.heightmap.scan.training.train import train
+from saltus.model_file import ModelFile
 from saltus.provenance import commit
 
 
@@ -105,6 +106,7 @@ def _run(given: argparse.Namespace) -> int:
         )
         write_results(results, given.out / "scan.json")
         text = card(
+            ModelFile(given.out / "scan.onnx").model_id,
             settings,
             results,
             parameters(model),

@@ -24,13 +24,18 @@ def read_results(path: Path) -> list[Score]:
 
 
 def card(
-    settings: ScanTrainSettings, scores: list[Score], parameters: int, images: int, commit: str
+    model_id: str,
+    settings: ScanTrainSettings,
+    scores: list[Score],
+    parameters: int,
+    images: int,
+    commit: str,
 ) -> str:
-    """The card as Markdown; `commit` says which code trained last."""
+    """The card of a model file as Markdown; `commit` says which code trained last."""
     trained = f"{images / 1e6:.1f} million images, seed {settings.seed}, {parameters:,} parameters, commit {commit}"
     rows = list(dict.fromkeys(score.row for score in scores))
     parts = [
-        "# Heights in two dimensions: card of the model",
+        f"# Scan model {model_id}: heights in two dimensions",
         f"Trained without physics on cameras that fly over random ground: {trained}.",
         _MEANING,
         *(_table(row, grid, scores) for grid in ("scan", "line") for row in rows),

@@ -36,7 +36,7 @@ def export(model: ScanModel, settings: ScanTrainSettings, path: Path) -> None:
         metadata={
             "format": FORMAT, "map": settings.map.to_toml(), "measured": MEASURED, "memory": MEMORY,
             "numbers": NUMBERS, "seed": settings.seed, "parameters": parameters(model),
-        }, halves="blocks.",
+        }, half_prefix="blocks.",
     )  # fmt: skip
 
 

@@ -60,7 +60,7 @@ class Calls:
 
     march: March
     see: Callable[..., tuple[ElevationMap, Inputs, Surroundings]]
-    """`seen`."""
+    """`with_image`."""
     model: Callable[..., Any]
 
     @classmethod
@@ -70,8 +70,8 @@ class Calls:
         Torch 2.11 loses parts of named tuples, so the map stays as it is.
         """
         if not compiled:
-            return cls(first_hits, seen, model)
-        return cls(torch.compile(first_hits), seen, torch.compile(model))
+            return cls(first_hits, with_image, model)
+        return cls(torch.compile(first_hits), with_image, torch.compile(model))
 
 
 class Trainer:
@@ -283,10 +283,14 @@ def _groups(model: ScanModel) -> dict[str, list[Tensor]]:
     return {name: weights for name, weights in groups.items() if weights}
 
 
-def seen(
+def with_image(
     state: ElevationMap, measured: Measurement, now_s: Tensor, settings: MapSettings
 ) -> tuple[ElevationMap, Inputs, Surroundings]:
-    """The map with an image in it, and what the network is shown of it."""
+    """Takes an image into the map of each robot.
+
+    Returns the new map, what the network is shown of it, and what else is known around the robot.
+    `now_s`: time of the image's look [s].
+    """
     state, around = advanced(state, measured, settings)
     return state, inputs_of(state, around, now_s, measured.body_height), around
 

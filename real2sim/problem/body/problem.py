@@ -36,7 +36,7 @@ from saltus.real2sim.problem.body.noise import (
     read_noise,
 )
 from saltus.real2sim.problem.body.replay import BodyReplay, Limit, Pull, Rig, finer, likeliest
-from saltus.real2sim.problem.body.windows import BLOCKS, BodyWindows, cut_windows
+from saltus.real2sim.problem.body.windows import BLOCKS, BodyWindows, body_windows
 from saltus.real2sim.problem.joints.torque_curve import fitted_to
 from saltus.real2sim.problem.log import boxes_of, model_of, robot_of, segments_of, torque_limits
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, LEAST_SIGMA, Candidate, Problem
@@ -145,7 +145,7 @@ class BodyProblem(Problem):
                 "moves"
             )
         self.segments = segments_of(log)
-        self._windows = cut_windows(log, self.segments)
+        self._windows = body_windows(log, self.segments)
         self.model, self._held = model_of(log), tuple[Limit | Pull, ...]()
         self._robot, self._claims = robot_of(log), Claims.of(log)
         # Until it is known where feet slip

@@ -90,7 +90,7 @@ class Track:
     """[rad/s], shape (n, 3)."""
 
 
-def cut_windows(log: RunLog, segments: Sequence[Segment]) -> BodyWindows:
+def body_windows(log: RunLog, segments: Sequence[Segment]) -> BodyWindows:
     """Cuts a log with a measured base; `RecordingError` where no segment of it is long enough."""
     kp, kd = gains(log)
     drive = commanded(log)

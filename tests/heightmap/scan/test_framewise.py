@@ -8,7 +8,7 @@ from saltus.heightmap.scan.planes import Heights, remembered
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.flights import shoot
 from saltus.heightmap.scan.training.framewise import kept, of_image
-from saltus.heightmap.scan.training.train import seen
+from saltus.heightmap.scan.training.train import with_image
 
 SETTINGS = MapSettings(cells=16)
 
@@ -18,10 +18,10 @@ def test_an_image_alone_is_what_it_would_be_as_the_first(fly, draws):
     state, like = new_map(3, SETTINGS, flight.ground.height), flight.ground.height
     for _ in range(3):
         shot = shoot(flight, flights, draws)
-        state, _, _ = seen(state, shot.measured, shot.now_s, SETTINGS)
+        state, _, _ = with_image(state, shot.measured, shot.now_s, SETTINGS)
     _, inputs, around = of_image(state, shot.measured, shot.now_s, SETTINGS)
     first = new_map(3, SETTINGS, like)._replace(correction=state.correction)
-    _, expected, _ = seen(first, shot.measured, shot.now_s, SETTINGS)
+    _, expected, _ = with_image(first, shot.measured, shot.now_s, SETTINGS)
     torch.testing.assert_close(inputs.measured, expected.measured)
     torch.testing.assert_close(inputs.filled, expected.filled)
     torch.testing.assert_close(around.base, shot.measured.now.position + state.correction)

@@ -16,7 +16,7 @@ from saltus.heightmap.scan.predictor import ScanNetwork, ScanPredictor
 from saltus.heightmap.scan.training.export import export
 from saltus.heightmap.scan.training.flights import shoot
 from saltus.heightmap.scan.training.model import ScanModel, told
-from saltus.heightmap.scan.training.train import seen
+from saltus.heightmap.scan.training.train import with_image
 
 GRID = HeightGrid(x=(-0.2, -0.1, 0.0, 0.1, 0.2), y=(-0.1, 0.0, 0.1))
 
@@ -46,7 +46,7 @@ def test_it_tells_what_training_computes(small, exported, fly, draws):
     predictor = ScanPredictor(ScanNetwork(path))
     for _ in range(4):
         shot = shoot(flight, settings, draws)
-        state, inputs, around = seen(state, shot.measured, shot.now_s, small.map)
+        state, inputs, around = with_image(state, shot.measured, shot.now_s, small.map)
         with torch.no_grad():
             heights = told(model, inputs, around.filled)
         state = remembered(state, heights)

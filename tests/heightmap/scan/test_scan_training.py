@@ -231,7 +231,9 @@ def test_every_method_is_scored_on_every_group(small, tmp_path, frame):
         assert mine["visible"].points + mine["remembered"].points == mine["seen"].points
     assert "usual" in table_of(scores)
     write_results(scores, tmp_path / "scan.json")
-    text = card(small, read_results(tmp_path / "scan.json"), parameters(model), 1_500_000, "c0ffee")
+    results = read_results(tmp_path / "scan.json")
+    text = card("1d", small, results, parameters(model), 1_500_000, "c0ffee")
+    assert text.startswith("# Scan model 1d")
     assert "1.5 million images" in text
     assert f"| network | {every['scan', 'network', 'all'].error_mm:.1f}, " in text
 
