@@ -85,7 +85,9 @@ def _small(short_calibration: None) -> Any:
         patch.setattr(trials, "Evaluation", partial(Evaluation, time_limit_s=1.5))
         patch.setattr(gpu, "has_gpu", lambda: True)
         patch.setattr(device_collection, "collect", collect)
-        patch.setattr(checkpoint, "config_of", lambda state: replace(law(state), robots=8))
+        patch.setattr(
+            checkpoint, "config_of", lambda state, *kind: replace(law(state, *kind), robots=8)
+        )
         yield
 
 
