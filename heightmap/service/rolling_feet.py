@@ -15,8 +15,8 @@ from saltus.rotations import rotation_matrix
 from saltus.wire.messages import RobotState
 
 MEAN_S = 0.2
-"""Time of standing over which it is averaged: half a bound (on eight courses robots came 0.98 to
-1.02 times as far as was added up; 0.91 to 0.96 without)."""
+"""Time of standing over which it is averaged: half a bound (on eight courses velocities added up to
+0.98 to 1.02 of the true distance; to 0.91 to 0.96 without)."""
 MOST_MPS = 0.3
 """A foot by which the robot is faster than this slips or does not stand."""
 
