@@ -1,10 +1,10 @@
-"""Heights for a planner that steps over what it is not shown: behind an edge ground is told as low as it may be.
+"""Heights for a planner, which cannot see behind edges: ground in doubt there is lowered.
 
 An edge hides what is right behind it until the camera is over it, so no image shows the near side
-of a trench. The network then tells a slope from the edge to what it saw, with a wide interval: the
-best guess over all kinds of ground. A planner that knows heights alone steps onto that slope. Here
-points in doubt that lead down are told as deep as the lowest of them, and a trench whose ground
-nobody saw as deep as those that planners are trained on.
+of a trench. The network then predicts a slope from the edge to what it saw, with a wide interval:
+the best guess over all kinds of ground. A planner that knows heights alone steps onto that slope.
+Here points in doubt that lead down are lowered to the deepest of them; a trench whose ground nobody
+saw becomes as deep as those that planners are trained on.
 """
 
 import numpy as np
@@ -33,30 +33,30 @@ def deepened(height: Reals, half_width: Reals, grid: HeightGrid) -> tuple[Floats
         half_width: Of its 90 % intervals [m], shape (points,).
         grid: Places of the points; ground leads down along its x.
     """
-    told = np.array(height, np.float64).reshape(grid.shape)
+    lower = np.array(height, np.float64).reshape(grid.shape)
     doubtful = (half_width > DOUBT_M).reshape(grid.shape)
     for column in range(grid.shape[1]):
-        _deepen(told[:, column], doubtful[:, column].tolist(), grid.x)
-    lower = told.reshape(-1)
-    return lower, half_width + (height - lower)
+        _deepen(lower[:, column], doubtful[:, column].tolist(), grid.x)
+    lowered = lower.reshape(-1)
+    return lowered, half_width + (height - lowered)
 
 
-def _deepen(told: Floats, doubtful: list[bool], x: tuple[float, ...]) -> None:
+def _deepen(height: Floats, doubtful: list[bool], x: tuple[float, ...]) -> None:
     """Lowers what leads down in one column, in place."""
-    count, before, first, done = len(told), float(told[0]), 0, 0
+    count, before, first, done = len(height), float(height[0]), 0, 0
     while first < count:
         end = first
-        while end < count and doubtful[end] and told[end] < before - FALL_M:
+        while end < count and doubtful[end] and height[end] < before - FALL_M:
             end += 1
         if end == first:
-            before = before if doubtful[first] else float(told[first])
+            before = before if doubtful[first] else float(height[first])
             first += 1
             continue
-        lowest = min(told[first : end + 1])
-        if end < count and told[end] > before - LEVEL_M:
+        lowest = min(height[first : end + 1])
+        if end < count and height[end] > before - LEVEL_M:
             lowest = min(lowest, before - TRENCH_DEPTH)
         begin = first
         while begin > done and doubtful[begin - 1] and x[first] - x[begin - 1] <= LEAD_M:
             begin -= 1
-        told[begin:end] = lowest
+        height[begin:end] = lowest
         first = done = end

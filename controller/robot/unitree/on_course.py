@@ -13,7 +13,7 @@ from saltus.controller.robot.backend import CourseRobot, Reading, true_heights
 from saltus.controller.robot.unitree.limits import STAGES
 from saltus.controller.robot.unitree.link import COMMANDS, STATES, TRUTHS, UnitreeLink
 from saltus.controller.robot.unitree.robot import ANSWER_S, CONNECT_S, WAIT_S, UnitreeRobot
-from saltus.controller.robot.unitree.truth import Told, tick_of, told
+from saltus.controller.robot.unitree.truth import TruthSample, read_truth, tick_of
 from saltus.errors import StackError
 from saltus.joint_command import JointCommand
 from saltus.setup import Setup
@@ -47,7 +47,7 @@ class UnitreeOnCourse(CourseRobot):
             link, setup.robot, clock, limits=STAGES["bound"], lockstep=lockstep
         )
         self._terrain, self._grid, self._lockstep = setup.terrain, setup.grid, lockstep
-        self._told: Told | None = None
+        self._truth: TruthSample | None = None
         self._waiting: deque[bytes] = deque()
         self._contacts = 0
 
@@ -72,7 +72,7 @@ class UnitreeOnCourse(CourseRobot):
             StackError: it does not, stands on another terrain, or is commanded by another program.
         """
         self._robot.reset()
-        self._told = None
+        self._truth = None
         self._waiting.clear()
         self._await_truth(0, CONNECT_S, NOT_SIMULATED)
 
@@ -109,31 +109,33 @@ class UnitreeOnCourse(CourseRobot):
         """See `UnitreeRobot.close`."""
         self._robot.close()
 
-    def _newest(self) -> Told:
+    def _newest(self) -> TruthSample:
         """Truth of the state that was last read, or, in real time, of one just before; of a lost robot the newest."""
         tick = LAST_TICK if self.fault else int(self._robot.message["tick"])
         if self._lockstep and not self.fault:
             return self._await_truth(tick, ANSWER_S, NOT_SIMULATED)
         self._take(tick)
-        assert self._told is not None  # noqa: S101 - `reset` has waited for one
-        return self._told
+        assert self._truth is not None  # noqa: S101 - `reset` has waited for one
+        return self._truth
 
-    def _await_truth(self, tick: int, seconds: float, otherwise: str) -> Told:
+    def _await_truth(self, tick: int, seconds: float, otherwise: str) -> TruthSample:
         until_s = time.monotonic() + seconds
-        while self._told is None or self._told.tick < tick:
+        while self._truth is None or self._truth.tick < tick:
             if time.monotonic() > until_s:
                 raise StackError(otherwise)
             self._link.wait(TRUTHS, WAIT_S)
             self._take(tick)
-        return self._told
+        return self._truth
 
     def _take(self, tick: int) -> None:
         """Takes over the truth of a state, or the newest before it; of what comes first, whatever it is."""
         self._waiting += [arrived.payload for arrived in self._link.take(TRUTHS)]
         newest = None
-        while self._waiting and (tick_of(self._waiting[0]) <= tick or self._told is newest is None):
+        while self._waiting and (
+            tick_of(self._waiting[0]) <= tick or self._truth is newest is None
+        ):
             newest = self._waiting.popleft()
         if newest is not None:
-            self._told = told(newest)
-            if self._told.terrain != self._terrain.fingerprint:
+            self._truth = read_truth(newest)
+            if self._truth.terrain != self._terrain.fingerprint:
                 raise StackError(ELSEWHERE)

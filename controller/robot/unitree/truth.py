@@ -15,7 +15,7 @@ SHAPES = {
     "position_base_in_world": 3, "quaternion_base_in_world": 4, "velocity_base_in_world": 3,
     "angular_velocity_base": 3, "joint_position": 12, "foot_force": 4,
 }  # fmt: skip
-"""Fields of `PlantState` that are told, and their sizes."""
+"""Fields of `PlantState` that are sent, and their sizes."""
 FINGERPRINT = 16
 ros.add_types({
     NAME: f"uint32 tick\nuint32 contacts\nuint8[{FINGERPRINT}] terrain\n"
@@ -25,7 +25,7 @@ TRUTH = Layout(NAME)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Told:
+class TruthSample:
     """Truth of one instant."""
 
     tick: int
@@ -39,7 +39,7 @@ class Told:
 
 
 def truth_payload(state: PlantState, terrain: Terrain, *, tick: int, contacts: int) -> bytes:
-    """Truth as it travels; arguments as the fields of `Told`."""
+    """Truth as it travels; arguments as the fields of `TruthSample`."""
     message = np.zeros((), TRUTH.dtype)
     message["tick"], message["contacts"] = tick, contacts
     message["terrain"] = np.frombuffer(terrain.fingerprint.encode("ascii"), np.uint8)
@@ -49,18 +49,18 @@ def truth_payload(state: PlantState, terrain: Terrain, *, tick: int, contacts: i
 
 
 def tick_of(payload: bytes) -> int:
-    """`Told.tick` alone; 0 of what is too short for one."""
+    """`TruthSample.tick` alone; 0 of what is too short for one."""
     return int.from_bytes(payload[len(ENCAPSULATION) :][:4], "little")
 
 
-def told(payload: bytes) -> Told:
-    """Truth as it came.
+def read_truth(payload: bytes) -> TruthSample:
+    """The truth that a payload holds.
 
     Raises:
         MessageError: it is of another size or encoding.
     """
     message = TRUTH.read([payload])[0]
-    return Told(
+    return TruthSample(
         tick=int(message["tick"]), contacts=int(message["contacts"]),
         terrain=message["terrain"].tobytes().decode("ascii", "replace"),
         motion={name: message[name].astype(np.float64) for name in SHAPES},

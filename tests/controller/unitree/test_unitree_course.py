@@ -18,7 +18,7 @@ from saltus.controller.rising import RISE_S
 from saltus.controller.robot.unitree import on_course
 from saltus.controller.robot.unitree.link import TRUTHS
 from saltus.controller.robot.unitree.on_course import UnitreeOnCourse
-from saltus.controller.robot.unitree.truth import SHAPES, tick_of, told, truth_payload
+from saltus.controller.robot.unitree.truth import SHAPES, read_truth, tick_of, truth_payload
 from saltus.errors import StackError
 from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.policy.level_run import LevelRun
@@ -44,7 +44,7 @@ def test_truth_comes_out_as_it_went_in(seed: int) -> None:
     )  # fmt: skip
     tick, contacts = (int(number) for number in rng.integers(2**32, size=2))
     payload = truth_payload(state, flat.make(), tick=tick, contacts=contacts)
-    came = told(payload)
+    came = read_truth(payload)
     assert (came.tick, tick_of(payload), came.contacts) == (tick, tick, contacts)
     assert came.terrain == flat.make().fingerprint
     for name, value in came.motion.items():
