@@ -30,6 +30,8 @@ from benchmarks._measuring import resident_mb
 from saltus.errors import ConfigError, MessageError, SaltusError
 from saltus.recordings.recording import read_recording
 from saltus.wire.bus import RawSample, topic_of, unpack
+from saltus.wire.codec import Envelope, encode
+from saltus.wire.messages import CommandMode, DriveCommand, JointPlan, Message, PlanStatus
 from saltus.wire.topics import TOPICS
 
 HUNG_S = 60.0
@@ -37,6 +39,16 @@ SETTLED = 20
 """Files after which a process has loaded what it needs: growth is counted from there."""
 GIVEN_UP = 5
 """Deaths and hangs of one kind after which it is left."""
+UNHEARD: dict[str, Message] = {
+    "policy/joints": JointPlan(
+        time_ns=0, step=0, status=PlanStatus.GO, joint_position=np.zeros(12),
+        kp=np.full(12, 40.0), kd=np.ones(12), reason="",
+    ),
+    "operator/command": DriveCommand(
+        time_ns=0, step=0, mode=CommandMode.WALK, velocity_x=0.5, velocity_y=0.0, yaw_rate=0.1
+    ),
+}  # fmt: skip
+"""Messages of topics on which a run of jumps says nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +115,10 @@ class Benchmark(Command):
         return done if done == self.files else done + 1
 
     def messages(self, recording: Path) -> dict[str, Any]:
-        """Returns what is made of mutated messages of each topic, beginning with those of a real run."""
+        """Returns what is made of mutated messages of each topic, beginning with those of a real run.
+
+        Topics that a run of jumps has none of begin with a message that says the same throughout.
+        """
         good: dict[str, list[RawSample]] = {}
         whole = read_recording(recording)
         for name in TOPICS:
@@ -111,6 +126,10 @@ class Benchmark(Command):
                 good.setdefault(name, []).append(
                     RawSample(_key(name), payload, envelope.to_bytes(), arrival_ns)
                 )
+            if name not in good:
+                message = UNHEARD.get(name) or next(iter(whole.of(TOPICS[name].message)))
+                envelope = Envelope(sequence=1, capture_ns=message.time_ns, boot_id=bytes(16))
+                good[name] = [RawSample(_key(name), encode(message), envelope.to_bytes(), 0)]
         return {name: self._mutate(name, raws) for name, raws in good.items()}
 
     def _mutate(self, name: str, raws: list[RawSample]) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from saltus.resources import resource
 from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder
 
 POLICY = resource("models/checkpoints/policy.pt")
+MODEL = resource("models/heightmap.onnx")
 HUGE = "99999999999999999999999"
 CAMERAS = {
     "ratehz": "ratehz = 30.0",
@@ -116,13 +117,13 @@ BAD = {
     "demo --out /proc/nowhere": "/proc/nowhere",
     "demo --robot go3": "no robot 'go3': Saltus ships go1, go2; of another give the path",
     "demo --robot junk.xml": "junk.xml",
-    "demo --robot other": "heightmap collect cpu --loop.learned 0",
-    "demo --robot other --planner scripted": "saltus policy eval --planner scripted",
-    "up --robot other": "docs/robots.md",
+    "demo --robot other": "train a policy for this robot, or let rules plan (--planner scripted)",
+    f"demo --robot other --planner scripted --heightmap-model {MODEL}": "docs/robots.md",
+    "up --robot other": "--planner scripted",
     "heightmap collect cpu --loop.robot go3": "no robot 'go3'",
     "heightmap collect gpu --robot go2": "docs/robots.md says what takes another",
     "heightmap eval --robot go2": "heightmap collect cpu --loop.learned 0",
-    "demo --robot moved --planner scripted": "+2.8 cm ahead",
+    f"demo --robot moved --planner scripted --heightmap-model {MODEL}": "+2.8 cm ahead",
     "demo --policy-model junk.onnx": "junk.onnx",
     "demo --planner scripted --policy-model junk.onnx": "--planner learned",
     "up --heightmap-model missing.onnx": "missing.onnx",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plain_reader import PlainReader, messages_of
 from recorded import MS, STEPS, TERRAIN, raw, run_messages, run_samples, write
-from samples import KINEMATICS, ROBOT
+from samples import KINEMATICS, ROBOT, message_of
 
 from saltus.constants import FORCE_M_PER_N
 from saltus.controller.gait import GaitConfig
@@ -32,6 +32,7 @@ from saltus.wire.topics import TOPICS
 SIGMA = 1.645  # half of the 90 % interval of a normal distribution, in standard deviations
 EVENT = Event(time_ns=5 * MS, process="heightmap", code="depth_lost", detail="nothing for 110 ms")
 DONE = Done(time_ns=5 * MS, step=0, process="render")
+UNHEARD = ("operator/command", "policy/joints")  # topics on which a run of jumps says nothing
 
 
 def one_of(derived: Any, topic: str) -> Any:
@@ -58,6 +59,7 @@ def test_plain_readers_decode_every_channel_of_a_recording(tmp_path: Path) -> No
         tmp_path / "run.mcap",
         [
             *run_samples(), raw("event/heightmap", EVENT, 1), raw("done/render", DONE, 1),
+            *(raw(topic, message_of(TOPICS[topic].message), 1) for topic in UNHEARD),
             *(raw("scan/heightmap", scan, number) for number, scan in enumerate(scans, start=1)),
         ],
     )  # fmt: skip
