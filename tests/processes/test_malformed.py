@@ -24,7 +24,7 @@ from saltus.runtime.run_folder import write_run
 from saltus.wire import codec, schemas
 from saltus.wire.bus import Latest
 from saltus.wire.codec import Envelope
-from saltus.wire.messages import Done, Message
+from saltus.wire.messages import Done, Message, MotionPlan, PlanStatus
 from saltus.wire.router import open_router
 from saltus.wire.topics import TOPICS
 from saltus.wire.zenoh_bus import ZenohBus
@@ -143,6 +143,10 @@ class Victim:
         self.step += 1
         for topic, publisher in self.triggers.items():
             message = replace(message_of(TOPICS[topic].message), time_ns=self.clock.now_ns())
+            if isinstance(
+                message, MotionPlan
+            ):  # on a drawn plan a robot falls, and its run is over
+                message = replace(message, status=PlanStatus.STAND)
             publisher.put(message if topic == "camera/depth" else replace(message, step=self.step))  # type: ignore[call-arg]
 
     def counted(self, latest: Latest) -> dict[str, int] | None:
