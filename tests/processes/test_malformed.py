@@ -24,7 +24,7 @@ from saltus.runtime.run_folder import write_run
 from saltus.wire import codec, schemas
 from saltus.wire.bus import Latest
 from saltus.wire.codec import Envelope
-from saltus.wire.messages import Done, Message, MotionPlan, PlanStatus
+from saltus.wire.messages import Done, Message, MotionPlan, PlanStatus, RobotState
 from saltus.wire.router import open_router
 from saltus.wire.topics import TOPICS
 from saltus.wire.zenoh_bus import ZenohBus
@@ -60,7 +60,8 @@ def malformed(kind: type[Message], boot_id: bytes, time_ns: int) -> Iterator[Mal
     message = replace(message_of(kind), time_ns=time_ns)
     good = codec.encode(message)
     envelope = Envelope(10**6, time_ns, boot_id).to_bytes()
-    other: Any = Done if kind is not Done else next(k for k in schemas.FIELDS if k is not Done)
+    # Done could be taken for a command, up to its mode
+    other: Any = Done if kind is RobotState else RobotState
     payloads = {
         "empty": [b""],
         "size": [bytes(codec.PAYLOAD_MAX + 1)],
