@@ -20,9 +20,9 @@ with 0.018 m plans on stairs down by half."""
 FALL_M = 0.03
 """Ground in doubt that lies deeper than this below the sure ground before it leads down."""
 LEAD_M = 0.1
-"""So far before it points in doubt belong to it: odometry that drifts moves edges on by some cells."""
+"""Points in doubt so far before a dip belong to it: drifting odometry moves edges by some cells."""
 LEVEL_M = 0.05
-"""Where the ground behind lies less than this below that before, what leads down is a trench."""
+"""Ground behind that lies less than this below the ground before makes a trench of the dip."""
 
 
 def deepened(height: Reals, half_width: Reals, grid: HeightGrid) -> tuple[Floats, Floats]:

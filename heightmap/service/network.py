@@ -28,7 +28,7 @@ KEPT_CALLS = (
     32  # sizes of batches, 8 kB a robot: as many as one process has robots, each with two models
 )
 MOUNT_POSITION_ERROR_M, MOUNT_PITCH_ERROR = 0.01, np.deg2rad(1.5)
-"""How far a camera may sit from the place it was made for, along each axis and in pitch [rad]: a
+"""Distance of a camera from the place it was made for that is allowed, along each axis and in pitch [rad]: a
 printed mount and its screws. Training data are drawn with it, or with more
 (`saltus.heightmap.data.mounts`)."""
 _TOLERANCE = 1e-6  # of a number that went through text

@@ -1,4 +1,4 @@
-"""How much faster a robot is than its odometry says that takes its round feet to stand still: they roll.
+"""Corrects odometry for feet that roll: a robot is faster than round feet at rest would say.
 
 Velocity by the legs is that of the base over a foot. A foot's centre moves on as the shank turns
 over its sole: with soles of 0.02 m and legs of 0.3 m a robot is 7 % faster than over feet whose

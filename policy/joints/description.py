@@ -77,7 +77,7 @@ class PolicyDescription(Value):
     grid: str = "scan"
     """Grid of the heights, by name or as a TOML file (`saltus.grid`)."""
     dialect: Dialect = field(default_factory=lambda: DIALECTS["isaaclab"])
-    """How the policy reads heights (`saltus.dialects`)."""
+    """Order, clip and scale of the heights that the policy reads (`saltus.dialects`)."""
     blind: bool = False
     """The policy is told level ground at its standing height in place of heights."""
     history: int = 1

@@ -32,7 +32,7 @@ UNDER_WAY = (ControllerMode.WALK, ControllerMode.COAST)
 """Modes in which the policy goes on: of a Go1 at 1.2 m/s whose plans were missing for 60 ms none of
 8 fell, and 7 when it began anew."""
 ON_TIME = 0.75
-"""Share of the policy's period after which it is asked again: states may be dated a little early."""
+"""Share of the policy's period after which it is asked again: states may be dated a bit early."""
 
 
 class Walker:

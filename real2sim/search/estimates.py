@@ -26,7 +26,7 @@ PRESENT_SHARE = 0.1
 models."""
 
 ALONG = 1.0 / 3.0
-"""How large the part of a misfit is that a fit hides in its values, relative to the part that it
+"""Size of the part of a misfit that a fit hides in its values, relative to the part that it
 leaves. A misfit is taken to lie as any other effect does: of 4,100 pairs of effects in the joint
 logs of two benchmarks, one has along the signature of the other 0.33 times (RMS) what it has beside
 it, pairs with |cos| above 0.9 not counted."""

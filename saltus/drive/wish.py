@@ -7,7 +7,7 @@ from saltus.wire.messages import CommandMode, DriveCommand, RobotState
 
 @dataclass(frozen=True, kw_only=True)
 class Wish:
-    """How the robot is to move now."""
+    """A motion that the robot is to make from now on."""
 
     mode: CommandMode = CommandMode.STAND
     ahead_mps: float = 0.0

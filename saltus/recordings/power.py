@@ -16,7 +16,7 @@ class MotionPower:
     motion: str
     """Name of the mode, in small letters."""
     seconds: float
-    """How long the robot was in it."""
+    """Time for which the robot was in this motion."""
     peak_w: float
     """Greatest power of all joints together."""
     driving_w: float

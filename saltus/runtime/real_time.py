@@ -35,8 +35,8 @@ class RealTimeFactor:
     """Seconds of the run that were delivered for each second of the machine: `share` of the run's
     speed."""
     late_s: float
-    """How much longer than by their period and jitter messages let wait [s, run's clock]: the worst
-    one in half a second, median."""
+    """Delay of messages beyond their period and jitter [s, run's clock]: the worst one in half a
+    second, median."""
     kept: bool
     """True where the stream keeps up."""
     speed: float

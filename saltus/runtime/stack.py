@@ -54,7 +54,7 @@ STANDSTILL_S = 30.0  # of the machine; a landing in lockstep takes a few
 LAST_WORDS_S = 0.5  # for the supervisor's own events to come back to its recorder
 POLL_S = 0.01
 DRAIN_S = 0.04
-"""How often what has come is read, in real time. Every 10 ms it took the supervisor a tenth more
+"""Period at which arrived messages are read, in real time. Every 10 ms it took the supervisor a tenth more
 processor time (`saltus bench stack`): others displace its code from the caches meanwhile."""
 RECORDED_AT_A_TIME = 80
 """Samples, of some 600 a second: on a busy computer the processes are looked after although the

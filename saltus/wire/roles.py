@@ -1,4 +1,4 @@
-"""Rights on a run's bus: a router's access list, made of who publishes and reads in `wire.topics`."""
+"""Rights on a run's bus: a router's access list, from the publishers and readers in `topics`."""
 
 from collections.abc import Mapping
 from typing import Any, Literal

@@ -1,4 +1,4 @@
-"""THE table of topics: who publishes what under which key, who reads it, how often, how old it may be."""
+"""THE table of topics: key, type, publisher, readers, rate, and the age that is allowed."""
 
 from dataclasses import dataclass, replace
 

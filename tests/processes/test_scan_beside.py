@@ -18,7 +18,7 @@ RUN_S = 3.0  # it stands for a second, and then bounds
 SEEN_M = 0.017
 """The network's error on all kinds of ground where seen (docs/scan.md)."""
 SHARE = 0.5
-"""Of the states that must be answered: on a busy computer some are too old to be."""
+"""Share of the states that must be answered: on a busy computer some are too old to be."""
 
 
 def test_a_stack_tells_the_line_and_the_scan(speed: float, tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ def test_events_reach_who_stood_still_while_images_were_lost() -> None:
 
 
 def test_links_of_a_slowed_run_last_as_long_in_its_clock(tmp_path: Path) -> None:
-    """Who stands still for 1.2 s of the machine, 0.12 s of a run at a tenth of its speed, misses nothing."""
+    """A process that stands still for 0.12 s of a run at a tenth of its speed misses nothing."""
     speed, event = 0.1, message_of(Event)
     endpoint, router = open_router(speed=speed)
     write_client(tmp_path / "client.json5", endpoint, speed=speed)
