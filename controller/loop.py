@@ -105,7 +105,7 @@ class ControlLoop:
         """
         reading = self._sensed_reading()
         if not self.risen:
-            return self._told(reading, self._rising(reading))
+            return self._logged(reading, self._rising(reading))
         self._watch = watch(
             self._watch,
             WatchdogInput(
@@ -121,7 +121,7 @@ class ControlLoop:
             PHYSICS_DT,
             self._watchdog,
         )
-        return self._told(reading, self._step_law(plan))
+        return self._logged(reading, self._step_law(plan))
 
     def state(self, time_ns: int, step: int, depth_due: int = -1) -> RobotState:
         """The robot as of the last `sense`, with the contacts of the last `act`."""
@@ -153,7 +153,7 @@ class ControlLoop:
             kd=np.array([c.kd for c in commands]),
         )
 
-    def _told(self, reading: Reading, command: JointCommand) -> JointCommand:
+    def _logged(self, reading: Reading, command: JointCommand) -> JointCommand:
         self._rows.append(_Row(reading=reading, command=command))
         self._ticks += 1
         return command
@@ -178,6 +178,7 @@ class ControlLoop:
         return states_of(self._sensed_reading().measurement, self._estimate, self._gait)
 
     def _step_law(self, plan: AnyPlan | None) -> JointCommand:
+        # In WALK, too: a landing begins with what the law remembers of footholds and gait
         mode, reference = self._own_reference(self._reference(plan))
         acting = self._tick.act(reference, self._states(), self._law_state, self._ground, mode)
         self._law_state, self._ground, self._last = acting.law, acting.ground, acting
