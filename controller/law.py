@@ -15,7 +15,6 @@ from saltus.arrays import (
     Array,
     Constant,
     Flags,
-    Floats,
     Joints,
     LegFlags,
     Legs,
@@ -28,6 +27,7 @@ from saltus.constants import PHYSICS_DT
 from saltus.controller.compensation import Compensation
 from saltus.controller.feedback import FeedbackConfig, VelocityFeedback
 from saltus.controller.gait import Gait, GaitConfig, GaitSignal, GaitState
+from saltus.controller.resting_poses import RestingPoses
 from saltus.controller.signals import Reference, YawFrameBody, observe
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceSolver
 from saltus.controller.swing import SwingConfig, SwingLegs
@@ -39,9 +39,6 @@ from saltus.wire.messages import ControllerMode
 
 _STANDING = (ControllerMode.STAND, ControllerMode.STOPPED, ControllerMode.LIE)
 _MOVING = (ControllerMode.RUN, ControllerMode.COAST)
-LYING_CLEARANCE_M = 0.03
-"""Ground clearance of a trunk that lies: a trunk that touches the ground ends a trial. The folded
-legs of a Go1 reach no less."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,13 +122,7 @@ class LegController:
     ) -> None:
         self.config = config or LegControllerConfig()
         self._robot, self._gains, self._legs = robot, robot.gains, LegKinematics(robot)
-        self._stand_pose = Constant(robot.stand_pose)
-        self._stand_feet = Constant(self._legs.position(robot.stand_pose))
-        self._lying_pose = Constant(lying_pose(robot))
-        self._joint_lower, self._joint_upper = (
-            Constant(robot.joint_lower),
-            Constant(robot.joint_upper),
-        )
+        self._poses = RestingPoses(robot, self.config.steepest_stand)
         self._gait = Gait(self.config.gait)
         self._swing = SwingLegs(robot, self.config.swing)
         self._stance = StanceLegs(robot, self.config.stance)
@@ -149,7 +140,7 @@ class LegController:
         """
         xp = namespace(like)
         zeros = xp.zeros((*batch, 12), dtype=like.dtype, device=like.device)
-        pose = zeros + self._stand_pose.like(like)
+        pose = zeros + Constant(self._robot.stand_pose).like(like)
         return LawState(
             gait=GaitState(phase=zeros[..., 0]),
             liftoff=self._legs.position(pose),
@@ -221,7 +212,7 @@ class LegController:
             landed=state.landed | (state.mode in _STANDING),
             mode=mode,
             blend_from=sensed.joint_position,
-            rest=self._resting_pose(body, mode) if mode in _STANDING else state.rest,
+            rest=self._poses.of(mode, body) if mode in _STANDING else state.rest,
             mode_time_s=0.0,
         )
 
@@ -332,42 +323,6 @@ class LegController:
             wanted, body.angular_velocity - angular_step, body.angular_velocity + angular_step
         )
 
-    def _resting_pose(self, body: YawFrameBody, mode: ControllerMode) -> Joints:
-        """Joint angles of a mode in which the robot rests, shape (..., 12)."""
-        if mode != ControllerMode.LIE:
-            return self._standing_pose(body)
-        xp = namespace(body.roll)
-        lying = self._lying_pose.like(body.roll)
-        return lying + xp.zeros_like(body.roll)[..., None]
-
-    def _standing_pose(self, body: YawFrameBody) -> Joints:
-        """Joint angles to stand on the slope that the feet give, shape (..., 12).
-
-        The base is over the middle of the feet and pitched by half the slope: a trunk that is
-        parallel to stairs of
-        0.20 m has its weight behind the rear feet, and for a level one the rear legs are too short.
-        """
-        xp = namespace(body.roll)
-        pairs = xp.mean(xp.reshape(body.foot_yaw, (*body.foot_yaw.shape[:-2], 2, 2, 3)), axis=-2)
-        ahead = pairs[..., 0, :] - pairs[..., 1, :]
-        stand = self._stand_feet.like(body.roll)
-        apart = float(stand[0, 0] - stand[2, 0])
-        steepest = self.config.steepest_stand
-        slope = xp.clip(
-            ahead[..., 2] / xp.clip(ahead[..., 0], 0.5 * apart, None), -steepest, steepest
-        )[..., None]
-        pitch = 0.5 * xp.atan(slope)
-        cosine, sine = xp.cos(pitch), xp.sin(pitch)
-        x, y, z = (
-            stand[..., 0] + 0.0 * slope,
-            stand[..., 1] + 0.0 * slope,
-            stand[..., 2] + slope * stand[..., 0],
-        )
-        angles = self._legs.inverse(
-            xp.stack([cosine * x + sine * z, y, cosine * z - sine * x], axis=-1)
-        )
-        return xp.clip(angles, self._joint_lower.like(angles), self._joint_upper.like(angles))
-
     def _stand(self, sensed: Proprioception, state: LawState) -> JointCommand:
         xp = namespace(sensed.joint_position)
         measured = sensed.joint_position
@@ -419,16 +374,3 @@ class LegController:
         return replace(
             state, liftoff=body.foot_yaw, mode_time_s=state.mode_time_s + PHYSICS_DT
         ), diagnostics
-
-
-def lying_pose(robot: Robot) -> Floats:
-    """Joint angles with the feet below the thighs' axes and the trunk just above the ground [rad].
-
-    Shape (12,), within the range of the joints.
-    """
-    foot = robot.hip_anchor.copy()
-    foot[:, 1] += robot.abduction_offset
-    foot[:, 2] = robot.foot_radius - LYING_CLEARANCE_M
-    foot[:, 2] += robot.trunk_center[2] - 0.5 * robot.trunk_size[2]
-    angles = LegKinematics(robot).inverse(foot)
-    return np.asarray(np.clip(angles, robot.joint_lower, robot.joint_upper))
