@@ -1,5 +1,6 @@
 """How difficult a robot's next course is: a level that rises with the way it came, and falls again."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -77,10 +78,6 @@ class CurriculumConfig:
         """
         return {kind: getattr(self, kind) for kind in KINDS} | self.own
 
-    def share(self, kind: str) -> float:
-        """Share of the robots on a kind of terrain."""
-        return self.shares[kind] / sum(self.shares.values())
-
     @property
     def table(self) -> CourseTable | None:
         """Courses of the families of one's own; None where there are none.
@@ -98,14 +95,14 @@ class CurriculumConfig:
         return BOXES if self.table is None else self.table.boxes
 
 
-def kinds_of_robots(config: CurriculumConfig, count: int) -> list[int]:
-    """The kind of each robot as its place in `shares`.
+def kinds_of_robots(shares: Mapping[str, float], count: int) -> list[int]:
+    """The kind of each robot as its place in `shares`, which are relative to each other.
 
-    Kinds lie side by side, in the shares of `config`.
+    Kinds lie side by side.
     """
     ends, total = [], 0.0
-    for kind in config.shares:
-        total += config.share(kind)
+    for share in shares.values():
+        total += share / sum(shares.values())
         ends.append(round(total * count))
     return [next(k for k, end in enumerate(ends) if robot < end) for robot in range(count)]
 

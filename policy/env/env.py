@@ -72,7 +72,7 @@ class JumpEnv(TrainingEnv):
             compensation=compensation_of(profile, self.robot),
         )
         self._estimator = Estimator(self.robot)
-        kinds = kinds_of_robots(config.curriculum, self.count)
+        kinds = kinds_of_robots(config.curriculum.shares, self.count)
         plans = 1 + math.ceil(config.randomisation.plan_delay_s[1] / POLICY_DT)
         self.memory = blank_memory(kinds, plans, max(config.past_steps, default=0), self.device)
         self._plans_ago = torch.arange(plans, device=self.device)

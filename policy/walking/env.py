@@ -17,7 +17,7 @@ from saltus.effects.body import BodyModel
 from saltus.effects.profile import load_profile
 from saltus.grid import SCAN
 from saltus.joint_command import JointCommand
-from saltus.policy.env.curriculum import moved_level
+from saltus.policy.env.curriculum import kinds_of_robots, moved_level
 from saltus.policy.env.drives import training_drives
 from saltus.policy.env.memory import store
 from saltus.policy.env.randomisation import BODY_DRAWS, SOFT_RUBBER, draw_bodies
@@ -82,7 +82,7 @@ class WalkEnv(TrainingEnv):
         pose = description.pose
         self._pose = torch.tensor(pose, dtype=torch.float32, device=self.device)
         self._height = standing_height(self.robot, pose)
-        kind = torch.tensor(kinds_of(config, self.count), device=self.device)
+        kind = torch.tensor(kinds_of_robots(config.ground.shares, self.count), device=self.device)
         wide = torch.tensor(
             [name in config.ground.wide for name in config.ground.shares], device=self.device
         )
@@ -394,12 +394,3 @@ class WalkEnv(TrainingEnv):
             for aside in (-1.0, 1.0)
         ]
         return torch.tensor(places, dtype=torch.float32, device=self.device)
-
-
-def kinds_of(config: WalkConfig, count: int) -> list[int]:
-    """The family of each robot as its place in the shares; families lie side by side."""
-    ends, total = [], 0.0
-    for kind in config.ground.shares:
-        total += config.ground.share(kind)
-        ends.append(round(total * count))
-    return [next(k for k, end in enumerate(ends) if robot < end) for robot in range(count)]

@@ -56,10 +56,6 @@ class GroundConfig:
         if any(share < 0.0 for share in self.shares.values()) or not sum(self.shares.values()):
             raise ConfigError(f"shares = {self.shares}: none may be negative, one must be above 0")
 
-    def share(self, kind: str) -> float:
-        """Share of the robots on a family."""
-        return self.shares[kind] / sum(self.shares.values())
-
     @property
     def table(self) -> CourseTable:
         """The courses of all families, see `saltus.terrain.table`."""

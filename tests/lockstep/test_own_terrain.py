@@ -214,7 +214,7 @@ def test_robots_stand_on_their_own_courses_and_on_those_of_saltus() -> None:
     curriculum = CurriculumConfig(
         flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0, own={"beams": 1.0}
     )
-    assert curriculum.share("beams") == 0.5
+    assert curriculum.shares["beams"] == 0.5 * sum(curriculum.shares.values())
     env = JumpEnv(
         CpuEngine(ROBOT, 8, curriculum.boxes, threads=1),
         EnvConfig(curriculum=curriculum),
