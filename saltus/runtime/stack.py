@@ -12,9 +12,9 @@ import contextlib
 import json
 import signal
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 
@@ -30,8 +30,9 @@ from saltus.runtime.programs import OPERATOR as OPERATOR_PROGRAM
 from saltus.runtime.programs import PROGRAMS, Program
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
+from saltus.runtime.run_recorder import RunRecorder
 from saltus.tuning import kept_small, preferred
-from saltus.wire.bus import STREAM_CAPACITY, Latest, Publisher, RawSample, Stream, sender_of, unpack
+from saltus.wire.bus import Latest, Publisher, RawSample, Stream, sender_of, unpack
 from saltus.wire.joining import write_client
 from saltus.wire.messages import OPERATOR, SUPERVISOR, Event, ProcessStatus
 from saltus.wire.router import NetworkAccess, open_router
@@ -56,9 +57,6 @@ POLL_S = 0.01
 DRAIN_S = 0.04
 """Period at which arrived messages are read, in real time. Every 10 ms it took the supervisor a tenth more
 processor time (`saltus bench stack`): others displace its code from the caches meanwhile."""
-RECORDED_AT_A_TIME = 80
-"""Samples, of some 600 a second: on a busy computer the processes are looked after although the
-recording is behind."""
 
 
 class Stack:
@@ -98,8 +96,6 @@ class Stack:
         """Messages that each process refused, by "topic/reason", from its last proof of life."""
         self.overruns: dict[str, int] = {}
         """Ticks that each process left out, from its last proof of life."""
-        self.recording_error: str | None = None
-        """Why the recording ended early."""
         self._clock = RunClock.of(self.config)
         self._children = {
             p.name: Child(p, run_dir / "logs" / f"{p.name}.log", self._clock) for p in programs
@@ -114,13 +110,12 @@ class Stack:
         """All that had arrived by this time of the run's clock has been read."""
         self._begin_at_s: dict[str, float] = {}  # of those that have died
         self._events_sent = self._events_seen = 0
-        self._unrecorded: deque[RawSample] = deque()
         self._resources = contextlib.ExitStack()
         self._bus: ZenohBus
         self._stream: Stream
         self._sharer: Sharer
         self._events: Publisher
-        self._recorder: Recorder
+        self._recorder: RunRecorder
 
     @property
     def recording(self) -> Path:
@@ -176,8 +171,8 @@ class Stack:
         """
         if self._clock.lockstep or self._clock.elapsed_s() >= self._heard_until_s + DRAIN_S:
             self._drain()
-        if self.recording_error is not None:
-            raise RecordingError(self.recording_error)
+        if self._recorder.error is not None:
+            raise RecordingError(self._recorder.error)
         for child in self._children.values():
             self._look_after(child)
         return not self.finished
@@ -212,7 +207,9 @@ class Stack:
         self._sharer = self._bus.sharer()
         self._events = self._bus.publisher("event", SUPERVISOR)
         with WHOLE:  # who is interrupted has a recording that ends, or none
-            self._recorder = Recorder(self.recording, self.config, self.setup)
+            recorder = Recorder(self.recording, self.config, self.setup)
+            failed = partial(self._event, "recording_failed")
+            self._recorder = RunRecorder(recorder, self._clock, failed)
             self._resources.push(self._close_recorder)
         self._resources.callback(self._stop, restart=True)
         # First of all: the robot comes to a stand
@@ -320,12 +317,7 @@ class Stack:
             self._note_life(raw)
             self._obey(raw)
         self._judge_real_time()
-        room = STREAM_CAPACITY - len(self._unrecorded)
-        self._stream.overflowed += max(0, len(samples) - room)
-        self._unrecorded.extend(samples[:room])
-        for _ in range(min(len(self._unrecorded), RECORDED_AT_A_TIME)):
-            self._record(self._unrecorded.popleft())
-        self._record(None)
+        self._recorder.take(samples)
 
     def _judge_real_time(self) -> None:
         """Says once that the run does not keep up.
@@ -338,24 +330,6 @@ class Stack:
         if factor is not None and not factor.kept and self.too_slow is None:
             self.too_slow = factor
             self._event("too_slow", str(factor))
-
-    def _record(self, raw: RawSample | None) -> None:
-        """Writes a sample, or flushes.
-
-        On a full disk the robot still has to land: `poll` raises the error.
-        """
-        try:
-            if self.recording_error is not None:
-                return
-            if raw is None:
-                self._recorder.flush()
-            else:
-                self._recorder.write(raw)
-                if self._clock.lockstep:
-                    self._clock.set(self._recorder.simulated_ns)
-        except RecordingError as error:
-            self.recording_error = str(error)
-            self._event("recording_failed", str(error))
 
     def _note_life(self, raw: RawSample) -> None:
         """Whatever a process says shows that it lives: who stood still for 0.5 s sends its status without links."""
@@ -409,19 +383,12 @@ class Stack:
             self._drain()
             time.sleep(POLL_S)
         self._drain()
-        while self._unrecorded:
-            self._record(self._unrecorded.popleft())
-        self._recorder.missed = self._stream.overflowed
-        rejected = {**self.rejected, SUPERVISOR: dict(self._recorder.rejected)}
-        summary = {"restarts": json.dumps(self.restarts), "rejected": json.dumps(rejected)}
+        summary = {"restarts": json.dumps(self.restarts)}
         if error is not None:
             summary["error"] = str(error) or type(error).__name__
-        try:
-            self._recorder.close(summary)
-        except RecordingError as failure:
-            self.recording_error = self.recording_error or str(failure)
-        if self.recording_error is not None and error is None:
-            raise RecordingError(self.recording_error)
+        self._recorder.close(summary, self.rejected, self._stream.overflowed)
+        if self._recorder.error is not None and error is None:
+            raise RecordingError(self._recorder.error)
 
     def _limit(self, seconds: float) -> Callable[[], bool]:
         """True until so much of the run's time is over.

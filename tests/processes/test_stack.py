@@ -19,6 +19,7 @@ from saltus.errors import RecordingError, StackError
 from saltus.interrupts import WHOLE
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import read_recording
+from saltus.runtime import run_recorder
 from saltus.runtime import stack as module
 from saltus.runtime.programs import PROGRAMS, Program
 from saltus.runtime.stack import Stack
@@ -262,12 +263,12 @@ def test_processes_do_not_outlive_a_killed_supervisor(tmp_path: Path) -> None:
 def test_what_waits_to_be_recorded_is_bounded_and_what_is_left_out_is_told(
     speed: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "STREAM_CAPACITY", 40)
-    monkeypatch.setattr(module, "RECORDED_AT_A_TIME", 0)
+    monkeypatch.setattr(run_recorder, "STREAM_CAPACITY", 40)
+    monkeypatch.setattr(run_recorder, "RECORDED_AT_A_TIME", 0)
     with Stack(run_config(time_limit_s=2.0, speed=speed), tmp_path, (STATES,)) as stack:
         waiting = []
         while not stack.wait(0.05):
-            waiting.append(len(stack._unrecorded))
+            waiting.append(len(stack._recorder.waiting))
     assert max(waiting) <= 40
     (lost,) = read_recording(tmp_path / "recording.mcap").lost
     assert int(lost.split()[0]) > 100
