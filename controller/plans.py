@@ -1,5 +1,6 @@
 """The newest plan and its age, and the event that is sent when plans stop coming."""
 
+import time
 from dataclasses import replace
 
 from saltus.controller.watchdog import WatchdogConfig
@@ -8,25 +9,32 @@ from saltus.wire.messages import AnyPlan, PlanStatus
 
 
 class Plans:
-    """The planner's newest plan: of joint targets where the run's planner walks."""
+    """The planner's newest plan: of joint targets while it walks, else of jumps."""
 
     def __init__(self, context: ProcessContext) -> None:
         self._context = context
         self._lost_age_s = WatchdogConfig().lost_age_s
-        self._slot = context.bus.latest(context.config.plan_topic)
+        self._slots = [context.bus.latest(topic) for topic in context.config.plan_topics]
         self._plan: AnyPlan | None = None
         self._standing: AnyPlan | None = None
         self._lost = False
 
     def take(self) -> AnyPlan | None:
         """The newest plan, if one has arrived since the last call."""
-        sample = self._slot.take()
-        return None if sample is None else self._keep(sample.message)
+        taken = [sample.message for slot in self._slots if (sample := slot.take()) is not None]
+        if not taken:
+            return None
+        self._plan = max(taken, key=lambda plan: plan.time_ns)
+        return self._plan
 
     def wait(self, timeout_s: float) -> AnyPlan | None:
         """The next plan, at most `timeout_s` from now."""
-        sample = self._slot.wait(timeout_s)
-        return None if sample is None else self._keep(sample.message)
+        until_s, bell = time.monotonic() + timeout_s, self._context.bus.bell
+        heard = bell.rings
+        while (plan := self.take()) is None and (left_s := until_s - time.monotonic()) > 0.0:
+            bell.wait(heard, left_s)
+            heard = bell.rings
+        return plan
 
     def newest(self, now_ns: int, *, halt: bool) -> tuple[AnyPlan | None, float]:
         """The newest plan and its age [s]; infinite before the first.
@@ -52,10 +60,6 @@ class Plans:
             return "no plan yet"
         detail = f": {self._plan.reason}" if self._plan.reason else ""
         return f"plan {self._plan.status.name}, {1e3 * self._age_s(now_ns):.0f} ms old{detail}"
-
-    def _keep(self, plan: AnyPlan) -> AnyPlan:
-        self._plan = plan
-        return plan
 
     def _age_s(self, now_ns: int) -> float:
         return float("inf") if self._plan is None else 1e-9 * (now_ns - self._plan.time_ns)

@@ -5,15 +5,17 @@ from collections.abc import Callable
 from pathlib import Path
 
 from saltus.errors import ConfigError
+from saltus.grid import LINE
 from saltus.loop.planner import compiled_observe
 from saltus.policy.mover import Jumper, Mover
-from saltus.policy.planner import make_planner, warm_up
+from saltus.policy.planner import jumping_planner, make_planner, warm_up
 from saltus.policy.process import PlannerProcess
 from saltus.robots.legs import LegKinematics
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import freshness
 from saltus.wire.bus import Sample
 from saltus.wire.messages import Done, DriveCommand, Heightmap, RobotState
+from saltus.wire.topics import TOPICS
 
 WAIT_S = 0.1
 HEIGHTMAP_WAIT_S = 0.005  # real time: half a policy step for the heightmap of this state
@@ -23,24 +25,27 @@ step; where no heightmap comes, it looks for states this often."""
 
 
 class PlannerLoop:
-    """Wires a planner to bus and clock; `mover` makes what moves a robot that is met anew."""
+    """Wires a planner to bus and clock; `movers` makes what moves a robot that is met anew."""
 
-    def __init__(self, context: ProcessContext, mover: Callable[[], Mover]) -> None:
+    def __init__(self, context: ProcessContext, movers: Callable[[], list[Mover]]) -> None:
         self._context = context
         self._lockstep = context.config.pace == "lockstep"
-        self._mover = mover
+        self._movers = movers
         self._process = self._begun()
         self._robot: bytes | None = None
         self._states = context.bus.latest("controller/state", rings=self._lockstep)
         self._heightmaps = context.bus.latest("heightmap/heightmap")
         self._commands = context.bus.latest("operator/command", rings=self._lockstep)
-        self._plans = context.bus.publisher(context.config.plan_topic)
+        self._plans = {
+            TOPICS[topic].message: context.bus.publisher(topic)
+            for topic in context.config.plan_topics
+        }
         self._done = context.bus.publisher("done", context.name)
         self._newest_step = self._commanded = -1  # of heightmaps and commands that have arrived
         self.ticks = 0
 
     def _begun(self) -> PlannerProcess:
-        return PlannerProcess(self._context.setup.grid, self._mover())
+        return PlannerProcess(self._context.setup.grid, *self._movers())
 
     def run(self) -> None:
         """Answers until the process is told to stop."""
@@ -84,7 +89,8 @@ class PlannerLoop:
         command = self._command_of(state)
         if self._context.stopped:
             return None
-        self._plans.put(self._process.step(state, heightmap, self._context.clock.now_ns(), command))
+        plan = self._process.step(state, heightmap, self._context.clock.now_ns(), command)
+        self._plans[type(plan)].put(plan)
         if self._lockstep:
             self._done.put(Done(time_ns=state.time_ns, step=state.step, process=self._context.name))
         for notice in self._process.notices:
@@ -133,27 +139,34 @@ class PlannerLoop:
 
 def body(context: ProcessContext) -> None:
     """Runs the process; see `saltus.runtime.process`."""
-    loop = PlannerLoop(context, mover_of(context))
+    loop = PlannerLoop(context, movers_of(context))
     context.ready()
     loop.run()
 
 
-def mover_of(context: ProcessContext) -> Callable[[], Mover]:
+def movers_of(context: ProcessContext) -> Callable[[], list[Mover]]:
     """Makes movers of a run's planner, all loaded and warm; the errors of its models."""
     config, robot, grid = context.config, context.setup.robot, context.setup.grid
+    walks = config.planner == "walking"
+    line = LINE if walks else grid
     if config.planner == "walking":
-        from saltus.policy.joints.policy import JointPolicy
-        from saltus.policy.joints.walker import Walker
-
-        if config.policy_model is None:
-            raise ConfigError("policy_model is missing: no walking policy is shipped, name one")
-        policy = JointPolicy(Path(config.policy_model))
-        return lambda: Walker(robot, policy)
-    planner = make_planner(config.planner, robot, grid, config.policy_model)
-    warm_up(planner, robot, grid)
+        planner = jumping_planner(robot)
+    else:
+        planner = make_planner(config.planner, robot, grid, config.policy_model)
+    warm_up(planner, robot, line)
     # In lockstep nobody is late: the reference itself, to the bit
     compiled = None if config.pace == "lockstep" else compiled_observe(LegKinematics(robot))
-    return lambda: Jumper(robot, planner, compiled)
+    places = grid.places_of(line)
+    if not walks:
+        return lambda: [Jumper(robot, planner, compiled, places)]
+    from saltus.policy.joints.policy import JointPolicy
+    from saltus.policy.joints.walker import Walker
+
+    if config.policy_model is None:
+        raise ConfigError("policy_model is missing: no walking policy is shipped, name one")
+    policy = JointPolicy(Path(config.policy_model))
+    scan = grid.places_of(policy.description.height_grid())
+    return lambda: [Walker(robot, policy, scan), Jumper(robot, planner, compiled, places)]
 
 
 if __name__ == "__main__":

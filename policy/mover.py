@@ -4,6 +4,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from saltus.arrays import Floats
 from saltus.loop.planner import Observation, Planner, observe
 from saltus.plan import REST, plan_message
@@ -49,7 +52,14 @@ class Mover(Protocol):
 
 
 class Jumper:
-    """Jumps ahead by a planner; `compiled` observes in place of the law on numpy."""
+    """Jumps ahead by a planner.
+
+    Args:
+        robot: Which one.
+        planner: Its planner.
+        compiled: Observes in place of the law on numpy.
+        places: Of the planner's heights among those of the run's grid; None: they are the same.
+    """
 
     follows, waits = CommandMode.JUMP, False
 
@@ -58,9 +68,10 @@ class Jumper:
         robot: Robot,
         planner: Planner,
         compiled: Callable[[RobotState], Observation] | None = None,
+        places: NDArray[np.intp] | None = None,
     ) -> None:
         self._observe = compiled or partial(observe, legs=LegKinematics(robot))
-        self._planner = planner
+        self._planner, self._places = planner, slice(None) if places is None else places
         self._goes = False
 
     def plan(
@@ -76,7 +87,7 @@ class Jumper:
         begins, plan = not self._goes, REST
         self._goes = status == PlanStatus.GO
         if heights is not None:
-            plan = self._planner.step(self._observe(state), heights, begins)
+            plan = self._planner.step(self._observe(state), heights[self._places], begins)
         return plan_message(plan, status, time_ns=state.time_ns, step=state.step, reason=reason)
 
     def slows(self, state: RobotState) -> bool:

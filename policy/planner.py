@@ -6,7 +6,7 @@ import numpy as np
 
 from saltus.config import PlannerName
 from saltus.errors import ConfigError
-from saltus.grid import HeightGrid
+from saltus.grid import LINE, HeightGrid
 from saltus.loop.planner import Planner, observe
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -36,6 +36,18 @@ def make_planner(
     from saltus.policy.scripted import ScriptedPlanner
 
     return ScriptedPlanner(robot, grid)
+
+
+def jumping_planner(robot: Robot) -> Planner:
+    """The planner of a robot that walks and is told to jump, given heights on the line.
+
+    It is the shipped policy, or rules where that was made for another robot.
+    """
+    from saltus.model_file import ModelFile
+
+    shipped = ModelFile(model_path("policy"))
+    name: PlannerName = "learned" if shipped.field("robot") == robot.name else "scripted"
+    return make_planner(name, robot, LINE)
 
 
 def warm_up(planner: Planner, robot: Robot, grid: HeightGrid) -> None:

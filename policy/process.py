@@ -44,15 +44,17 @@ class PlannerProcess:
 
     STAND until the robot has stood for 0.5 s and a heightmap is OK; then GO, also on heightmaps
     that are degraded. After the first command of an operator it goes only while the newest one says
-    what the mover does (JUMP or WALK) and is not older than 0.5 s; else it stands, or lies down. A
-    mover that walks waits for a command. STOP, which is final, when heightmaps end, are invalid, or
-    come from a hidden state that was reset; but STAND while the robot has not moved yet, as on a
-    computer that is still busy with starting.
+    what one of the movers does (JUMP or WALK) and is not older than 0.5 s; else it stands, or lies
+    down. From one mover to another it changes while the robot stands, and makes it stand for that.
+    The first mover begins; one that walks waits for a command. STOP, which is final, when
+    heightmaps end, are invalid, or come from a hidden state that was reset; but STAND while the
+    robot has not moved yet, as on a computer that is still busy with starting.
     """
 
-    def __init__(self, grid: HeightGrid, mover: Mover) -> None:
+    def __init__(self, grid: HeightGrid, *movers: Mover) -> None:
         self._x, self._y, self._told_of_grid = np.array(grid.x), np.array(grid.y), False
-        self._mover, self._velocity = mover, AT_REST
+        self._movers = {mover.follows: mover for mover in movers}
+        self._mover, self._velocity = movers[0], AT_REST
         self._status = PlanStatus.STAND
         self._reason = "the robot has not stood long enough"
         self._first_ns: int | None = None
@@ -112,10 +114,16 @@ class PlannerProcess:
                 self._rest(state, PlanStatus.STAND, "no command yet")
         elif not freshness(_COMMANDS, command.time_ns, now_ns).usable:
             self._rest(state, _resting(command.mode), "commands have ended")
-        elif command.mode == self._mover.follows:
+        elif self._takes_over(command.mode, state):
             self._velocity = (command.velocity_x, command.velocity_y, command.yaw_rate)
         else:
             self._rest(state, _resting(command.mode), f"the command is {command.mode.name}")
+
+    def _takes_over(self, mode: CommandMode, state: RobotState) -> bool:
+        """True where the mover that follows a command has the robot, or takes one that rests."""
+        if mode in self._movers and state.mode in (ControllerMode.STAND, ControllerMode.LIE):
+            self._mover = self._movers[mode]
+        return mode == self._mover.follows
 
     def _rest(self, state: RobotState, status: PlanStatus, reason: str) -> None:
         if self._status != PlanStatus.GO or not self._mover.slows(state):

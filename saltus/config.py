@@ -129,10 +129,9 @@ class RunConfig:
     """
 
     @property
-    def plan_topic(self) -> str:
-        """The one of `PLAN_TOPICS` on which the planner of this run answers."""
-        jumps, joints = PLAN_TOPICS
-        return joints if self.planner == "walking" else jumps
+    def plan_topics(self) -> tuple[str, ...]:
+        """Those of `PLAN_TOPICS` on which the planner of this run answers."""
+        return PLAN_TOPICS if self.planner == "walking" else PLAN_TOPICS[:1]
 
     @property
     def link_speed(self) -> float:

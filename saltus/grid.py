@@ -62,6 +62,30 @@ class HeightGrid(Value):
         """Place of each point, x and y [m], shape (size, 2)."""
         return np.stack(np.meshgrid(self.x, self.y, indexing="ij"), axis=-1).reshape(-1, 2)
 
+    def places_of(self, other: "HeightGrid") -> NDArray[np.intp]:
+        """Place of each point of another grid among the points of this one, shape (other.size,).
+
+        Raises:
+            ConfigError: a point is not among them.
+        """
+        found = []
+        for name in ("x", "y"):
+            own, asked = np.array(getattr(self, name)), np.array(getattr(other, name))
+            nearest = np.abs(asked[:, None] - own).argmin(axis=1)
+            if np.abs(own[nearest] - asked).max() > _ROUNDING_M:
+                raise ConfigError(
+                    f"{name} of a height grid is {asked.tolist()}: it must be among {own.tolist()}"
+                )
+            found.append(nearest)
+        rows, columns = found
+        return (rows[:, None] * len(self.y) + columns).reshape(-1)
+
+    def with_points_of(self, other: "HeightGrid") -> "HeightGrid":
+        """The smallest grid with the points of both."""
+        sides = ((self.x, other.x), (self.y, other.y))
+        x, y = (tuple(_distinct(np.sort(np.array(a + b))).tolist()) for a, b in sides)
+        return HeightGrid(x=x, y=y)
+
     def points_in_world(
         self, position: Places, yaw: Scalars, ahead: Scalars = 0.0
     ) -> tuple[Points, Points]:
@@ -97,8 +121,19 @@ m."""
 LINE = HeightGrid(x=tuple(np.linspace(-0.4, 0.8, 30).tolist()))
 """The original's: 30 points on one line along the yaw."""
 
-GRIDS = {"line": LINE, "scan": SCAN}
+
+def _distinct(ascending: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Numbers without those that differ from the one before by rounding alone."""
+    return ascending[np.append(True, np.diff(ascending) > _ROUNDING_M)]
+
+
+SCAN_AND_LINE = SCAN.with_points_of(LINE)
+"""The 495 points of a planner that walks by the scan and jumps by the line."""
+
+GRIDS = {"line": LINE, "scan": SCAN, "scan_and_line": SCAN_AND_LINE}
 """Grids by name."""
+WALKING_GRID = "scan_and_line"
+"""The grid of a run whose robot walks by the scan and jumps by the line."""
 DEFAULT_GRID = "line"
 """The grid that a command takes where none is named, of the network of one robot; nothing below
 entry points reads it."""

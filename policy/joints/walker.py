@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saltus.arrays import Floats, smooth_step
 from saltus.policy.joints.observation import (
@@ -36,18 +37,28 @@ ON_TIME = 0.75
 
 
 class Walker:
-    """Turns states of one robot into joint targets; the errors of `JointPolicy.refuse_other`."""
+    """Turns states of one robot into joint targets; the errors of `JointPolicy.refuse_other`.
+
+    `places` are those of the policy's heights among those of the run's grid; None: they are the
+    same.
+    """
 
     follows, waits = CommandMode.WALK, True
 
-    def __init__(self, robot: Robot, policy: JointPolicy) -> None:
+    def __init__(
+        self, robot: Robot, policy: JointPolicy, places: NDArray[np.intp] | None = None
+    ) -> None:
         policy.refuse_other(robot)
         described = policy.description
         self._policy, self._described = policy, described
-        self._observer, self._grid = Observer(described), described.height_grid()
+        self._observer, self._places = (
+            Observer(described),
+            slice(None) if places is None else places,
+        )
         self._pose, self._scale = described.pose, described.action_scale
         self._kp, self._kd = described.gains
-        self._blind = np.full(self._grid.size, -standing_height(robot, described.pose))
+        size = described.height_grid().size
+        self._blind = np.full(size, -standing_height(robot, described.pose))
         self._period_ns = round(ON_TIME * 1e9 / described.rate_hz)
         self._begin(standing_state(robot))
         self._act(standing_state(robot), self._blind, (0.0, 0.0, 0.0))  # the first call takes long
@@ -102,7 +113,8 @@ class Walker:
             risen = float(smooth_step(np.asarray(share)))
             self._targets = self._from + risen * (self._pose - self._from)
         elif self._acted_ns < 0 or state.time_ns - self._acted_ns >= self._period_ns:
-            self._act(state, self._blind if self._described.blind else heights, velocity)
+            told = self._blind if self._described.blind else heights[self._places]
+            self._act(state, told, velocity)
             self._acted_ns = state.time_ns
 
     def _act(self, state: RobotState, heights: Floats, velocity: Velocity) -> None:

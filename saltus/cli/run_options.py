@@ -9,7 +9,7 @@ import tyro
 from saltus.config import Pace, Renderer, RunConfig, RunPlanner, TerrainConfig
 from saltus.errors import ConfigError
 from saltus.flags import shown
-from saltus.grid import DEFAULT_GRID, load_grid
+from saltus.grid import DEFAULT_GRID, WALKING_GRID, load_grid
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.curriculum import FAMILIES
@@ -107,7 +107,8 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
     """
     planner: RunPlanner = "learned"
     """scripted: rules that read the heightmap. learned: a network. walking: a network that follows
-    commands (saltus drive), from --policy-model, on the 187 heights of the scan."""
+    commands (saltus drive), from --policy-model, on the 187 heights of the scan; told to jump, the
+    robot jumps by the shipped policy, or by rules where that was made for another robot."""
     commands: Annotated[Path | None, shown("PATH", "none")] = None
     """Script of commands, as of saltus drive --script, by the time of the run."""
     out: Annotated[Path | None, shown("PATH", "a new one under runs/")] = None
@@ -144,7 +145,7 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
         else:
             self._check_jumping(camera, robot, heightmap)
         config = RunConfig(
-            robot=self.robot, grid="scan" if walks else DEFAULT_GRID, terrain=self.course,
+            robot=self.robot, grid=WALKING_GRID if walks else DEFAULT_GRID, terrain=self.course,
             seed=self.seed,
             pace=self.pace,
             camera=self.camera, renderer=self.renderer, profile=self.profile, known=self.known,
@@ -167,7 +168,9 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
                 "--planner walking needs --policy-model FILE: no walking policy is shipped; "
                 "saltus policy walk train makes one"
             )
-        JointPolicy(self.policy_model).refuse_other(robot)
+        policy = JointPolicy(self.policy_model)
+        policy.refuse_other(robot)
+        load_grid(WALKING_GRID).places_of(policy.description.height_grid())
         ScanNetwork(model_path("scan", self.heightmap_model))
 
     def _check_jumping(self, camera: "DepthCamera", robot: "Robot", heightmap: str | None) -> None:

@@ -130,7 +130,7 @@ class SceneMaker:
             **TOPICS,
             "camera/depth": depth_topic(world.camera.latency_s or CAMERA_LATENCY_S),
         }
-        for unused in set(PLAN_TOPICS) - {world.config.plan_topic}:
+        for unused in set(PLAN_TOPICS) - set(world.config.plan_topics):
             del self._topics[unused]
 
     def make(self, arrivals: Iterable[Arrival], now_ns: int, events: tuple[Event, ...]) -> Scene:

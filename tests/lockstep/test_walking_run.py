@@ -1,4 +1,7 @@
-"""A policy that commands joints in the four processes: it obeys an operator, and the run repeats to the bit."""
+"""A policy that commands joints and one that jumps in the four processes.
+
+They obey an operator, and the run repeats to the bit.
+"""
 
 from pathlib import Path
 
@@ -9,6 +12,7 @@ from samples import ROBOT
 from walking_policies import put_policy
 
 from saltus.config import RunConfig, TerrainConfig
+from saltus.grid import SCAN_AND_LINE, WALKING_GRID
 from saltus.recordings.answers import Comparison
 from saltus.recordings.recording import Recording, read_recording
 from saltus.recordings.timing import digest
@@ -23,21 +27,23 @@ from saltus.wire.messages import (
     GroundTruth,
     Heightmap,
     JointPlan,
+    MotionPlan,
     RobotState,
 )
 
-ENDS_S = 1.6
-LENGTH_S = 3.2
+JUMPS_S, WALKS_S, ENDS_S = 1.6, 3.0, 4.8
+LENGTH_S = 6.2
 
 
-def walks_until_it_ends(state: RobotState) -> DriveCommand | None:
+def walks_jumps_and_walks_until_it_ends(state: RobotState) -> DriveCommand | None:
     """An operator who says nothing any more after a while."""
     if state.time_ns > ENDS_S * 1e9:
         return None
+    jumps = JUMPS_S * 1e9 < state.time_ns <= WALKS_S * 1e9
     return DriveCommand(
         time_ns=state.time_ns,
         step=state.step,
-        mode=CommandMode.WALK,
+        mode=CommandMode.JUMP if jumps else CommandMode.WALK,
         velocity_x=0.0,
         velocity_y=0.0,
         yaw_rate=0.0,
@@ -49,37 +55,44 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     folder = tmp_path_factory.mktemp("run")
     config = RunConfig(
         robot="go1",
-        grid="scan",
+        grid=WALKING_GRID,
         terrain=TerrainConfig(terrain="flat"),
         planner="walking",
         policy_model=str(put_policy(folder / "walk.onnx")),
         time_limit_s=LENGTH_S,
     )
-    return recorded_run(folder, config, driver=walks_until_it_ends)
+    return recorded_run(folder, config, driver=walks_jumps_and_walks_until_it_ends)
 
 
-def test_it_gets_up_walks_while_it_is_told_to_and_stands_when_commands_end(
+def test_it_walks_and_jumps_as_it_is_told_to_and_stands_in_between_and_when_commands_end(
     recording: Recording,
 ) -> None:
     states = list(recording.of(RobotState))
-    modes = [state.mode for state in states]
-    order = [mode for mode, before in zip(modes, [None, *modes], strict=False) if mode != before]
-    assert order == [ControllerMode.STAND, ControllerMode.WALK, ControllerMode.STAND]
-    walked = [state for state in states if state.mode == ControllerMode.WALK]
-    assert walked[0].time_ns == pytest.approx(1.01e9)
-    # The last command, the time it holds, and the policy's own stand
-    assert 1e-9 * walked[-1].time_ns == pytest.approx(ENDS_S + 0.5 + 0.6, abs=0.03)
+    begun = [
+        (state.mode.name, 1e-9 * state.time_ns)
+        for state, before in zip(states, [None, *states], strict=False)
+        if before is None or state.mode != before.mode
+    ]
+    order = ["STAND", "WALK", "STAND", "RUN", "LANDING", "STAND", "WALK", "STAND"]
+    assert [mode for mode, _ in begun] == order
+    walks, stands, jumps, lands, _, again, ends = (time_s for _, time_s in begun[1:])
+    assert (walks, lands) == pytest.approx((1.01, WALKS_S + 0.01), abs=0.011)
+    # The policy's own stand, and where commands end the time that the last one holds
+    assert (stands, ends) == pytest.approx((JUMPS_S + 0.6, ENDS_S + 0.5 + 0.6), abs=0.03)
+    assert jumps - stands < 0.05
+    assert again - lands < 1.2
     height = {truth.step: truth.position_base_in_world[2] for truth in recording.of(GroundTruth)}
-    assert height[walked[-1].step] - height[walked[0].step] > 0.01
+    walked = [s.step for s in states if s.mode == ControllerMode.WALK and s.time_ns < stands * 1e9]
+    assert height[walked[-1]] - height[walked[0]] > 0.01
     assert not any(event.code == "plan_lost" for event in recording.of(Event))
 
 
-def test_plans_are_joint_targets_and_heights_are_the_scan(recording: Recording) -> None:
-    plans = list(recording.of(JointPlan))
-    assert len(plans) >= LENGTH_S * 100
-    assert "policy/plan" not in recording.senders
-    assert {bool(plan.reason) == (plan.status != 1) for plan in plans} == {True}
-    assert next(iter(recording.of(Heightmap))).height.shape == (187,)
+def test_each_state_gets_one_plan_of_whoever_moves_the_robot(recording: Recording) -> None:
+    walks, jumps = list(recording.of(JointPlan)), list(recording.of(MotionPlan))
+    steps = [plan.step for plan in (*walks, *jumps)]
+    assert len(set(steps)) == len(steps) >= LENGTH_S * 100
+    assert {bool(plan.reason) == (plan.status != 1) for plan in (*walks, *jumps)} == {True}
+    assert next(iter(recording.of(Heightmap))).height.shape == (SCAN_AND_LINE.size,)
 
 
 @pytest.mark.parametrize("name", [program.name for program in PROGRAMS])
@@ -107,7 +120,7 @@ def test_five_processes_over_zenoh_say_what_threads_in_one_process_say(tmp_path:
     script.write_text("time_s,mode,ahead_mps\n0,walk,0.3\n1.7,stand\n", encoding="utf-8")
     config = RunConfig(
         robot="go1",
-        grid="scan",
+        grid=WALKING_GRID,
         terrain=TerrainConfig(terrain="flat"),
         planner="walking",
         policy_model=str(put_policy(tmp_path / "walk.onnx")),

@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from saltus.errors import ConfigError
-from saltus.grid import HEIGHTMAP_X, LINE, HeightGrid
+from saltus.grid import HEIGHTMAP_X, LINE, SCAN, SCAN_AND_LINE, HeightGrid
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 
 FIELD = HeightGrid(x=(-0.4, 0.1, 0.8), y=(-0.2, 0.0, 0.3))
@@ -39,6 +39,22 @@ def test_points_in_the_world_are_turned_by_the_yaw_alone(grid: HeightGrid) -> No
     np.testing.assert_allclose(
         grid.points_in_world(position, yaw, ahead), grid.points_in_world(moved, yaw), atol=1e-12
     )
+
+
+@pytest.mark.parametrize(("one", "other"), [(SCAN, LINE), (LINE, FIELD), (FIELD, FIELD)])
+def test_a_grid_with_the_points_of_two_finds_those_of_each(
+    one: HeightGrid, other: HeightGrid
+) -> None:
+    both = one.with_points_of(other)
+    assert max(one.size, other.size) <= both.size
+    for each in (one, other):
+        np.testing.assert_allclose(both.points[both.places_of(each)], each.points, atol=1e-9)
+
+
+def test_places_of_points_that_a_grid_does_not_have_are_refused() -> None:
+    assert SCAN_AND_LINE.shape == (45, 11)
+    with pytest.raises(ConfigError, match="x of a height grid"):
+        SCAN.places_of(LINE)
 
 
 @pytest.mark.parametrize("grid", [LINE, FIELD], ids=["line", "field"])
