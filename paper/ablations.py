@@ -9,23 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from paper import training
 from paper.drawing import OTHER, OURS, subplots
 from paper.run_figures import STAIRS, Made
 from paper.runs import Effort, Ran, Setting, ran
 from paper.stand_in import STAND_IN_SEED, stand_in
-from paper.training import (
-    ABLATIONS,
-    BRING_BACK,
-    FULL,
-    IMITATION,
-    IMITATOR,
-    MODEL,
-    NO_LATENCY,
-    PREDICTED,
-    PREDICTOR,
-    PUBLISHED_TRAININGS,
-    ROUNDS,
-)
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import SaltusError
 from saltus.model_file import checksum_path
@@ -43,7 +31,7 @@ TRANSFER, ROUNDS_ROW = "transfer", "predictor-rounds"
 
 def trainings_folder(given: Path | None) -> Path:
     """Folder that policies are read from, by default the published one."""
-    return PUBLISHED_TRAININGS if given is None else given
+    return training.PUBLISHED_TRAININGS if given is None else given
 
 
 Figures = dict[str, Any]
@@ -57,31 +45,32 @@ Places = dict[str, Figures]
 class System:
     """A system that runs: trainings by their names, those of one seed together."""
 
-    policy: str = FULL
+    policy: str = training.FULL
     predictor: str | None = None
     """The training, and the name of its file; by default the shipped one."""
-    file: str = PREDICTED
+    file: str = training.PREDICTED
 
 
 SYSTEMS = {
-    **{name: System(policy=name) for name in ABLATIONS},
+    **{name: System(policy=name) for name in training.ABLATIONS},
     **{
-        f"round {i + 1}": System(predictor=PREDICTOR, file=f"round-{i}.onnx") for i in range(ROUNDS)
+        f"round {i + 1}": System(predictor=training.PREDICTOR, file=f"round-{i}.onnx")
+        for i in range(training.ROUNDS)
     },
-    NO_LATENCY: System(predictor=NO_LATENCY),
-    "no-sysid": System(policy="no-saturation", predictor=NO_LATENCY),
-    IMITATION: System(policy=IMITATION),
+    training.NO_LATENCY: System(predictor=training.NO_LATENCY),
+    "no-sysid": System(policy="no-saturation", predictor=training.NO_LATENCY),
+    training.IMITATION: System(policy=training.IMITATION),
 }
 """By name. A predictor's last round is that which others of the same data stand beside."""
-LAST = f"round {ROUNDS}"
-WHOLE = (FULL, LAST)
+LAST = f"round {training.ROUNDS}"
+WHOLE = (training.FULL, LAST)
 """Systems that others are held against: the full system with the shipped predictor, and with one of
 the same data."""
 
 
 def shipped_in(system: str) -> tuple[ModelKind, ...]:
     """The shipped networks that run in a system; what imitates plans from images itself."""
-    return () if system == IMITATION or SYSTEMS[system].predictor else ("heightmap",)
+    return () if system == training.IMITATION or SYSTEMS[system].predictor else ("heightmap",)
 
 
 def shown_in(row: str, trained: Path) -> tuple[str, ...]:
@@ -90,7 +79,7 @@ def shown_in(row: str, trained: Path) -> tuple[str, ...]:
         return tuple(trained_systems(trained))
     if row == ROUNDS_ROW:
         return tuple(name for name in SYSTEMS if name.startswith("round "))
-    beside = LAST if row in (NO_LATENCY, "no-sysid", IMITATION) else FULL
+    beside = LAST if row in (training.NO_LATENCY, "no-sysid", training.IMITATION) else training.FULL
     return tuple(dict.fromkeys((beside, row)))
 
 
@@ -103,7 +92,9 @@ def files_of(name: str, trained: Path) -> list[tuple[Path, ...]]:
         SaltusError: there is none; the message names the command that makes what is missing.
     """
     system = SYSTEMS[name]
-    parts = {system.policy: IMITATOR if system.policy == IMITATION else MODEL}
+    parts = {
+        system.policy: training.IMITATOR if system.policy == training.IMITATION else training.MODEL
+    }
     if system.predictor is not None:
         parts[system.predictor] = system.file
     found = {
@@ -170,7 +161,7 @@ def check_weights(name: str, trained: Path, known: Sequence[Places | None]) -> N
         missing = [path for path in files if not (there or path.exists())]
         if missing:
             raise SaltusError(
-                f"the weights {missing[0]} are not kept here: {BRING_BACK}, or train them again"
+                f"the weights {missing[0]} are not kept here: {training.BRING_BACK}, or train them again"
             )
 
 
@@ -187,7 +178,7 @@ def measure(
             known are run.
     """
     policy = SYSTEMS[name].policy
-    feedback = policy not in ABLATIONS or ABLATIONS[policy].feedback
+    feedback = policy not in training.ABLATIONS or training.ABLATIONS[policy].feedback
     profiles = {SIMULATION: load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)), STAND_IN: stand_in()}
     files = files_of(name, trained)
     known = known or [None] * len(files)
@@ -208,7 +199,7 @@ def measure(
 def _setting(files: tuple[Path, ...]) -> Setting:
     """With what was trained, on 14 stairs."""
     terrain = make_terrain(STAIRS)
-    if files[0].name == IMITATOR:
+    if files[0].name == training.IMITATOR:
         return Setting(terrain=terrain, imitator=files[0])
     return Setting(terrain=terrain, policy=files[0], predictor=files[1] if len(files) > 1 else None)
 

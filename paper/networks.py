@@ -15,21 +15,7 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from paper.training import (
-    BRING_BACK,
-    CAMERA,
-    FULL,
-    IMITATOR,
-    IMITATOR_FORMAT,
-    IMITATOR_INPUTS,
-    IMITATOR_OUTPUTS,
-    MODEL,
-    NO_LATENCY,
-    PREDICTED,
-    PREDICTOR,
-    PUBLISHED_TRAININGS,
-    ROUNDS,
-)
+from paper import training
 from saltus.depth_camera import load_camera
 from saltus.errors import SaltusError
 from saltus.gpu import has_gpu
@@ -125,30 +111,32 @@ def train_network(
         raise SaltusError(
             f"training '{name}' needs a GPU: {NetworkEffort().loop.robots} robots that see"
         )
-    teachers = _trained_policies(trained) or _trained_policies(PUBLISHED_TRAININGS)
+    teachers = _trained_policies(trained) or _trained_policies(training.PUBLISHED_TRAININGS)
     if not teachers:
         raise SaltusError(
-            f"no policy of {FULL} in {trained}: saltus paper train {FULL} --seed 0 makes one, or "
-            f"{BRING_BACK}"
+            f"no policy of {training.FULL} in {trained}: saltus paper train {training.FULL} --seed 0 makes one, or "
+            f"{training.BRING_BACK}"
         )
     work = _Work(data=trained / "data" / f"seed-{seed}", own=trained / name / f"seed-{seed}", seed=seed,
                  teacher=teachers[0], commit=commit, effort=effort or NetworkEffort())  # fmt: skip
     work.own.mkdir(parents=True, exist_ok=True)
     (work.own / COMMIT).write_text(f"{commit or this_commit()}\n", encoding="utf-8")
-    if name == PREDICTOR:
+    if name == training.PREDICTOR:
         return _rounds(work)
-    if len(read_manifest(work.data)) < ROUNDS:
+    if len(read_manifest(work.data)) < training.ROUNDS:
         raise SaltusError(
-            f"{work.data} lacks rounds: saltus paper train {PREDICTOR} --seed {seed} makes them"
+            f"{work.data} lacks rounds: saltus paper train {training.PREDICTOR} --seed {seed} makes them"
         )
-    settings = work.settings(ROUNDS)
-    if name == NO_LATENCY:
+    settings = work.settings(training.ROUNDS)
+    if name == training.NO_LATENCY:
         return _exported(
-            _trained(work, replace(settings, delivery="at-once")), work.own / PREDICTED, work
+            _trained(work, replace(settings, delivery="at-once")),
+            work.own / training.PREDICTED,
+            work,
         )
     model = _trained(work, settings, shown=for_imitation)
     return write_imitator(
-        model, config_of(read_policy(work.teacher)), work.own / IMITATOR, seed, commit
+        model, config_of(read_policy(work.teacher)), work.own / training.IMITATOR, seed, commit
     )
 
 
@@ -173,7 +161,7 @@ def write_imitator(
     example = tuple(torch.zeros(2, *shape) for shape in shapes)
     robot, bounds = load_robot(DEFAULT_ROBOT), config.env.bounds
     metadata = {
-        "format": IMITATOR_FORMAT, "robot": robot.name, "actions": list(ACTIONS),
+        "format": training.IMITATOR_FORMAT, "robot": robot.name, "actions": list(ACTIONS),
         "low": list(bounds.low),
         "high": list(bounds.high), "seed": seed, "commit": commit,
     }  # fmt: skip
@@ -181,8 +169,8 @@ def write_imitator(
         _Plan(model),
         example,
         path,
-        inputs=IMITATOR_INPUTS,
-        outputs=IMITATOR_OUTPUTS,
+        inputs=training.IMITATOR_INPUTS,
+        outputs=training.IMITATOR_OUTPUTS,
         metadata=metadata,
     )
     return path
@@ -203,12 +191,12 @@ class _Plan(nn.Module):
 
 
 def _trained_policies(trained: Path) -> list[Path]:
-    return sorted((trained / FULL).glob(f"seed-*/{MODEL}"))
+    return sorted((trained / training.FULL).glob(f"seed-*/{training.MODEL}"))
 
 
 def _rounds(work: "_Work") -> Path:
     before: Path | None = None
-    for index in range(ROUNDS):
+    for index in range(training.ROUNDS):
         checkpoint = work.own / f"round-{index}.pt"
         if len(read_manifest(work.data)) <= index:
             _collect(work, index, before)
@@ -219,21 +207,21 @@ def _rounds(work: "_Work") -> Path:
                 settings = replace(settings, learning_rate=FURTHER_RATE)
             _exported(_trained(work, settings, checkpoint, before), file, work)
         before = checkpoint
-    return Path(shutil.copyfile(file, work.own / PREDICTED))
+    return Path(shutil.copyfile(file, work.own / training.PREDICTED))
 
 
 def _collect(work: "_Work", index: int, predictor: Path | None) -> None:
     loop = work.effort.loop
     collection = DeviceCollection(
         episodes=loop.robots,
-        seed=ROUNDS * work.seed + index,
+        seed=training.ROUNDS * work.seed + index,
         policy=work.teacher,
         predictor=predictor,
         device=_device(),
         loop=loop,
     )
     with tqdm(total=loop.ticks, desc=f"round {index}: robots run", unit="tick") as bar:
-        collect(collection, {CAMERA: work.data}, bar.update, lambda *_: None, work.commit)
+        collect(collection, {training.CAMERA: work.data}, bar.update, lambda *_: None, work.commit)
 
 
 def _trained(
@@ -270,7 +258,7 @@ def _exported(model: HeightmapModel, path: Path, work: "_Work") -> Path:
     origin = Origin(
         robot=DEFAULT_ROBOT,
         grid=load_grid(DEFAULT_GRID),
-        camera=load_camera(CAMERA),
+        camera=load_camera(training.CAMERA),
         latency_s=float(records[0].latency.latency),
         warmup_frames=MIN_WARMUP,
         dataset=dataset_hash(records),

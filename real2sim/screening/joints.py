@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.log import gains_in_force, model_of, untold
+from saltus.real2sim.screening import scales
 from saltus.real2sim.screening.angles import (
     BEYOND_LIMIT,
     angle_faults,
@@ -20,15 +21,7 @@ from saltus.real2sim.screening.angles import (
 )
 from saltus.real2sim.screening.gains import angle_scale_faults, gain_faults
 from saltus.real2sim.screening.gravity import feedforward_faults, gravity_faults
-from saltus.real2sim.screening.scales import (
-    UNKNOWN_UNIT,
-    Fault,
-    by_cause,
-    gears_of,
-    is_off,
-    means,
-    unit_fault,
-)
+from saltus.real2sim.screening.scales import Fault
 from saltus.recordings.run_log import JointTable, RunLog
 from saltus.robots.robot import JOINTS, Robot
 
@@ -142,7 +135,7 @@ def unit_faults(log: RunLog) -> Iterator[Fault]:
     # In a jump legs do not follow their angles: a scale that is no unit, of a few joints, is less
     # than angles that no joint of the robot reaches.
     if any(" of all joints " in fault.text for fault in postures) and all(
-        UNKNOWN_UNIT in fault.text for fault in found
+        scales.UNKNOWN_UNIT in fault.text for fault in found
     ):
         found = postures
     yield from found or postures or _time_unit(log.joints)
@@ -156,7 +149,7 @@ def _time_unit(joints: JointTable) -> Iterator[Fault]:
         return  # stamps that stand still are a fault of their own
     turned = joints.q[rows:] - joints.q[:-rows]
     if joints.dq is not None:
-        expected = means(joints.dq, rows) * lasts
+        expected = scales.means(joints.dq, rows) * lasts
         power, told = float(np.sum(turned**2)), float(np.sum(expected**2))
         is_one_motion = np.sum(turned * expected) > ALIKE * np.sqrt(power * told) > 0.0
         times = np.sqrt(told / power) if is_one_motion else 1.0
@@ -280,11 +273,11 @@ def _rates(log: RunLog) -> Iterator[Fault]:
     wrong = {
         joint: float(slope)
         for joint, slope in enumerate(slopes)
-        if np.isfinite(slope) and is_off(slope)
+        if np.isfinite(slope) and scales.is_off(slope)
     }
-    for where, factor in by_cause(names, wrong):
-        fault = unit_fault(
-            "wrong_rate", "dq", f"dq of {where}", factor, "the rate of q", gears_of(log)
+    for where, factor in scales.by_cause(names, wrong):
+        fault = scales.unit_fault(
+            "wrong_rate", "dq", f"dq of {where}", factor, "the rate of q", scales.gears_of(log)
         )
         yield replace(fault, name="wrong_rate")
     fast = np.nan_to_num(slopes) > TOO_FAST

@@ -5,27 +5,18 @@ from pathlib import Path
 
 from saltus.recordings.recording import Recording, read_recording
 from saltus.watch.scene import LOOK_BACK_NS, Scene, SceneMaker, World
-from saltus.wire.messages import (
-    DepthFrame,
-    Event,
-    GroundTruth,
-    Heightmap,
-    JointPlan,
-    MotionPlan,
-    ProcessStatus,
-    RobotState,
-)
+from saltus.wire import messages
 from saltus.wire.topics import TOPICS
 
 DRAWN = (
-    DepthFrame,
-    Event,
-    GroundTruth,
-    Heightmap,
-    JointPlan,
-    MotionPlan,
-    ProcessStatus,
-    RobotState,
+    messages.DepthFrame,
+    messages.Event,
+    messages.GroundTruth,
+    messages.Heightmap,
+    messages.JointPlan,
+    messages.MotionPlan,
+    messages.ProcessStatus,
+    messages.RobotState,
 )
 
 
@@ -55,7 +46,9 @@ class RecordedRun:
         )
         self._maker = SceneMaker(self.world)
         found = [
-            (ns, event) for ns, _, event in recording.messages("event") if isinstance(event, Event)
+            (ns, event)
+            for ns, _, event in recording.messages("event")
+            if isinstance(event, messages.Event)
         ]
         self._event_ns, self._events = [ns for ns, _ in found], tuple(event for _, event in found)
 

@@ -11,16 +11,9 @@ from samples import ROBOT, level_truth, put_run
 
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import BASELINE_M, MODEL_CAMERA, intrinsics_of, model_image
+from saltus.effects import depth_errors
 from saltus.effects.camera import CameraChain, ViewChain
 from saltus.effects.camera_view import CameraFov, CameraHeight, CameraPitch
-from saltus.effects.depth_errors import (
-    DepthBias,
-    DepthNoise,
-    DepthScale,
-    EdgeHoles,
-    HoleFill,
-    RangeClip,
-)
 from saltus.effects.effect import Effect
 from saltus.effects.image_delivery import CameraLatency, TemporalSmear
 from saltus.effects.profile import Profile, load_profile
@@ -56,7 +49,12 @@ def test_every_effect_of_a_camera_has_its_place() -> None:
 
 
 @pytest.mark.parametrize(
-    "effect", [DepthScale(scale=1.1), DepthBias(bias=0.1), DepthNoise(subpixel_sigma=0.5)]
+    "effect",
+    [
+        depth_errors.DepthScale(scale=1.1),
+        depth_errors.DepthBias(bias=0.1),
+        depth_errors.DepthNoise(subpixel_sigma=0.5),
+    ],
 )
 def test_invalid_stays_invalid_and_nothing_stays_nothing(effect: Effect[Any]) -> None:
     depth = applied(effect, [[0.0, np.inf, 1.0]] * 3)
@@ -68,7 +66,8 @@ def test_noise_grows_with_the_square_of_depth() -> None:
     sigma, focal = 0.05, 100.0
     for depth in (0.5, 1.0, 2.0):
         noisy = applied(
-            DepthNoise(subpixel_sigma=sigma, focal_px=focal), np.full((200, 200), depth)
+            depth_errors.DepthNoise(subpixel_sigma=sigma, focal_px=focal),
+            np.full((200, 200), depth),
         )
         expected = depth**2 * sigma / (focal * BASELINE_M)
         assert np.std(noisy) == pytest.approx(expected, rel=0.03)
@@ -79,7 +78,7 @@ def test_noise_grows_with_the_square_of_depth() -> None:
 def test_holes_are_left_of_near_objects_only(width: int) -> None:
     depth = np.full((2, 20), 2.0)
     depth[:, 8:12] = 1.0
-    lost = applied(EdgeHoles(width=float(width)), depth) == 0.0
+    lost = applied(depth_errors.EdgeHoles(width=float(width)), depth) == 0.0
     np.testing.assert_array_equal(np.flatnonzero(lost[0]), np.arange(8 - width, 8))
 
 
@@ -87,15 +86,15 @@ def test_holes_are_left_of_near_objects_only(width: int) -> None:
 def test_filling_undoes_holes_within_reach(reach: int) -> None:
     depth = np.full((2, 20), 2.0)
     depth[:, 8:12] = 1.0
-    holed = applied(EdgeHoles(width=4.0), depth)
-    filled = applied(HoleFill(reach=float(reach)), holed)
+    holed = applied(depth_errors.EdgeHoles(width=4.0), depth)
+    filled = applied(depth_errors.HoleFill(reach=float(reach)), holed)
     assert np.count_nonzero(filled[0] == 0.0) == max(4 - reach, 0)
     assert np.all((filled == depth) | (filled == 0.0))
 
 
 def test_clipping_reads_far_as_the_end() -> None:
     np.testing.assert_array_equal(
-        applied(RangeClip(max=2.0), [[0.0, 1.0, 2.5, np.inf]]), [[0.0, 1.0, 2.0, 2.0]]
+        applied(depth_errors.RangeClip(max=2.0), [[0.0, 1.0, 2.5, np.inf]]), [[0.0, 1.0, 2.0, 2.0]]
     )
 
 
@@ -153,8 +152,8 @@ def test_the_camera_process_takes_all_of_a_profile(
     """Its frames are images of the moved camera, changed by the effects on images, under the claimed intrinsics."""
     effects = (
         CameraPitch(offset=0.1),
-        DepthScale(scale=1.1),
-        RangeClip(max=1.2),
+        depth_errors.DepthScale(scale=1.1),
+        depth_errors.RangeClip(max=1.2),
         CameraLatency(latency=0.03),
     )
     path = tmp_path / "profile.toml"

@@ -6,27 +6,13 @@ import numpy as np
 import pytest
 from samples import ROBOT
 
+from saltus.effects import joint_loads, motors
 from saltus.effects.backlash import Backlash
 from saltus.effects.chain import ActuatorChain, Torques
 from saltus.effects.compiled_chain import compiled_step
 from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.effect import Effect
 from saltus.effects.encoders import EncoderBias, EncoderQuantisation, VelocityFilter, VelocityScale
-from saltus.effects.joint_loads import (
-    Armature,
-    CoulombFriction,
-    EndStop,
-    JointSpring,
-    Stiction,
-    ViscousFriction,
-)
-from saltus.effects.motors import (
-    ActuatorLag,
-    BatterySag,
-    TorqueGain,
-    TorqueSaturation,
-    TorqueSpeedLimit,
-)
 from saltus.effects.profile import load_profile
 from saltus.joint_command import JointCommand
 
@@ -35,13 +21,14 @@ EFFECTS: tuple[Effect[Any], ...] = (
     CommandDelay(delay=0.007), FeedforwardDelay(delay=0.0113),
     EncoderBias(bias=0.03), EncoderQuantisation(step=0.01), VelocityFilter(time_constant=0.01),
     VelocityScale(scale=1.2),
-    ActuatorLag(time_constant=0.004),
-    TorqueSpeedLimit(corner=5.0, no_load=20.0), TorqueSaturation(knee=8.0, plateau=12.0),
-    TorqueGain(gain=GAINS), BatterySag(loss_at_end=0.3, duration_s=1.0),
-    Backlash(width=0.02), JointSpring(torque=0.5, stiffness=2.0),
-    EndStop(upper=tuple(ROBOT.stand_pose + 0.1)),
-    ViscousFriction(coefficient=0.4), CoulombFriction(torque=0.5),
-    Stiction(breakaway=0.5, stribeck_velocity=0.5), Armature(added=0.01),
+    motors.ActuatorLag(time_constant=0.004),
+    motors.TorqueSpeedLimit(corner=5.0, no_load=20.0),
+    motors.TorqueSaturation(knee=8.0, plateau=12.0),
+    motors.TorqueGain(gain=GAINS), motors.BatterySag(loss_at_end=0.3, duration_s=1.0),
+    Backlash(width=0.02), joint_loads.JointSpring(torque=0.5, stiffness=2.0),
+    joint_loads.EndStop(upper=tuple(ROBOT.stand_pose + 0.1)),
+    joint_loads.ViscousFriction(coefficient=0.4), joint_loads.CoulombFriction(torque=0.5),
+    joint_loads.Stiction(breakaway=0.5, stribeck_velocity=0.5), joint_loads.Armature(added=0.01),
 )  # fmt: skip
 SHIPPED = load_profile("shipped", ROBOT).actuator_chain.effects
 CHAINS = [*((effect,) for effect in EFFECTS), EFFECTS, SHIPPED]

@@ -8,6 +8,7 @@ import pytest
 import torch
 from samples import CURVE, ROBOT
 
+from saltus.effects import depth_errors, joint_loads, motors
 from saltus.effects.backlash import Backlash
 from saltus.effects.body import (
     BaseInertia,
@@ -21,34 +22,11 @@ from saltus.effects.body import (
 )
 from saltus.effects.camera_view import CameraFov, CameraHeight, CameraPitch
 from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
-from saltus.effects.depth_errors import (
-    DepthBias,
-    DepthNoise,
-    DepthScale,
-    EdgeHoles,
-    HoleFill,
-    RangeClip,
-)
 from saltus.effects.effect import Effect, map_arrays
 from saltus.effects.encoders import EncoderBias, EncoderQuantisation, VelocityFilter, VelocityScale
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.image_delivery import CameraLatency, FrameDrop, SampleAndHold, TemporalSmear
 from saltus.effects.imu import ImuBias, ImuLatency, ImuReading
-from saltus.effects.joint_loads import (
-    Armature,
-    CoulombFriction,
-    EndStop,
-    JointSpring,
-    Stiction,
-    ViscousFriction,
-)
-from saltus.effects.motors import (
-    ActuatorLag,
-    BatterySag,
-    TorqueGain,
-    TorqueSaturation,
-    TorqueSpeedLimit,
-)
 from saltus.effects.profile import EFFECTS, IDEAL, PARTS, Profile
 from saltus.effects.signals import (
     CameraView,
@@ -83,27 +61,27 @@ _EXAMPLES: tuple[Effect[Any], ...] = (
     CommandDelay(delay=0.006),
     FeedforwardDelay(delay=0.010),
     FeedforwardDelay(delay=0.0033),
-    ActuatorLag(time_constant=0.004),
-    ActuatorLag(time_constant=(0.0, 0.002, 0.004) * 4),
-    TorqueSpeedLimit(corner=0.0, no_load=(30.0, 30.0, 20.0) * 4),
-    TorqueSpeedLimit(corner=10.0, no_load=21.0),
-    TorqueSaturation(curve=CURVE),
-    TorqueSaturation(knee=14.2, plateau=(17.2, 17.2, 25.9) * 4),
-    TorqueGain(gain=0.9),
-    TorqueGain(gain=PER_JOINT),
-    BatterySag(loss_at_end=0.2, duration_s=5.0),
+    motors.ActuatorLag(time_constant=0.004),
+    motors.ActuatorLag(time_constant=(0.0, 0.002, 0.004) * 4),
+    motors.TorqueSpeedLimit(corner=0.0, no_load=(30.0, 30.0, 20.0) * 4),
+    motors.TorqueSpeedLimit(corner=10.0, no_load=21.0),
+    motors.TorqueSaturation(curve=CURVE),
+    motors.TorqueSaturation(knee=14.2, plateau=(17.2, 17.2, 25.9) * 4),
+    motors.TorqueGain(gain=0.9),
+    motors.TorqueGain(gain=PER_JOINT),
+    motors.BatterySag(loss_at_end=0.2, duration_s=5.0),
     Backlash(width=0.01),
     Backlash(width=PER_JOINT_SMALL),
-    JointSpring(torque=0.2),
-    JointSpring(torque=PER_JOINT, stiffness=PER_JOINT),
-    EndStop(upper=0.5),
-    EndStop(upper=PER_JOINT, lower=-0.2, stiffness=50.0),
-    ViscousFriction(coefficient=0.2),
-    ViscousFriction(coefficient=PER_JOINT),
-    CoulombFriction(torque=0.3),
-    Stiction(breakaway=0.3, stribeck_velocity=5.0),
-    Stiction(breakaway=PER_JOINT, stribeck_velocity=PER_JOINT),
-    Armature(added=0.002),
+    joint_loads.JointSpring(torque=0.2),
+    joint_loads.JointSpring(torque=PER_JOINT, stiffness=PER_JOINT),
+    joint_loads.EndStop(upper=0.5),
+    joint_loads.EndStop(upper=PER_JOINT, lower=-0.2, stiffness=50.0),
+    joint_loads.ViscousFriction(coefficient=0.2),
+    joint_loads.ViscousFriction(coefficient=PER_JOINT),
+    joint_loads.CoulombFriction(torque=0.3),
+    joint_loads.Stiction(breakaway=0.3, stribeck_velocity=5.0),
+    joint_loads.Stiction(breakaway=PER_JOINT, stribeck_velocity=PER_JOINT),
+    joint_loads.Armature(added=0.002),
     EncoderBias(bias=-0.02),
     EncoderQuantisation(step=1e-3),
     EncoderQuantisation(step=(0.0, 1e-3, 2e-3) * 4),
@@ -111,12 +89,12 @@ _EXAMPLES: tuple[Effect[Any], ...] = (
     VelocityFilter(time_constant=(0.0, 0.002, 0.004) * 4),
     VelocityScale(scale=1.15),
     SampleAndHold(period=0.03),
-    DepthScale(scale=1.02),
-    DepthBias(bias=-0.3),
-    DepthNoise(subpixel_sigma=0.1),
-    EdgeHoles(width=2.0),
-    RangeClip(max=0.8),
-    HoleFill(reach=1.0),
+    depth_errors.DepthScale(scale=1.02),
+    depth_errors.DepthBias(bias=-0.3),
+    depth_errors.DepthNoise(subpixel_sigma=0.1),
+    depth_errors.EdgeHoles(width=2.0),
+    depth_errors.RangeClip(max=0.8),
+    depth_errors.HoleFill(reach=1.0),
     FrameDrop(fraction=0.4),
     TemporalSmear(alpha=0.4),
     CameraLatency(latency=0.034),
@@ -325,16 +303,16 @@ class Batched:
     [
         Batched(CommandDelay(), "delay", (0.0, 0.002, 0.0051, 0.009, 0.01)),
         Batched(FeedforwardDelay(), "delay", (0.01, 0.002, 0.0051, 0.009, 0.0)),
-        Batched(ActuatorLag(), "time_constant", (0.0, 0.001, 0.002, 0.004, 0.008)),
-        Batched(TorqueGain(), "gain", (0.9, 0.95, 1.0, 1.05, 1.1)),
+        Batched(motors.ActuatorLag(), "time_constant", (0.0, 0.001, 0.002, 0.004, 0.008)),
+        Batched(motors.TorqueGain(), "gain", (0.9, 0.95, 1.0, 1.05, 1.1)),
         Batched(CameraLatency(), "latency", (0.0, 0.03, 0.04, 0.052, 0.06)),
         Batched(FrameDrop(), "fraction", (0.0, 0.2, 0.4, 0.6, 1.0)),
-        Batched(DepthScale(), "scale", (1.0, 0.9, 1.1, 1.02, 1.0)),
-        Batched(DepthBias(), "bias", (0.0, -0.3, 0.3, 0.1, 0.0)),
-        Batched(DepthNoise(), "subpixel_sigma", (0.0, 0.1, 0.2, 0.3, 1.0)),
-        Batched(EdgeHoles(), "width", (0.0, 1.0, 2.0, 3.0, 0.0)),
-        Batched(HoleFill(), "reach", (0.0, 1.0, 2.0, 3.0, 0.0)),
-        Batched(RangeClip(), "max", (np.inf, 0.5, 1.0, 1.5, 2.0)),
+        Batched(depth_errors.DepthScale(), "scale", (1.0, 0.9, 1.1, 1.02, 1.0)),
+        Batched(depth_errors.DepthBias(), "bias", (0.0, -0.3, 0.3, 0.1, 0.0)),
+        Batched(depth_errors.DepthNoise(), "subpixel_sigma", (0.0, 0.1, 0.2, 0.3, 1.0)),
+        Batched(depth_errors.EdgeHoles(), "width", (0.0, 1.0, 2.0, 3.0, 0.0)),
+        Batched(depth_errors.HoleFill(), "reach", (0.0, 1.0, 2.0, 3.0, 0.0)),
+        Batched(depth_errors.RangeClip(), "max", (np.inf, 0.5, 1.0, 1.5, 2.0)),
         Batched(TemporalSmear(), "alpha", (1.0, 0.4, 0.6, 0.8, 0.9)),
         Batched(PayloadMass(), "mass", (0.0, -1.0, 0.5, 1.0, 3.0)),
         Batched(ComOffset(), "y", (0.0, -0.02, 0.01, 0.02, 0.03)),

@@ -9,19 +9,12 @@ import pytest
 from samples import ROBOT
 
 from saltus.constants import PHYSICS_DT
+from saltus.effects import joint_loads
 from saltus.effects.backlash import Backlash
 from saltus.effects.body import BaseRoll
 from saltus.effects.chain import ActuatorChain, BodyChain
 from saltus.effects.effect import Effect
 from saltus.effects.encoders import EncoderBias, EncoderQuantisation, VelocityFilter, VelocityScale
-from saltus.effects.joint_loads import (
-    Armature,
-    CoulombFriction,
-    EndStop,
-    JointSpring,
-    Stiction,
-    ViscousFriction,
-)
 from saltus.effects.motors import BatterySag
 from saltus.effects.signals import Drive, JointState, Resistance
 from saltus.joint_command import JointCommand
@@ -34,10 +27,10 @@ from saltus.terrain import flat
 ZERO = np.zeros(12)
 GROUND = flat.make()
 RESISTING: tuple[Effect[Any], ...] = (
-    ViscousFriction(coefficient=0.4),
-    CoulombFriction(torque=0.5),
-    Stiction(breakaway=0.5, stribeck_velocity=0.5),
-    Armature(added=0.01),
+    joint_loads.ViscousFriction(coefficient=0.4),
+    joint_loads.CoulombFriction(torque=0.5),
+    joint_loads.Stiction(breakaway=0.5, stribeck_velocity=0.5),
+    joint_loads.Armature(added=0.01),
 )
 SENSING: tuple[Effect[Any], ...] = (
     EncoderBias(bias=0.03),
@@ -50,8 +43,8 @@ ALL = (
     *SENSING,
     Backlash(width=0.02),
     BatterySag(loss_at_end=0.3, duration_s=1.0),
-    JointSpring(torque=0.5, stiffness=2.0),
-    EndStop(upper=tuple(ROBOT.stand_pose + 0.1)),
+    joint_loads.JointSpring(torque=0.5, stiffness=2.0),
+    joint_loads.EndStop(upper=tuple(ROBOT.stand_pose + 0.1)),
 )
 
 
@@ -93,7 +86,9 @@ def test_friction_takes_energy(effect: Effect[Any]) -> None:
 
 def test_dry_friction_holds_a_leg() -> None:
     """More friction than gravity asks for: the joints stay where they are."""
-    plant = Plant(ROBOT, GROUND, chain=ActuatorChain((CoulombFriction(torque=5.0),)), held=True)
+    plant = Plant(
+        ROBOT, GROUND, chain=ActuatorChain((joint_loads.CoulombFriction(torque=5.0),)), held=True
+    )
     for _ in range(200):
         plant.step(command(kp=0.0, kd=0.0))
     np.testing.assert_allclose(plant.data.qpos[7:], ROBOT.stand_pose, atol=1e-3)
@@ -155,7 +150,7 @@ def test_a_base_that_rolls_answers_its_legs() -> None:
 def test_a_spring_neither_feeds_a_joint_nor_brakes_it() -> None:
     """Legs that swing on stiff springs keep their energy: a step later, torques would feed them."""
     rest, stiffness = ROBOT.stand_pose + 0.1, 40.0
-    spring = JointSpring(torque=tuple(stiffness * rest), stiffness=stiffness)
+    spring = joint_loads.JointSpring(torque=tuple(stiffness * rest), stiffness=stiffness)
     plant = Plant(ROBOT, GROUND, chain=ActuatorChain((spring,)), held=True)
 
     def energy() -> float:
@@ -172,7 +167,7 @@ def test_a_spring_neither_feeds_a_joint_nor_brakes_it() -> None:
 
 def test_a_joint_leans_on_its_stop() -> None:
     """By as much as its stiffness says: 10 Nm at 200 Nm/rad are 50 mrad."""
-    stop = EndStop(
+    stop = joint_loads.EndStop(
         upper=tuple(ROBOT.stand_pose + 0.1), lower=tuple(ROBOT.stand_pose - 0.1), stiffness=200.0
     )
     plant = Plant(ROBOT, GROUND, chain=ActuatorChain((stop,)), held=True)
@@ -202,7 +197,7 @@ def test_the_log_reads_what_the_encoder_reads() -> None:
 
 
 def test_the_stribeck_curve() -> None:
-    stiction = Stiction(breakaway=0.4, stribeck_velocity=0.1)
+    stiction = joint_loads.Stiction(breakaway=0.4, stribeck_velocity=0.1)
     for velocity, share in ((0.0, 1.0), (0.1, np.exp(-1.0)), (1.0, 0.0)):
         out, _ = stiction.apply(
             Resistance(velocity=ZERO - velocity, friction=ZERO + 0.2, damping=ZERO, armature=ZERO),

@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from saltus.heightmap.scan.cells import (
-    centres,
-    moved,
-    places,
-    sampled,
-    sorted_into_cells,
-    window_corner,
-)
+from saltus.heightmap.scan import cells
 from saltus.heightmap.scan.filling import filled
 from saltus.heightmap.scan.settings import MapSettings
 
@@ -30,9 +23,9 @@ def cloud(batch=2, n=300, seed=0):
 @LIBRARIES
 def test_a_cell_holds_mean_extremes_and_count_of_its_points(library):
     points, valid = cloud()
-    corner = window_corner(np.array([[0.03, 0.0, 0.0], [-0.2, 0.11, 0.0]]), SETTINGS)
+    corner = cells.window_corner(np.array([[0.03, 0.0, 0.0], [-0.2, 0.11, 0.0]]), SETTINGS)
     variance = np.full(valid.shape, 1e-4, np.float32)
-    found = sorted_into_cells(*map(library, (points, variance, valid, corner)), SETTINGS)
+    found = cells.sorted_into_cells(*map(library, (points, variance, valid, corner)), SETTINGS)
     side, fine = SETTINGS.side, SETTINGS.fine_m
     for robot in range(len(points)):
         cell = np.floor(points[robot, :, :2] / fine).astype(int) - corner[robot] * SETTINGS.sub
@@ -50,7 +43,7 @@ def test_a_moved_window_keeps_every_value_at_its_place(library):
     rng = np.random.default_rng(1)
     values = rng.random((3, 8, 8)).astype(np.float32)
     by = np.array([[0, 0], [3, -2], [-9, 0]])
-    found = np.asarray(moved(library(values), library(by), -1.0))
+    found = np.asarray(cells.moved(library(values), library(by), -1.0))
     for robot, (di, dj) in enumerate(by):
         for i in range(8):
             for j in range(8):
@@ -61,11 +54,11 @@ def test_a_moved_window_keeps_every_value_at_its_place(library):
 @LIBRARIES
 def test_a_plane_is_read_where_it_is(library):
     corner = np.array([[-8, 3], [40, -20]])
-    x, y = centres(library(corner), SETTINGS, library(np.zeros((2, 1))))
+    x, y = cells.centres(library(corner), SETTINGS, library(np.zeros((2, 1))))
     plane = 0.3 * x - 0.2 * y + 1.0
     rng = np.random.default_rng(2)
     inner = rng.uniform(0.03, 0.60, (2, 50, 2)) + corner[:, None] * SETTINGS.cell_m
-    found = sampled(plane, places(library(inner), library(corner), SETTINGS))
+    found = cells.sampled(plane, cells.places(library(inner), library(corner), SETTINGS))
     np.testing.assert_allclose(found, 0.3 * inner[..., 0] - 0.2 * inner[..., 1] + 1.0, atol=1e-9)
 
 
